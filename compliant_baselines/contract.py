@@ -1,0 +1,156 @@
+"""What a solver is.
+
+Implementer's rules:
+
+1. A solver is an object with the attributes and methods of `Solver`. It is constructed without arguments and is
+   cheap to construct: an engine is imported inside `unavailable` or `solve_many`, never at module level.
+2. `solve_many` answers every collision, in order, one `Outcome` each. It never raises for a collision it cannot do:
+   that outcome has a status, a reason, and NaN velocities (`Outcome.failure`).
+3. `solve` is for direct calls: it gives an outcome whose status is ``ok`` or ``limit``, or raises `SolverError`.
+4. A solver refuses, by name and with the reason, what it cannot represent (status ``unrepresentable``). It never
+   replaces a parameter silently.
+5. Contact i is F = max(0, k_i delta + c_i delta'), c_i from `compliant_baselines.mapping`, for every solver whose
+   law is Kelvin-Voigt; another law is said in the docstring of the solver's module.
+6. A solver is a function of its explicit inputs: no global state that a later call could see, no hidden seed, the
+   same bits whatever else was asked in the same call.
+7. Velocities are in m/s, impulses in N s, times in s; all are those of the collision as given, never rescaled.
+8. The collision is over by the rule of `compliant_baselines.trajectory`; so are states and impulses read from
+   velocities.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol, runtime_checkable
+
+from model.collision import Collision, Outcome, Status
+
+Scenario = Literal["impact", "drop"]
+MappingName = Literal["calibrated", "naive"]
+
+
+class SolverError(ValueError):
+    """A solver could not do a collision, asked for directly.
+
+    Attributes
+    ----------
+    status : str
+        The status a sweep would record.
+    reason : str
+        Why, and what to do about it.
+    """
+
+    def __init__(self, solver: str, status: Status, reason: str) -> None:
+        super().__init__(f"{solver}: {status}: {reason}")
+        self.solver = solver
+        self.status: Status = status
+        self.reason = reason
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How a compliant solver runs a collision; the impulse-level models ignore what does not concern them.
+
+    Parameters
+    ----------
+    scenario : {"impact", "drop"}
+        ``impact``: no gravity, B1 touches B2 with v0 at t = 0. ``drop``: gravity on, B2 settled in static
+        equilibrium on the table, B1 touching it at t = 0 with v0.
+    gravity : float
+        g > 0 in m/s^2, used by ``drop`` only.
+    step_fraction : float
+        Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.1].
+    max_steps : int
+        Steps after which a collision that is not over is given up (status ``timeout``).
+    mapping : {"calibrated", "naive"}
+        How k_i and c_i become the engine's own parameters.
+    min_run : int
+        A state held for fewer steps than this is merged into its neighbour.
+    record_path : bool
+        Whether outcomes carry the path.
+    stiffness_ratio_cutoff : float
+        Of the state-transition model; infinity switches the cut-off off.
+
+    Raises
+    ------
+    ValueError
+        For an illegal value; the message names the field, the value and the legal range.
+    """
+
+    scenario: Scenario = "impact"
+    gravity: float = 9.81
+    step_fraction: float = 1e-3
+    max_steps: int = 2_000_000
+    mapping: MappingName = "calibrated"
+    min_run: int = 3
+    record_path: bool = False
+    stiffness_ratio_cutoff: float = 1e5
+
+    def __post_init__(self) -> None:
+        def require(name: str, legal: bool, legal_range: str) -> None:
+            if not legal:
+                raise ValueError(f"{name} = {getattr(self, name)!r}; legal: {legal_range}")
+
+        require("scenario", self.scenario in ("impact", "drop"), "'impact' or 'drop'")
+        require("gravity", 0 < self.gravity < float("inf"), "a finite number > 0 (m/s^2)")
+        require("step_fraction", 0 < self.step_fraction <= 0.1, "greater than 0, at most 0.1 (of a contact period)")
+        require("max_steps", self.max_steps >= 1, "a whole number >= 1")
+        require("mapping", self.mapping in ("calibrated", "naive"), "'calibrated' or 'naive'")
+        require("min_run", self.min_run >= 1, "a whole number >= 1 (steps)")
+        require("stiffness_ratio_cutoff", self.stiffness_ratio_cutoff > 1, "greater than 1, up to inf")
+
+
+@runtime_checkable
+class Solver(Protocol):
+    """A way to find out how a collision ends."""
+
+    name: str
+
+    def version(self) -> str:
+        """Version of what does the work (the engine's own), or ``""`` if it is not installed."""
+        ...
+
+    def unavailable(self) -> str | None:
+        """Why the solver cannot run on this machine and the way out, in one sentence; None if it can."""
+        ...
+
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+        """Answer every collision, in order; failures are outcomes with a status (rule 2)."""
+        ...
+
+    def solve(self, collision: Collision, settings: Settings = ...) -> Outcome:
+        """Answer one collision, or raise `SolverError` (rule 3)."""
+        ...
+
+
+class SolverBase(ABC):
+    """What most solvers share: `solve` in terms of `solve_many`, and being available."""
+
+    name: str
+
+    @abstractmethod
+    def version(self) -> str:
+        """Version of what does the work, or ``""`` if it is not installed."""
+
+    def unavailable(self) -> str | None:
+        """Why the solver cannot run here and the way out; None if it can."""
+        return None
+
+    @abstractmethod
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+        """Answer every collision, in order."""
+
+    def solve(self, collision: Collision, settings: Settings | None = None) -> Outcome:
+        """Answer one collision.
+
+        Raises
+        ------
+        SolverError
+            If the outcome's status is neither ``ok`` nor ``limit``.
+        """
+        outcome = self.solve_many([collision], settings or Settings())[0]
+        if outcome.status not in ("ok", "limit"):
+            raise SolverError(self.name, outcome.status, outcome.reason)
+        return outcome
