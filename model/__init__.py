@@ -1,1 +1,10 @@
-"""The primary solver."""
+"""The primary solver: the state transition model of simultaneous impacts (Jia, Mason and Erdmann, IJRR 32(1), 2013).
+
+`Collision` and `Outcome` are the vocabulary; `solve` answers one collision, `solve_batch` arrays of them.
+"""
+
+from model.batch import BatchOutcome, solve_batch
+from model.collision import Collision, Event, Outcome, Path
+from model.solver import solve
+
+__all__ = ["BatchOutcome", "Collision", "Event", "Outcome", "Path", "solve", "solve_batch"]

@@ -1,0 +1,234 @@
+"""The state transition diagram: states S1-S4, phases, guards, and the impact law.
+
+    S1  both contacts act          -> S2 when contact 1 ends restitution, S3 when contact 2 does, S4 when both do at once
+    S2  ball-table contact only    -> S1 when v1 - v2 turns negative, S4 when contact 2 ends restitution first
+    S3  ball-ball contact only     -> S1 when v2 turns negative, S4 when contact 1 ends restitution first
+    S4  none                          the end: v1 >= v2 >= 0
+
+The impact law is energetic restitution with stiffening. At an end of compression E_i <- e_i^2 E_i and
+k_i <- k_i/e_i^2, so that the force F_i = sqrt(2 k_i E_i) is continuous; a restart of compression keeps the stiffness;
+a contact that ends restitution keeps it for its return, which begins in compression with E_i = 0.
+
+`collide` is the whole model for one collision in the scaled units of `model.motion` (m1 = 1, v0 = -1, k1 = 1). It is
+compiled once and called by `model.solve` and `model.solve_batch` alike.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+from numba import njit
+
+from model.events import first_event
+from model.limits import complete_ball_ball, complete_ball_table, one_body, part_of_table, static_energy1, static_energy2
+from model.motion import amplitudes, modal, modes, motion, single_contact
+
+INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
+S1, S2, S3, S4 = 1, 2, 3, 4
+
+# What ended a stretch, as bits.
+RATE1, RATE2, SPENT1, SPENT2, RETURN1, RETURN2 = 1, 2, 4, 8, 16, 32
+
+# How a collision ended.
+DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS = 0, 1, 2, 3
+
+#: Columns of a log row, one row a stretch: the state at its start, then its duration (of S1; those of S2 and S3 follow
+#: from their closed forms), what ended it, and whether a closed-form limit governs it.
+LOG_COLUMNS = ("state", "phase1", "phase2", "d1", "v2", "E1", "E2", "k1", "k2", "duration", "cause", "limit")
+
+#: A running stiffness ratio beyond this, or below its inverse, cannot be told from infinity in double precision.
+PRECISION_RATIO = 1e30
+
+
+@njit(cache=True, error_model="numpy")
+def collide(kappa, mu, e1, e2, cutoff, max_events, log):
+    """Follow one collision through the diagram.
+
+    Parameters
+    ----------
+    kappa, mu : float
+        k2/k1 in [0, inf] and m2/m1.
+    e1, e2 : float
+        Coefficients of restitution.
+    cutoff : float
+        The running stiffness ratio is taken for infinite above it and for zero below its inverse.
+    max_events : int
+        Events after which the collision is given up.
+    log : ndarray, shape (n, 12)
+        Filled with one row a stretch (`LOG_COLUMNS`) and one for the end, as far as it goes; may have no rows.
+
+    Returns
+    -------
+    v1, v2 : float
+        Final velocities.
+    code : int
+        `DONE`, `LIMIT`, `PRECISION_LIMIT` or `TOO_MANY_EVENTS`.
+    n_states, n_events, n_stretches : int
+        The states count S4.
+    margin : float
+        Smallest magnitude of a local extremum of a compression rate in S1; infinity if there was none.
+    loss : float
+        Energy lost, so that 1/2 - loss - (v1^2 + mu v2^2)/2 is the residual of the energy balance.
+    steps : int
+        Windows tried in the searches for first events.
+    """
+    M = mu / (1 + mu)
+    state, phase1, phase2 = S1, COMPRESSION, COMPRESSION
+    d1, v2, E1, E2 = 1.0, 0.0, 0.0, 0.0
+    k1, k2 = 1.0, kappa
+    rigid1, rigid2, stuck = False, False, False
+    code = DONE
+    n_states, n_events, n, steps = 1, 0, 0, 0
+    margin, loss = inf, 0.0
+    highest = min(cutoff, PRECISION_RATIO)
+
+    while state != S4:
+        if n_events > max_events:
+            code = TOO_MANY_EVENTS
+            break
+        row, before = n, state
+        n += 1
+        if row < log.shape[0]:
+            log[row, 0], log[row, 1], log[row, 2] = state, phase1, phase2
+            log[row, 3], log[row, 4], log[row, 5], log[row, 6] = d1, v2, E1, E2
+            log[row, 7], log[row, 8] = k1, k2
+        duration, cause = 0.0, 0
+        if state == S1 and not (rigid1 or rigid2):
+            rigid1, rigid2 = k2 < k1 / highest, k1 < k2 / highest
+            if rigid1 or rigid2:
+                code = LIMIT if highest == cutoff else PRECISION_LIMIT
+        governed = rigid1 or rigid2
+
+        if state == S1 and rigid1:
+            E1 -= static_energy1(mu, E1, E2, k1, k2)
+            if d1 * d1 + 2 * E1 / M > 1 / highest:
+                if phase1 == COMPRESSION:
+                    loss += (1 - e1 * e1) * (E1 + 0.5 * M * d1 * d1)
+                d1, v2 = complete_ball_ball(mu, d1, v2, E1, e1, phase1 == COMPRESSION)
+                if v2 < 0:
+                    phase2 = COMPRESSION
+                state, phase1, E1, cause = S2, INACTIVE, 0.0, SPENT1
+            else:
+                if phase2 == COMPRESSION:
+                    loss += (1 - e2 * e2) * (E2 + 0.5 * (1 + mu) * v2 * v2)
+                v2, d1 = one_body(mu, v2 - d1 / (1 + mu), E2, e2, phase2 == COMPRESSION), 0.0
+                state, E1, E2, cause = S4, 0.0, 0.0, SPENT1 | SPENT2
+
+        elif state == S1 and rigid2:
+            E2 -= static_energy2(E1, E2, k1, k2)
+            if v2 * v2 + 2 * E2 / mu > 1 / highest:
+                if phase2 == COMPRESSION:
+                    loss += (1 - e2 * e2) * (E2 + 0.5 * mu * v2 * v2)
+                d1 -= v2
+                v2 = complete_ball_table(mu, v2, E2, e2, phase2 == COMPRESSION)
+                d1 += v2
+                if d1 > 0:
+                    phase1 = COMPRESSION
+                state, phase2, E2, cause = S3, INACTIVE, 0.0, SPENT2
+            else:
+                if phase1 == COMPRESSION:
+                    loss += (1 - e1 * e1) * (E1 + 0.5 * d1 * d1)
+                d1, v2 = -part_of_table(v2 - d1, E1, e1, phase1 == COMPRESSION), 0.0
+                state, E1, E2, cause = S4, 0.0, 0.0, SPENT1 | SPENT2
+
+        elif state == S1:
+            F1, F2 = sqrt(2 * k1 * E1), sqrt(2 * k2 * E2)
+            omega, phi1, phi2, delta, sigma = modes(mu, k1, k2)
+            a, b = amplitudes(d1, v2, F1, F2, omega, phi1, phi2, delta, sigma)
+            s1 = 1.0 if phase1 == COMPRESSION else -1.0
+            s2 = -1.0 if phase2 == COMPRESSION else 1.0
+            duration, fired, nearest, windows = first_event(
+                (True, True, phase1 == RESTITUTION, phase2 == RESTITUTION),
+                (0, 0, 1, 1),
+                ((s1 * delta[0], s1 * delta[1]), (s2 * phi2[0], s2 * phi2[1]), phi1, sigma),
+                (d1 == 0, v2 == 0, False, False),
+                (s1 * (F2 / mu - F1 / M), s2 * (F2 - F1) / mu, 0.0, 0.0),
+                (-s1 * (k2 * v2 / mu + k1 * d1 / M), -s2 * (k1 * d1 + k2 * v2) / mu, 0.0, 0.0),
+                omega,
+                a,
+                b,
+            )
+            steps += windows
+            margin = min(margin, nearest)
+            q, p = modal(duration, omega, a, b)
+            d1, v2, F1, F2 = motion(q, p, phi1, phi2, delta, sigma)
+            E1, E2 = 0.5 * F1 * F1 / k1, 0.5 * F2 * F2 / k2
+            if fired[0]:
+                d1, cause, n_events = 0.0, cause | RATE1, n_events + 1
+                if phase1 == COMPRESSION:
+                    phase1, loss, E1, k1 = RESTITUTION, loss + (1 - e1 * e1) * E1, e1 * e1 * E1, k1 / (e1 * e1)
+                else:
+                    phase1 = COMPRESSION
+            if fired[1]:
+                v2, cause, n_events = 0.0, cause | RATE2, n_events + 1
+                if phase2 == COMPRESSION:
+                    phase2, loss, E2, k2 = RESTITUTION, loss + (1 - e2 * e2) * E2, e2 * e2 * E2, k2 / (e2 * e2)
+                else:
+                    phase2 = COMPRESSION
+            plastic1 = fired[0] and phase1 == RESTITUTION and e1 == 0
+            plastic2 = fired[1] and phase2 == RESTITUTION and e2 == 0
+            if fired[2] or plastic1:
+                phase1, E1, cause, n_events = INACTIVE, 0.0, cause | SPENT1, n_events + 1
+            if fired[3] or plastic2:
+                phase2, E2, cause, n_events = INACTIVE, 0.0, cause | SPENT2, n_events + 1
+            if plastic1 or plastic2:
+                stuck, code = True, LIMIT
+                rigid1, rigid2 = plastic1, plastic2 and not plastic1
+            if phase1 == INACTIVE:
+                state = S2 if phase2 != INACTIVE else S4
+            elif phase2 == INACTIVE:
+                state = S3
+
+        elif state == S2 and stuck and rigid1:
+            if phase2 == COMPRESSION:
+                loss += (1 - e2 * e2) * (E2 + 0.5 * (1 + mu) * v2 * v2)
+            v2 = one_body(mu, v2, E2, e2, phase2 == COMPRESSION)
+            state, E2, cause = S4, 0.0, SPENT2
+
+        elif state == S3 and stuck and rigid2:
+            if phase1 == COMPRESSION:
+                loss += (1 - e1 * e1) * (E1 + 0.5 * d1 * d1)
+            d1 = -part_of_table(-d1, E1, e1, phase1 == COMPRESSION)
+            state, E1, cause = S4, 0.0, SPENT1
+
+        elif state == S2:
+            compressing = phase2 == COMPRESSION
+            returns, ended, _, d2, E = single_contact(mu, -v2, E2, e2, compressing, max(0.0, -mu * d1))
+            if ended:
+                loss += (1 - e2 * e2) * (E2 + 0.5 * mu * v2 * v2)
+                phase2, k2, n_events, cause = RESTITUTION, k2 / (e2 * e2), n_events + 1, RATE2
+                code = code if e2 > 0 else LIMIT
+            n_events += 1
+            if returns:
+                v2 -= d1
+                d1, E2 = 0.0, E
+                state, phase1, cause = S1, COMPRESSION, cause | RETURN1
+            else:
+                d1 -= v2 + d2
+                v2, E2 = -d2, 0.0
+                state, phase2, cause = S4, INACTIVE, cause | SPENT2
+
+        else:
+            compressing = phase1 == COMPRESSION
+            returns, ended, impulse, d, E = single_contact(M, d1, E1, e1, compressing, max(0.0, mu * v2))
+            if ended:
+                loss += (1 - e1 * e1) * (E1 + 0.5 * M * d1 * d1)
+                phase1, k1, n_events, cause = RESTITUTION, k1 / (e1 * e1), n_events + 1, RATE1
+                code = code if e1 > 0 else LIMIT
+            n_events += 1
+            d1, E1 = d, E
+            if returns:
+                v2 = 0.0
+                state, phase2, cause = S1, COMPRESSION, cause | RETURN2
+            else:
+                v2 = max(0.0, v2 - impulse / mu)
+                state, phase1, cause = S4, INACTIVE, cause | SPENT1
+
+        if row < log.shape[0]:
+            log[row, 9], log[row, 10], log[row, 11] = duration, cause, 1.0 if governed else 0.0
+        if state != before:
+            n_states += 1
+
+    if n < log.shape[0]:
+        log[n, 0], log[n, 3], log[n, 4], log[n, 7], log[n, 8] = state, d1, v2, k1, k2
+    return v2 - d1, v2, code, n_states, n_events, n, margin, loss, steps

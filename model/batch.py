@@ -1,0 +1,108 @@
+"""`solve_batch`: the automaton over arrays, compiled and parallel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import ArrayLike, NDArray
+
+from model.automaton import DONE, TOO_MANY_EVENTS, collide
+from model.solver import MAX_EVENTS, check_cutoff
+
+STATUS_NAMES = np.array(["ok", "limit", "limit", "unconverged"])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchOutcome:
+    """What `solve_batch` says: arrays of the shape the inputs broadcast to.
+
+    Attributes
+    ----------
+    v1, v2 : ndarray of float
+        Final velocities per \\|v0\\|; NaN where `status` is ``unconverged``.
+    status : ndarray of str
+        ``ok``, ``limit`` or ``unconverged``.
+    n_states, n_events : ndarray of int
+        Length of the state sequence (S4 included) and number of events.
+    grazing_margin : ndarray of float
+        As in `Outcome`.
+    energy_residual : ndarray of float
+        Residual of the energy balance per m1 v0^2.
+    """
+
+    v1: NDArray[np.float64]
+    v2: NDArray[np.float64]
+    status: NDArray[np.str_]
+    n_states: NDArray[np.int64]
+    n_events: NDArray[np.int64]
+    grazing_margin: NDArray[np.float64]
+    energy_residual: NDArray[np.float64]
+
+
+def solve_batch(
+    stiffness_ratio: ArrayLike,
+    mass_ratio: ArrayLike,
+    e1: ArrayLike,
+    e2: ArrayLike,
+    *,
+    stiffness_ratio_cutoff: float = 1e5,
+    max_events: int = MAX_EVENTS,
+) -> BatchOutcome:
+    """Solve many collisions at once.
+
+    Parameters
+    ----------
+    stiffness_ratio, mass_ratio, e1, e2 : array_like
+        k2/k1 from 0 to infinity, m2/m1 > 0 and finite, e_i from 0 to 1; they broadcast.
+    stiffness_ratio_cutoff, max_events
+        As for `solve`.
+
+    Returns
+    -------
+    BatchOutcome
+
+    Raises
+    ------
+    ValueError
+        If any value is illegal; the message names the parameter, the first such value and the legal range.
+    """
+    cutoff = check_cutoff(stiffness_ratio_cutoff)
+    kappa = _checked("stiffness_ratio", stiffness_ratio, 0, np.inf, "from 0 to inf (k2/k1)")
+    mu = _checked("mass_ratio", mass_ratio, np.nextafter(0, 1), np.finfo(float).max, "a finite number > 0 (m2/m1)")
+    first, second = (_checked(name, e, 0, 1, "from 0 to 1") for name, e in (("e1", e1), ("e2", e2)))
+    arrays = np.broadcast_arrays(kappa, mu, first, second)
+    shape = arrays[0].shape
+    results = _solve_all(*(np.ravel(a) for a in arrays), cutoff, max_events)
+    v1, v2, code, n_states, n_events, margin, residual = (np.reshape(r, shape) for r in results)
+    return BatchOutcome(v1, v2, STATUS_NAMES[code], n_states, n_events, margin, residual)
+
+
+def _checked(name: str, values: ArrayLike, low: float, high: float, legal: str) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} = {values!r}: not an array of numbers; legal: {legal}") from None
+    bad = ~((array >= low) & (array <= high))
+    if np.any(bad):
+        raise ValueError(f"{name} = {float(array[bad].flat[0])!r}; legal: {legal}")
+    return array
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def _solve_all(kappa, mu, e1, e2, cutoff, max_events):
+    n = kappa.size
+    v1, v2 = np.empty(n), np.empty(n)
+    code, n_states, n_events = np.empty(n, np.uint8), np.empty(n, np.int32), np.empty(n, np.int32)
+    margin, residual = np.empty(n), np.empty(n)
+    no_log = np.empty((0, 12))
+    for i in prange(n):
+        u1, u2, c, states, events, _, nearest, loss, _ = collide(
+            kappa[i], mu[i], e1[i], e2[i], cutoff, max_events, no_log
+        )
+        if c == TOO_MANY_EVENTS:
+            u1, u2 = np.nan, np.nan
+        v1[i], v2[i], code[i], n_states[i], n_events[i], margin[i] = u1, u2, c, states, events, nearest
+        residual[i] = 0.5 - loss - 0.5 * (u1 * u1 + mu[i] * u2 * u2)
+    return v1, v2, code, n_states, n_events, margin, residual

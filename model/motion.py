@@ -1,0 +1,143 @@
+"""Exact motion inside a state.
+
+In time, equations (13)-(15) are those of two linear springs, F_i = dI_i/dt = sqrt(2 k_i E_i):
+
+    d1' = F2/m2 - F1/M      v2' = (F2 - F1)/m2      F1' = k1 d1      F2' = -k2 v2
+
+with d1 = v2 - v1 the compression rate of the ball-ball contact, -v2 that of the ball-table contact, and
+1/M = 1/m1 + 1/m2. Between events they are solved in closed form: by the two modes of a 2x2 stiffness matrix in S1
+(`modes`, `amplitudes`, `motion`), by one sinusoid in S2 and S3, of which the supplement's section 1 needs the
+impulses only (`single_contact`).
+
+The unknowns are d1, v2, F1, F2 and not v1, v2, E1, E2 for a reason: all four are continuous through every event (an
+end of compression changes stiffnesses only), and none of them is a small difference of large numbers when one
+contact is far stiffer than the other. So are the coefficients below free of cancellation.
+
+Units: m1 = 1, v0 = -1, k1 = 1 initially (Theorem 5); hence mu = m2/m1, velocities per |v0|.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+
+from numba import njit
+
+
+@njit(cache=True, error_model="numpy")
+def modes(mu, k1, k2):
+    """Natural modes of the two-spring system of S1.
+
+    With w = (v1, v2), the equations of motion are diag(1, mu) w'' = -K w, K = [[k1, -k1], [-k1, k1 + k2]]. Mode j has
+    the frequency omega_j and the shape (phi1, phi2) of unit modal mass, phi1^2 + mu phi2^2 = 1.
+
+    Returns
+    -------
+    omega, phi1, phi2, delta, sigma : five pairs (slow mode, fast mode)
+        delta = phi2 - phi1 and sigma = phi1 + mu phi2, formed as -omega^2 phi1/k1 and k2 phi2/omega^2 (the two rows
+        of the eigenvalue equation), which lose no digits when a mode is nearly rigid or nearly massless.
+    """
+    root_mu = sqrt(mu)
+    s12 = -k1 / root_mu
+    difference = k1 - (k1 + k2) / mu
+    spread = sqrt(difference * difference + 4 * s12 * s12)
+    fast2 = 0.5 * (k1 + (k1 + k2) / mu + spread)
+    slow2 = (k1 / fast2) * (k2 / mu)  # the product of the eigenvalues is k1 k2/mu
+    if difference >= 0:
+        y1, y2 = 0.5 * (spread + difference), s12
+    else:
+        y1, y2 = s12, 0.5 * (spread - difference)
+    norm = sqrt(y1 * y1 + y2 * y2)
+    y1, y2 = y1 / norm, y2 / norm
+    fast1, fast_2 = y1, y2 / root_mu
+    slow1, slow_2 = -y2, y1 / root_mu
+    return (
+        (sqrt(slow2), sqrt(fast2)),
+        (slow1, fast1),
+        (slow_2, fast_2),
+        (-slow2 * slow1 / k1, -fast2 * fast1 / k1),
+        (k2 * slow_2 / slow2, k2 * fast_2 / fast2),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def amplitudes(d1, v2, F1, F2, omega, phi1, phi2, delta, sigma):
+    """Modal coordinates q_j = phi1 v1 + mu phi2 v2 and q_j'/omega_j of a state.
+
+    Returns
+    -------
+    a, b : pairs
+        So that q_j(t) = a_j cos(omega_j t) + b_j sin(omega_j t).
+    """
+    return (
+        (sigma[0] * v2 - phi1[0] * d1, sigma[1] * v2 - phi1[1] * d1),
+        ((phi2[0] * F2 - delta[0] * F1) / omega[0], (phi2[1] * F2 - delta[1] * F1) / omega[1]),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def modal(t, omega, a, b):
+    """q_j and q_j' of both modes at time t: (q_slow, q_fast), (p_slow, p_fast)."""
+    cs, ss = cos(omega[0] * t), sin(omega[0] * t)
+    cf, sf = cos(omega[1] * t), sin(omega[1] * t)
+    return (
+        (a[0] * cs + b[0] * ss, a[1] * cf + b[1] * sf),
+        (omega[0] * (b[0] * cs - a[0] * ss), omega[1] * (b[1] * cf - a[1] * sf)),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def motion(q, p, phi1, phi2, delta, sigma):
+    """State (d1, v2, F1, F2) of modal coordinates q and rates p; the inverse of `amplitudes`.
+
+    F1 = m1 v1' and F2 = F1 + m2 v2' (equations (11), (12) differentiated).
+    """
+    return (
+        delta[0] * q[0] + delta[1] * q[1],
+        phi2[0] * q[0] + phi2[1] * q[1],
+        phi1[0] * p[0] + phi1[1] * p[1],
+        sigma[0] * p[0] + sigma[1] * p[1],
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def single_contact(mass, d, E, e, compressing, impulse_to_return):
+    """S2 or S3 from entry to exit: one contact acts, until it ends or the other contact returns.
+
+    The supplement's section 1, read for either contact: equation (1) with M the mass the contact works against
+    (S3: M = m1 m2/(m1 + m2), S2: m2).
+
+    Parameters
+    ----------
+    mass : float
+        The mass the contact works against.
+    d, E : float
+        Its compression rate and strain energy at entry.
+    e : float
+        Its coefficient of restitution.
+    compressing : bool
+        Whether it is in compression at entry.
+    impulse_to_return : float
+        Impulse at which the inactive contact starts to approach: m2 v2 in S3, m2 (v1 - v2) in S2.
+
+    Returns
+    -------
+    returns : bool
+        True if the other contact returns first (exit to S1), False if this one ends restitution (exit to S4).
+    compression_ended : bool
+        Whether compression ended on the way. A tie with the return counts as ended.
+    impulse, d, E : float
+        Accumulated impulse, compression rate and strain energy at exit.
+    """
+    w = sqrt(d * d + 2 * E / mass)  # the rate at which all of E and d would be gone: at maximum compression, E = 0
+    if compressing:
+        w *= e
+    maximum = mass * (d + w)  # supplement: Delta I_max, both cases
+    returns = impulse_to_return < maximum
+    if not returns:
+        return False, compressing, maximum, -w, 0.0
+    d_exit = d - impulse_to_return / mass
+    if compressing and d_exit > 0:
+        # still in compression: (2), as a sum of positive terms
+        return True, False, impulse_to_return, d_exit, E + 0.5 * impulse_to_return * (d + d_exit)
+    # in restitution: (4), factored so that a nearly spent energy keeps its digits
+    return True, compressing, impulse_to_return, d_exit, 0.5 * (maximum - impulse_to_return) * (w - d_exit)

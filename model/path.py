@@ -1,0 +1,204 @@
+"""A collision along its impulse curve: the log of `model.automaton.collide` filled in with the exact motion.
+
+Inside S1 the points are equally spaced in time. In every other stretch one contact works against one mass, a sinusoid
+in which the compression rate is d = W cos(theta) and the strain energy m W^2 sin^2(theta)/2; the points are equally
+spaced in theta, with a break where compression ends and W drops to e W.
+"""
+
+from __future__ import annotations
+
+from math import atan2, ceil, inf, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model.automaton import COMPRESSION, RATE1, RATE2, RESTITUTION, RETURN1, RETURN2, S1, S3, S4, SPENT1, SPENT2
+from model.collision import STATES, Collision, Event, Path
+from model.motion import amplitudes, modes, motion
+
+#: Points per half period of the fastest sinusoid of a stretch.
+POINTS = 48
+
+#: Most points of one stretch; a stretch of thousands of oscillations is then undersampled, its ends stay exact.
+MOST_POINTS = 4000
+
+
+class Row(NamedTuple):
+    """One row of the log: a stretch, in the scaled units of the kernel (`model.automaton.LOG_COLUMNS`)."""
+
+    state: int
+    phase1: int
+    phase2: int
+    d1: float
+    v2: float
+    E1: float
+    E2: float
+    k1: float
+    k2: float
+    duration: float
+    cause: int
+    limit: bool
+
+
+class Stretch(NamedTuple):
+    """Points of one smooth piece of the path: d1, v2, E1, E2 scaled, time in s since its start."""
+
+    state: int
+    phase1: int
+    phase2: int
+    d1: NDArray[np.float64]
+    v2: NDArray[np.float64]
+    E1: NDArray[np.float64]
+    E2: NDArray[np.float64]
+    time: NDArray[np.float64]
+
+
+def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[Event, ...]]:
+    """Fill in the path between the rows of a complete log, and name its events.
+
+    Parameters
+    ----------
+    collision : Collision
+        Whose units the result is in.
+    log : ndarray, shape (n, 12)
+        As written by `collide`; the last row is the end.
+
+    Returns
+    -------
+    Path, tuple of Event
+        Times are infinite from where a contact without stiffness has to finish.
+    """
+    rows = [Row(*map(int, r[:3]), *r[3:10], int(r[10]), bool(r[11])) for r in log.tolist()]  # type: ignore[call-arg]
+    stretches: list[Stretch] = []
+    marks: list[tuple[str, int, int]] = []  # kind, contact, number of stretches before it
+    ends = [0, 0]  # ends of compression so far, of either contact
+    for row, after in zip(rows[:-1], rows[1:], strict=True):
+        if row.limit and not any(kind == "limit" for kind, _, _ in marks):
+            marks.append(("limit", 0, len(stretches)))
+        if row.state == S1 and not row.limit:
+            stretches.append(_both_contacts(collision, row))
+            for bit, contact, phase in ((RATE1, 1, row.phase1), (RATE2, 2, row.phase2)):
+                if row.cause & bit and phase == COMPRESSION:
+                    ends[contact - 1] += 1
+                    marks.append(("end-of-compression", contact, len(stretches)))
+                elif row.cause & bit:
+                    marks.append(("restart-of-compression", contact, len(stretches)))
+        else:
+            pieces, contact = _one_contact(collision, row, after, ends)
+            stretches.append(pieces[0])
+            if len(pieces) == 2:
+                ends[contact - 1] += 1
+                marks.append(("end-of-compression", contact, len(stretches)))
+                stretches.append(pieces[1])
+        for bit, kind, contact in (
+            (SPENT1, "end-of-restitution", 1),
+            (SPENT2, "end-of-restitution", 2),
+            (RETURN1, "return", 1),
+            (RETURN2, "return", 2),
+        ):
+            if row.cause & bit:
+                marks.append((kind, contact, len(stretches)))
+    last = rows[-1]
+    end = [np.array([x]) for x in (last.d1, last.v2, 0.0, 0.0, 0.0)]
+    stretches.append(Stretch(S4, 0, 0, *end))
+
+    starts = np.cumsum([0.0, *(s.time[-1] for s in stretches)])
+    first = np.cumsum([0, *(s.time.size for s in stretches)])
+    c, speed = collision, -collision.v0
+    v2 = np.concatenate([s.v2 for s in stretches])
+    v1 = v2 - np.concatenate([s.d1 for s in stretches])
+    momentum, energy = c.m1 * speed, c.m1 * speed * speed
+
+    def per_stretch(name: str) -> NDArray[np.int64]:
+        return np.concatenate([np.full(s.time.size, getattr(s, name)) for s in stretches])
+
+    path = Path(
+        time=np.concatenate([start + s.time for start, s in zip(starts, stretches, strict=False)]),
+        impulse1=(1 + v1) * momentum,
+        impulse2=(1 + v1 + c.mass_ratio * v2) * momentum,
+        v1=v1 * speed,
+        v2=v2 * speed,
+        energy1=np.concatenate([s.E1 for s in stretches]) * energy,
+        energy2=np.concatenate([s.E2 for s in stretches]) * energy,
+        state=per_stretch("state"),
+        phase1=per_stretch("phase1"),
+        phase2=per_stretch("phase2"),
+    )
+    events = []
+    for kind, contact, before in marks:
+        i = first[before]
+        numbers = (float(x[i]) for x in (path.time, path.impulse1, path.impulse2, path.v1, path.v2))
+        events.append(Event(kind, contact, STATES[path.state[i]], *numbers))
+    return path, tuple(events)
+
+
+def _both_contacts(collision: Collision, row: Row) -> Stretch:
+    """S1: the two modes, over the duration that the search for the first event found."""
+    mu = collision.mass_ratio
+    omega, phi1, phi2, delta, sigma = modes(mu, row.k1, row.k2)
+    F1, F2 = sqrt(2 * row.k1 * row.E1), sqrt(2 * row.k2 * row.E2)
+    a, b = amplitudes(row.d1, row.v2, F1, F2, omega, phi1, phi2, delta, sigma)
+    n = min(MOST_POINTS, 3 + ceil(POINTS * omega[1] * row.duration / pi))
+    t = np.linspace(0, row.duration, n)
+    q = tuple(a[j] * np.cos(omega[j] * t) + b[j] * np.sin(omega[j] * t) for j in (0, 1))
+    p = tuple(omega[j] * (b[j] * np.cos(omega[j] * t) - a[j] * np.sin(omega[j] * t)) for j in (0, 1))
+    d1, v2, f1, f2 = motion.py_func(q, p, phi1, phi2, delta, sigma)
+    unit = sqrt(collision.m1 / collision.k1)
+    return Stretch(1, row.phase1, row.phase2, d1, v2, f1 * f1 / (2 * row.k1), f2 * f2 / (2 * row.k2), t * unit)
+
+
+def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) -> tuple[list[Stretch], int]:
+    """Any other stretch: the contact at work and its one or two sinusoids (compression, restitution)."""
+    mu = collision.mass_ratio
+    M = mu / (1 + mu)
+    # Which contact works, against which mass (per m1), and what it does to d1 and v2 per unit of its rate.
+    if row.state == S3 or (row.state == S1 and row.cause == SPENT1):
+        contact, mass, on_d1, on_v2 = 1, M, 1.0, M / mu  # B1 against B2, both free
+    elif row.d1 == after.d1 == 0:
+        contact, mass, on_d1, on_v2 = 2, 1 + mu, 0.0, -1.0  # both as one body
+    elif row.v2 == after.v2 == 0:
+        contact, mass, on_d1, on_v2 = 1, 1.0, 1.0, 0.0  # B1 against B2 as part of the table
+    else:
+        contact, mass, on_d1, on_v2 = 2, mu, -1.0, -1.0  # B2 against the table
+    if row.state == S3 and row.v2 == after.v2 == 0:
+        mass, on_v2 = 1.0, 0.0
+    k, e, phase = (collision.k1, collision.e1, row.phase1) if contact == 1 else (collision.k2, collision.e2, row.phase2)
+    rate, E = (row.d1, row.E1) if contact == 1 else (-row.v2, row.E2)
+    rate_after, E_after = (after.d1, after.E1) if contact == 1 else (-after.v2, after.E2)
+    stiffness = k / e ** (2 * ends[contact - 1]) if e > 0 or ends[contact - 1] == 0 else inf
+
+    pieces: list[Stretch] = []
+
+    def add(start: float, stop: float, W: float, stiffness: float, phase: int) -> None:
+        theta = np.linspace(start, stop, 3 + ceil(POINTS * abs(stop - start) / pi))
+        d = W * np.cos(theta)
+        energy = 0.5 * mass * (W * np.sin(theta)) ** 2
+        if stiffness > 0:
+            time = (theta - start) * sqrt(mass * collision.m1 / stiffness)
+        else:
+            time = np.where(theta > start, inf, 0.0)
+        still = np.full_like(theta, 1.0)
+        shift = d - rate
+        pieces.append(
+            Stretch(
+                row.state,
+                phase if contact == 1 else row.phase1,
+                phase if contact == 2 else row.phase2,
+                row.d1 + on_d1 * shift,
+                row.v2 + on_v2 * shift,
+                energy if contact == 1 else row.E1 * still,
+                energy if contact == 2 else row.E2 * still,
+                time,
+            )
+        )
+
+    W = sqrt(rate * rate + 2 * E / mass)
+    start = atan2(sqrt(2 * E / mass), rate)
+    stop = atan2(sqrt(2 * E_after / mass), rate_after) if E_after > 0 or rate_after > 0 else pi
+    if phase == COMPRESSION and not (rate_after > 0 and E_after > 0):
+        add(start, pi / 2, W, stiffness, COMPRESSION)
+        add(pi / 2, stop, e * W, stiffness / (e * e) if e > 0 else inf, RESTITUTION)
+    else:
+        add(start, stop, W, stiffness, phase)
+    return pieces, contact

@@ -1,0 +1,117 @@
+"""`solve`: one collision by the state transition model, with its path and events if asked for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from model.automaton import DONE, PRECISION_LIMIT, TOO_MANY_EVENTS, collide
+from model.collision import STATES, Collision, Outcome
+from model.path import trace
+
+NAME = "state-transition"
+
+#: Events after which a collision is given up. Reached only with e = 1 (or next to it) at extreme stiffness ratios.
+MAX_EVENTS = 10_000_000
+
+#: Rows of the first try at a log; a collision that needs more is run once more.
+LOG_ROWS = 256
+
+
+def solve(
+    collision: Collision,
+    *,
+    stiffness_ratio_cutoff: float = 1e5,
+    path: bool = False,
+    max_events: int = MAX_EVENTS,
+) -> Outcome:
+    """Solve one collision by the state transition model of Jia, Mason and Erdmann, exactly.
+
+    Parameters
+    ----------
+    collision : Collision
+        Every limit is legal: k2/k1 = 0 or infinity, e_i = 0, e_i = 1.
+    stiffness_ratio_cutoff : float
+        When the running ratio k2/k1 exceeds this, or falls below its inverse, the closed form of the limiting case
+        finishes the collision (supplement, 3.4). Greater than 1; infinity switches the cut-off off.
+    path : bool
+        Whether the outcome carries `path` and `events`.
+    max_events : int
+        Events after which the collision is given up, with the status ``unconverged``.
+
+    Returns
+    -------
+    Outcome
+        Status ``limit`` where a closed-form limit was used, else ``ok``.
+
+    Raises
+    ------
+    ValueError
+        For an illegal cut-off.
+    """
+    cutoff = check_cutoff(stiffness_ratio_cutoff)
+    kappa, mu = collision.stiffness_ratio, collision.mass_ratio
+    log = np.zeros((LOG_ROWS, 12))
+    result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, log)
+    n_rows = result[5] + 1
+    if n_rows > LOG_ROWS:
+        log = np.zeros((n_rows, 12))
+        result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, log)
+    v1, v2, code, _, n_events, _, margin, loss, _ = result
+    if code == TOO_MANY_EVENTS:
+        return Outcome.failure(NAME, "unconverged", f"not over after {max_events} events")
+    log = log[:n_rows]
+    states = log[:, 0].astype(int)
+    sequence = states[np.concatenate([[True], states[1:] != states[:-1]])]
+    speed = -collision.v0
+    trail, events = trace(collision, log) if path else (None, ())
+    return Outcome(
+        solver=NAME,
+        v1=v1 * speed,
+        v2=v2 * speed,
+        impulse1=collision.m1 * speed * (1 + v1),
+        impulse2=collision.m1 * speed * (1 + v1 + mu * v2),
+        states=tuple(STATES[i] for i in sequence),
+        status="ok" if code == DONE else "limit",
+        reason=_reason(collision, cutoff, code),
+        grazing_margin=margin,
+        n_events=n_events,
+        diagnostics={"energy_residual": 0.5 - loss - 0.5 * (v1 * v1 + mu * v2 * v2)},
+        path=trail,
+        events=events,
+    )
+
+
+def check_cutoff(cutoff: float) -> float:
+    """Return the cut-off as a float.
+
+    Raises
+    ------
+    ValueError
+        Unless it is a number greater than 1.
+    """
+    try:
+        number = float(cutoff)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not number > 1:
+        raise ValueError(f"stiffness_ratio_cutoff = {cutoff!r}; legal: greater than 1, up to inf")
+    return number
+
+
+def _reason(collision: Collision, cutoff: float, code: int) -> str:
+    if code == DONE:
+        return ""
+    c = collision
+    ratio = c.stiffness_ratio
+    if ratio == 0 or math.isinf(ratio):
+        return f"closed form of k2/k1 = {ratio:g}"
+    if not 1 / cutoff <= ratio <= cutoff:
+        return f"k2/k1 = {ratio:g} lies beyond the cut-off {cutoff:g}: closed form of the limit"
+    if code == PRECISION_LIMIT:
+        return "the running stiffness ratio left double precision: closed form of the limit from there on"
+    plastic = [f"e{i} = 0" for i, e in ((1, c.e1), (2, c.e2)) if e == 0]
+    if plastic:
+        return f"closed form of {' and '.join(plastic)}"
+    return f"the running stiffness ratio left the cut-off {cutoff:g}: closed form of the limit from there on"
