@@ -11,8 +11,8 @@ that its fourth derivative is bounded by a known C. Two facts make the search bo
   b1 > C h^4/288 and b2 > C h^4/288 (`positive_between`). The ends themselves may be zeros: the event that began the
   stretch, and the root that will end it.
 * **Envelope.** f is at least its slow sinusoid less the amplitude of its fast one, and the time at which that
-  difference first vanishes is known in closed form (`envelope_time`). It steps over thousands of fast oscillations
-  that are too weak to matter.
+  difference first comes near zero is known in closed form (`envelope_time`). It steps over thousands of fast
+  oscillations that are too weak to matter.
 
 An interval that is neither certified nor brackets a root is halved. A pair of close roots cannot be stepped over, for
 no interval that holds one is certified.
@@ -41,6 +41,9 @@ SHORTEST_WINDOW = 1e-9
 #: The envelope is tried when the fast mode is at least this much faster than the slow one.
 ENVELOPE_RATIO = 6.0
 
+#: How far from zero, relative to its slow amplitude, a function stays where the envelope steps over it.
+ENVELOPE_RESERVE = 0.05
+
 
 @njit(cache=True, error_model="numpy")
 def positive_between(f0, df0, f1, df1, h, C):
@@ -63,12 +66,16 @@ def value(order, c, q, p, omega):
 
 @njit(cache=True, error_model="numpy")
 def envelope_time(order, c, t, omega, a, b, radius):
-    """Earliest time from t on at which the slow sinusoid of a watched function equals its fast amplitude."""
+    """Earliest time from t on at which the slow sinusoid of a watched function comes near its fast amplitude.
+
+    Near is within `ENVELOPE_RESERVE` of the slow amplitude, so that no near-miss is stepped over unseen.
+    """
     slow = abs(c[0]) * radius[0]
     fast = abs(c[1]) * radius[1]
     if order == 1:
         slow *= omega[0]
         fast *= omega[1]
+    fast += ENVELOPE_RESERVE * slow
     if slow <= fast:
         return t
     # the slow part is slow * cos(omega t - phase)

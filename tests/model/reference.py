@@ -65,7 +65,7 @@ def integrate(kappa, mu, e1, e2, cutoff=math.inf, rtol=1e-12):
             rtol=rtol,
             atol=1e-15 * np.array([1, 1, 1 / fastest, 1 / fastest]),
             events=[f for _, f in watched],
-            max_step=0.7 / fastest,
+            max_step=0.1 / fastest,  # two events closer than this could be missed: the sign alone is looked at
             first_step=1e-3 / fastest,
         )
         assert run.status == 1, run.message

@@ -1,0 +1,97 @@
+"""Numbers that others have printed, or that the theory page states with their origin."""
+
+import math
+
+import pytest
+
+from model import Collision, solve
+
+MASS_RATIO = 2 / math.sqrt(3)  # parameters (44) of the paper: m1 = 1, m2 = 2/sqrt(3), e1 = 0.9, e2 = 0.7
+
+EXACT = [
+    (40, 0.88981120733190, 0.00016910787873, "S1 S3 S1 S2 S4"),
+    (1, 0.61394941925041, 0.20971952034697, "S1 S2 S1 S3 S4"),
+    (1 / 40, 0.46187997174429, 0.43939196930137, "S1 S2 S1 S2 S1 S2 S1 S3 S4"),
+]
+
+
+@pytest.mark.parametrize(("stiffness_ratio", "v1", "v2", "states"), EXACT)
+def test_the_three_standing_cells(stiffness_ratio, v1, v2, states):
+    """Agreed on to 1e-12 by a closed-form solver, an integration in time and the limit of Euler in impulse space."""
+    outcome = solve(Collision.from_ratios(stiffness_ratio, MASS_RATIO, 0.9, 0.7))
+    assert outcome.v1 == pytest.approx(v1, abs=1e-12, rel=0)
+    assert outcome.v2 == pytest.approx(v2, abs=1e-12, rel=0)
+    assert " ".join(outcome.states) == states
+    assert outcome.status == "ok"
+
+
+def test_supplement_3_2_prints_0_45203_for_an_infinitely_stiff_ball_ball_contact():
+    outcome = solve(Collision.from_ratios(0, MASS_RATIO, 0.9, 0.7))
+    assert outcome.v1 == pytest.approx(0.45203, abs=0.5e-5, rel=0)
+    assert outcome.v1 == outcome.v2
+    # its equation (13) as printed, with e2 m2 - 1, does not give the value the supplement quotes
+    misprinted = math.sqrt((0.7 * MASS_RATIO - 1) ** 2 + MASS_RATIO * 0.49 * 1.9**2) / (1 + MASS_RATIO) ** 1.5
+    assert misprinted == pytest.approx(0.45591, abs=0.5e-5, rel=0)
+
+
+@pytest.mark.parametrize(
+    ("stiffness_ratio", "printed", "bears"),
+    [
+        # Printed values of the supplement, and what they can bear: they come from steps of finite impulse.
+        (40, (0.88922, 0.00022), 6e-4),
+        (1 / 40, (0.4573, 0.44281), 5e-3),
+    ],
+)
+def test_supplement_prints_velocities_of_an_euler_integration(stiffness_ratio, printed, bears):
+    outcome = solve(Collision.from_ratios(stiffness_ratio, MASS_RATIO, 0.9, 0.7))
+    differences = abs(outcome.v1 - printed[0]), abs(outcome.v2 - printed[1])
+    assert max(differences) < bears
+    assert max(differences) > bears / 2  # a real difference, recorded in docs/errata.md
+
+
+def test_euler_in_impulse_space_tends_to_the_exact_values():
+    """Plain Euler on (13)-(15): off by as much as the printed values, then less at first order or better."""
+    exact = solve(Collision.from_ratios(40, MASS_RATIO, 0.9, 0.7))
+    errors = [math.dist(euler(40, h), (exact.v1, exact.v2)) for h in (1e-3, 1e-4, 1e-5)]
+    assert errors[0] > 6e-4
+    assert errors[2] < 5e-6
+    assert math.log10(errors[0] / errors[2]) / 2 > 0.9
+
+
+def euler(kappa, h, mu=MASS_RATIO, e1=0.9, e2=0.7):
+    """Euler steps of impulse h along the contact that takes more of it."""
+    v1, v2, k1, k2 = -1.0, 0.0, 1.0, kappa
+    E1, E2 = h, 1e-30  # past the singular start
+    on1, on2, comp1, comp2 = True, True, True, True
+    v1 += h
+    v2 -= h / mu
+    while on1 or on2:
+        if on1 and on2:
+            slope = math.sqrt(k2 * E2 / (k1 * E1))
+            dI1, dI2 = (h, h * slope) if slope < 1 else (h / slope, h)
+        else:
+            dI1, dI2 = (h, 0.0) if on1 else (0.0, h)
+        d1, d2 = v2 - v1, -v2
+        v1 += dI1
+        v2 += (dI2 - dI1) / mu
+        E1 += 0.5 * (d1 + v2 - v1) * dI1
+        E2 += 0.5 * (d2 - v2) * dI2
+        if on1:
+            if comp1 and v2 - v1 < 0:
+                comp1, E1, k1 = False, E1 * e1**2, k1 / e1**2
+            elif not comp1 and v2 - v1 > 0:
+                comp1 = True
+            if E1 <= 0:
+                on1, E1 = False, 0.0
+        elif v2 > v1:
+            on1, comp1, E1 = True, True, 1e-30
+        if on2:
+            if comp2 and v2 > 0:
+                comp2, E2, k2 = False, E2 * e2**2, k2 / e2**2
+            elif not comp2 and v2 < 0:
+                comp2 = True
+            if E2 <= 0:
+                on2, E2 = False, 0.0
+        elif v2 < 0:
+            on2, comp2, E2 = True, True, 1e-30
+    return v1, v2
