@@ -2,18 +2,21 @@
 
 Implementer's rules:
 
-1. A solver is an object with the attributes and methods of `Solver`. It is constructed without arguments and is
-   cheap to construct: an engine is imported inside `unavailable` or `solve_many`, never at module level.
-2. `solve_many` answers every collision, in order, one `Outcome` each. It never raises for a collision it cannot do:
-   that outcome has a status, a reason, and NaN velocities (`Outcome.failure`).
-3. `solve` is for direct calls: it gives an outcome whose status is ``ok`` or ``limit``, or raises `SolverError`.
-4. A solver refuses, by name and with the reason, what it cannot represent (status ``unrepresentable``). It never
-   replaces a parameter silently.
-5. Contact i is F = max(0, k_i delta + c_i delta'), c_i from `compliant_baselines.mapping`, for every solver whose
-   law is Kelvin-Voigt; another law is said in the docstring of the solver's module.
-6. A solver is a function of its explicit inputs: no global state that a later call could see, no hidden seed, the
-   same bits whatever else was asked in the same call.
-7. Velocities are in m/s, impulses in N s, times in s; all are those of the collision as given, never rescaled.
+1. A solver is an object with the attributes and methods of `Solver`. It is constructed without arguments and
+   is cheap to construct: an engine is imported inside `unavailable` or `solve_many`, never at module level.
+2. `solve_many` answers every collision, in order, one `Outcome` each. It never raises for a collision it
+   cannot do: that outcome has a status, a reason, and NaN velocities (`Outcome.failure`), or, if
+   ``unconverged``, the numbers it came to.
+3. `solve` is for direct calls: it gives an outcome whose status is ``ok`` or ``limit``, or raises
+   `SolverError`.
+4. A solver refuses, by name and with the reason, what it cannot represent (status ``unrepresentable``). It
+   never replaces a parameter silently.
+5. Contact i is F = max(0, k_i delta + c_i delta'), c_i from `compliant_baselines.mapping`, for every solver
+   whose law is Kelvin-Voigt; another law is said in the docstring of the solver's module.
+6. A solver is a function of its explicit inputs: no global state that a later call could see, no hidden seed,
+   the same bits whatever else was asked in the same call.
+7. Velocities are in m/s, impulses in N s, times in s; all are those of the collision as given, never
+   rescaled.
 8. The collision is over by the rule of `compliant_baselines.trajectory`; so are states and impulses read from
    velocities.
 """
@@ -95,7 +98,11 @@ class Settings:
 
         require("scenario", self.scenario in ("impact", "drop"), "'impact' or 'drop'")
         require("gravity", 0 < self.gravity < float("inf"), "a finite number > 0 (m/s^2)")
-        require("step_fraction", 0 < self.step_fraction <= 0.1, "greater than 0, at most 0.1 (of a contact period)")
+        require(
+            "step_fraction",
+            0 < self.step_fraction <= 0.1,
+            "greater than 0, at most 0.1 (of a contact period)",
+        )
         require("max_steps", self.max_steps >= 1, "a whole number >= 1")
         require("mapping", self.mapping in ("calibrated", "naive"), "'calibrated' or 'naive'")
         require("min_run", self.min_run >= 1, "a whole number >= 1 (steps)")

@@ -21,7 +21,7 @@ from numba import njit
 
 from model.events import first_event
 from model.limits import complete_ball_ball, complete_ball_table, one_body, part_of_table, static_energy1, static_energy2
-from model.motion import amplitudes, modal, modes, motion, single_contact
+from model.motion import amplitudes, modes, single_contact
 
 INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
 S1, S2, S3, S4 = 1, 2, 3, 4
@@ -81,6 +81,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
     n_states, n_events, n, steps = 1, 0, 0, 0
     margin, loss = inf, 0.0
     highest = min(cutoff, PRECISION_RATIO)
+    modes_k1 = modes_k2 = -1.0
+    omega = phi1 = phi2 = delta = sigma = (0.0, 0.0)
 
     while state != S4:
         if n_events > max_events:
@@ -133,25 +135,26 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
 
         elif state == S1:
             F1, F2 = sqrt(2 * k1 * E1), sqrt(2 * k2 * E2)
-            omega, phi1, phi2, delta, sigma = modes(mu, k1, k2)
+            if k1 != modes_k1 or k2 != modes_k2:
+                omega, phi1, phi2, delta, sigma = modes(mu, k1, k2)
+                modes_k1, modes_k2 = k1, k2
             a, b = amplitudes(d1, v2, F1, F2, omega, phi1, phi2, delta, sigma)
-            s1 = 1.0 if phase1 == COMPRESSION else -1.0
-            s2 = -1.0 if phase2 == COMPRESSION else 1.0
-            duration, fired, nearest, windows = first_event(
-                (True, True, phase1 == RESTITUTION, phase2 == RESTITUTION),
-                (0, 0, 1, 1),
-                ((s1 * delta[0], s1 * delta[1]), (s2 * phi2[0], s2 * phi2[1]), phi1, sigma),
-                (d1 == 0, v2 == 0, False, False),
-                (s1 * (F2 / mu - F1 / M), s2 * (F2 - F1) / mu, 0.0, 0.0),
-                (-s1 * (k2 * v2 / mu + k1 * d1 / M), -s2 * (k1 * d1 + k2 * v2) / mu, 0.0, 0.0),
+            signs = (1.0 if phase1 == COMPRESSION else -1.0, -1.0 if phase2 == COMPRESSION else 1.0)
+            duration, fired, at_event, nearest, windows = first_event(
+                mu,
+                k1,
+                k2,
+                (d1, v2, F1, F2),
+                signs,
+                (phase1 == RESTITUTION, phase2 == RESTITUTION),
+                (phi1, phi2, delta, sigma),
                 omega,
                 a,
                 b,
             )
+            d1, v2, F1, F2 = at_event
             steps += windows
             margin = min(margin, nearest)
-            q, p = modal(duration, omega, a, b)
-            d1, v2, F1, F2 = motion(q, p, phi1, phi2, delta, sigma)
             E1, E2 = 0.5 * F1 * F1 / k1, 0.5 * F2 * F2 / k2
             if fired[0]:
                 d1, cause, n_events = 0.0, cause | RATE1, n_events + 1

@@ -14,8 +14,10 @@ that its fourth derivative is bounded by a known C. Two facts make the search bo
   difference first comes near zero is known in closed form (`envelope_time`). It steps over thousands of fast
   oscillations that are too weak to matter.
 
-An interval that is neither certified nor brackets a root is halved. A pair of close roots cannot be stepped over, for
-no interval that holds one is certified.
+A window is tried from the last certified time on. If a function is negative at its end, the end moves to the earliest
+root predicted; if all are positive but not certified, the window is halved; if all are certified, it is passed, or its
+end, where one is zero, is the event. A pair of close roots cannot be stepped over, for no window that holds one is
+certified.
 
 **Ties.** Every watched function that is zero within rounding at the first root fires at that instant. Applying the
 events in any order gives the same state, since each changes only variables of its own contact; where end of restitution
@@ -24,16 +26,20 @@ and restart of compression of one contact coincide, restitution ends (what is le
 
 from __future__ import annotations
 
-from math import acos, atan2, hypot, inf, pi, sqrt
+from math import acos, atan2, inf, pi, sqrt
 
 from numba import njit
 
-from model.motion import modal
+from model.motion import modal, motion
 
 EPSILON = 2.0**-52
+THIRD = 1 / 3
 
-#: First window of the search, in radians of the fast mode; C h^4/288 is then 1 % of an amplitude.
-WINDOW = 1.3
+#: Rounding of a watched function, relative to its amplitude.
+NOISE = 4 * EPSILON
+
+#: First window of the search, in radians of the fast mode; C h^4/288 is then 2 % of an amplitude.
+WINDOW = 1.5
 
 #: Windows shorter than this (in radians of the fast mode) resolve a tangency to rounding.
 SHORTEST_WINDOW = 1e-9
@@ -44,24 +50,19 @@ ENVELOPE_RATIO = 6.0
 #: How far from zero, relative to its slow amplitude, a function stays where the envelope steps over it.
 ENVELOPE_RESERVE = 0.05
 
+#: While a root is closed in on, every BISECT-th window halves its bracket whatever is predicted.
+BISECT = 6
+
+# What a window says of one function: certified positive; zero at the end and certified before; negative at the end;
+# positive at the end but not certified.
+CLEAR, ZERO, NEGATIVE, UNSURE = 0, 1, 2, 3
+
 
 @njit(cache=True, error_model="numpy")
 def positive_between(f0, df0, f1, df1, h, C):
-    """Certify f > 0 inside an interval of length h, given values and slopes at its ends and abs(f'''') <= C."""
-    reserve = C * h**4 / 288
-    return f0 >= 0 and f1 >= 0 and f0 + h * df0 / 3 > reserve and f1 - h * df1 / 3 > reserve
-
-
-@njit(cache=True, error_model="numpy")
-def value(order, c, q, p, omega):
-    """f, f', f'' of a watched function f = sum c_j q_j (order 0) or sum c_j q_j' (order 1)."""
-    zeroth = c[0] * q[0] + c[1] * q[1]
-    first = c[0] * p[0] + c[1] * p[1]
-    w0, w1 = -omega[0] * omega[0], -omega[1] * omega[1]
-    second = w0 * c[0] * q[0] + w1 * c[1] * q[1]
-    if order == 0:
-        return zeroth, first, second
-    return first, second, w0 * c[0] * p[0] + w1 * c[1] * p[1]
+    """Certify f > 0 inside an interval of length h, given values and slopes at its ends and abs(f'''') <= 288 C."""
+    reserve = C * (h * h) * (h * h)
+    return f0 >= 0 and f1 >= 0 and f0 + THIRD * h * df0 > reserve and f1 - THIRD * h * df1 > reserve
 
 
 @njit(cache=True, error_model="numpy")
@@ -94,43 +95,59 @@ def envelope_time(order, c, t, omega, a, b, radius):
 
 
 @njit(cache=True, error_model="numpy")
-def root_between(order, c, t, h, f0, df0, f1, df1, tolerance, omega, a, b):
-    """Root of a watched function in (t, t + h], where f > 0 at t (or f = 0 and f' > 0) and f <= 0 at t + h.
+def predicted_root(h, f0, df0, f1, df1, ddf1):
+    """Where in (0, h) a function with f1 < 0 at h vanished, as nearly as both ends tell.
 
-    Halley's iteration, kept inside the bracket by bisection, from the root of a parabola.
+    Halley's step from the end where that is near the root, else one Newton step on the cubic through both ends from the
+    root of its parabola.
     """
-    low, high = 0.0, h
-    # the parabola with f1, df1 and f0: starts within a few per cent of a simple root
-    curve = (f0 - f1 + h * df1) / (h * h)
-    discriminant = df1 * df1 - 4 * curve * f1
-    x = 0.5 * h
-    if discriminant > 0 and df1 < 0:
-        x = h + 2 * f1 / (-df1 + sqrt(discriminant))
-    if not low < x <= high:
-        x = 0.5 * h
-    for _ in range(100):
-        q, p = modal(t + x, omega, a, b)
-        f, df, ddf = value(order, c, q, p, omega)
-        if f > 0:
-            low = x
-        else:
-            high = x
-        if abs(f) <= tolerance:
-            break
-        step = -2 * f * df / (2 * df * df - f * ddf) if df < 0 else 0.0
-        nxt = x + step
-        if not low < nxt < high or step == 0.0:
-            nxt = 0.5 * (low + high)
-        if abs(nxt - x) <= EPSILON * (t + x):
-            x = nxt
-            break
-        x = nxt
-    return x
+    x = 0.0
+    if df1 < 0:
+        step = 2 * f1 * df1 / (2 * df1 * df1 - f1 * ddf1)
+        if 0 < step < 0.1 * h:
+            return h - step
+        curve = (f0 - f1 + h * df1) / (h * h)
+        discriminant = df1 * df1 - 4 * curve * f1
+        if discriminant > 0:
+            y = 2 * f1 / (sqrt(discriminant) - df1)
+            # the cubic: parabola through f0, f1, df1 plus r y^2 (y + h), of slope df0 at y = -h
+            r = (df0 - df1 + 2 * h * curve) / (h * h)
+            x = y + h
+            slope = df1 + y * (2 * curve + r * (3 * y + 2 * h))
+            if slope < 0:
+                x -= (f1 + y * (df1 + y * (curve + r * x))) / slope
+    return x if 0 < x < h else 0.5 * h
+
+
+@njit(cache=True, error_model="numpy")
+def step_to_root(f, df, ddf, h):
+    """Halley's step to the root of a falling function, if it is shorter than h, else h."""
+    if df < 0:
+        step = -2 * f * df / (2 * df * df - f * ddf)
+        if 0 < step < h:
+            return step
+    return h
+
+
+@njit(cache=True, error_model="numpy")
+def judge(h, f0, df0, f1, df1, noise, C, fresh, safe):
+    """Say what a window of length h tells of one function.
+
+    `fresh` marks a function that began the stretch at zero, while the window still starts there; up to `safe` it is
+    known to be positive.
+    """
+    if f1 > noise:
+        return CLEAR if h <= safe or positive_between(f0, df0, f1, df1, h, C) else UNSURE
+    if h <= safe or (fresh and f1 >= -noise and df1 >= 0):
+        return CLEAR
+    if f1 < -noise:
+        return NEGATIVE
+    return ZERO if positive_between(f0, df0, 0.0, df1, h, C) else UNSURE
 
 
 @njit(cache=True, error_model="numpy")
 def extremum_between(c, t, h, f0, df0, df1, omega, a, b):
-    """Time in (t, t + h) and value of the extremum of a watched rate whose slopes at the ends differ in sign.
+    """Value of the extremum in (t, t + h) of a watched rate whose slopes at the ends differ in sign.
 
     A parabola places it; where it comes near zero, and so matters, Newton's iteration on f' makes it exact.
     """
@@ -138,10 +155,13 @@ def extremum_between(c, t, h, f0, df0, df1, omega, a, b):
     x = h * df0 / (df0 - df1)
     f = f0 + 0.5 * df0 * x
     if abs(f) > 0.2:
-        return x, f
+        return f
+    w0, w1 = omega[0] * omega[0], omega[1] * omega[1]
     for _ in range(20):
         q, p = modal(t + x, omega, a, b)
-        f, df, ddf = value(0, c, q, p, omega)
+        f = c[0] * q[0] + c[1] * q[1]
+        df = c[0] * p[0] + c[1] * p[1]
+        ddf = -w0 * c[0] * q[0] - w1 * c[1] * q[1]
         if df * df0 > 0:
             low = x
         else:
@@ -152,25 +172,25 @@ def extremum_between(c, t, h, f0, df0, df1, omega, a, b):
         if abs(nxt - x) < 1e-6 * h:
             break
         x = nxt
-    return x, f
+    return f
 
 
 @njit(cache=True, error_model="numpy")
-def first_event(active, order, c, zero_at_start, slope_at_start, curve_at_start, omega, a, b):
+def first_event(mu, k1, k2, state, signs, watched, shape, omega, a, b):
     """Time of the first event of an S1 stretch, and which of the watched functions fire.
 
     Parameters
     ----------
-    active : 4 bools
-        Which functions are watched.
-    order : 4 ints
-        0: a rate, sum c_j q_j; 1: a force, sum c_j q_j'.
-    c : 4 pairs
-        Coefficients on the slow and the fast mode.
-    zero_at_start : 4 bools
-        Which functions are zero when the stretch begins; that zero is not an event.
-    slope_at_start, curve_at_start : 4 floats
-        Their first and second derivatives there, from the equations of motion.
+    mu, k1, k2 : float
+        m2/m1 and the running stiffnesses.
+    state : 4 floats
+        d1, v2, F1, F2 at the start. A rate that is exactly zero there began the stretch; that is not an event.
+    signs : pair
+        Of d1 and v2, so that the watched rates signs[0] d1 and signs[1] v2 are positive until their events.
+    watched : pair of bools
+        Whether the forces are watched (contacts in restitution); the rates always are.
+    shape : 4 pairs
+        phi1, phi2, delta, sigma of `model.motion.modes`.
     omega, a, b : pairs
         Frequencies and modal coordinates at the start.
 
@@ -179,108 +199,147 @@ def first_event(active, order, c, zero_at_start, slope_at_start, curve_at_start,
     time : float
         Since the start of the stretch.
     fired : 4 bools
-        Which functions reach zero at that time.
+        Which of rate 1, rate 2, force 1, force 2 reach zero at that time.
+    state : 4 floats
+        d1, v2, F1, F2 at that time.
     margin : float
         Smallest magnitude of a local extremum of a watched rate passed on the way (infinity if none was).
     steps : int
         Windows tried, a measure of cost.
     """
-    radius = (hypot(a[0], b[0]), hypot(a[1], b[1]))
-    sizes = (radius, (radius[0] * omega[0], radius[1] * omega[1]))
-    slow4, fast4 = omega[0] ** 4, omega[1] ** 4
-    window = WINDOW / omega[1]
-    envelope = omega[1] > ENVELOPE_RATIO * omega[0]
+    phi1, phi2, delta, sigma = shape
+    s1, s2 = signs
+    w0, w1 = omega
+    inverse_mu, inverse_M = 1 / mu, 1 + 1 / mu
+    radius = (sqrt(a[0] * a[0] + b[0] * b[0]), sqrt(a[1] * a[1] + b[1] * b[1]))
+    slow, fast, slow4, fast4 = radius[0], radius[1], w0 * w0 * w0 * w0, w1 * w1 * w1 * w1
+    x0, x1 = abs(delta[0]) * slow, abs(delta[1]) * fast
+    noise0, C0, B0 = NOISE * (x0 + x1), (x0 * slow4 + x1 * fast4) / 288, x0 * w0 * w0 + x1 * w1 * w1
+    x0, x1 = abs(phi2[0]) * slow, abs(phi2[1]) * fast
+    noise1, C1, B1 = NOISE * (x0 + x1), (x0 * slow4 + x1 * fast4) / 288, x0 * w0 * w0 + x1 * w1 * w1
+    x0, x1 = abs(phi1[0]) * slow * w0, abs(phi1[1]) * fast * w1
+    noise2, C2 = NOISE * (x0 + x1), (x0 * slow4 + x1 * fast4) / 288
+    x0, x1 = abs(sigma[0]) * slow * w0, abs(sigma[1]) * fast * w1
+    noise3, C3 = NOISE * (x0 + x1), (x0 * slow4 + x1 * fast4) / 288
+
+    d1, v2, F1, F2 = state
+    f0, f1, f2, f3 = s1 * d1, s2 * v2, F1, F2
+    df0, df1 = s1 * (F2 * inverse_mu - F1 * inverse_M), s2 * (F2 - F1) * inverse_mu
+    df2, df3 = k1 * d1, -k2 * v2
+    fresh0, fresh1 = d1 == 0, v2 == 0
+    safe0 = safe1 = 0.0
+    window = WINDOW / w1
+    t, h, high = 0.0, window, inf
     margin = inf
-    steps = 0
-    t = 0.0
-    h = window
+    steps = passed = tries = 0
 
-    for i in range(4):
-        if active[i] and zero_at_start[i]:
-            if slope_at_start[i] < 0 or (slope_at_start[i] == 0 and curve_at_start[i] < 0):
-                return 0.0, (i == 0, i == 1, i == 2, i == 3), 0.0, 0  # it leaves its zero downwards
-            if slope_at_start[i] == 0:
-                # A double zero: contact 2 when the collision begins. Start off the expansion, whose third
-                # derivative vanishes: f >= f'' t^2/2 - C t^4/24 is positive up to t^2 = 12 f''/C.
-                size = sizes[order[i]]
-                C = abs(c[i][0]) * size[0] * slow4 + abs(c[i][1]) * size[1] * fast4
-                h = min(h, sqrt(6 * curve_at_start[i] / C))
+    # A rate that starts below zero, by rounding, has its event behind it.
+    if f0 < 0 or f1 < 0:
+        return 0.0, (f0 < 0, f1 < 0, False, False), state, 0.0, 0
+    # One that starts at zero must leave it upwards, and with |f''| <= B it is positive up to t = 2 f'/B. Where its slope
+    # vanishes too (contact 2 when the collision begins), start off the expansion: f >= f'' t^2/2 - C t^4/24, its third
+    # derivative being zero there, is positive up to t^2 = 12 f''/C.
+    if fresh0:
+        curve = -s1 * k2 * v2 * inverse_mu
+        if df0 < 0 or (df0 == 0 and curve < 0):
+            return 0.0, (True, False, False, False), state, 0.0, 0
+        safe0 = 0.99 * (2 * df0 / B0 if df0 > 0 else sqrt(12 * curve / (288 * C0)))
+    if fresh1:
+        curve = -s2 * k1 * d1 * inverse_mu
+        if df1 < 0 or (df1 == 0 and curve < 0):
+            return 0.0, (False, True, False, False), state, 0.0, 0
+        safe1 = 0.99 * (2 * df1 / B1 if df1 > 0 else sqrt(12 * curve / (288 * C1)))
+    if (fresh0 and df0 == 0) or (fresh1 and df1 == 0):
+        h = min(h, max(safe0, safe1))
 
-    q, p = modal(0.0, omega, a, b)
     while True:
         steps += 1
-        if envelope:
-            skip = inf
-            for i in range(4):
-                if active[i]:
-                    skip = min(skip, envelope_time(order[i], c[i], t, omega, a, b, radius))
-            if skip > t + 0.5 * window:
-                t = skip
-                q, p = modal(t, omega, a, b)
-        q1, p1 = modal(t + h, omega, a, b)
-        first, found = h, -1
-        nearest1, nearest2 = (inf, inf), (inf, inf)  # time and value of an extremum of either rate
-        certified = True
-        for i in range(4):
-            if not active[i]:
+        q, p = modal(t + h, omega, a, b)
+        d1, v2, F1, F2 = motion(q, p, phi1, phi2, delta, sigma)
+        g0, g1 = s1 * d1, s2 * v2
+        acceleration1, acceleration2 = F2 * inverse_mu - F1 * inverse_M, (F2 - F1) * inverse_mu
+        dg0, dg1, dg2, dg3 = s1 * acceleration1, s2 * acceleration2, k1 * d1, -k2 * v2
+        late = 1 + w1 * (t + h)  # the phases are rounded too
+        verdict0 = judge(h, f0, df0, g0, dg0, late * noise0, C0, fresh0, safe0)
+        verdict1 = judge(h, f1, df1, g1, dg1, late * noise1, C1, fresh1, safe1)
+        verdict2 = judge(h, f2, df2, F1, dg2, late * noise2, C2, False, 0.0) if watched[0] else CLEAR
+        verdict3 = judge(h, f3, df3, F2, dg3, late * noise3, C3, False, 0.0) if watched[1] else CLEAR
+        worst = max(max(verdict0, verdict1), max(verdict2, verdict3))
+
+        if worst == NEGATIVE:
+            root = h
+            if verdict0 == NEGATIVE:
+                ddg = -s1 * (k2 * v2 * inverse_mu + k1 * d1 * inverse_M)
+                root = min(root, max(safe0, predicted_root(h, f0, df0, g0, dg0, ddg)))
+            if verdict1 == NEGATIVE:
+                ddg = -s2 * (k1 * d1 + k2 * v2) * inverse_mu
+                root = min(root, max(safe1, predicted_root(h, f1, df1, g1, dg1, ddg)))
+            if verdict2 == NEGATIVE:
+                root = min(root, predicted_root(h, f2, df2, F1, dg2, k1 * acceleration1))
+            if verdict3 == NEGATIVE:
+                root = min(root, predicted_root(h, f3, df3, F2, dg3, -k2 * acceleration2))
+            if h - root > 2 * EPSILON * (t + h):
+                tries += 1
+                high, h = h, (0.5 * h if tries % BISECT == 0 else root)
                 continue
-            f0, df0, _ = value(order[i], c[i], q, p, omega)
-            f1, df1, _ = value(order[i], c[i], q1, p1, omega)
-            size = sizes[order[i]]
-            tolerance = 4 * EPSILON * (abs(c[i][0]) * size[0] + abs(c[i][1]) * size[1])
-            C = abs(c[i][0]) * size[0] * slow4 + abs(c[i][1]) * size[1] * fast4
-            double = False
-            if t == 0.0 and zero_at_start[i]:
-                f0, df0 = 0.0, slope_at_start[i]
-                double = df0 == 0
-            elif f0 < 0:
-                f0 = 0.0  # rounding, at a point already certified
-            if order[i] == 0 and df0 * df1 < 0:
-                if i == 0:
-                    nearest1 = extremum_between(c[i], t, h, f0, df0, df1, omega, a, b)
-                else:
-                    nearest2 = extremum_between(c[i], t, h, f0, df0, df1, omega, a, b)
-            if f1 > 0 and (double or positive_between(f0, df0, f1, df1, h, C)):
-                continue
-            if f1 <= tolerance and not double:
-                x = root_between(order[i], c[i], t, h, f0, df0, f1, df1, tolerance, omega, a, b)
-                qx, px = modal(t + x, omega, a, b)
-                _, dfx, _ = value(order[i], c[i], qx, px, omega)
-                if positive_between(f0, df0, 0.0, dfx, x, C) or h * omega[1] < SHORTEST_WINDOW:
-                    if x <= first:
-                        first, found = x, i
-                    continue
-            if h * omega[1] < SHORTEST_WINDOW:
-                if f1 <= 4 * tolerance:
-                    first, found = 0.0, i  # a tangency, to rounding
-                continue
-            certified = False
-            break
-        if not certified:
+        elif worst == UNSURE and h * w1 > SHORTEST_WINDOW:
             h *= 0.5
             continue
-        if nearest1[0] <= first:
-            margin = min(margin, abs(nearest1[1]))
-        if nearest2[0] <= first:
-            margin = min(margin, abs(nearest2[1]))
-        t += first
-        if found >= 0:
-            break
-        q, p = q1, p1
-        h = min(2 * h, window)
 
-    q, p = modal(t, omega, a, b)
-    fired = (False, False, False, False)
-    for i in range(4):
-        if active[i]:
-            f, _, _ = value(order[i], c[i], q, p, omega)
-            size = sizes[order[i]]
-            noise = (8 + omega[1] * t) * EPSILON * (abs(c[i][0]) * size[0] + abs(c[i][1]) * size[1])
-            if i == found or (f <= noise and not zero_at_start[i]):
-                fired = (
-                    fired[0] or i == 0,
-                    fired[1] or i == 1,
-                    fired[2] or i == 2,
-                    fired[3] or i == 3,
-                )
-    return t, fired, margin, steps
+        # The window is accepted. Near-misses of the rates on the way:
+        if dg0 * df0 < 0:
+            c = (s1 * delta[0], s1 * delta[1])
+            margin = min(margin, abs(extremum_between(c, t, h, f0, df0, dg0, omega, a, b)))
+        if dg1 * df1 < 0:
+            c = (s2 * phi2[0], s2 * phi2[1])
+            margin = min(margin, abs(extremum_between(c, t, h, f1, df1, dg1, omega, a, b)))
+        t += h
+        if worst != CLEAR:
+            # Zero within rounding fires; so does what is unsure at the shortest window and as good as zero.
+            fired = (
+                verdict0 != CLEAR and g0 <= 4 * late * noise0,
+                verdict1 != CLEAR and g1 <= 4 * late * noise1,
+                verdict2 != CLEAR and F1 <= 4 * late * noise2,
+                verdict3 != CLEAR and F2 <= 4 * late * noise3,
+            )
+            if fired[0] or fired[1] or fired[2] or fired[3]:
+                return t, fired, (d1, v2, F1, F2), margin, steps
+        f0, df0, f1, df1, f2, df2, f3, df3 = g0, dg0, g1, dg1, F1, dg2, F2, dg3
+        fresh0 = fresh1 = False
+        safe0 = safe1 = 0.0
+        if high < inf:
+            # Some function is negative further on: to its root as seen from here.
+            high -= h
+            tries += 1
+            h = 0.5 * high
+            if high <= 4 * EPSILON * t:
+                h = high  # one rounding of the time away: nothing left to halve
+                if high <= 0:
+                    h, high = window, inf
+            elif tries % BISECT > 0:
+                h = step_to_root(f0, df0, -s1 * (k2 * v2 * inverse_mu + k1 * d1 * inverse_M), h)
+                h = step_to_root(f1, df1, -s2 * (k1 * d1 + k2 * v2) * inverse_mu, h)
+                if watched[0]:
+                    h = step_to_root(f2, df2, k1 * acceleration1, h)
+                if watched[1]:
+                    h = step_to_root(f3, df3, -k2 * acceleration2, h)
+            continue
+        h = min(2 * h, window)
+        tries = 0
+        passed += 1
+        if passed % 3 == 2 and w1 > ENVELOPE_RATIO * w0:
+            skip = min(
+                envelope_time(0, (s1 * delta[0], s1 * delta[1]), t, omega, a, b, radius),
+                envelope_time(0, (s2 * phi2[0], s2 * phi2[1]), t, omega, a, b, radius),
+            )
+            if watched[0]:
+                skip = min(skip, envelope_time(1, phi1, t, omega, a, b, radius))
+            if watched[1]:
+                skip = min(skip, envelope_time(1, sigma, t, omega, a, b, radius))
+            if skip > t + window:
+                t = skip
+                q, p = modal(t, omega, a, b)
+                d1, v2, f2, f3 = motion(q, p, phi1, phi2, delta, sigma)
+                f0, f1 = s1 * d1, s2 * v2
+                df0, df1 = s1 * (f3 * inverse_mu - f2 * inverse_M), s2 * (f3 - f2) * inverse_mu
+                df2, df3 = k1 * d1, -k2 * v2

@@ -1,0 +1,108 @@
+"""What every engine adapter shares: refusing, setting up, and saying what came of it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+
+from compliant_baselines.column import Column, column_of, unrepresentable
+from compliant_baselines.contract import Settings, SolverBase
+from compliant_baselines.recording import Run, states_of
+from compliant_baselines.trajectory import ALOFT, BROKEN, GOING, REST, STUCK
+from model.collision import Collision, Outcome
+
+#: Energy an engine may create, over that of B1 before the collision, before its answer counts as
+#: `unconverged`. Contacts of springs and dashpots create none; an explicit step of 1/1000 of a period creates
+#: 1e-4 of it at most.
+ENERGY_GAIN_ALLOWED = 0.01
+
+
+class EngineSolver(SolverBase):
+    """An engine behind the contract: a subclass says how to run columns.
+
+    Statuses beside `ok`: `unavailable` (the engine is not installed), `unrepresentable` (e_i = 0, k_i = 0 or
+    infinite, or what the engine itself cannot take), `timeout` (not over after `max_steps`), `crashed`
+    (numbers that are not finite, or the engine's own complaint), `unconverged` (over, but with more energy
+    than it began with: the outcome keeps its numbers).
+    """
+
+    @abstractmethod
+    def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
+        """Run every column until its collision is over or `max_steps` steps are taken; in order."""
+
+    def refusal(self, column: Column) -> str | None:
+        """Why this engine in particular cannot take a column, in one sentence; None if it can."""
+        return None
+
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+        """Answer every collision, in order; failures are outcomes with a status."""
+        reason = self.unavailable()
+        if reason is not None:
+            return [Outcome.failure(self.name, "unavailable", reason) for _ in collisions]
+        outcomes: dict[int, Outcome] = {}
+        columns: dict[int, Column] = {}
+        for i, collision in enumerate(collisions):
+            refused = unrepresentable(collision)
+            if refused is None:
+                columns[i] = column_of(collision, settings)
+                refused = self.refusal(columns[i])
+            if refused is not None:
+                columns.pop(i, None)
+                outcomes[i] = Outcome.failure(self.name, "unrepresentable", refused)
+        runs = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
+        for i, run in zip(columns, runs, strict=True):
+            outcomes[i] = outcome_of(self.name, run, settings)
+        return [outcomes[i] for i in range(len(collisions))]
+
+
+def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
+    """Turn a finished run into an outcome.
+
+    `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy at the start),
+    for a drop `gravity_number` = g/(|v0| omega1), and where B2 came to rest on the table `rest_speed`, its
+    velocity in m/s at the instant the collision was over. Impulses are those of the contacts, support of B2's
+    weight included, and go with the velocities reported: for a B2 at rest without what it still had.
+    """
+    column = run.column
+    if run.end in (GOING, ALOFT):
+        reason = f"not over after max_steps = {settings.max_steps} steps of {column.step:.3g} s"
+        if run.end == ALOFT:
+            reason += (
+                f" (after {run.raw.n_steps} both balls are in flight, and meet again only after the last)"
+            )
+        return Outcome.failure(solver, "timeout", reason)
+    if run.end == BROKEN:
+        why = run.failure or "velocities are no longer finite"
+        reason = f"after {run.raw.n_steps} steps of {column.step:.3g} s: {why}; a smaller step may help"
+        return Outcome.failure(solver, "crashed", reason)
+    runs = states_of(run, settings.min_run)
+    gain = run.energy_gain()
+    diagnostics = {
+        "step": column.step,
+        "n_steps": float(run.raw.n_steps),
+        "duration": run.duration,
+        "energy_gain": gain,
+    }
+    if column.gravity:
+        diagnostics["gravity_number"] = column.gravity / (abs(column.v1) * column.contact1.omega)
+    v1, v2 = run.v1, run.v2
+    if run.end in (REST, STUCK):
+        diagnostics["rest_speed"] = v2
+        v1, v2 = (v1 if run.end == REST else 0.0), 0.0
+    impulse1, impulse2 = run.impulses(v1, v2)
+    created = gain > ENERGY_GAIN_ALLOWED
+    return Outcome(
+        solver=solver,
+        v1=v1,
+        v2=v2,
+        impulse1=impulse1,
+        impulse2=impulse2,
+        states=runs.names,
+        status="unconverged" if created else "ok",
+        reason=f"it ended with {gain:.1%} more energy than it began with: the step is too long"
+        if created
+        else "",
+        n_events=len(runs.names) - 1,
+        diagnostics=diagnostics,
+        path=run.path(runs) if run.points is not None else None,
+    )

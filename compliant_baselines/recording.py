@@ -1,0 +1,212 @@
+"""Following one column through the steps an engine takes, and the path it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compliant_baselines.column import Column
+from compliant_baselines.trajectory import BROKEN, GOING, Floats, Runs, ScanParameters, merge_runs, scan
+from model.collision import Path
+
+#: A recorded path has about as many points as this between the borders of its states.
+PATH_POINTS = 2000
+
+# Step number, v1, v2: one row a recorded point.
+_ROW = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What an engine made of a column.
+
+    Attributes
+    ----------
+    column : Column
+        What it was asked.
+    end : int
+        How it ended, of the constants of `compliant_baselines.trajectory`; `GOING` if it ran out of steps.
+    v1, v2, x1, x2 : float
+        Velocities in m/s and heights in m at the end.
+    x1_start, x2_start : float
+        Heights in m at the start, as the engine had them.
+    raw : Runs
+        States step by step, nothing merged.
+    points : ndarray, shape (n, 3), or None
+        Number of the step (0 is the start), v1, v2; the borders between raw states are among them.
+    failure : str
+        What the engine itself complained of, if it did.
+    """
+
+    column: Column
+    end: int
+    v1: float
+    v2: float
+    x1: float
+    x2: float
+    x1_start: float
+    x2_start: float
+    raw: Runs
+    points: Floats | None
+    failure: str = ""
+
+    @property
+    def duration(self) -> float:
+        """Time the run took, in s."""
+        return self.raw.n_steps * self.column.step
+
+    def impulses(self, v1: float, v2: float) -> tuple[float, float]:
+        """Give the total impulses of both contacts, in N s, for final velocities in m/s; gravity put back."""
+        c = self.column
+        fallen = c.gravity * self.duration
+        impulse1 = c.m1 * (v1 - c.v1 + fallen)
+        return impulse1, impulse1 + c.m2 * (v2 - c.v2 + fallen)
+
+    def energy_gain(self) -> float:
+        """Give the energy gained over the kinetic energy at the start, without what springs hold at the end.
+
+        Kinetic energy and height count, and so does what the support of a settled B2 holds at the start.
+        Dissipation and springs left loaded only make it smaller: a positive value is the engine's doing.
+        """
+        c = self.column
+
+        def energy(v1: float, v2: float, x1: float, x2: float) -> float:
+            return 0.5 * (c.m1 * v1 * v1 + c.m2 * v2 * v2) + c.gravity * (c.m1 * x1 + c.m2 * x2)
+
+        # A linear support that carries m2 g at the penetration -x2_start holds half their product.
+        held = -0.5 * c.m2 * c.gravity * self.x2_start if c.settled else 0.0
+        before = energy(c.v1, c.v2, self.x1_start, self.x2_start) + held
+        return (energy(self.v1, self.v2, self.x1, self.x2) - before) / energy(c.v1, c.v2, 0, 0)
+
+    def path(self, runs: Runs) -> Path:
+        """Give the recorded path under a (merged) state sequence; energies unknown."""
+        assert self.points is not None
+        c = self.column
+        step = self.points[:, 0].astype(np.int64)
+        # Step n ends at point n. The state of a point is that of the step before it; at a border the point is
+        # given again, with the state of the step after it.
+        at = np.searchsorted(runs.start, np.maximum(step - 1, 0), side="right") - 1
+        again = np.flatnonzero(np.isin(step, runs.start[1:]))
+        order = np.sort(np.concatenate([np.arange(step.size), again]), kind="stable")
+        state_index = at[order]
+        state_index[1:] += (order[1:] == order[:-1]).astype(state_index.dtype)
+        state = runs.state[state_index]
+        v1, v2 = self.points[order, 1], self.points[order, 2]
+        t = np.asarray(step[order] * c.step, np.float64)
+        impulse1 = c.m1 * (v1 - c.v1 + c.gravity * t)
+        impulse2 = impulse1 + c.m2 * (v2 - c.v2 + c.gravity * t)
+        phase1 = np.where(np.isin(state, (1, 3)), np.where(v2 > v1, 1, 2), 0)
+        phase2 = np.where(np.isin(state, (1, 2)), np.where(v2 < 0, 1, 2), 0)
+        return Path(t, impulse1, impulse2, v1, v2, None, None, state, phase1, phase2)
+
+
+class Recorder:
+    """Takes the steps of one column as an engine delivers them, in blocks, until the collision is over.
+
+    Parameters
+    ----------
+    column : Column
+        What the engine was asked.
+    x1, x2 : float
+        Heights at t = 0 in m, as the engine has them.
+    k2 : float
+        Stiffness in N/m of the support as the engine has it, about static equilibrium.
+    max_steps : int
+        Steps it may take.
+    record_path : bool
+        Whether to keep points.
+    """
+
+    def __init__(
+        self, column: Column, x1: float, x2: float, k2: float, max_steps: int, record_path: bool
+    ) -> None:
+        self.column = column
+        self._max_steps = max_steps
+        self.end = GOING
+        self._k2 = k2
+        rest = -column.m2 * column.gravity / k2
+        self._p = ScanParameters(
+            column.step, column.gravity, column.m1, column.m2, column.contact1.k, k2, rest
+        )
+        self._v = np.array([column.v1, column.v2])
+        self._x = np.array([x1, x2])
+        self._start = (x1, x2)
+        self.n_steps = 0
+        self._last_code = 0
+        self._starts: list[NDArray[np.int64]] = []
+        self._states: list[NDArray[np.int64]] = []
+        self._points = [np.array([[0.0, column.v1, column.v2]])] if record_path else None
+        self._stride = 1
+
+    def feed(self, v: Floats, x: Floats) -> bool:
+        """Take the next steps; say whether these were the last: the collision over, or given up.
+
+        Parameters
+        ----------
+        v, x : ndarray, shape (n, 2)
+            Velocities in m/s and heights in m of B1 and B2 after each step.
+        """
+        codes = np.empty(len(v), np.int8)
+        left = self._max_steps - self.n_steps - len(v)
+        n, self.end = scan(v, x, self._v, self._p, left, codes)
+        codes = codes[:n]
+        if n:
+            changes = np.flatnonzero(np.diff(codes, prepend=np.int8(self._last_code)))
+            self._starts.append(changes + self.n_steps)
+            self._states.append(codes[changes].astype(np.int64))
+            if self._points is not None:
+                self._keep(v[:n], changes)
+            self._v, self._x = v[n - 1].copy(), x[n - 1].copy()
+            self._last_code = int(codes[-1])
+            self.n_steps += n
+        return self.end != GOING
+
+    def _keep(self, v: Floats, changes: NDArray[np.int64]) -> None:
+        """Keep every `stride`-th point, the borders, and the last one of the block."""
+        assert self._points is not None
+        number = self.n_steps + 1 + np.arange(len(v))
+        wanted = number % self._stride == 0
+        wanted[-1] = True
+        wanted[changes[changes > 0] - 1] = True
+        self._points.append(np.column_stack([number[wanted], v[wanted]]))
+        if sum(map(len, self._points)) > 4 * PATH_POINTS:
+            self._thin(PATH_POINTS)
+
+    def _thin(self, limit: int) -> Floats:
+        """Double the stride until the points between borders fit the limit."""
+        assert self._points is not None
+        points = np.concatenate(self._points)
+        number = points[:, 0].astype(np.int64)
+        border = (
+            np.isin(number, np.concatenate(self._starts)) if self._starts else np.zeros(len(number), bool)
+        )
+        border[[0, -1]] = True
+        keep = np.ones(len(number), bool)
+        while np.count_nonzero(keep & ~border) > limit:
+            self._stride *= 2
+            keep = border | (number % self._stride == 0)
+        self._points = [points[keep]]
+        return self._points[0]
+
+    def finish(self, failure: str = "") -> Run:
+        """Close the record."""
+        empty = np.zeros(0, np.int64)
+        raw = Runs(
+            np.concatenate(self._starts) if self._starts else empty,
+            np.concatenate(self._states) if self._states else empty,
+            self.n_steps,
+        )
+        points = self._thin(PATH_POINTS) if self._points is not None else None
+        end = BROKEN if failure else self.end
+        v1, v2 = map(float, self._v)
+        x1, x2 = map(float, self._x)
+        return Run(self.column, end, v1, v2, x1, x2, *self._start, raw, points, failure)
+
+
+def states_of(run: Run, min_run: int) -> Runs:
+    """State sequence of a run: `merge_runs`, and S1 for a run that broke in its first step."""
+    if run.raw.n_steps == 0:
+        return Runs(np.zeros(1, np.int64), np.ones(1, np.int64), 0)
+    return merge_runs(run.raw, min_run)

@@ -1,0 +1,186 @@
+"""What velocities and heights, step by step, say of a collision: impulses, states, and when it is over.
+
+**Impulses** come from the balance of momentum, with gravity put back, for a step of length h:
+dI1 = m1 (dv1 + g h), dI2 = dI1 + m2 (dv2 + g h). No engine's own account of its contact forces is used.
+
+**A contact carries force** in a step if its impulse exceeds what rounding alone can make of it: `ROUNDING`
+units in the last place of the momenta the balance is made of. An engine updates a velocity by one or two
+additions, each good to half a unit, and makes the increment from a handful of products; 64 leaves an order of
+magnitude above that, and lies, at a step of 1/1000 of a period, eleven orders below the impulse per step of a
+fully loaded contact.
+
+**States**: S1 both contacts carry force, S2 ball-table only, S3 ball-ball only, S4 none. The sequence is read
+so:
+
+1. Until a contact has first carried force it counts as if it did: in the model both are active from the
+   start, with no force, while in an engine a contact shows only once its penetration has grown.
+2. A run of fewer than `min_run` steps takes the state of the run before it; equal neighbours then join. One
+   pass, in the order of time.
+3. The sequence ends in S4, the state of a collision that is over, also where B2 rests on the table by its
+   weight.
+
+S4 can occur on the way as well: both contacts open, the balls not yet apart for good.
+
+**The collision is over** at the end of the first step in which B1 is clear of B2, B2 is clear of the table or
+at rest on it, and v1 >= v2 >= 0.
+
+* *Clear*, without gravity: the contact carries no force. The velocities then stay as they are, each contact
+  opens at a constant rate >= 0, and a force that grows with penetration and with its rate never returns. With
+  gravity that does not follow, since B2 may sink back or stop B1 again: clear then means no force *and* an
+  open gap.
+* *At rest* (drop only): an elastic B2 never stops vibrating on its support. It is at rest when it cannot lift
+  off any more: its energy about equilibrium, (m2 v2^2 + k2 (x2 - x2_eq)^2)/2, does not exceed the (m2 g)^2/(2
+  k2) it takes to unload the contact; in other words the amplitude of its velocity is at most g/omega2. Its
+  velocity after the collision is then reported as 0: that is the mean over its vibration, it depends on no
+  phase, and it joins smoothly to the lift-off velocity, which goes to 0 at that same energy. What v2 was is
+  `rest_speed`.
+* *Stuck* (drop only): likewise, if the energy of both balls about their common equilibrium cannot unload
+  either contact, (m1 g)^2/(2 k1) and ((m1 + m2) g)^2/(2 k2), B1 never leaves B2. Both velocities are then 0.
+
+**Given up early** is a flight that outlasts the steps that are left: both balls in the air, and the next
+touch beyond the last step. So end two balls that leave with all but the same velocity, B2 the faster.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: Units in the last place of the momenta below which an impulse per step counts as none.
+ROUNDING = 64.0
+
+#: How a scan ended.
+GOING, FREE, REST, STUCK, BROKEN, ALOFT = 0, 1, 2, 3, 4, 5
+
+
+class ScanParameters(NamedTuple):
+    """What `scan` needs to know of a column, in SI units; k2 and x2_rest as the engine has them."""
+
+    h: float
+    g: float
+    m1: float
+    m2: float
+    k1: float
+    k2: float
+    x2_rest: float
+
+
+@numba.njit(cache=True)
+def scan(  # pragma: no cover (compiled)
+    v: Floats, x: Floats, before: Floats, p: ScanParameters, left: int, codes: NDArray[np.int8]
+) -> tuple[int, int]:
+    """Go through a stretch of steps until the collision is over.
+
+    Parameters
+    ----------
+    v, x : ndarray, shape (n, 2)
+        Velocities and heights of B1 and B2 after each step.
+    before : ndarray, shape (2,)
+        Velocities before the first step.
+    p : ScanParameters
+        The column.
+    left : int
+        Number of steps that may still be taken after these.
+    codes : ndarray of int8, shape (n,)
+        Filled with the raw state, 1 to 4, of each step.
+
+    Returns
+    -------
+    steps : int
+        Number of steps gone through; if the collision is over, it was over after the last of them.
+    end : int
+        `GOING`, `FREE`, `REST`, `STUCK`, `ALOFT` (given up), or `BROKEN` (a number that is not finite).
+    """
+    eps = ROUNDING * 2.220446049250313e-16
+    gh = p.g * p.h
+    u1, u2 = before[0], before[1]
+    stuck_below = 0.5 * p.g * p.g * min(p.m1**2 / p.k1, (p.m1 + p.m2) ** 2 / p.k2)
+    x12_rest = p.x2_rest - p.m1 * p.g / p.k2  # where B2 rests with B1 on it
+    d1_rest = p.m1 * p.g / p.k1
+    for i in range(v.shape[0]):
+        v1, v2, x1, x2 = v[i, 0], v[i, 1], x[i, 0], x[i, 1]
+        if not (math.isfinite(v1) and math.isfinite(v2) and math.isfinite(x1) and math.isfinite(x2)):
+            return i, BROKEN
+        impulse1 = p.m1 * (v1 - u1 + gh)
+        impulse2 = impulse1 + p.m2 * (v2 - u2 + gh)
+        noise1 = eps * p.m1 * (abs(v1) + abs(u1) + gh)
+        noise2 = noise1 + eps * p.m2 * (abs(v2) + abs(u2) + gh)
+        loaded1, loaded2 = impulse1 > noise1, impulse2 > noise2
+        codes[i] = (1 if loaded2 else 3) if loaded1 else (2 if loaded2 else 4)
+        u1, u2 = v1, v2
+
+        weightless = p.g == 0
+        if not loaded1 and (weightless or x1 >= x2) and v1 >= v2:
+            if not loaded2 and (weightless or x2 >= 0) and v2 >= 0:
+                return i + 1, FREE
+            if not weightless and v1 >= 0:
+                energy = p.m2 * v2 * v2 + p.k2 * (x2 - p.x2_rest) ** 2
+                if energy <= (p.m2 * p.g) ** 2 / p.k2:
+                    return i + 1, REST
+        if codes[i] == 4 and x1 >= x2 >= 0:
+            meet = (x1 - x2) / (v2 - v1) if v2 > v1 else np.inf
+            if weightless:
+                land = -x2 / v2 if v2 < 0 else np.inf
+            else:
+                land = (v2 + math.sqrt(v2 * v2 + 2 * p.g * x2)) / p.g
+            if min(meet, land) > (v.shape[0] - i + left) * p.h:
+                return i + 1, ALOFT
+        if not weightless and loaded1 and loaded2:
+            energy = p.m1 * v1 * v1 + p.m2 * v2 * v2
+            energy += p.k1 * (x2 - x1 - d1_rest) ** 2 + p.k2 * (x2 - x12_rest) ** 2
+            if 0.5 * energy <= stuck_below:
+                return i + 1, STUCK
+    return v.shape[0], GOING
+
+
+class Runs(NamedTuple):
+    """A sequence of states held for some steps each.
+
+    Attributes
+    ----------
+    start : ndarray of int
+        Number of the first step of each run; the first is 0.
+    state : ndarray of int
+        1 to 4.
+    n_steps : int
+        Number of steps in all.
+    """
+
+    start: NDArray[np.int64]
+    state: NDArray[np.int64]
+    n_steps: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The sequence as an outcome lists it: rule 3, closed by S4."""
+        names = tuple(f"S{s}" for s in self.state)
+        return names if names and names[-1] == "S4" else (*names, "S4")
+
+
+def merge_runs(raw: Runs, min_run: int) -> Runs:
+    """Read the state sequence off raw runs, by rules 1 and 2 of the module."""
+    state = raw.state.copy()
+    # Rule 1. Contact 1 carries force in S1 and S3, contact 2 in S1 and S2.
+    for carries, without in (((1, 3), {2: 1, 4: 3}), ((1, 2), {3: 1, 4: 2})):
+        loaded = np.flatnonzero(np.isin(state, carries))
+        first = loaded[0] if loaded.size else 0
+        for i in range(first):
+            state[i] = without.get(int(state[i]), int(state[i]))
+    start, kept = [0], [1]  # S1 stands at the start whatever rule 1 made of a collision without any contact
+    ends = np.append(raw.start[1:], raw.n_steps)
+    # Runs made equal by rule 1 join before their length is judged.
+    joined = np.append(True, state[1:] != state[:-1])
+    first_of = np.flatnonzero(joined)
+    last_of = np.append(first_of[1:], state.size) - 1
+    for a, b in zip(first_of, last_of, strict=True):
+        long_enough = ends[b] - raw.start[a] >= min_run
+        if long_enough and state[a] != kept[-1]:
+            start.append(int(raw.start[a]))
+            kept.append(int(state[a]))
+    return Runs(np.array(start), np.array(kept), raw.n_steps)

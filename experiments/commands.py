@@ -1,0 +1,204 @@
+"""What the commands of ``impact-xval`` do, and what they print."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shlex
+import time
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from compliant_baselines import get_solver, solver_names
+from experiments import sweep
+from experiments.config import REFERENCE, Config, load_config, parse_config, solvers_problem
+from experiments.errors import UserError
+from experiments.grid import collision_of
+from experiments.solving import answer, settings_of
+from experiments.store import RunFolder
+from experiments.summary import Summary
+from experiments.terminal import (
+    error_line,
+    make_console,
+    print_line,
+    show_progress,
+    show_summary,
+    side_by_side,
+)
+from model.collision import Collision, Outcome
+
+#: Keys of a configuration that the options of ``solve`` spell otherwise.
+_OPTIONS = {"stiffness_ratio_cutoff": "--cutoff"}
+
+
+def run(path: Path | None, out: Path | None, workers: int | None, resume: bool) -> None:
+    """Run an experiment and write everything a run writes."""
+    start = time.perf_counter()
+    config = load_config(path) if path is not None else parse_config({}, "built-in experiment")
+    root = out if out is not None else Path("runs") / _slug(config.name)
+    console = make_console()
+    try:
+        with show_progress(console) as progress:
+            folder = sweep.run_sweep(config, root, workers=workers, resume=resume, progress=progress)
+    except sweep.InterruptedRunError as stopped:
+        words = [
+            "impact-xval",
+            "run",
+            *([str(path)] if path is not None else []),
+            "--out",
+            str(root),
+            "--resume",
+        ]
+        error_line(f"{stopped}; finished parts are kept; to continue: {shlex.join(words)}")
+        raise typer.Exit(1) from None
+    summary = _write_all(folder)
+    show_summary(console, summary)
+    print_line(console, f"{time.perf_counter() - start:.0f} s; everything is in {folder.root}")
+
+
+def table(root: Path) -> None:
+    """Write the summary again and show it."""
+    from experiments.report import write_tables
+
+    folder = finished(root)
+    summary, _ = write_tables(folder)
+    console = make_console()
+    show_summary(console, summary)
+    print_line(console, f"summary.md, summary.csv and summary.tex are in {folder.root}")
+
+
+def figures(root: Path) -> None:
+    """Draw the figures again."""
+    from experiments.figures import write_figures
+
+    folder = finished(root)
+    console = make_console()
+    for path, caption in write_figures(folder):
+        print_line(console, f"{path}: {caption}")
+
+
+def report(root: Path) -> None:
+    """Write the report again."""
+    from experiments.report import write_report
+
+    print_line(make_console(), f"{write_report(finished(root))}")
+
+
+def finished(root: Path) -> RunFolder:
+    """Return the folder of a run that is complete.
+
+    Raises
+    ------
+    UserError
+        If it is not.
+    """
+    if not root.is_dir():
+        raise UserError(f"{root}: no such folder; legal: the folder of a run")
+    folder = RunFolder(root)
+    if folder.manifest().get("state") != "complete":
+        raise UserError(
+            f"{root}: the run is not finished; continue it with impact-xval run --out {root} --resume"
+        )
+    return folder
+
+
+def solve(values: dict[str, str], solvers: list[str] | None, *, as_json: bool) -> None:
+    """Solve one collision by several solvers and print the outcomes."""
+    config = _one_cell(values)
+    names = solvers or list(solver_names())
+    problem = solvers_problem(names)
+    if problem:
+        raise UserError(f"--solver {problem}")
+    collision = collision_of(config, config.figure_cell)
+    settings = settings_of(config)
+    outcomes = [answer(get_solver(name), [collision], settings)[0] for name in names]
+    if as_json:
+        objects = [outcome_object(n, collision, outcome) for n, outcome in zip(names, outcomes, strict=True)]
+        print(json.dumps(objects, indent=2, allow_nan=False))
+        return
+    reference = next((o for n, o in zip(names, outcomes, strict=True) if n == REFERENCE), None)
+    console = make_console()
+    console.print(side_by_side(names, collision, outcomes, reference))
+    for name, outcome in zip(names, outcomes, strict=True):
+        if outcome.reason:
+            print_line(console, f"{name}: {outcome.status}: {outcome.reason}")
+
+
+def outcome_object(name: str, collision: Collision, outcome: Outcome) -> dict[str, Any]:
+    """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0)."""
+    speed = abs(collision.v0)
+    impulse = collision.m1 * speed
+    margin = outcome.grazing_margin
+    return {
+        "solver": name,
+        "v1": _finite(outcome.v1 / speed),
+        "v2": _finite(outcome.v2 / speed),
+        "impulse1": _finite(outcome.impulse1 / impulse),
+        "impulse2": _finite(outcome.impulse2 / impulse),
+        "states": list(outcome.states),
+        "status": outcome.status,
+        "reason": outcome.reason,
+        "grazing_margin": None if margin is None else _finite(margin),
+        "diagnostics": {key: _finite(value) for key, value in outcome.diagnostics.items()},
+    }
+
+
+def whole(option: str, text: str | None, low: int, high: int) -> int | None:
+    """Read a whole number.
+
+    Raises
+    ------
+    UserError
+        If it is none, or out of range.
+    """
+    if text is None:
+        return None
+    try:
+        value = int(text)
+    except ValueError:
+        value = low - 1
+    if not low <= value <= high:
+        raise UserError(f"{option} = {text!r}; legal: a whole number from {low} to {high}")
+    return value
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _one_cell(values: dict[str, str]) -> Config:
+    """Make a configuration of the options of ``solve``; errors name the options."""
+    data: dict[str, Any] = {key: _number_or_text(text) for key, text in values.items()}
+    cell = {key: data.pop(key) for key in ("stiffness_ratio", "mass_ratio", "e1", "e2")}
+    data |= {"name": "solve", "figure_cell": cell, "grid": {key: [1.0] for key in cell}}
+
+    def option(location: Any) -> str:
+        key: str = location[-1] if location else ""
+        return _OPTIONS.get(key, "--" + key.replace("_", "-")) if key else "--stiffness-ratio, --mass-ratio"
+
+    return parse_config(data, where="", name=option)
+
+
+def _number_or_text(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _write_all(folder: RunFolder) -> Summary:
+    from experiments.figures import write_figures
+    from experiments.report import write_report, write_tables
+
+    summary, _ = write_tables(folder)
+    write_figures(folder)
+    write_report(folder)
+    return summary
+
+
+def _slug(name: str) -> str:
+    """Make a folder name of an experiment's name: it can neither leave the folder nor hide."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run"

@@ -1,0 +1,276 @@
+"""An experiment as a validated TOML file.
+
+Every key has a default, so an empty file is the built-in experiment. An illegal file gives one line that
+names the file, the field, the value and what is legal (`load_config`, which raises `UserError`).
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+import math
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from experiments.axes import MAX_CELLS, Axis, axis_problem, expand_axis
+from experiments.errors import UserError
+
+#: The solver every other one is compared with; part of every run.
+REFERENCE = "state-transition"
+
+_Name = Annotated[str, Field(description="1 to 100 printable characters", min_length=1, max_length=100)]
+_Restitution = Annotated[float, Field(ge=0, le=1, description="from 0 to 1")]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Cell(_Strict):
+    """One collision by its ratios; the numbers that decide an impact (Theorem 5)."""
+
+    stiffness_ratio: float = Field(default=1.0, ge=0, description="from 0 to inf (k2/k1)")
+    mass_ratio: float = Field(
+        default=2 / math.sqrt(3), gt=0, allow_inf_nan=False, description="a finite number > 0 (m2/m1)"
+    )
+    e1: _Restitution = 0.9
+    e2: _Restitution = 0.7
+
+
+class Grid(_Strict):
+    """Axes of the grid: each a list of numbers, ``{log = [lo, hi, n]}`` or ``{linear = [lo, hi, n]}``."""
+
+    stiffness_ratio: Axis = Field({"log": [1e-3, 1e3, 13]}, description="from 0 to inf (k2/k1)")
+    mass_ratio: Axis = Field([0.5, 2 / math.sqrt(3), 2.0], description="finite numbers > 0 (m2/m1)")
+    e1: Axis = Field([0.5, 0.7, 0.9, 1.0], description="from 0 to 1")
+    e2: Axis = Field([0.5, 0.7, 0.9, 1.0], description="from 0 to 1")
+
+    @field_validator("stiffness_ratio", "mass_ratio", "e1", "e2", mode="before")
+    @classmethod
+    def _legal_axis(cls, value: object, info: Any) -> object:
+        problem = axis_problem(info.field_name, value)
+        if problem:
+            raise ValueError(problem)
+        return value
+
+    @model_validator(mode="after")
+    def _affordable(self) -> Grid:
+        cells = math.prod(self.lengths())
+        if cells > MAX_CELLS:
+            raise ValueError(f"the axes make {cells} cells; legal: 1 to {MAX_CELLS}")
+        return self
+
+    def axes(self) -> dict[str, list[float]]:
+        """Values of every axis, in the order of the grid: the last axis varies fastest."""
+        return {name: expand_axis(getattr(self, name)) for name in type(self).model_fields}
+
+    def lengths(self) -> list[int]:
+        """Count the values of every axis, without making them."""
+        axes = (getattr(self, name) for name in type(self).model_fields)
+        return [int(next(iter(axis.values()))[2]) if isinstance(axis, dict) else len(axis) for axis in axes]
+
+
+class Config(_Strict):
+    """An experiment: what is computed, by which solvers and how."""
+
+    name: _Name = "default"
+    scenario: Literal["impact", "drop"] = Field("drop", description="'impact' or 'drop'")
+    gravity: float = Field(9.81, gt=0, allow_inf_nan=False, description="a finite number > 0 (m/s^2)")
+    m1: float = Field(1.0, gt=0, allow_inf_nan=False, description="a finite number > 0 (kg)")
+    k1: float = Field(1e8, gt=0, allow_inf_nan=False, description="a finite number > 0 (N/m)")
+    v0: float = Field(
+        -1.0, lt=0, allow_inf_nan=False, description="a finite number < 0 (m/s, up is positive)"
+    )
+    solvers: list[str] = Field(
+        [REFERENCE, "mujoco", "pybullet"],
+        description="a list of names of solvers, each once",
+    )
+    step_fraction: float = Field(
+        1e-3, gt=0, le=0.1, description="greater than 0, at most 0.1 (of a contact period)"
+    )
+    max_steps: int = Field(2_000_000, ge=1, le=10**12, description="a whole number >= 1")
+    min_run: int = Field(3, ge=1, le=10**6, description="a whole number from 1 to 1000000 (steps)")
+    mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
+    stiffness_ratio_cutoff: float = Field(1e5, gt=1, description="greater than 1, up to inf")
+    grazing_threshold: float = Field(1e-5, ge=0, le=1, description="from 0 to 1 (per |v0|)")
+    chunk_size: int = Field(16, ge=1, le=100_000, description="a whole number from 1 to 100000 (cells)")
+    workers: int | None = Field(None, ge=1, le=4096, description="a whole number from 1 to 4096")
+    grid: Grid = Field(default_factory=lambda: Grid.model_validate({}), description="a table of axes")
+    figure_cell: Cell = Field(
+        default_factory=lambda: Cell.model_validate({}),
+        description="a table: stiffness_ratio, mass_ratio, e1, e2",
+    )
+
+    @field_validator("name")
+    @classmethod
+    def _printable(cls, value: str) -> str:
+        if not value.isprintable() or not value.strip():
+            raise ValueError(f"{value!r}; legal: 1 to 100 printable characters")
+        return value
+
+    @field_validator("solvers")
+    @classmethod
+    def _known_solvers(cls, value: list[str]) -> list[str]:
+        problem = solvers_problem(value)
+        if problem:
+            raise ValueError(problem)
+        # The reference leads, asked for or not: without it there is nothing to diverge from.
+        return [REFERENCE, *(name for name in value if name != REFERENCE)]
+
+    @model_validator(mode="after")
+    def _within_double_precision(self) -> Config:
+        for name, base in (("stiffness_ratio", self.k1), ("mass_ratio", self.m1)):
+            for ratio in (*self.grid.axes()[name], getattr(self.figure_cell, name)):
+                product = ratio * base
+                if 0 < ratio < math.inf and not 0 < product < math.inf:
+                    raise ValueError(
+                        f"{name} = {ratio!r} times {base!r} = {product!r} leaves double precision; "
+                        "legal: a finite product > 0"
+                    )
+        return self
+
+    def canonical(self) -> dict[str, Any]:
+        """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
+        return _plain(self.model_dump())
+
+    def identity(self) -> str:
+        """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""
+        plain = self.canonical()
+        for cosmetic in ("name", "workers", "figure_cell", "grazing_threshold"):
+            del plain[cosmetic]
+        plain["grid"] = _plain(self.grid.axes())
+        return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def solvers_problem(names: list[str]) -> str | None:
+    """Say what is wrong with a list of solver names, or return None."""
+    from compliant_baselines import solver_names
+
+    known = list(solver_names())
+    for name in names:
+        if name not in known:
+            return f"{name!r} is not a solver{_hint(name, known)}; legal: {', '.join(known)}"
+        if names.count(name) > 1:
+            return f"{name!r} is listed more than once; legal: each solver once"
+    return None if names else f"[] is empty; legal: one or more of {', '.join(known)}"
+
+
+def load_config(path: Path | str) -> Config:
+    """Read an experiment from a TOML file.
+
+    Raises
+    ------
+    UserError
+        If the file cannot be read or holds anything illegal; one line with file, field, value and legal
+        range.
+    """
+    path = Path(path)
+    try:
+        data = tomllib.loads(path.read_bytes().decode("utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file; legal: a TOML file") from None
+    except IsADirectoryError:
+        raise UserError(f"{path}: is a directory; legal: a TOML file") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: not UTF-8 (byte {error.start}); legal: a TOML file in UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{path}: not TOML: {error}") from None
+    except (RecursionError, ValueError):
+        # The parser recurses into nested brackets, and Python caps the digits of a whole number.
+        raise UserError(
+            f"{path}: not TOML that can be read: nested too deeply, or a number too long"
+        ) from None
+    return parse_config(data, where=str(path))
+
+
+def parse_config(
+    data: dict[str, Any], where: str = "configuration", name: Callable[[Sequence[str]], str] = ".".join
+) -> Config:
+    """Validate an experiment given as plain values.
+
+    Parameters
+    ----------
+    data : dict
+        As a TOML file holds it.
+    where : str
+        What an error begins with; the empty text leaves it out.
+    name : callable
+        How an error names the field at a path of keys.
+
+    Raises
+    ------
+    UserError
+        If anything is illegal.
+    """
+    try:
+        return Config.model_validate(data)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise UserError(f"{where}: {_one_line(problems[0], name)}{more}".removeprefix(": ")) from None
+
+
+def from_canonical(plain: dict[str, Any], where: str) -> Config:
+    """Undo `Config.canonical`."""
+
+    def revive(value: object, key: str = "") -> Any:
+        if isinstance(value, dict):
+            return {name: revive(entry, name) for name, entry in value.items()}
+        if isinstance(value, list):
+            return [revive(entry, key) for entry in value]
+        return math.inf if value == "inf" and key != "name" else value
+
+    return parse_config(revive(plain), where)
+
+
+def _one_line(problem: Any, name: Callable[[Sequence[str]], str]) -> str:
+    """Turn one of pydantic's findings into ``field = value; legal: range``."""
+    location = [str(part) for part in problem["loc"]]
+    known_part = [
+        part for part in location if part not in ("list[float]", "dict[str,list[union[int,float]]]")
+    ]
+    field = name(known_part)
+    fields: dict[str, Any] = Config.model_fields
+    legal = ""
+    for part in location:
+        if part not in fields:
+            break
+        legal = fields[part].description or ""
+        annotation = fields[part].annotation
+        fields = annotation.model_fields if hasattr(annotation, "model_fields") else {}
+    value = _short(problem["input"])
+    if problem["type"] == "extra_forbidden":
+        table = Config.model_fields[location[0]].annotation if len(location) > 1 else Config
+        known = list(table.model_fields)  # type: ignore[union-attr]
+        return f"{field} = {value}: unknown key{_hint(location[-1], known)}; legal: {', '.join(known)}"
+    if problem["type"] == "value_error":
+        text = str(problem["ctx"]["error"])
+        return f"{field} = {text}" if location and field != "grid" else f"{field}: {text}".removeprefix(": ")
+    return f"{field} = {value}; legal: {legal}" if location else f"{value}: {problem['msg']}"
+
+
+def _hint(word: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(word, known, n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def _short(value: object, limit: int = 60) -> str:
+    text = repr(value)
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, float) and math.isinf(value):
+        return "inf"
+    return value

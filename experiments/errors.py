@@ -1,0 +1,13 @@
+"""The one exception whose message is meant for the user."""
+
+from __future__ import annotations
+
+
+class UserError(Exception):
+    """What the user asked for cannot be done; the message is one line that says what and where.
+
+    The command line prints it without a traceback and ends with exit code 2.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(str(message).split()))

@@ -1,0 +1,264 @@
+"""The summary as a document: what was found in plain words, with the numbers of the run, and tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from experiments.config import REFERENCE
+from experiments.divergence import COMPARABLE
+from experiments.document import Block, Heading, Paragraph, Table
+from experiments.summary import AXES, FULL_PATHS, SUMMARISED, Frame, Summary
+
+_CUTS = ("median", "p95", "max")
+#: Longest table along an axis.
+_ROWS = 40
+_CUT_NAMES = ("median", "95th percentile", "maximum")
+
+
+def build_document(summary: Summary) -> list[Block]:
+    """Arrange the summary of a run."""
+    return [
+        Heading(f"Divergence from the state-transition model: {summary.config.name}", level=1),
+        Paragraph(_what_was_run(summary)),
+        Heading("What was found"),
+        *(Paragraph(text) for text in findings(summary)),
+        overall_table(summary),
+        Heading("Where"),
+        *(axis_table(summary, axis) for axis in AXES),
+        worst_table(summary),
+        Heading("State paths"),
+        path_table(summary),
+        Heading("Grazing cells"),
+        Paragraph(_grazing(summary)),
+        grazing_table(summary),
+        Heading("Statuses"),
+        status_table(summary),
+        *([reason_table(summary)] if len(summary.reasons) else []),
+        Heading("Every measure by axis"),
+        *(detail_table(summary, axis) for axis in AXES),
+    ]
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Write a number for a reader; a dash where there is none."""
+    if value is None or math.isnan(value):
+        return "-"
+    return f"{float(f'{value:.{digits}g}'):g}"
+
+
+def percent(share: float) -> str:
+    """Write a share as a percentage; a dash where there is none."""
+    return "-" if math.isnan(share) else f"{100 * share:.1f} %"
+
+
+def findings(summary: Summary) -> list[str]:
+    """Say in plain words what the run found, most important first."""
+    texts = [text for name in summary.solvers if (text := _finding(summary, name))]
+    texts += _closest(summary)
+    return [*texts, _grazing(summary)] if texts else ["No cell could be compared.", _grazing(summary)]
+
+
+def _what_was_run(summary: Summary) -> str:
+    c = summary.config
+    scale = f"m1 = {number(c.m1)} kg, k1 = {number(c.k1)} N/m, v0 = {number(c.v0)} m/s"
+    gravity = f" and g = {number(c.gravity)} m/s^2" if c.scenario == "drop" else ", without gravity"
+    return (
+        f"{summary.n_cells} cells of scenario '{c.scenario}' at {scale}{gravity}; step fraction "
+        f"{number(c.step_fraction)}, {c.mapping} mapping. D is the kinetic norm of the difference of the "
+        "final velocities, sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)); velocities are per |v0|, impulses per m1 "
+        "|v0|. Unless said otherwise, cells beside a jump of the model are left out."
+    )
+
+
+def _finding(summary: Summary, name: str) -> str:
+    d = summary.get(name, "velocity_divergence")
+    if not d.n:
+        return ""
+    equal, full = summary.get(name, "states_equal"), summary.get(name, FULL_PATHS)
+    worst = summary.worst[summary.worst.solver == name].iloc[0]
+    medians = {
+        value: summary.get(name, "velocity_divergence", "stiffness_ratio", value)["median"]
+        for value in summary.config.grid.axes()["stiffness_ratio"]
+    }
+    medians = {value: median for value, median in medians.items() if not math.isnan(median)}
+    low, high = min(medians, key=lambda v: medians[v]), max(medians, key=lambda v: medians[v])
+    where = (
+        f" By k2/k1 its median is smallest, {number(medians[low])}, at {number(low)} and largest, "
+        f"{number(medians[high])}, at {number(high)}."
+        if low != high
+        else ""
+    )
+    return (
+        f"{name} diverges from the model by D = {number(d['median'])} (median), {number(d.p95)} (95th "
+        f"percentile) and at most {number(d['max'])} over {d.n} cells; the most at {_where(worst)}, where it "
+        f"ends with {_velocities(worst)}.{where} Its state path is the model's in {percent(equal['mean'])} "
+        f"of the cells, and in {percent(full['mean'])} of the {full.n} in which the model took no limit."
+    )
+
+
+def _where(row: Frame) -> str:
+    return ", ".join(f"{label} = {number(row[axis])}" for axis, label in AXES.items())
+
+
+def _velocities(row: Frame) -> str:
+    return f"dv1 = {number(row.dv1)}, dv2 = {number(row.dv2)} per |v0|"
+
+
+def _closest(summary: Summary) -> list[str]:
+    """Compare the engines with the engine-free reference they should converge to."""
+    texts = []
+    for row in summary.between.itertuples():
+        if "kelvin-voigt" in (row.solver, row.other):
+            name = row.other if row.solver == "kelvin-voigt" else row.solver
+            model = summary.get(str(name), "velocity_divergence")["median"]
+            texts.append(
+                f"Between {name} and kelvin-voigt D is {number(row.median)} (median) and at most "
+                f"{number(row.max)} over {row.n} cells, beside {number(model)} (median) between {name} and "
+                "the model."
+            )
+    return texts
+
+
+def _grazing(summary: Summary) -> str:
+    threshold = number(summary.config.grazing_threshold)
+    return (
+        f"{summary.n_grazing} of {summary.n_cells} cells lie within {threshold} (per |v0|) of a jump of the "
+        "model, where a compression nearly ends or nearly does not; their outcome is discontinuous in the "
+        "parameters, and they are kept apart."
+    )
+
+
+def overall_table(summary: Summary) -> Table:
+    """Tabulate every measure by solver."""
+    rows = []
+    for name in summary.solvers:
+        for measure, label in SUMMARISED.items():
+            row = summary.get(name, measure)
+            rows.append((name, label, str(int(row.n)), *(number(row[cut]) for cut in _CUTS)))
+    return Table(
+        "Divergence of each solver from the model, all cells but the grazing ones (velocities per |v0|, "
+        "impulses and distances of impulse curves per m1 |v0|, sizes)",
+        ("solver", "measure", "cells", *_CUT_NAMES),
+        rows,
+        text_columns=2,
+    )
+
+
+def _shown(summary: Summary, axis: str) -> tuple[list[float], str]:
+    """Values of an axis that tables show, and what a caption says where that is not all of them."""
+    values = summary.config.grid.axes()[axis]
+    step = -(-len(values) // _ROWS)
+    note = f" ({len(values[::step])} of {len(values)} values; all are in summary.csv)" if step > 1 else ""
+    return values[::step], note
+
+
+def axis_table(summary: Summary, axis: str) -> Table:
+    """Tabulate D along one axis, a row a value."""
+    rows = []
+    values, note = _shown(summary, axis)
+    for value in values:
+        cells = [number(value)]
+        for name in summary.solvers:
+            row = summary.get(name, "velocity_divergence", axis, value)
+            cells.append(" / ".join(number(row[cut], 2) for cut in _CUTS) if row.n else "-")
+        rows.append(cells)
+    return Table(
+        f"D by {AXES[axis]}: median / 95th percentile / maximum over the other axes{note}",
+        (AXES[axis], *summary.solvers),
+        rows,
+    )
+
+
+def detail_table(summary: Summary, axis: str) -> Table:
+    """Tabulate every measure along one axis, a row a value and solver."""
+    rows = []
+    values, note = _shown(summary, axis)
+    for value in values:
+        for name in summary.solvers:
+            stats = [summary.get(name, measure, axis, value) for measure in SUMMARISED]
+            cells = [" / ".join(number(row[cut], 2) for cut in _CUTS) if row.n else "-" for row in stats]
+            rows.append(
+                (number(value), name, *cells, percent(summary.get(name, FULL_PATHS, axis, value)["mean"]))
+            )
+    return Table(
+        f"Every measure by {AXES[axis]}: median / 95th percentile / maximum, and the share of equal paths "
+        f"paths{note}",
+        (AXES[axis], "solver", *SUMMARISED.values(), "equal paths"),
+        rows,
+        text_columns=2,
+        detail=True,
+    )
+
+
+def worst_table(summary: Summary) -> Table:
+    """Tabulate the cells with the largest D."""
+    rows = [
+        (
+            str(row["solver"]),
+            *(str(row[key] or "-") for key in ("model_states", "states")),
+            str(row["cell"]),
+            *(number(row[axis]) for axis in AXES),
+            number(row["velocity_divergence"]),
+            number(row["dv1"]),
+            number(row["dv2"]),
+        )
+        for _, row in summary.worst.iterrows()
+    ]
+    header = ("solver", "model's path", "solver's path", "cell", *AXES.values(), "D", "dv1", "dv2")
+    return Table("The cells that diverge most, by solver, grazing cells left out", header, _compact(rows), 3)
+
+
+def _compact(rows: list[tuple[str, ...]]) -> Sequence[Sequence[str]]:
+    """Shorten state paths to their digits: S1 S3 S4 becomes 134."""
+    return [
+        (row[0], row[1].replace("S", "").replace(" ", ""), row[2].replace("S", "").replace(" ", ""), *row[3:])
+        for row in rows
+    ]
+
+
+def path_table(summary: Summary) -> Table:
+    """Tabulate how often the state paths agree."""
+    rows = []
+    values, note = _shown(summary, "stiffness_ratio")
+    for value in values:
+        shares = [summary.get(n, FULL_PATHS, "stiffness_ratio", value)["mean"] for n in summary.solvers]
+        rows.append((number(value), *map(percent, shares)))
+    rows.append(("all", *(percent(summary.get(name, FULL_PATHS)["mean"]) for name in summary.solvers)))
+    return Table(
+        f"Share of cells whose state path equals the model's, by k2/k1, where the model took no limit{note}",
+        ("k2/k1", *summary.solvers),
+        rows,
+    )
+
+
+def grazing_table(summary: Summary) -> Table:
+    """Tabulate D in the cells beside a jump."""
+    rows = []
+    for name in summary.solvers:
+        row = summary.get(name, "velocity_divergence", cells="grazing")
+        equal = summary.get(name, "states_equal", cells="grazing")
+        rows.append((name, str(int(row.n)), *(number(row[cut]) for cut in _CUTS), percent(equal["mean"])))
+    return Table("D in the grazing cells", ("solver", "cells", *_CUT_NAMES, "equal paths"), rows)
+
+
+def status_table(summary: Summary) -> Table:
+    """Count the statuses."""
+    columns = list(summary.statuses.columns)
+    columns = [
+        *(name for name in COMPARABLE if name in columns),
+        *(n for n in columns if n not in COMPARABLE),
+    ]
+    rows = [
+        (str(name), *(str(row[column]) for column in columns)) for name, row in summary.statuses.iterrows()
+    ]
+    return Table(f"Cells by solver and status ({REFERENCE} is the model)", ("solver", *columns), rows)
+
+
+def reason_table(summary: Summary) -> Table:
+    """Tabulate why there is no result, the most frequent reasons first."""
+    shown = summary.reasons.head(10)
+    rows = [(row.solver, row.status, row.reason, str(row.n)) for row in shown.itertuples()]
+    more = len(summary.reasons) - len(shown)
+    caption = "Why cells have no result" + (f" (and {more} reasons more, in cells.parquet)" if more else "")
+    return Table(caption, ("solver", "status", "reason", "cells"), rows, text_columns=3)

@@ -1,0 +1,97 @@
+"""What people look at after a run: the summary in three formats, and one self-contained HTML page."""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from experiments.document import Block, Heading, to_latex, to_markdown
+from experiments.figures import CAPTIONS, write_figures
+from experiments.findings import build_document, number
+from experiments.grid import CellGrid
+from experiments.solving import gravity_number
+from experiments.store import RunFolder, replacing, write_text
+from experiments.summary import Summary, summarise
+
+
+def write_tables(folder: RunFolder) -> tuple[Summary, list[Block]]:
+    """Write ``summary.md``, ``summary.csv`` and ``summary.tex`` of a finished run.
+
+    Returns
+    -------
+    summary : Summary
+    document : list of Block
+        The text that was written.
+    """
+    summary = summarise(folder)
+    document = build_document(summary)
+    write_text(folder.root / "summary.md", to_markdown(document))
+    write_text(folder.root / "summary.tex", to_latex(document))
+    with replacing(folder.root / "summary.csv") as temporary:
+        summary.statistics.to_csv(temporary, index=False, lineterminator="\n")
+    return summary, document
+
+
+def write_report(folder: RunFolder) -> Path:
+    """Write ``report.html`` of a finished run; its figures are drawn if they are not there.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    summary = summarise(folder)
+    document = build_document(summary)
+    environment = Environment(
+        loader=PackageLoader("experiments"), autoescape=True, undefined=StrictUndefined, trim_blocks=False
+    )
+    sections = [i for i, block in enumerate(document) if isinstance(block, Heading) and block.level == 2]
+    page = environment.get_template("report.html.j2").render(
+        title=f"impact-xval: {summary.config.name}",
+        blocks=[{"kind": type(block).__name__.lower(), **asdict(block)} for block in document],
+        figures=_figures(folder),
+        figures_after=sections[1] if len(sections) > 1 else len(document),
+        config=summary.config,
+        gravity_number=number(gravity_number(summary.config, CellGrid(summary.config)[0].collision)),
+        provenance=_provenance(folder.manifest()),
+    )
+    path = folder.root / "report.html"
+    write_text(path, page)
+    return path
+
+
+def _figures(folder: RunFolder) -> list[dict[str, str]]:
+    captions = folder.root / "figures" / CAPTIONS
+    if captions.is_file():
+        known: dict[str, str] = json.loads(captions.read_text(encoding="utf-8"))
+        drawn = [(folder.root / "figures" / f"{name}.png", caption) for name, caption in known.items()]
+    else:
+        drawn = write_figures(folder)
+    return [
+        {"caption": caption, "data": base64.b64encode(path.read_bytes()).decode("ascii")}
+        for path, caption in drawn
+        if path.is_file()
+    ]
+
+
+def _provenance(manifest: dict[str, Any]) -> list[tuple[str, str]]:
+    sessions = manifest.get("sessions", [])
+    entries = [("cells", str(manifest.get("cells"))), ("identity", str(manifest.get("identity")))]
+    entries += [(f"version of {name}", str(value)) for name, value in manifest.get("versions", {}).items()]
+    entries += [(f"library {name}", str(value)) for name, value in manifest.get("libraries", {}).items()]
+    entries += [(str(key), str(value)) for key, value in manifest.get("machine", {}).items()]
+    entries.append(("seeds", str(manifest.get("seeds"))))
+    entries += [
+        (
+            f"session {position}",
+            f"finished {session['finished']}, {session['wall_time_s']} s on {session['workers']} workers, "
+            f"{session['parts_computed']} parts computed, {session['parts_reused']} reused",
+        )
+        for position, session in enumerate(sessions, start=1)
+    ]
+    return entries

@@ -1,0 +1,89 @@
+"""Columns of the tables a run writes, with their units."""
+
+from __future__ import annotations
+
+import pyarrow as pa
+
+_TYPES = {"int": pa.int64(), "float": pa.float64(), "text": pa.string(), "bool": pa.bool_()}
+
+#: Name, type, unit ("-" is dimensionless) and meaning.
+_PARAMETERS = (
+    ("cell", "int", "-", "number of the cell in the grid, from 0"),
+    ("stiffness_ratio", "float", "-", "k2/k1"),
+    ("mass_ratio", "float", "-", "m2/m1"),
+    ("e1", "float", "-", "restitution, ball on ball"),
+    ("e2", "float", "-", "restitution, ball on table"),
+    ("m1", "float", "kg", "mass of the upper ball B1"),
+    ("m2", "float", "kg", "mass of the lower ball B2"),
+    ("k1", "float", "N/m", "stiffness, ball on ball"),
+    ("k2", "float", "N/m", "stiffness, ball on table"),
+    ("v0", "float", "m/s", "velocity of B1 at first touch; up is positive"),
+)
+_WHO = (
+    ("solver", "text", "-", "name of the solver"),
+    ("status", "text", "-", "ok, limit, or why there is no result"),
+    ("reason", "text", "-", "one sentence where the status is not ok"),
+)
+_OUTCOME = (
+    ("v1", "float", "m/s", "velocity of B1 when the collision is over"),
+    ("v2", "float", "m/s", "velocity of B2 when the collision is over"),
+    ("impulse1", "float", "N s", "total impulse, ball on ball"),
+    ("impulse2", "float", "N s", "total impulse, ball on table"),
+    ("states", "text", "-", "state sequence, separated by spaces"),
+    ("n_states", "int", "-", "length of the state sequence"),
+    ("n_events", "int", "-", "number of events"),
+    ("grazing_margin", "float", "-", "nearness to a jump of the model, per |v0|; small is near"),
+    ("retained_energy", "float", "-", "kinetic energy after over before"),
+    ("step", "float", "s", "time step"),
+    ("n_steps", "int", "-", "number of time steps"),
+    ("duration", "float", "s", "from first touch to the end of the collision"),
+    ("gravity_number", "float", "-", "g/(|v0| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity"),
+)
+_MEASURES = (
+    ("velocity_divergence", "float", "-", "D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2))"),
+    ("dv1", "float", "-", "solver minus model, per |v0|"),
+    ("dv2", "float", "-", "solver minus model, per |v0|"),
+    ("dimpulse1", "float", "-", "solver minus model, per m1 |v0|"),
+    ("dimpulse2", "float", "-", "solver minus model, per m1 |v0|"),
+    ("dretained_energy", "float", "-", "difference of the retained energy fractions, solver minus model"),
+    ("states_equal", "bool", "-", "whether the state sequences are equal"),
+    ("states_part_at", "int", "-", "position, from 1, of the first state that differs; null if equal"),
+    ("states_edit_distance", "int", "-", "insertions, deletions and substitutions between the sequences"),
+    ("curve_distance", "float", "-", "symmetric Hausdorff distance of the impulse curves, per m1 |v0|"),
+)
+_MODEL = (
+    ("model_states", "text", "-", "state sequence of the state-transition model"),
+    ("model_status", "text", "-", "status of the state-transition model"),
+    ("model_grazing_margin", "float", "-", "grazing margin of the state-transition model, per |v0|"),
+)
+
+#: What a reader of the files finds documented beside each column.
+COLUMNS = {
+    name: (kind, unit, meaning)
+    for name, kind, unit, meaning in (*_PARAMETERS, *_WHO, *_OUTCOME, *_MEASURES, *_MODEL)
+}
+PARAMETERS = tuple(row[0] for row in _PARAMETERS)
+MEASURES = tuple(row[0] for row in _MEASURES)
+CELLS = (*PARAMETERS, *(row[0] for row in (*_WHO, *_OUTCOME)))
+DIVERGENCE = (
+    *PARAMETERS,
+    *(row[0] for row in _WHO),
+    *MEASURES,
+    "states",
+    *(row[0] for row in _MODEL),
+)
+
+
+def schema(names: tuple[str, ...]) -> pa.Schema:
+    """Arrow schema of a table; unit and meaning of each column are in its metadata."""
+    fields = []
+    for name in names:
+        kind, unit, meaning = COLUMNS[name]
+        fields.append(pa.field(name, _TYPES[kind], metadata={"unit": unit, "meaning": meaning}))
+    return pa.schema(fields)
+
+
+#: Everything known of one cell and solver: what a part holds, and the two tables are cut from.
+ROW_SCHEMA = schema(tuple(COLUMNS))
+CELLS_SCHEMA = schema(CELLS)
+DIVERGENCE_SCHEMA = schema(DIVERGENCE)

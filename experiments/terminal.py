@@ -1,0 +1,129 @@
+"""What the commands print: progress, tables and lines, on a terminal or in a log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from experiments.divergence import COMPARABLE, divergence
+from experiments.document import Table
+from experiments.findings import findings, grazing_table, number, overall_table, status_table
+from experiments.summary import Summary
+from model.collision import Collision, Outcome
+
+#: Columns of a page that is not a terminal.
+_WIDTH = 150
+
+
+def side_by_side(
+    names: list[str], collision: Collision, outcomes: list[Outcome], reference: Outcome | None
+) -> RichTable:
+    """Tabulate one collision by several solvers; velocities per abs(v0), impulses per m1 abs(v0)."""
+    shown = RichTable(box=None, pad_edge=False)
+    shown.add_column("solver")
+    shown.add_column("status")
+    for title in ("v1/|v0|", "v2/|v0|", "I1/(m1|v0|)", "I2/(m1|v0|)", "D"):
+        shown.add_column(title, justify="right")
+    shown.add_column("states")
+    speed = abs(collision.v0)
+    for name, outcome in zip(names, outcomes, strict=True):
+        if outcome.status not in COMPARABLE:
+            shown.add_row(name, outcome.status, *["-"] * 6)
+            continue
+        impulse = collision.m1 * speed
+        away = divergence(collision, reference, outcome)["velocity_divergence"] if reference else None
+        scaled = (
+            outcome.v1 / speed,
+            outcome.v2 / speed,
+            outcome.impulse1 / impulse,
+            outcome.impulse2 / impulse,
+        )
+        cells = [f"{value:.6f}" for value in scaled]
+        shown.add_row(
+            name, outcome.status, *cells, "-" if away is None else number(away), " ".join(outcome.states)
+        )
+    return shown
+
+
+def show_summary(console: Console, summary: Summary) -> None:
+    """Print what a run found."""
+    for shown in (overall_table(summary), grazing_table(summary), status_table(summary)):
+        print_line(console, "")
+        print_line(console, shown.caption)
+        console.print(_rich(shown))
+    print_line(console, "")
+    for text in findings(summary):
+        print_line(console, text)
+
+
+def _rich(table: Table) -> RichTable:
+    shown = RichTable(box=None, pad_edge=False)
+    for position, title in enumerate(table.header):
+        shown.add_column(Text(title), justify="left" if position < table.text_columns else "right")
+    for row in table.rows:
+        shown.add_row(*map(Text, row))
+    return shown
+
+
+@contextmanager
+def show_progress(console: Console) -> Iterator[Callable[[int, int, str], None]]:
+    """Show progress: a bar on a terminal, a line for every tenth of the work otherwise."""
+    if console.is_terminal:
+        columns = (
+            TextColumn("cells"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=console) as bar:
+            task = bar.add_task("cells", total=None)
+
+            def on_bar(done: int, total: int, line: str) -> None:
+                if line:
+                    bar.console.print(line, markup=False, highlight=False)
+                if total:
+                    bar.update(task, completed=done, total=total)
+
+            yield on_bar
+        return
+    start, said = time.perf_counter(), -1
+
+    def on_log(done: int, total: int, line: str) -> None:
+        nonlocal said
+        if line:
+            print_line(console, line)
+        elif total and 10 * done // total > said:
+            said = 10 * done // total
+            print_line(console, f"{done} of {total} cells after {time.perf_counter() - start:.0f} s")
+
+    yield on_log
+
+
+def make_console() -> Console:
+    """Return the console of standard output; a log gets wide lines."""
+    console = Console()
+    return console if console.is_terminal else Console(width=_WIDTH)
+
+
+def print_line(console: Console, text: str) -> None:
+    """Print a line as it is; in a log it is never broken."""
+    console.print(text, markup=False, highlight=False, soft_wrap=not console.is_terminal)
+
+
+def error_line(text: str) -> None:
+    """Print a line on standard error."""
+    Console(stderr=True).print(f"impact-xval: {text}", markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,116 @@
+"""Solvers that misbehave on purpose; at the top level of a module, so that worker processes find them."""
+
+import dataclasses
+import math
+import os
+import signal
+from pathlib import Path
+
+from compliant_baselines import get_solver
+from compliant_baselines.contract import SolverBase
+from model import Outcome, solve
+
+
+class Shifted(SolverBase):
+    """The model's answer, 0.01 m/s faster."""
+
+    name = "mujoco"
+
+    def version(self):
+        return "shifted 1"
+
+    def solve_many(self, collisions, settings):
+        outcomes = [solve(c, path=settings.record_path) for c in collisions]
+        return [dataclasses.replace(o, solver=self.name, v1=o.v1 + 0.01) for o in outcomes]
+
+
+class Missing(Shifted):
+    """Not installed."""
+
+    name = "pybullet"
+
+    def version(self):
+        return ""
+
+    def unavailable(self):
+        return "no wheel for this Python; use Python 3.11"
+
+    def solve_many(self, collisions, settings):
+        raise AssertionError("asked although unavailable")
+
+
+class Crashing(Shifted):
+    """Raises where e1 = 0.5, and with it for every batch that holds such a cell."""
+
+    def solve_many(self, collisions, settings):
+        if any(c.e1 == 0.5 for c in collisions):
+            raise ZeroDivisionError("a bug\nof the engine | here")
+        return super().solve_many(collisions, settings)
+
+
+class Lying(Shifted):
+    """Says ok, and gives NaN."""
+
+    def solve_many(self, collisions, settings):
+        return [Outcome(self.name, math.nan, 0.0, 0.0, 0.0, ("S1",)) for _ in collisions]
+
+
+class Losing(Shifted):
+    """Gives fewer outcomes than it was asked for."""
+
+    def solve_many(self, collisions, settings):
+        return super().solve_many(collisions, settings)[1:]
+
+
+class Killing(Shifted):
+    """Ends its process, hard, at the third call; a file counts the calls."""
+
+    counter: Path
+
+    def solve_many(self, collisions, settings):
+        counter = Path(os.environ["FAKE_COUNTER"])
+        calls = len(counter.read_text()) if counter.exists() else 0
+        counter.write_text("x" * (calls + 1))
+        if calls == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().solve_many(collisions, settings)
+
+
+class Interrupting(Shifted):
+    """Behaves as if Ctrl-C were pressed at the first stiffness ratio above 1."""
+
+    def solve_many(self, collisions, settings):
+        if any(c.k2 > c.k1 for c in collisions):
+            raise KeyboardInterrupt
+        return super().solve_many(collisions, settings)
+
+
+def _resolver(cls):
+    def resolve(name):
+        return cls() if name == cls.name else Missing() if name == "pybullet" else get_solver(name)
+
+    return resolve
+
+
+def shifted(name):
+    return _resolver(Shifted)(name)
+
+
+def crashing(name):
+    return _resolver(Crashing)(name)
+
+
+def lying(name):
+    return _resolver(Lying)(name)
+
+
+def losing(name):
+    return _resolver(Losing)(name)
+
+
+def killing(name):
+    return _resolver(Killing)(name)
+
+
+def interrupting(name):
+    return _resolver(Interrupting)(name)

@@ -1,0 +1,182 @@
+import json
+import math
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from experiments.config import parse_config
+from experiments.document import (
+    Heading,
+    Paragraph,
+    Table,
+    escape_latex,
+    escape_markdown,
+    to_latex,
+    to_markdown,
+)
+from experiments.figures import write_figures
+from experiments.findings import build_document, number
+from experiments.report import write_report, write_tables
+from experiments.summary import SUMMARISED, summarise
+from experiments.sweep import run_sweep
+from tests.experiments import fakes
+from tests.experiments.conftest import SMALL
+
+HOSTILE = "<script>alert(1)</script> 100% of $x_1^2$ & {a} \\input{b} | #1 ~ `c` *d* [e](f)"
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory):
+    config = parse_config(SMALL | {"name": HOSTILE, "grazing_threshold": 0.05})
+    return run_sweep(config, tmp_path_factory.mktemp("hostile") / "run", workers=1, resolve=fakes.crashing)
+
+
+def test_statistics_are_those_of_the_table(hostile):
+    summary = summarise(hostile)
+    table = pq.read_table(hostile.root / "divergence.parquet").to_pandas()
+    table = table[(table.solver == "mujoco") & table.velocity_divergence.notna()]
+    regular = table[~(table.model_grazing_margin < 0.05)]
+    assert len(regular) > 0
+    for measure in SUMMARISED:
+        row = summary.get("mujoco", measure)
+        sizes = np.abs(regular[measure].to_numpy(dtype=float))
+        assert row.n == len(sizes)
+        assert row["median"] == pytest.approx(np.median(sizes))
+        assert row.p95 == pytest.approx(np.percentile(sizes, 95))
+        assert row["max"] == sizes.max()
+        for value, part in regular.groupby("stiffness_ratio"):
+            row = summary.get("mujoco", measure, "stiffness_ratio", float(str(value)))
+            assert row["max"] == np.abs(part[measure].to_numpy(dtype=float)).max()
+    assert summary.get("mujoco", "states_equal")["mean"] == 1
+    grazing = summary.get("mujoco", "velocity_divergence", cells="grazing")
+    assert grazing.n + len(regular) == len(table)
+    assert summary.statuses.loc["mujoco"].to_dict() == {"ok": 6, "crashed": 6, "unavailable": 0}
+    assert summary.worst.velocity_divergence.is_monotonic_decreasing
+
+
+def test_a_solver_without_results_has_no_statistics(hostile):
+    row = summarise(hostile).get("pybullet", "velocity_divergence")
+    assert row.n == 0
+    assert math.isnan(row["median"])
+
+
+def test_summary_files(hostile):
+    write_tables(hostile)
+    table = pd.read_csv(hostile.root / "summary.csv")
+    assert {"solver", "axis", "value", "measure", "n", "median", "p95", "max"} <= set(table.columns)
+    assert set(table.axis) == {"all", "stiffness_ratio", "mass_ratio", "e1", "e2"}
+    text = (hostile.root / "summary.md").read_text()
+    assert "<script>" not in text
+    assert "ZeroDivisionError: a bug of the engine \\| here" in text
+    assert "mujoco diverges from the model by D = 0.01 (median)" in text
+    for block in re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE):
+        columns = {len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines()}
+        assert len(columns) == 1, block
+
+
+def test_latex_is_well_formed(hostile):
+    write_tables(hostile)
+    text = (hostile.root / "summary.tex").read_text()
+    assert r"\usepackage{booktabs}" in text
+    assert r"\textless{}script\textgreater{}" in text
+    body = re.sub(
+        r"\\[\\{}$&#_%]", lambda m: r"\\" if m[0] == r"\\" else "x", text.split(r"\begin{document}")[1]
+    )
+    assert not set(body) & set("$#%~^_")
+    assert body.count("{") == body.count("}")
+    environments = re.findall(r"\\(begin|end)\{(\w+)\}", text)
+    opened = []
+    for kind, name in environments:
+        opened.append(name) if kind == "begin" else opened.remove(name)
+    assert not opened
+    for table in re.findall(r"\\begin\{longtable\}.*?\\end\{longtable\}", body, flags=re.DOTALL):
+        columns = len(re.findall("[lr]", re.findall(r"\{longtable\}\{([lr]+)\}", table)[0]))
+        rows = [
+            line for line in table.splitlines() if line.endswith(r"\\") and not line.startswith(r"\caption")
+        ]
+        assert {line.count("&") for line in rows} == {columns - 1}
+
+
+class _Tags(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags: list[tuple[str, dict]] = []
+        self.text = ""
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_report_is_one_safe_page(hostile):
+    write_figures(hostile)
+    page = write_report(hostile).read_text()
+    parser = _Tags()
+    parser.feed(page)
+    names = [tag for tag, _ in parser.tags]
+    assert "script" not in names
+    assert HOSTILE in parser.text
+    images = [attributes for tag, attributes in parser.tags if tag == "img"]
+    assert len(images) >= 5
+    assert all(
+        image["src"].startswith("data:image/png;base64,") and len(image["alt"]) > 60 for image in images
+    )
+    assert not re.search(r"(src|href)=[\"']?(https?:|//)", page)
+    captions = json.loads((hostile.root / "figures/captions.json").read_text())
+    assert len(captions) == len(images)
+    for name in captions:
+        assert (hostile.root / "figures" / f"{name}.png").stat().st_size > 5000
+        assert (hostile.root / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "grid",
+    [
+        {"stiffness_ratio": [0, float("inf")]},
+        {"stiffness_ratio": [0, 1, float("inf")], "mass_ratio": [1.0], "e1": [0.0], "e2": [0.0, 1.0]},
+        {"stiffness_ratio": [2.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.9]},
+    ],
+)
+def test_odd_grids_have_all_their_figures(grid, tmp_path):
+    config = parse_config(SMALL | {"grid": SMALL["grid"] | grid, "grazing_threshold": 0.0})
+    folder = run_sweep(config, tmp_path / "a", workers=1, resolve=fakes.shifted)
+    assert len(write_figures(folder)) >= 5
+    write_tables(folder)
+    write_report(folder)
+
+
+def test_long_axes_are_tabulated_in_part(tmp_path):
+    config = parse_config(
+        SMALL | {"grid": {"stiffness_ratio": {"log": [0.5, 2, 90]}, "mass_ratio": [1], "e1": [0.9]}}
+    )
+    folder = run_sweep(config, tmp_path / "a", workers=1, resolve=fakes.shifted)
+    tables = [block for block in build_document(summarise(folder)) if isinstance(block, Table)]
+    by_stiffness = next(table for table in tables if table.caption.startswith("D by k2/k1"))
+    assert len(by_stiffness.rows) <= 40
+    assert "of 90 values" in by_stiffness.caption
+
+
+def test_escapes():
+    assert escape_markdown("a|b<c>&*_`") == "a\\|b&lt;c&gt;&amp;\\*\\_\\`"
+    assert escape_latex("50% & \\x{é漢}") == r"50\% \& \textbackslash{}x\{é{[}U+6F22{]}\}"
+    blocks = [Heading("a", 1), Paragraph("b"), Table("c", ("d", "e"), [("f", "1")])]
+    assert to_markdown(blocks) == "# a\n\nb\n\n**c**\n\n| d | e |\n| --- | --: |\n| f | 1 |\n"
+    assert r"f & 1 \\" in to_latex(blocks)
+
+
+def test_numbers_for_readers():
+    assert [number(x) for x in (1000.0, 0.12345, 1e-5, float("nan"), 2 / 3, float("inf"))] == [
+        "1000",
+        "0.123",
+        "1e-05",
+        "-",
+        "0.667",
+        "inf",
+    ]
