@@ -97,7 +97,7 @@ class Config(_Strict):
     min_run: int = Field(3, ge=1, le=10**6, description="a whole number from 1 to 1000000 (steps)")
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
     stiffness_ratio_cutoff: float = Field(1e5, gt=1, description="greater than 1, up to inf")
-    grazing_threshold: float = Field(1e-5, ge=0, le=1, description="from 0 to 1 (per |v0|)")
+    grazing_threshold: float = Field(1e-5, ge=0, le=1, description="from 0 to 1")
     chunk_size: int = Field(16, ge=1, le=100_000, description="a whole number from 1 to 100000 (cells)")
     workers: int | None = Field(None, ge=1, le=4096, description="a whole number from 1 to 4096")
     grid: Grid = Field(default_factory=lambda: Grid.model_validate({}), description="a table of axes")

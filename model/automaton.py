@@ -1,9 +1,9 @@
 """The state transition diagram: states S1-S4, phases, guards, and the impact law.
 
-    S1  both contacts act          -> S2 when contact 1 ends restitution, S3 when contact 2 does, S4 when both do at once
-    S2  ball-table contact only    -> S1 when v1 - v2 turns negative, S4 when contact 2 ends restitution first
-    S3  ball-ball contact only     -> S1 when v2 turns negative, S4 when contact 1 ends restitution first
-    S4  none                          the end: v1 >= v2 >= 0
+    S1  both contacts act        -> S2 when contact 1 ends restitution, S3 when contact 2 does, S4 when both do at once
+    S2  ball-table contact only  -> S1 when v1 - v2 turns negative, S4 when contact 2 ends restitution first
+    S3  ball-ball contact only   -> S1 when v2 turns negative, S4 when contact 1 ends restitution first
+    S4  none                        the end: v1 >= v2 >= 0
 
 The impact law is energetic restitution with stiffening. At an end of compression E_i <- e_i^2 E_i and
 k_i <- k_i/e_i^2, so that the force F_i = sqrt(2 k_i E_i) is continuous; a restart of compression keeps the stiffness;
@@ -20,7 +20,14 @@ from math import inf, sqrt
 from numba import njit
 
 from model.events import first_event
-from model.limits import complete_ball_ball, complete_ball_table, one_body, part_of_table, static_energy1, static_energy2
+from model.limits import (
+    complete_ball_ball,
+    complete_ball_table,
+    one_body,
+    part_of_table,
+    static_energy1,
+    static_energy2,
+)
 from model.motion import amplitudes, modes, single_contact
 
 INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
@@ -66,7 +73,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
     n_states, n_events, n_stretches : int
         The states count S4.
     margin : float
-        Smallest magnitude of a local extremum of a compression rate in S1; infinity if there was none.
+        Grazing margin: the smallest magnitude of a local extremum of a compression rate in S1, relative to that rate's
+        amplitude, where an end of compression counts (`model.events.STAKE`); infinity if there was none.
     loss : float
         Energy lost, so that 1/2 - loss - (v1^2 + mu v2^2)/2 is the residual of the energy balance.
     steps : int
@@ -147,6 +155,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
                 (d1, v2, F1, F2),
                 signs,
                 (phase1 == RESTITUTION, phase2 == RESTITUTION),
+                (1 - e1 * e1, 1 - e2 * e2),
                 (phi1, phi2, delta, sigma),
                 omega,
                 a,
@@ -159,13 +168,23 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
             if fired[0]:
                 d1, cause, n_events = 0.0, cause | RATE1, n_events + 1
                 if phase1 == COMPRESSION:
-                    phase1, loss, E1, k1 = RESTITUTION, loss + (1 - e1 * e1) * E1, e1 * e1 * E1, k1 / (e1 * e1)
+                    phase1, loss, E1, k1 = (
+                        RESTITUTION,
+                        loss + (1 - e1 * e1) * E1,
+                        e1 * e1 * E1,
+                        k1 / (e1 * e1),
+                    )
                 else:
                     phase1 = COMPRESSION
             if fired[1]:
                 v2, cause, n_events = 0.0, cause | RATE2, n_events + 1
                 if phase2 == COMPRESSION:
-                    phase2, loss, E2, k2 = RESTITUTION, loss + (1 - e2 * e2) * E2, e2 * e2 * E2, k2 / (e2 * e2)
+                    phase2, loss, E2, k2 = (
+                        RESTITUTION,
+                        loss + (1 - e2 * e2) * E2,
+                        e2 * e2 * E2,
+                        k2 / (e2 * e2),
+                    )
                 else:
                     phase2 = COMPRESSION
             plastic1 = fired[0] and phase1 == RESTITUTION and e1 == 0

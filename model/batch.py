@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from model.automaton import DONE, TOO_MANY_EVENTS, collide
+from model.automaton import TOO_MANY_EVENTS, collide
 from model.solver import MAX_EVENTS, check_cutoff
 
 STATUS_NAMES = np.array(["ok", "limit", "limit", "unconverged"])
@@ -16,12 +16,12 @@ STATUS_NAMES = np.array(["ok", "limit", "limit", "unconverged"])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchOutcome:
-    """What `solve_batch` says: arrays of the shape the inputs broadcast to.
+    r"""What `solve_batch` says: arrays of the shape the inputs broadcast to.
 
     Attributes
     ----------
     v1, v2 : ndarray of float
-        Final velocities per \\|v0\\|; NaN where `status` is ``unconverged``.
+        Final velocities per \|v0\|; NaN where `status` is ``unconverged``.
     status : ndarray of str
         ``ok``, ``limit`` or ``unconverged``.
     n_states, n_events : ndarray of int
@@ -70,11 +70,14 @@ def solve_batch(
     """
     cutoff = check_cutoff(stiffness_ratio_cutoff)
     kappa = _checked("stiffness_ratio", stiffness_ratio, 0, np.inf, "from 0 to inf (k2/k1)")
-    mu = _checked("mass_ratio", mass_ratio, np.nextafter(0, 1), np.finfo(float).max, "a finite number > 0 (m2/m1)")
+    mu = _checked(
+        "mass_ratio", mass_ratio, np.nextafter(0, 1), np.finfo(float).max, "a finite number > 0 (m2/m1)"
+    )
     first, second = (_checked(name, e, 0, 1, "from 0 to 1") for name, e in (("e1", e1), ("e2", e2)))
     arrays = np.broadcast_arrays(kappa, mu, first, second)
     shape = arrays[0].shape
-    results = _solve_all(*(np.ravel(a) for a in arrays), cutoff, max_events)
+    flat = [np.ravel(a) for a in arrays]
+    results = _solve_all(flat[0], flat[1], flat[2], flat[3], cutoff, max_events)
     v1, v2, code, n_states, n_events, margin, residual = (np.reshape(r, shape) for r in results)
     return BatchOutcome(v1, v2, STATUS_NAMES[code], n_states, n_events, margin, residual)
 

@@ -61,7 +61,9 @@ class Collision:
         for name in ("m1", "m2", "k1", "k2", "e1", "e2", "v0"):
             object.__setattr__(self, name, _number(name, getattr(self, name)))
         for name in ("m1", "m2"):
-            _require(name, getattr(self, name), 0 < getattr(self, name) < math.inf, "a finite number > 0 (kg)")
+            _require(
+                name, getattr(self, name), 0 < getattr(self, name) < math.inf, "a finite number > 0 (kg)"
+            )
         for name in ("k1", "k2"):
             _require(name, getattr(self, name), getattr(self, name) >= 0, "from 0 to inf (N/m)")
         for name in ("e1", "e2"):
@@ -69,7 +71,9 @@ class Collision:
         _require("v0", self.v0, -math.inf < self.v0 < 0, "a finite number < 0 (m/s, up is positive)")
         both = f"k2 = {self.k2!r} over k1 = {self.k1!r}"
         if self.k1 == self.k2 and (self.k1 == 0 or math.isinf(self.k1)):
-            raise ValueError(f"stiffness ratio: {both} is undefined; legal: k2/k1 from 0 to inf, not 0/0 or inf/inf")
+            raise ValueError(
+                f"stiffness ratio: {both} is undefined; legal: k2/k1 from 0 to inf, not 0/0 or inf/inf"
+            )
         if not 0 < self.mass_ratio < math.inf:
             raise ValueError(
                 f"mass ratio: m2 = {self.m2!r} over m1 = {self.m1!r} leaves double precision; legal: finite, > 0"
@@ -77,9 +81,9 @@ class Collision:
 
     @classmethod
     def from_ratios(cls, stiffness_ratio: float, mass_ratio: float, e1: float, e2: float) -> Collision:
-        """Build the collision with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
+        r"""Build the collision with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
 
-        By Theorem 5 of the paper the outcome per \\|v0\\| depends on these four numbers only.
+        By Theorem 5 of the paper the outcome per \|v0\| depends on these four numbers only.
 
         Parameters
         ----------
@@ -177,7 +181,7 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a solver says of one collision.
+    r"""What a solver says of one collision.
 
     Attributes
     ----------
@@ -194,8 +198,9 @@ class Outcome:
     reason : str
         One sentence where the status is not ``"ok"``.
     grazing_margin : float or None
-        How near the collision came to a jump of the model's outcome (theory, section 6): the smallest relative
-        velocity, per \\|v0\\|, at which a compression nearly ended, or nearly did not. None if not computed.
+        How near the collision came to a jump of the model's outcome (theory, section 6): the smallest compression
+        rate, relative to its own amplitude, at which a compression nearly ended, or nearly did not. Infinity if
+        nothing of the kind happened, None if not computed.
     n_events : int
         Number of events.
     diagnostics : mapping of str to float

@@ -53,6 +53,10 @@ ENVELOPE_RESERVE = 0.05
 #: While a root is closed in on, every BISECT-th window halves its bracket whatever is predicted.
 BISECT = 6
 
+#: Near-misses at which an end of compression would lose less than this, as a fraction of the energy of impact, do not
+#: count: whether it happens or not hardly changes the outcome.
+STAKE = 1e-6
+
 # What a window says of one function: certified positive; zero at the end and certified before; negative at the end;
 # positive at the end but not certified.
 CLEAR, ZERO, NEGATIVE, UNSURE = 0, 1, 2, 3
@@ -146,15 +150,15 @@ def judge(h, f0, df0, f1, df1, noise, C, fresh, safe):
 
 
 @njit(cache=True, error_model="numpy")
-def extremum_between(c, t, h, f0, df0, df1, omega, a, b):
+def extremum_between(c, t, h, f0, df0, df1, size, omega, a, b):
     """Value of the extremum in (t, t + h) of a watched rate whose slopes at the ends differ in sign.
 
-    A parabola places it; where it comes near zero, and so matters, Newton's iteration on f' makes it exact.
+    A parabola places it; where it comes near zero (of the amplitude `size`), Newton's iteration on f' makes it exact.
     """
     low, high = 0.0, h
     x = h * df0 / (df0 - df1)
     f = f0 + 0.5 * df0 * x
-    if abs(f) > 0.2:
+    if abs(f) > 0.1 * size:
         return f
     w0, w1 = omega[0] * omega[0], omega[1] * omega[1]
     for _ in range(20):
@@ -176,7 +180,7 @@ def extremum_between(c, t, h, f0, df0, df1, omega, a, b):
 
 
 @njit(cache=True, error_model="numpy")
-def first_event(mu, k1, k2, state, signs, watched, shape, omega, a, b):
+def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b):
     """Time of the first event of an S1 stretch, and which of the watched functions fire.
 
     Parameters
@@ -189,6 +193,8 @@ def first_event(mu, k1, k2, state, signs, watched, shape, omega, a, b):
         Of d1 and v2, so that the watched rates signs[0] d1 and signs[1] v2 are positive until their events.
     watched : pair of bools
         Whether the forces are watched (contacts in restitution); the rates always are.
+    losses : pair
+        1 - e_i^2, the share of its energy a contact loses at an end of compression.
     shape : 4 pairs
         phi1, phi2, delta, sigma of `model.motion.modes`.
     omega, a, b : pairs
@@ -203,7 +209,8 @@ def first_event(mu, k1, k2, state, signs, watched, shape, omega, a, b):
     state : 4 floats
         d1, v2, F1, F2 at that time.
     margin : float
-        Smallest magnitude of a local extremum of a watched rate passed on the way (infinity if none was).
+        Smallest magnitude, relative to its amplitude, of a local extremum of a rate passed on the way where an end of
+        compression would have lost more than `STAKE` (infinity if there was none).
     steps : int
         Windows tried, a measure of cost.
     """
@@ -214,13 +221,15 @@ def first_event(mu, k1, k2, state, signs, watched, shape, omega, a, b):
     radius = (sqrt(a[0] * a[0] + b[0] * b[0]), sqrt(a[1] * a[1] + b[1] * b[1]))
     slow, fast, slow4, fast4 = radius[0], radius[1], w0 * w0 * w0 * w0, w1 * w1 * w1 * w1
     x0, x1 = abs(delta[0]) * slow, abs(delta[1]) * fast
-    noise0, C0, B0 = NOISE * (x0 + x1), (x0 * slow4 + x1 * fast4) / 288, x0 * w0 * w0 + x1 * w1 * w1
+    size0, C0, B0 = x0 + x1, (x0 * slow4 + x1 * fast4) / 288, x0 * w0 * w0 + x1 * w1 * w1
     x0, x1 = abs(phi2[0]) * slow, abs(phi2[1]) * fast
-    noise1, C1, B1 = NOISE * (x0 + x1), (x0 * slow4 + x1 * fast4) / 288, x0 * w0 * w0 + x1 * w1 * w1
+    size1, C1, B1 = x0 + x1, (x0 * slow4 + x1 * fast4) / 288, x0 * w0 * w0 + x1 * w1 * w1
     x0, x1 = abs(phi1[0]) * slow * w0, abs(phi1[1]) * fast * w1
     noise2, C2 = NOISE * (x0 + x1), (x0 * slow4 + x1 * fast4) / 288
     x0, x1 = abs(sigma[0]) * slow * w0, abs(sigma[1]) * fast * w1
     noise3, C3 = NOISE * (x0 + x1), (x0 * slow4 + x1 * fast4) / 288
+
+    noise0, noise1 = NOISE * size0, NOISE * size1
 
     d1, v2, F1, F2 = state
     f0, f1, f2, f3 = s1 * d1, s2 * v2, F1, F2
@@ -236,9 +245,9 @@ def first_event(mu, k1, k2, state, signs, watched, shape, omega, a, b):
     # A rate that starts below zero, by rounding, has its event behind it.
     if f0 < 0 or f1 < 0:
         return 0.0, (f0 < 0, f1 < 0, False, False), state, 0.0, 0
-    # One that starts at zero must leave it upwards, and with |f''| <= B it is positive up to t = 2 f'/B. Where its slope
-    # vanishes too (contact 2 when the collision begins), start off the expansion: f >= f'' t^2/2 - C t^4/24, its third
-    # derivative being zero there, is positive up to t^2 = 12 f''/C.
+    # One that starts at zero must leave it upwards, and with |f''| <= B it is positive up to t = 2 f'/B. Where its
+    # slope vanishes too (contact 2 when the collision begins), start off the expansion: f >= f'' t^2/2 - C t^4/24, its
+    # third derivative being zero there, is positive up to t^2 = 12 f''/C.
     if fresh0:
         curve = -s1 * k2 * v2 * inverse_mu
         if df0 < 0 or (df0 == 0 and curve < 0):
@@ -287,20 +296,20 @@ def first_event(mu, k1, k2, state, signs, watched, shape, omega, a, b):
             continue
 
         # The window is accepted. Near-misses of the rates on the way:
-        if dg0 * df0 < 0:
+        if dg0 * df0 < 0 and losses[0] * (f2 + F1) * (f2 + F1) > 4 * STAKE * k1:
             c = (s1 * delta[0], s1 * delta[1])
-            margin = min(margin, abs(extremum_between(c, t, h, f0, df0, dg0, omega, a, b)))
-        if dg1 * df1 < 0:
+            margin = min(margin, abs(extremum_between(c, t, h, f0, df0, dg0, size0, omega, a, b)) / size0)
+        if dg1 * df1 < 0 and losses[1] * (f3 + F2) * (f3 + F2) > 4 * STAKE * k2:
             c = (s2 * phi2[0], s2 * phi2[1])
-            margin = min(margin, abs(extremum_between(c, t, h, f1, df1, dg1, omega, a, b)))
+            margin = min(margin, abs(extremum_between(c, t, h, f1, df1, dg1, size1, omega, a, b)) / size1)
         t += h
         if worst != CLEAR:
             # Zero within rounding fires; so does what is unsure at the shortest window and as good as zero.
             fired = (
                 verdict0 != CLEAR and g0 <= 4 * late * noise0,
                 verdict1 != CLEAR and g1 <= 4 * late * noise1,
-                verdict2 != CLEAR and F1 <= 4 * late * noise2,
-                verdict3 != CLEAR and F2 <= 4 * late * noise3,
+                verdict2 != CLEAR and 4 * late * noise2 >= F1,
+                verdict3 != CLEAR and 4 * late * noise3 >= F2,
             )
             if fired[0] or fired[1] or fired[2] or fired[3]:
                 return t, fired, (d1, v2, F1, F2), margin, steps

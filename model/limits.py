@@ -10,9 +10,9 @@ end of the collision (`one_body`, `part_of_table`). States S2 and S3 need nothin
 
 At a finite ratio a stiff contact holds some energy merely by passing on the soft contact's force, and that energy
 cannot part its bodies: about the static force F_s the stiff contact oscillates, and F falls to zero with the relative
-speed s where M s^2/2 = M d^2/2 + E - F F_s/k. The last term is `static_energy1`, `static_energy2`. Where the energy that
-is left would part the bodies at less than |v0|/sqrt(cutoff), they are taken as one; without that rule a collision whose
-ratio leaves the cut-off at the very first end of compression would lose all its restitution.
+speed s where M s^2/2 = M d^2/2 + E - F F_s/k. The last term is `static_energy1`, `static_energy2`. Where what is left
+would part the bodies at less than |v0|/sqrt(cutoff), they are taken as one. Without this distinction a collision whose
+ratio leaves the cut-off at the very first end of compression would lose all its restitution (docs/errata.md).
 
 Started from the beginning of the collision this is the supplement's section 3.2 (k2/k1 = 0; its (11)-(13), (13)
 without the misprint) and 3.1 (k2/k1 = infinity; (6)); where contact i ends compression with e_i = 0 it is 3.3; from
@@ -44,7 +44,7 @@ def static_energy2(E1, E2, k1, k2):
 
 @njit(cache=True, error_model="numpy")
 def complete_ball_ball(mu, d1, v2, E1, e1, compressing1):
-    """The stiff ball-ball contact runs through its impact; B1 and B2 are as free.
+    """Run the stiff ball-ball contact through its impact; B1 and B2 are as free.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def complete_ball_ball(mu, d1, v2, E1, e1, compressing1):
 
 @njit(cache=True, error_model="numpy")
 def complete_ball_table(mu, v2, E2, e2, compressing2):
-    """The stiff ball-table contact runs through its impact; B2 is as free. Returns its velocity after it."""
+    """Run the stiff ball-table contact through its impact, B2 as free; return the velocity of B2 after it."""
     _, _, _, d2, _ = single_contact(mu, -v2, E2, e2, compressing2, inf)
     return -d2
 

@@ -128,7 +128,9 @@ def single_contact(mass, d, E, e, compressing, impulse_to_return):
     impulse, d, E : float
         Accumulated impulse, compression rate and strain energy at exit.
     """
-    w = sqrt(d * d + 2 * E / mass)  # the rate at which all of E and d would be gone: at maximum compression, E = 0
+    w = sqrt(
+        d * d + 2 * E / mass
+    )  # the rate at which all of E and d would be gone: at maximum compression, E = 0
     if compressing:
         w *= e
     maximum = mass * (d + w)  # supplement: Delta I_max, both cases

@@ -7,13 +7,26 @@ spaced in theta, with a break where compression ends and W drops to e W.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import atan2, ceil, inf, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.automaton import COMPRESSION, RATE1, RATE2, RESTITUTION, RETURN1, RETURN2, S1, S3, S4, SPENT1, SPENT2
+from model.automaton import (
+    COMPRESSION,
+    RATE1,
+    RATE2,
+    RESTITUTION,
+    RETURN1,
+    RETURN2,
+    S1,
+    S3,
+    S4,
+    SPENT1,
+    SPENT2,
+)
 from model.collision import STATES, Collision, Event, Path
 from model.motion import amplitudes, modes, motion
 
@@ -73,7 +86,7 @@ def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[E
     stretches: list[Stretch] = []
     marks: list[tuple[str, int, int]] = []  # kind, contact, number of stretches before it
     ends = [0, 0]  # ends of compression so far, of either contact
-    for row, after in zip(rows[:-1], rows[1:], strict=True):
+    for row, after in pairwise(rows):
         if row.limit and not any(kind == "limit" for kind, _, _ in marks):
             marks.append(("limit", 0, len(stretches)))
         if row.state == S1 and not row.limit:
@@ -145,7 +158,9 @@ def _both_contacts(collision: Collision, row: Row) -> Stretch:
     p = tuple(omega[j] * (b[j] * np.cos(omega[j] * t) - a[j] * np.sin(omega[j] * t)) for j in (0, 1))
     d1, v2, f1, f2 = motion.py_func(q, p, phi1, phi2, delta, sigma)
     unit = sqrt(collision.m1 / collision.k1)
-    return Stretch(1, row.phase1, row.phase2, d1, v2, f1 * f1 / (2 * row.k1), f2 * f2 / (2 * row.k2), t * unit)
+    return Stretch(
+        1, row.phase1, row.phase2, d1, v2, f1 * f1 / (2 * row.k1), f2 * f2 / (2 * row.k2), t * unit
+    )
 
 
 def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) -> tuple[list[Stretch], int]:
@@ -163,7 +178,9 @@ def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) ->
         contact, mass, on_d1, on_v2 = 2, mu, -1.0, -1.0  # B2 against the table
     if row.state == S3 and row.v2 == after.v2 == 0:
         mass, on_v2 = 1.0, 0.0
-    k, e, phase = (collision.k1, collision.e1, row.phase1) if contact == 1 else (collision.k2, collision.e2, row.phase2)
+    k, e, phase = (
+        (collision.k1, collision.e1, row.phase1) if contact == 1 else (collision.k2, collision.e2, row.phase2)
+    )
     rate, E = (row.d1, row.E1) if contact == 1 else (-row.v2, row.E2)
     rate_after, E_after = (after.d1, after.E1) if contact == 1 else (-after.v2, after.E2)
     stiffness = k / e ** (2 * ends[contact - 1]) if e > 0 or ends[contact - 1] == 0 else inf

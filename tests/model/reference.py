@@ -65,7 +65,8 @@ def integrate(kappa, mu, e1, e2, cutoff=math.inf, rtol=1e-12):
             rtol=rtol,
             atol=1e-15 * np.array([1, 1, 1 / fastest, 1 / fastest]),
             events=[f for _, f in watched],
-            max_step=0.1 / fastest,  # two events closer than this could be missed: the sign alone is looked at
+            max_step=0.1
+            / fastest,  # two events closer than this could be missed: the sign alone is looked at
             first_step=1e-3 / fastest,
         )
         assert run.status == 1, run.message
@@ -89,7 +90,9 @@ def integrate(kappa, mu, e1, e2, cutoff=math.inf, rtol=1e-12):
             y[2 + i] = 0.0
         else:
             active[i], compressing[i], y[2 + i] = True, True, 0.0
-        state = {(True, True): "S1", (False, True): "S2", (True, False): "S3", (False, False): "S4"}[tuple(active)]
+        state = {(True, True): "S1", (False, True): "S2", (True, False): "S3", (False, False): "S4"}[
+            tuple(active)
+        ]
         if state != states[-1]:
             states.append(state)
         if state == "S4":

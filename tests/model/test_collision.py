@@ -37,7 +37,9 @@ def test_mass_ratio_beyond_double_precision():
         Collision(**(GOOD | {"m1": 1e-200, "m2": 1e200}))
 
 
-@pytest.mark.parametrize(("field", "value"), [("stiffness_ratio", -1.0), ("mass_ratio", 0.0), ("mass_ratio", math.inf)])
+@pytest.mark.parametrize(
+    ("field", "value"), [("stiffness_ratio", -1.0), ("mass_ratio", 0.0), ("mass_ratio", math.inf)]
+)
 def test_illegal_ratio(field, value):
     ratios = {"stiffness_ratio": 1.0, "mass_ratio": 1.0, "e1": 0.5, "e2": 0.5}
     with pytest.raises(ValueError, match=f"{field} = {value}; legal"):

@@ -12,7 +12,12 @@ GRAZING = 1e-7
 
 def random_cells(n, seed):
     rng = np.random.default_rng(seed)
-    columns = 10 ** rng.uniform(-2, 2, n), 10 ** rng.uniform(-1, 1, n), rng.uniform(0.3, 1, n), rng.uniform(0.3, 1, n)
+    columns = (
+        10 ** rng.uniform(-2, 2, n),
+        10 ** rng.uniform(-1, 1, n),
+        rng.uniform(0.3, 1, n),
+        rng.uniform(0.3, 1, n),
+    )
     return list(zip(*(c.tolist() for c in columns), strict=True))
 
 

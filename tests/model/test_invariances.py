@@ -111,9 +111,14 @@ def test_equation_15_along_the_path():
         if p.state[start] != 1 or stop - start < 5:
             continue
         piece, inner = slice(start, stop), slice(1, -1)
-        for k, impulse, energy in ((stiffness[0], p.impulse1, p.energy1), (stiffness[1], p.impulse2, p.energy2)):
+        for k, impulse, energy in (
+            (stiffness[0], p.impulse1, p.energy1),
+            (stiffness[1], p.impulse2, p.energy2),
+        ):
             force = np.gradient(impulse[piece], p.time[piece])
-            assert force[inner] == pytest.approx(np.sqrt(2 * k * energy[piece])[inner], rel=2e-3, abs=2e-3 * force.max())
+            assert force[inner] == pytest.approx(
+                np.sqrt(2 * k * energy[piece])[inner], rel=2e-3, abs=2e-3 * force.max()
+            )
             checked += 1
     assert checked >= 6
 
@@ -121,6 +126,8 @@ def test_equation_15_along_the_path():
 def smooth_pieces(p):
     """Index ranges without an event inside, S1 stretches that meet in a restart of compression apart too."""
     key = np.stack([p.state, p.phase1, p.phase2])
-    repeated = np.append(False, (np.diff(p.time) == 0) & (np.diff(p.impulse1) == 0) & (np.diff(p.impulse2) == 0))
+    repeated = np.append(
+        False, (np.diff(p.time) == 0) & (np.diff(p.impulse1) == 0) & (np.diff(p.impulse2) == 0)
+    )
     borders = np.flatnonzero(np.append(True, np.any(np.diff(key, axis=1) != 0, axis=0)) | repeated)
     return [(a, b) for a, b in zip(borders, [*borders[1:], p.time.size], strict=True) if b - a > 2]
