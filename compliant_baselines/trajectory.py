@@ -125,10 +125,11 @@ def scan(  # pragma: no cover (compiled)
                     return i + 1, REST
         if codes[i] == 4 and x1 >= x2 >= 0:
             meet = (x1 - x2) / (v2 - v1) if v2 > v1 else np.inf
-            if weightless:
-                land = -x2 / v2 if v2 < 0 else np.inf
-            else:
+            land = np.inf
+            if not weightless:
                 land = (v2 + math.sqrt(v2 * v2 + 2 * p.g * x2)) / p.g
+            elif v2 < 0:
+                land = -x2 / v2
             if min(meet, land) > (v.shape[0] - i + left) * p.h:
                 return i + 1, ALOFT
         if not weightless and loaded1 and loaded2:

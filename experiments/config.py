@@ -151,7 +151,7 @@ def solvers_problem(names: list[str]) -> str | None:
     """Say what is wrong with a list of solver names, or return None."""
     from compliant_baselines import solver_names
 
-    known = list(solver_names())
+    known = list(solver_names(on_request=True))
     for name in names:
         if name not in known:
             return f"{name!r} is not a solver{_hint(name, known)}; legal: {', '.join(known)}"

@@ -32,7 +32,12 @@ _OUTCOME = (
     ("states", "text", "-", "state sequence, separated by spaces"),
     ("n_states", "int", "-", "length of the state sequence"),
     ("n_events", "int", "-", "number of events"),
-    ("grazing_margin", "float", "-", "nearness to a jump of the model, relative to the amplitude of the rate; small is near"),
+    (
+        "grazing_margin",
+        "float",
+        "-",
+        "nearness to a jump of the model, per amplitude of the rate; small is near",
+    ),
     ("retained_energy", "float", "-", "kinetic energy after over before"),
     ("step", "float", "s", "time step"),
     ("n_steps", "int", "-", "number of time steps"),
@@ -54,7 +59,7 @@ _MEASURES = (
 _MODEL = (
     ("model_states", "text", "-", "state sequence of the state-transition model"),
     ("model_status", "text", "-", "status of the state-transition model"),
-    ("model_grazing_margin", "float", "-", "grazing margin of the state-transition model, relative to the amplitude of the rate"),
+    ("model_grazing_margin", "float", "-", "grazing margin of the state-transition model"),
 )
 
 #: What a reader of the files finds documented beside each column.

@@ -24,7 +24,7 @@ class BatchOutcome:
         Final velocities per \|v0\|; NaN where `status` is ``unconverged``.
     status : ndarray of str
         ``ok``, ``limit`` or ``unconverged``.
-    n_states, n_events : ndarray of int
+    n_states, n_events : ndarray of int32
         Length of the state sequence (S4 included) and number of events.
     grazing_margin : ndarray of float
         As in `Outcome`.
@@ -35,8 +35,8 @@ class BatchOutcome:
     v1: NDArray[np.float64]
     v2: NDArray[np.float64]
     status: NDArray[np.str_]
-    n_states: NDArray[np.int64]
-    n_events: NDArray[np.int64]
+    n_states: NDArray[np.int32]
+    n_events: NDArray[np.int32]
     grazing_margin: NDArray[np.float64]
     energy_residual: NDArray[np.float64]
 
@@ -77,9 +77,16 @@ def solve_batch(
     arrays = np.broadcast_arrays(kappa, mu, first, second)
     shape = arrays[0].shape
     flat = [np.ravel(a) for a in arrays]
-    results = _solve_all(flat[0], flat[1], flat[2], flat[3], cutoff, max_events)
-    v1, v2, code, n_states, n_events, margin, residual = (np.reshape(r, shape) for r in results)
-    return BatchOutcome(v1, v2, STATUS_NAMES[code], n_states, n_events, margin, residual)
+    v1, v2, code, n_states, n_events, margin, residual = _solve_all(*flat, cutoff, max_events)  # pyright: ignore
+    return BatchOutcome(
+        v1=v1.reshape(shape),
+        v2=v2.reshape(shape),
+        status=STATUS_NAMES[code].reshape(shape),
+        n_states=n_states.reshape(shape),
+        n_events=n_events.reshape(shape),
+        grazing_margin=margin.reshape(shape),
+        energy_residual=residual.reshape(shape),
+    )
 
 
 def _checked(name: str, values: ArrayLike, low: float, high: float, legal: str) -> NDArray[np.float64]:
