@@ -124,8 +124,8 @@ def _grazing(summary: Summary) -> str:
     threshold = number(summary.config.grazing_threshold)
     return (
         f"{summary.n_grazing} of {summary.n_cells} cells lie within {threshold} (of the amplitude of the rate that "
-        "nearly vanishes) of a jump of the model, where a compression nearly ends or nearly does not; their outcome is discontinuous in the "
-        "parameters, and they are kept apart."
+        "nearly vanishes) of a jump of the model, where a compression nearly ends or nearly does not; their outcome "
+        "is discontinuous in the parameters, and they are kept apart."
     )
 
 
