@@ -30,7 +30,7 @@ from math import acos, atan2, inf, pi, sqrt
 
 from numba import njit
 
-from model.motion import modal, motion
+from model.motion import modal, motion, rotate
 
 EPSILON = 2.0**-52
 THIRD = 1 / 3
@@ -39,7 +39,7 @@ THIRD = 1 / 3
 NOISE = 4 * EPSILON
 
 #: First window of the search, in radians of the fast mode; C h^4/288 is then 2 % of an amplitude.
-WINDOW = 1.5
+WINDOW = 2.1
 
 #: Windows shorter than this (in radians of the fast mode) resolve a tangency to rounding.
 SHORTEST_WINDOW = 1e-9
@@ -50,8 +50,11 @@ ENVELOPE_RATIO = 6.0
 #: How far from zero, relative to its slow amplitude, a function stays where the envelope steps over it.
 ENVELOPE_RESERVE = 0.05
 
-#: While a root is closed in on, every BISECT-th window halves its bracket whatever is predicted.
+#: While a root is closed in on, every BISECT-th step halves its bracket whatever is predicted.
 BISECT = 6
+
+#: Steps shorter than this (in radians of the fast mode) are rotations by a short series (`model.motion.rotate`).
+SHORT_ROTATION = 0.1
 
 #: Near-misses at which an end of compression would lose less than this, as a fraction of the energy of impact, do not
 #: count: whether it happens or not hardly changes the outcome.
@@ -124,13 +127,43 @@ def predicted_root(h, f0, df0, f1, df1, ddf1):
 
 
 @njit(cache=True, error_model="numpy")
-def step_to_root(f, df, ddf, h):
-    """Halley's step to the root of a falling function, if it is shorter than h, else h."""
-    if df < 0:
-        step = -2 * f * df / (2 * df * df - f * ddf)
-        if 0 < step < h:
-            return step
-    return h
+def root_before(force, c0, c1, t, h, low, f0, df0, q, p, noise, omega, a, b):
+    """Root of one function in (t + low, t + h), at whose end it is negative; alone, so that an iteration costs little.
+
+    Halley's iteration inside a bracket that is halved now and then, whatever the iteration says.
+
+    Returns
+    -------
+    x : float
+        The root, from t on.
+    q, p : pairs
+        Modal coordinates and rates there.
+    """
+    w0, w1 = -omega[0] * omega[0], -omega[1] * omega[1]
+    high, x, step = h, h, h
+    for i in range(200):
+        if force:
+            f, df, ddf = c0 * p[0] + c1 * p[1], w0 * c0 * q[0] + w1 * c1 * q[1], w0 * c0 * p[0] + w1 * c1 * p[1]
+        else:
+            f, df, ddf = c0 * q[0] + c1 * q[1], c0 * p[0] + c1 * p[1], w0 * c0 * q[0] + w1 * c1 * q[1]
+        if abs(f) <= noise or abs(step) <= EPSILON * (t + x):
+            break
+        if f > 0:
+            low = x
+        else:
+            high = x
+        if i == 0:
+            nxt = predicted_root(h, f0, df0, f, df, ddf)
+        else:
+            nxt = x - 2 * f * df / (2 * df * df - f * ddf) if df < 0 else low
+        if not low < nxt < high or i % BISECT == BISECT - 1:
+            nxt = 0.5 * (low + high)
+        step, x = nxt - x, nxt
+        if abs(step) * omega[1] < SHORT_ROTATION:
+            q, p = rotate(step, omega, q, p)
+        else:
+            q, p = modal(t + x, omega, a, b)
+    return x, q, p
 
 
 @njit(cache=True, error_model="numpy")
@@ -240,7 +273,8 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b):
     window = WINDOW / w1
     t, h, high = 0.0, window, inf
     margin = inf
-    steps = passed = tries = 0
+    steps = passed = 0
+    chased = -1
 
     # A rate that starts below zero, by rounding, has its event behind it.
     if f0 < 0 or f1 < 0:
@@ -261,45 +295,50 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b):
     if (fresh0 and df0 == 0) or (fresh1 and df1 == 0):
         h = min(h, max(safe0, safe1))
 
+    q, p = modal(h, omega, a, b)
     while True:
         steps += 1
-        q, p = modal(t + h, omega, a, b)
         d1, v2, F1, F2 = motion(q, p, phi1, phi2, delta, sigma)
-        g0, g1 = s1 * d1, s2 * v2
-        acceleration1, acceleration2 = F2 * inverse_mu - F1 * inverse_M, (F2 - F1) * inverse_mu
-        dg0, dg1, dg2, dg3 = s1 * acceleration1, s2 * acceleration2, k1 * d1, -k2 * v2
+        g0, g1, g2, g3 = s1 * d1, s2 * v2, F1, F2
+        if chased == 0:
+            g0 = 0.0
+        elif chased == 1:
+            g1 = 0.0
+        elif chased == 2:
+            g2 = 0.0
+        elif chased == 3:
+            g3 = 0.0
+        dg0, dg1 = s1 * (F2 * inverse_mu - F1 * inverse_M), s2 * (F2 - F1) * inverse_mu
+        dg2, dg3 = k1 * d1, -k2 * v2
         late = 1 + w1 * (t + h)  # the phases are rounded too
         verdict0 = judge(h, f0, df0, g0, dg0, late * noise0, C0, fresh0, safe0)
         verdict1 = judge(h, f1, df1, g1, dg1, late * noise1, C1, fresh1, safe1)
-        verdict2 = judge(h, f2, df2, F1, dg2, late * noise2, C2, False, 0.0) if watched[0] else CLEAR
-        verdict3 = judge(h, f3, df3, F2, dg3, late * noise3, C3, False, 0.0) if watched[1] else CLEAR
+        verdict2 = judge(h, f2, df2, g2, dg2, late * noise2, C2, False, 0.0) if watched[0] else CLEAR
+        verdict3 = judge(h, f3, df3, g3, dg3, late * noise3, C3, False, 0.0) if watched[1] else CLEAR
         worst = max(max(verdict0, verdict1), max(verdict2, verdict3))
 
         if worst == NEGATIVE:
-            root = h
+            high = h
             if verdict0 == NEGATIVE:
-                ddg = -s1 * (k2 * v2 * inverse_mu + k1 * d1 * inverse_M)
-                root = min(root, max(safe0, predicted_root(h, f0, df0, g0, dg0, ddg)))
-            if verdict1 == NEGATIVE:
-                ddg = -s2 * (k1 * d1 + k2 * v2) * inverse_mu
-                root = min(root, max(safe1, predicted_root(h, f1, df1, g1, dg1, ddg)))
-            if verdict2 == NEGATIVE:
-                root = min(root, predicted_root(h, f2, df2, F1, dg2, k1 * acceleration1))
-            if verdict3 == NEGATIVE:
-                root = min(root, predicted_root(h, f3, df3, F2, dg3, -k2 * acceleration2))
-            if h - root > 2 * EPSILON * (t + h):
-                tries += 1
-                high, h = h, (0.5 * h if tries % BISECT == 0 else root)
-                continue
-        elif worst == UNSURE and h * w1 > SHORTEST_WINDOW:
-            h *= 0.5
+                chased, c0, c1, base, dbase, noise, low = 0, s1 * delta[0], s1 * delta[1], f0, df0, noise0, safe0
+            elif verdict1 == NEGATIVE:
+                chased, c0, c1, base, dbase, noise, low = 1, s2 * phi2[0], s2 * phi2[1], f1, df1, noise1, safe1
+            elif verdict2 == NEGATIVE:
+                chased, c0, c1, base, dbase, noise, low = 2, phi1[0], phi1[1], f2, df2, noise2, 0.0
+            else:
+                chased, c0, c1, base, dbase, noise, low = 3, sigma[0], sigma[1], f3, df3, noise3, 0.0
+            h, q, p = root_before(chased > 1, c0, c1, t, h, low, base, dbase, q, p, late * noise, omega, a, b)
+            continue
+        if worst == UNSURE and h * w1 > SHORTEST_WINDOW:
+            h, chased = 0.5 * h, -1
+            q, p = modal(t + h, omega, a, b)
             continue
 
         # The window is accepted. Near-misses of the rates on the way:
-        if dg0 * df0 < 0 and losses[0] * (f2 + F1) * (f2 + F1) > 4 * STAKE * k1:
+        if dg0 * df0 < 0 and losses[0] * (f2 + g2) * (f2 + g2) > 4 * STAKE * k1:
             c = (s1 * delta[0], s1 * delta[1])
             margin = min(margin, abs(extremum_between(c, t, h, f0, df0, dg0, size0, omega, a, b)) / size0)
-        if dg1 * df1 < 0 and losses[1] * (f3 + F2) * (f3 + F2) > 4 * STAKE * k2:
+        if dg1 * df1 < 0 and losses[1] * (f3 + g3) * (f3 + g3) > 4 * STAKE * k2:
             c = (s2 * phi2[0], s2 * phi2[1])
             margin = min(margin, abs(extremum_between(c, t, h, f1, df1, dg1, size1, omega, a, b)) / size1)
         t += h
@@ -308,33 +347,23 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b):
             fired = (
                 verdict0 != CLEAR and g0 <= 4 * late * noise0,
                 verdict1 != CLEAR and g1 <= 4 * late * noise1,
-                verdict2 != CLEAR and 4 * late * noise2 >= F1,
-                verdict3 != CLEAR and 4 * late * noise3 >= F2,
+                verdict2 != CLEAR and g2 <= 4 * late * noise2,
+                verdict3 != CLEAR and g3 <= 4 * late * noise3,
             )
             if fired[0] or fired[1] or fired[2] or fired[3]:
                 return t, fired, (d1, v2, F1, F2), margin, steps
-        f0, df0, f1, df1, f2, df2, f3, df3 = g0, dg0, g1, dg1, F1, dg2, F2, dg3
+        f0, df0, f1, df1, f2, df2, f3, df3 = g0, dg0, g1, dg1, g2, dg2, g3, dg3
         fresh0 = fresh1 = False
         safe0 = safe1 = 0.0
+        chased = -1
         if high < inf:
-            # Some function is negative further on: to its root as seen from here.
             high -= h
-            tries += 1
-            h = 0.5 * high
-            if high <= 4 * EPSILON * t:
-                h = high  # one rounding of the time away: nothing left to halve
-                if high <= 0:
-                    h, high = window, inf
-            elif tries % BISECT > 0:
-                h = step_to_root(f0, df0, -s1 * (k2 * v2 * inverse_mu + k1 * d1 * inverse_M), h)
-                h = step_to_root(f1, df1, -s2 * (k1 * d1 + k2 * v2) * inverse_mu, h)
-                if watched[0]:
-                    h = step_to_root(f2, df2, k1 * acceleration1, h)
-                if watched[1]:
-                    h = step_to_root(f3, df3, -k2 * acceleration2, h)
-            continue
+            if high > 0:
+                h = high  # some function is negative there
+                q, p = modal(t + h, omega, a, b)
+                continue
+            high = inf
         h = min(2 * h, window)
-        tries = 0
         passed += 1
         if passed % 3 == 2 and w1 > ENVELOPE_RATIO * w0:
             skip = min(
@@ -352,3 +381,4 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b):
                 f0, f1 = s1 * d1, s2 * v2
                 df0, df1 = s1 * (f3 * inverse_mu - f2 * inverse_M), s2 * (f3 - f2) * inverse_mu
                 df2, df3 = k1 * d1, -k2 * v2
+        q, p = modal(t + h, omega, a, b)

@@ -86,6 +86,22 @@ def modal(t, omega, a, b):
 
 
 @njit(cache=True, error_model="numpy")
+def rotate(h, omega, q, p):
+    """q_j and q_j' a short time h later, abs(omega_j h) <= 0.1: series of sine and cosine, to rounding."""
+    x, y = omega[0] * h, omega[1] * h
+    x2, y2 = x * x, y * y
+    cs = 1 - x2 * (0.5 - x2 * (1 / 24 - x2 * (1 / 720 - x2 / 40320)))
+    cf = 1 - y2 * (0.5 - y2 * (1 / 24 - y2 * (1 / 720 - y2 / 40320)))
+    # sin(omega h)/omega, so that nothing is divided by omega
+    ss = h * (1 - x2 * (1 / 6 - x2 * (1 / 120 - x2 * (1 / 5040 - x2 / 362880))))
+    sf = h * (1 - y2 * (1 / 6 - y2 * (1 / 120 - y2 * (1 / 5040 - y2 / 362880))))
+    return (
+        (q[0] * cs + p[0] * ss, q[1] * cf + p[1] * sf),
+        (p[0] * cs - omega[0] * omega[0] * q[0] * ss, p[1] * cf - omega[1] * omega[1] * q[1] * sf),
+    )
+
+
+@njit(cache=True, error_model="numpy")
 def motion(q, p, phi1, phi2, delta, sigma):
     """State (d1, v2, F1, F2) of modal coordinates q and rates p; the inverse of `amplitudes`.
 
