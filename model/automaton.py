@@ -17,8 +17,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from numba import njit
-
+from model.compiled import compiled
 from model.events import first_event
 from model.limits import (
     complete_ball_ball,
@@ -47,7 +46,7 @@ LOG_COLUMNS = ("state", "phase1", "phase2", "d1", "v2", "E1", "E2", "k1", "k2", 
 PRECISION_RATIO = 1e30
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def collide(kappa, mu, e1, e2, cutoff, max_events, log):
     """Follow one collision through the diagram.
 

@@ -9,6 +9,7 @@ from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
 from model.automaton import TOO_MANY_EVENTS, collide
+from model.compiled import OPTIONS
 from model.solver import MAX_EVENTS, check_cutoff
 
 STATUS_NAMES = np.array(["ok", "limit", "limit", "unconverged"])
@@ -100,7 +101,7 @@ def _checked(name: str, values: ArrayLike, low: float, high: float, legal: str) 
     return array
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
+@njit(parallel=True, **OPTIONS)
 def _solve_all(kappa, mu, e1, e2, cutoff, max_events):
     n = kappa.size
     v1, v2 = np.empty(n), np.empty(n)

@@ -28,8 +28,7 @@ from __future__ import annotations
 
 from math import acos, atan2, inf, pi, sqrt
 
-from numba import njit
-
+from model.compiled import compiled
 from model.motion import modal, motion, rotate
 
 EPSILON = 2.0**-52
@@ -65,14 +64,14 @@ STAKE = 1e-6
 CLEAR, ZERO, NEGATIVE, UNSURE = 0, 1, 2, 3
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def positive_between(f0, df0, f1, df1, h, C):
     """Certify f > 0 inside an interval of length h, given values and slopes at its ends and abs(f'''') <= 288 C."""
     reserve = C * (h * h) * (h * h)
     return f0 >= 0 and f1 >= 0 and f0 + THIRD * h * df0 > reserve and f1 - THIRD * h * df1 > reserve
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def envelope_time(order, c, t, omega, a, b, radius):
     """Earliest time from t on at which the slow sinusoid of a watched function comes near its fast amplitude.
 
@@ -101,7 +100,7 @@ def envelope_time(order, c, t, omega, a, b, radius):
     return t + (limit - now) / omega[0]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def predicted_root(h, f0, df0, f1, df1, ddf1):
     """Where in (0, h) a function with f1 < 0 at h vanished, as nearly as both ends tell.
 
@@ -126,7 +125,7 @@ def predicted_root(h, f0, df0, f1, df1, ddf1):
     return x if 0 < x < h else 0.5 * h
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def root_before(force, c0, c1, t, h, low, f0, df0, q, p, noise, omega, a, b):
     """Root of one function in (t + low, t + h), at whose end it is negative; alone, so that an iteration costs little.
 
@@ -143,7 +142,11 @@ def root_before(force, c0, c1, t, h, low, f0, df0, q, p, noise, omega, a, b):
     high, x, step = h, h, h
     for i in range(200):
         if force:
-            f, df, ddf = c0 * p[0] + c1 * p[1], w0 * c0 * q[0] + w1 * c1 * q[1], w0 * c0 * p[0] + w1 * c1 * p[1]
+            f, df, ddf = (
+                c0 * p[0] + c1 * p[1],
+                w0 * c0 * q[0] + w1 * c1 * q[1],
+                w0 * c0 * p[0] + w1 * c1 * p[1],
+            )
         else:
             f, df, ddf = c0 * q[0] + c1 * q[1], c0 * p[0] + c1 * p[1], w0 * c0 * q[0] + w1 * c1 * q[1]
         if abs(f) <= noise or abs(step) <= EPSILON * (t + x):
@@ -166,7 +169,7 @@ def root_before(force, c0, c1, t, h, low, f0, df0, q, p, noise, omega, a, b):
     return x, q, p
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def judge(h, f0, df0, f1, df1, noise, C, fresh, safe):
     """Say what a window of length h tells of one function.
 
@@ -182,7 +185,7 @@ def judge(h, f0, df0, f1, df1, noise, C, fresh, safe):
     return ZERO if positive_between(f0, df0, 0.0, df1, h, C) else UNSURE
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def extremum_between(c, t, h, f0, df0, df1, size, omega, a, b):
     """Value of the extremum in (t, t + h) of a watched rate whose slopes at the ends differ in sign.
 
@@ -212,7 +215,7 @@ def extremum_between(c, t, h, f0, df0, df1, size, omega, a, b):
     return f
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b):
     """Time of the first event of an S1 stretch, and which of the watched functions fire.
 
@@ -320,9 +323,25 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b):
         if worst == NEGATIVE:
             high = h
             if verdict0 == NEGATIVE:
-                chased, c0, c1, base, dbase, noise, low = 0, s1 * delta[0], s1 * delta[1], f0, df0, noise0, safe0
+                chased, c0, c1, base, dbase, noise, low = (
+                    0,
+                    s1 * delta[0],
+                    s1 * delta[1],
+                    f0,
+                    df0,
+                    noise0,
+                    safe0,
+                )
             elif verdict1 == NEGATIVE:
-                chased, c0, c1, base, dbase, noise, low = 1, s2 * phi2[0], s2 * phi2[1], f1, df1, noise1, safe1
+                chased, c0, c1, base, dbase, noise, low = (
+                    1,
+                    s2 * phi2[0],
+                    s2 * phi2[1],
+                    f1,
+                    df1,
+                    noise1,
+                    safe1,
+                )
             elif verdict2 == NEGATIVE:
                 chased, c0, c1, base, dbase, noise, low = 2, phi1[0], phi1[1], f2, df2, noise2, 0.0
             else:
@@ -365,7 +384,7 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b):
             high = inf
         h = min(2 * h, window)
         passed += 1
-        if passed % 3 == 2 and w1 > ENVELOPE_RATIO * w0:
+        if passed % 6 == 5 and w1 > ENVELOPE_RATIO * w0:
             skip = min(
                 envelope_time(0, (s1 * delta[0], s1 * delta[1]), t, omega, a, b, radius),
                 envelope_time(0, (s2 * phi2[0], s2 * phi2[1]), t, omega, a, b, radius),

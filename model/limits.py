@@ -25,24 +25,23 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from numba import njit
-
+from model.compiled import compiled
 from model.motion import single_contact
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def static_energy1(mu, E1, E2, k1, k2):
     """F1 F_s/k1 of the ball-ball contact under the static force F_s = F2 m1/(m1 + m2) that B1 as a rider needs."""
     return 2 * sqrt(E1 * E2 * (k2 / k1)) / (1 + mu)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def static_energy2(E1, E2, k1, k2):
     """F2 F_s/k2 of the ball-table contact under the static force F_s = F1 that B2 passes on to the table."""
     return 2 * sqrt(E1 * E2 * (k1 / k2))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def complete_ball_ball(mu, d1, v2, E1, e1, compressing1):
     """Run the stiff ball-ball contact through its impact; B1 and B2 are as free.
 
@@ -55,21 +54,21 @@ def complete_ball_ball(mu, d1, v2, E1, e1, compressing1):
     return d1, v2 - impulse / mu
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def complete_ball_table(mu, v2, E2, e2, compressing2):
     """Run the stiff ball-table contact through its impact, B2 as free; return the velocity of B2 after it."""
     _, _, _, d2, _ = single_contact(mu, -v2, E2, e2, compressing2, inf)
     return -d2
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def one_body(mu, v, E2, e2, compressing2):
     """Both balls, moving as one with v, finish against the table: their final velocity (supplement, 3.3, S1)."""
     _, _, _, d2, _ = single_contact(1 + mu, -v, E2, e2, compressing2, inf)
     return -d2
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def part_of_table(v1, E1, e1, compressing1):
     """B1 finishes against B2, which rests on the table: its final velocity (supplement, 3.3)."""
     _, _, _, d1, _ = single_contact(1.0, -v1, E1, e1, compressing1, inf)

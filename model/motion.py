@@ -20,10 +20,10 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-from numba import njit
+from model.compiled import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def modes(mu, k1, k2):
     """Natural modes of the two-spring system of S1.
 
@@ -59,7 +59,7 @@ def modes(mu, k1, k2):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def amplitudes(d1, v2, F1, F2, omega, phi1, phi2, delta, sigma):
     """Modal coordinates q_j = phi1 v1 + mu phi2 v2 and q_j'/omega_j of a state.
 
@@ -74,7 +74,7 @@ def amplitudes(d1, v2, F1, F2, omega, phi1, phi2, delta, sigma):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def modal(t, omega, a, b):
     """q_j and q_j' of both modes at time t: (q_slow, q_fast), (p_slow, p_fast)."""
     cs, ss = cos(omega[0] * t), sin(omega[0] * t)
@@ -85,7 +85,7 @@ def modal(t, omega, a, b):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def rotate(h, omega, q, p):
     """q_j and q_j' a short time h later, abs(omega_j h) <= 0.1: series of sine and cosine, to rounding."""
     x, y = omega[0] * h, omega[1] * h
@@ -101,7 +101,7 @@ def rotate(h, omega, q, p):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def motion(q, p, phi1, phi2, delta, sigma):
     """State (d1, v2, F1, F2) of modal coordinates q and rates p; the inverse of `amplitudes`.
 
@@ -115,7 +115,7 @@ def motion(q, p, phi1, phi2, delta, sigma):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def single_contact(mass, d, E, e, compressing, impulse_to_return):
     """S2 or S3 from entry to exit: one contact acts, until it ends or the other contact returns.
 

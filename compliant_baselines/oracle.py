@@ -1,0 +1,34 @@
+"""The oracle (`model.oracle`) behind the contract that every solver keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from compliant_baselines.contract import Settings, SolverBase
+from model import Collision, Outcome
+from model.oracle import NAME, solve_oracle
+
+
+class OracleSolver(SolverBase):
+    """The state-transition model by numerical integration in impulse space; of the settings it knows the cut-off.
+
+    It has no gravity and no path, and refuses limits. It is some thousand times slower than the model it checks,
+    so it runs only where it is asked for by name.
+    """
+
+    name = NAME
+
+    def version(self) -> str:
+        """Version of scipy, which does the integration."""
+        return version("scipy")
+
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+        """Answer every collision, in order; a limit is ``unrepresentable``."""
+        return [self._answer(collision, settings.stiffness_ratio_cutoff) for collision in collisions]
+
+    def _answer(self, collision: Collision, cutoff: float) -> Outcome:
+        try:
+            return solve_oracle(collision, stiffness_ratio_cutoff=cutoff)
+        except ValueError as refusal:
+            return Outcome.failure(self.name, "unrepresentable", str(refusal))
