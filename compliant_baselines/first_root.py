@@ -1,0 +1,149 @@
+"""The certified first root of a polynomial on the unit interval.
+
+A polynomial f on [0, 1] of which sum n (n-1) (n-2) (n-3) abs(a_n) = C has abs(f'''') <= C there. The cubic
+H with the values and slopes of f at both ends of an interval of length w misses f by at most C w^4 x^2 (1 -
+x)^2/24, and x^2 (1 - x)^2 <= (B1 + B2)/12 in Bernstein polynomials of degree three. Hence f > 0 inside the
+interval if the outer Bernstein coefficients of H are >= 0 and the inner ones exceed C w^4/288. An interval
+that is neither certified so, nor split by a root into a certified part and a rest, is halved: no root, and
+no pair of close roots, can be stepped over.
+
+A function that is zero when the stretch begins, to whatever order, is divided by that power of the time
+first, so that the zero it starts from is never found again (contact 2 starts from a zero of third order).
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+from numba import njit
+
+#: An interval this short, relative to a stretch, resolves a tangency to rounding.
+SHORTEST = 1e-10
+
+#: Intervals after which the search is given up: numbers that are not finite, or next to it, are never certified.
+MOST_INTERVALS = 10_000
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _value(f, i, sign, f0, first, degree, x):
+    """Value and slope at x of a watched polynomial divided by x^first; f0 is its value at 0 then."""
+    value, slope = f[i, degree], 0.0
+    for n in range(degree - 1, first, -1):
+        slope = slope * x + value
+        value = value * x + f[i, n]
+    if first < degree:
+        slope = slope * x + value
+        value = sign * value * x + f0
+    else:
+        value = f0
+    return value, sign * slope
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _positive(f0, df0, f1, df1, w, C):
+    """Whether f > 0 inside an interval of length w is certain."""
+    reserve = C * (w * w) * (w * w) / 288
+    return f1 >= 0 and f0 + w * df0 / 3 > reserve and f1 - w * df1 / 3 > reserve
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _refine(f, i, sign, start, first, degree, low, high, f0, f1, df1):
+    """Root in (low, high], where the function is positive at low and not at high, and the slope there.
+
+    Newton within bisection, from the root of a parabola. Newton's steps shrink as s, s^2, s^4...: one whose
+    successor would be lost in rounding is the last.
+    """
+    w = high - low
+    curve = (f0 - f1 + w * df1) / (w * w)
+    discriminant = df1 * df1 - 4 * curve * f1
+    x = low + w * f0 / (f0 - f1)
+    if discriminant > 0 and df1 < 0:
+        x = high + 2 * f1 / (-df1 + sqrt(discriminant))
+    if not low < x <= high:
+        x = 0.5 * (low + high)
+    slope, before = df1, 0.0
+    for _ in range(100):
+        value, slope = _value(f, i, sign, start, first, degree, x)
+        if value > 0:
+            low = x
+        else:
+            high = x
+        after = x - value / slope if slope < 0 else low
+        newton = low < after < high
+        if not newton:
+            after = 0.5 * (low + high)
+        move = abs(after - x)
+        x = after
+        if move <= 2.0**-52 * x or (newton and move * move * move <= 2.0**-53 * x * before * before):
+            break
+        before = move if newton else 0.0
+    return x, slope
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"})
+def first_root(f, i, sign, start, degree, limit):
+    """First root in (0, limit) of a polynomial that is positive, or zero and rising, at 0.
+
+    Parameters
+    ----------
+    f : ndarray, shape (m, n > degree)
+        Coefficients, a polynomial a row.
+    i : int
+        Which row.
+    sign : float
+        1 or -1, by which the row is multiplied.
+    start : float
+        Value at 0, instead of the row's own; exactly zero marks a zero that is not to be found.
+    degree : int
+        Its degree.
+    limit : float
+        At most 1.
+
+    Returns
+    -------
+    float
+        Infinity if there is none; 0 if the polynomial is not positive from the start; -1 if the search was given
+        up. A limit below 0, from a search given up before, finds nothing.
+    """
+    if limit < 0:
+        return inf
+    first = 0
+    while start == 0 and first < degree:
+        first += 1
+        start = sign * f[i, first]
+    if start == 0:
+        return inf
+    if start < 0:
+        return 0.0
+    df0 = sign * f[i, first + 1] if first < degree else 0.0
+    f1, df1, C = 0.0, 0.0, 0.0
+    for n in range(first + 1, degree + 1):
+        a, m = f[i, n], float(n - first)
+        f1 += a
+        df1 += m * a
+        C += (m * (m - 1)) * ((m - 2) * (m - 3)) * abs(a)
+    f1, df1 = start + sign * f1, sign * df1
+    if limit < 1:
+        f1, df1 = _value(f, i, sign, start, first, degree, limit)
+    low, high, f0 = 0.0, limit, start
+    for _ in range(MOST_INTERVALS):
+        w = high - low
+        if _positive(f0, df0, f1, df1, w, C):
+            if high >= limit:
+                return inf
+            low, f0, df0 = high, f1, df1
+            high = min(low + 2 * w, limit)
+        elif f1 <= 0:
+            x, slope = _refine(f, i, sign, start, first, degree, low, high, f0, f1, df1)
+            if w < SHORTEST or _positive(f0, df0, 0.0, slope, x - low, C):
+                return x
+            high = low + 0.5 * w
+        elif w < SHORTEST:
+            if high >= limit:
+                return inf
+            low, f0, df0 = high, f1, df1
+            high = min(low + 2 * w, limit)
+        else:
+            high = low + 0.5 * w
+        f1, df1 = _value(f, i, sign, start, first, degree, high)
+    return -1.0

@@ -1,0 +1,222 @@
+"""What the engine-free references have in common as solvers: inputs and answers, singly and in bulk.
+
+All of them are exact to rounding between events, and none has a time step. Both scenarios of `Settings` are
+known to them; `step_fraction`, `min_run` and `mapping` do not concern them.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compliant_baselines.column import unrepresentable
+from compliant_baselines.contract import Settings, SolverBase
+from compliant_baselines.piecewise import LOG_COLUMNS, TOO_LONG
+from compliant_baselines.reference_path import trace
+from compliant_baselines.trajectory import FREE, STUCK
+from model.collision import STATES, Collision, Outcome
+
+Floats = NDArray[np.float64]
+
+#: Stretches after which a cell of a batch is given up. Only a stiffness ratio beyond 1e10 or so, or a
+#: damping next to none in a drop, comes near it; at a third of a microsecond each a cell then still costs
+#: less than a second.
+MAX_STEPS = 1_000_000
+
+#: How a collision ended, by the codes of the kernels.
+ENDS = np.array(["", "free", "rest", "stuck", *[""] * 6])
+
+#: Rows of the first try at a log; a collision that needs more is run once more.
+LOG_ROWS = 512
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReferenceBatch:
+    r"""What a reference says of many collisions: arrays of the shape the inputs broadcast to.
+
+    Attributes
+    ----------
+    v1, v2 : ndarray of float
+        Velocities per \\|v0\\| when the collision is over; 0 for a ball at rest (`trajectory`); NaN where
+        `status` says why.
+    impulse1, impulse2 : ndarray of float
+        Total impulses per m1 \\|v0\\|.
+    retained_energy : ndarray of float
+        Kinetic energy of v1, v2 over that of B1 before the collision.
+    duration : ndarray of float
+        Per sqrt(m1/k1).
+    status : ndarray of str
+        ``ok``, ``limit`` (a closed-form limit finished the collision), ``timeout`` or ``unrepresentable``.
+    end : ndarray of str
+        ``free``, ``rest`` or ``stuck`` (`trajectory`), empty without a result.
+    sequence : ndarray of uint64
+        The states, two bits each (S1 is 0), the last lowest: those of all sequences of up to 32 states, the
+        last 32 of a longer one.
+    n_states, n_events, n_steps : ndarray of int
+        Length of the sequence (S4 included), number of events, number of stretches.
+    """
+
+    v1: Floats
+    v2: Floats
+    impulse1: Floats
+    impulse2: Floats
+    retained_energy: Floats
+    duration: Floats
+    status: NDArray[np.str_]
+    end: NDArray[np.str_]
+    sequence: NDArray[np.uint64]
+    n_states: NDArray[np.int64]
+    n_events: NDArray[np.int64]
+    n_steps: NDArray[np.int64]
+
+    def states(self, index: tuple[int, ...] | int) -> tuple[str, ...]:
+        """State sequence of one cell, such as ``("S1", "S3", "S4")``; at most its last 32 states."""
+        code, n = int(self.sequence[index]), min(int(self.n_states[index]), 32)
+        return tuple(STATES[1 + (code >> 2 * (n - 1 - i) & 3)] for i in range(n))
+
+
+def cells(
+    stiffness_ratio: ArrayLike, mass_ratio: ArrayLike, e1: ArrayLike, e2: ArrayLike, gravity_number: ArrayLike
+) -> tuple[tuple[int, ...], list[Floats]]:
+    r"""Check and broadcast the inputs of a batch.
+
+    Returns
+    -------
+    shape : tuple of int
+        What they broadcast to.
+    arrays : list of five ndarray, shape (n,)
+        kappa, mu, e1, e2 and gravity per \\|v0\\| sqrt(k1/m1), flat.
+
+    Raises
+    ------
+    ValueError
+        If any value is illegal; the message names the parameter, the first such value and the legal range.
+    """
+    given = (
+        ("stiffness_ratio", stiffness_ratio, 0, math.inf, "from 0 to inf (k2/k1)"),
+        ("mass_ratio", mass_ratio, math.ulp(0), np.finfo(float).max, "a finite number > 0 (m2/m1)"),
+        ("e1", e1, 0, 1, "from 0 to 1"),
+        ("e2", e2, 0, 1, "from 0 to 1"),
+        ("gravity_number", gravity_number, 0, np.finfo(float).max, "a finite number >= 0 (g/(|v0| omega1))"),
+    )
+    arrays = []
+    for name, values, low, high, legal in given:
+        try:
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"{name} = {values!r}: not an array of numbers; legal: {legal}") from None
+        bad = ~((array >= low) & (array <= high))
+        if np.any(bad):
+            raise ValueError(f"{name} = {float(array[bad].flat[0])!r}; legal: {legal}")
+        arrays.append(array)
+    arrays = np.broadcast_arrays(*arrays)
+    kappa, mu, first, second, number = (np.ravel(a) for a in arrays)
+    return arrays[0].shape, [kappa, mu, first, second, number * np.sqrt(1 + 1 / mu)]
+
+
+def batch_of(shape: tuple[int, ...], mu: Floats, g: Floats, results: Sequence[NDArray]) -> ReferenceBatch:
+    """Turn what a kernel returned, cell by cell, into a `ReferenceBatch`.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the answer.
+    mu, g : ndarray, shape (n,)
+        As from `cells`.
+    results : sequence of ndarray, shape (n,)
+        v1, v2, end (-1: unrepresentable), sequence, n_states, n_events, n_steps, duration, limited.
+    """
+    v1, v2, end, sequence, n_states, n_events, n_steps, duration, limited = results
+    failed = (end < 0) | (end == TOO_LONG)
+    impulse1 = np.where(failed, np.nan, 1 + v1 + g * duration)
+    impulse2 = np.where(failed, np.nan, impulse1 + mu * (v2 + g * duration))
+    v1 = np.where(failed, np.nan, np.where(end == STUCK, 0.0, v1))
+    v2 = np.where(failed, np.nan, np.where(end != FREE, 0.0, v2))
+    status = np.where(limited, "limit", "ok")
+    status = np.where(end == TOO_LONG, "timeout", np.where(end < 0, "unrepresentable", status))
+    return ReferenceBatch(
+        v1=v1.reshape(shape),
+        v2=v2.reshape(shape),
+        impulse1=impulse1.reshape(shape),
+        impulse2=impulse2.reshape(shape),
+        retained_energy=(v1 * v1 + mu * v2 * v2).reshape(shape),
+        duration=np.where(failed, np.nan, duration).reshape(shape),
+        status=status.reshape(shape),
+        end=ENDS[end].reshape(shape),
+        sequence=sequence.reshape(shape),
+        n_states=n_states.reshape(shape),
+        n_events=n_events.reshape(shape),
+        n_steps=n_steps.reshape(shape),
+    )
+
+
+class ReferenceSolver(SolverBase):
+    """A reference behind the contract: a subclass says how to follow one collision.
+
+    Statuses beside `ok`: `limit` (only `bistiffness`: a contact became rigid), `unrepresentable` (e_i = 0,
+    k_i = 0 or infinite), `timeout` (not over after `Settings.max_steps` stretches).
+    """
+
+    @abstractmethod
+    def follow(self, collision: Collision, g: float, max_steps: int, log: Floats) -> tuple:
+        """Call the kernel, in scaled units; returns what `batch_of` takes, cell by cell."""
+
+    @abstractmethod
+    def law(self, collision: Collision) -> tuple[int, float, float, tuple[int, ...], tuple[int, ...]]:
+        """Return law, c1, c2 of `reference_path.trace`, and which phases carry force and are named what."""
+
+    def version(self) -> str:
+        """Version of this project: the reference is its own."""
+        return version("impact-xval")
+
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+        """Answer every collision, in order."""
+        return [self._one(c, settings) for c in collisions]
+
+    def _one(self, c: Collision, settings: Settings) -> Outcome:
+        reason = unrepresentable(c)
+        if reason is not None:
+            return Outcome.failure(self.name, "unrepresentable", reason)
+        unit, speed = math.sqrt(c.m1 / c.k1), -c.v0
+        g = settings.gravity * unit / speed if settings.scenario == "drop" else 0.0
+        log = np.zeros((LOG_ROWS, len(LOG_COLUMNS)))
+        result = self.follow(c, g, settings.max_steps, log)
+        n_rows = result[6] + 1
+        if n_rows > LOG_ROWS:
+            log = np.zeros((n_rows, len(LOG_COLUMNS)))
+            result = self.follow(c, g, settings.max_steps, log)
+        v1, v2, end, _, _, n_events, n_steps, duration, limited = result
+        if end == TOO_LONG:
+            return Outcome.failure(
+                self.name, "timeout", f"not over after max_steps = {settings.max_steps} stretches"
+            )
+        path, events, states = trace(c, g, log[:n_rows], *self.law(c), settings.record_path)
+        diagnostics = {"duration": duration * unit, "n_steps": float(n_steps)}
+        if g > 0:
+            diagnostics["gravity_number"] = g / math.sqrt(1 + 1 / c.mass_ratio)
+        impulse1 = 1 + v1 + g * duration
+        impulse2 = impulse1 + c.mass_ratio * (v2 + g * duration)
+        if end != FREE:
+            diagnostics["rest_speed"] = v2 * speed
+            v1, v2 = (0.0 if end == STUCK else v1), 0.0
+        momentum = c.m1 * speed
+        return Outcome(
+            solver=self.name,
+            v1=v1 * speed,
+            v2=v2 * speed,
+            impulse1=impulse1 * momentum,
+            impulse2=impulse2 * momentum,
+            states=states,
+            status="limit" if limited else "ok",
+            reason="a contact became rigid: closed form from there on" if limited else "",
+            n_events=n_events,
+            diagnostics=diagnostics,
+            path=path,
+            events=events,
+        )
