@@ -21,7 +21,7 @@ from numba import njit
 SHORTEST = 1e-10
 
 #: Intervals after which the search is given up: numbers that are not finite, or next to it, are never certified.
-MOST_INTERVALS = 10_000
+MOST_INTERVALS = 500
 
 
 @njit(cache=True, error_model="numpy", inline="always")

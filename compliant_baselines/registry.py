@@ -15,15 +15,17 @@ _SOLVERS: dict[str, tuple[str, str]] = {
     "state-transition": ("compliant_baselines.state_transition", "StateTransitionSolver"),
     "bistiffness": ("compliant_baselines.bistiffness", "BistiffnessSolver"),
     "kelvin-voigt": ("compliant_baselines.kelvin_voigt", "KelvinVoigtSolver"),
-    "kelvin-voigt-anchored": ("compliant_baselines.kelvin_voigt", "AnchoredKelvinVoigtSolver"),
-    "kelvin-voigt-textbook": ("compliant_baselines.kelvin_voigt", "TextbookKelvinVoigtSolver"),
-    "hunt-crossley": ("compliant_baselines.kelvin_voigt", "HuntCrossleySolver"),
     "mujoco": ("compliant_baselines.mujoco_drop", "MujocoSolver"),
     "pybullet": ("compliant_baselines.pybullet_drop", "PybulletSolver"),
 }
 
 # Solvers that run only where they are asked for by name.
-_ON_REQUEST: dict[str, tuple[str, str]] = {"oracle": ("compliant_baselines.oracle", "OracleSolver")}
+_ON_REQUEST: dict[str, tuple[str, str]] = {
+    "kelvin-voigt-anchored": ("compliant_baselines.kelvin_voigt", "AnchoredKelvinVoigtSolver"),
+    "kelvin-voigt-textbook": ("compliant_baselines.kelvin_voigt", "TextbookKelvinVoigtSolver"),
+    "hunt-crossley": ("compliant_baselines.kelvin_voigt", "HuntCrossleySolver"),
+    "oracle": ("compliant_baselines.oracle", "OracleSolver"),
+}
 
 
 def solver_names(*, on_request: bool = False) -> tuple[str, ...]:

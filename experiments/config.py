@@ -87,7 +87,7 @@ class Config(_Strict):
         -1.0, lt=0, allow_inf_nan=False, description="a finite number < 0 (m/s, up is positive)"
     )
     solvers: list[str] = Field(
-        [REFERENCE, "mujoco", "pybullet"],
+        [REFERENCE, "bistiffness", "kelvin-voigt", "mujoco", "pybullet"],
         description="a list of names of solvers, each once",
     )
     step_fraction: float = Field(

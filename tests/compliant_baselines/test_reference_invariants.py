@@ -130,8 +130,10 @@ def test_extremes_end(name, ratio):
         np.testing.assert_allclose(batch.v1, 0.8, atol=0.01)
 
 
-@pytest.mark.parametrize("ratio", [1e-300, 1e-15, 1e15, 1e300])
-@pytest.mark.parametrize("number", [0.0, 0.1])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("ratio", "number"), [(1e-300, 0), (1e-15, 0), (1e-15, 0.1), (1e15, 0.1), (1e300, 0)]
+)
 def test_beyond_double_precision_a_cell_ends_with_a_status(ratio, number):
     for batch in BATCHES.values():
         cells = batch(ratio, [1e-3, 1.0, 1e3], [1.0, 0.999, 1e-3], 0.5, number)
