@@ -42,6 +42,7 @@ def run(path: Path | None, out: Path | None, workers: int | None, resume: bool) 
     console = make_console()
     try:
         with show_progress(console) as progress:
+            progress(0, 0, _compile_notice())
             folder = sweep.run_sweep(config, root, workers=workers, resume=resume, progress=progress)
     except sweep.InterruptedRunError as stopped:
         words = [
@@ -114,6 +115,9 @@ def solve(values: dict[str, str], solvers: list[str] | None, *, as_json: bool) -
         raise UserError(f"--solver {problem}")
     collision = collision_of(config, config.figure_cell)
     settings = settings_of(config)
+    notice = _compile_notice()
+    if notice:
+        error_line(notice)
     outcomes = [answer(get_solver(name), [collision], settings)[0] for name in names]
     if as_json:
         objects = [outcome_object(n, collision, outcome) for n, outcome in zip(names, outcomes, strict=True)]
@@ -125,6 +129,14 @@ def solve(values: dict[str, str], solvers: list[str] | None, *, as_json: bool) -
     for name, outcome in zip(names, outcomes, strict=True):
         if outcome.reason:
             print_line(console, f"{name}: {outcome.status}: {outcome.reason}")
+
+
+def _compile_notice() -> str:
+    """Say that kernels are about to be compiled; nothing where they have been."""
+    from model.automaton import collide
+    from model.compiled import is_compiled
+
+    return "" if is_compiled(collide) else "compiling the kernels, once for each installation: some 20 s"
 
 
 def outcome_object(name: str, collision: Collision, outcome: Outcome) -> dict[str, Any]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 from numba import njit
 
 #: Options of every kernel. A product and a sum may be fused and a division become a multiplication by a reciprocal,
@@ -9,3 +12,10 @@ from numba import njit
 OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
 
 compiled = njit(**OPTIONS)
+
+
+def is_compiled(kernel: Any) -> bool:
+    """Tell whether an earlier process left the machine code of a kernel in the cache."""
+    # The folder is that of numba's cache, which the dispatcher knows and does not make public.
+    folder = Path(kernel._cache.cache_path)
+    return any(folder.glob(f"{kernel.py_func.__module__.rpartition('.')[2]}.{kernel.py_func.__name__}-*.nbi"))
