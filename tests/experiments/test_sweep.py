@@ -191,7 +191,7 @@ def test_a_run_that_was_stopped_resumes_to_the_same_bytes(tmp_path, number, code
     config = tmp_path / "c.toml"
     config.write_text(
         "scenario = 'impact'\nsolvers = ['mujoco']\nchunk_size = 2\n"
-        "[grid]\nstiffness_ratio = {log = [0.01, 100, 9]}\n"
+        "[grid]\nstiffness_ratio = {log = [0.01, 100, 60]}\n"
         "mass_ratio = [1.0, 2.0]\ne1 = [0.7, 0.9]\ne2 = [0.8]\n"
     )
     command = [sys.executable, "-m", "experiments.cli", "run", str(config), "--workers", "2", "--out"]
