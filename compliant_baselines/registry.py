@@ -17,6 +17,7 @@ _SOLVERS: dict[str, tuple[str, str]] = {
     "kelvin-voigt": ("compliant_baselines.kelvin_voigt", "KelvinVoigtSolver"),
     "mujoco": ("compliant_baselines.mujoco_drop", "MujocoSolver"),
     "pybullet": ("compliant_baselines.pybullet_drop", "PybulletSolver"),
+    "drake": ("compliant_baselines.drake_drop", "DrakeSolver"),
 }
 
 # Solvers that run only where they are asked for by name.
@@ -24,6 +25,7 @@ _ON_REQUEST: dict[str, tuple[str, str]] = {
     "kelvin-voigt-anchored": ("compliant_baselines.kelvin_voigt", "AnchoredKelvinVoigtSolver"),
     "kelvin-voigt-textbook": ("compliant_baselines.kelvin_voigt", "TextbookKelvinVoigtSolver"),
     "hunt-crossley": ("compliant_baselines.kelvin_voigt", "HuntCrossleySolver"),
+    "drake-hunt-crossley": ("compliant_baselines.drake_continuous", "DrakeHuntCrossleySolver"),
     "oracle": ("compliant_baselines.oracle", "OracleSolver"),
 }
 
