@@ -40,7 +40,7 @@ class DrakeHuntCrossleySolver(DrakeSolver):
     name = "drake-hunt-crossley"
 
     def refusal(self, column: Column) -> str | None:
-        """Why a column cannot be taken: there is no naive mapping to this law."""
+        """Why a column cannot be taken: there is no naive mapping to this law. No step is too short."""
         if column.mapping == "naive":
             return "mapping = 'naive': a Hunt-Crossley contact has no naive mapping; take 'calibrated'"
         return None

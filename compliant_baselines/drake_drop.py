@@ -13,6 +13,9 @@ Set-up, and why:
   allowance, and combines it in series.
 * `sap_near_rigid_threshold` is 0. Above 0 (the default is 1) a contact whose period comes near to the step is
   softened until it can be resolved: another stiffness than asked for, without a status.
+* The solver stops where its residual is below 1e-6 of the momentum: a contact whose impulse in a step is less
+  exerts no force at all. At each touch it starts late by that much, and at a step of 1e-7 of its period a body
+  falls through the table. So there is a *shortest* step, and `refusal` knows it.
 * The half space is exact at any depth, as PyBullet's plane.
 * Steps are logged in C++ (`LogVectorOutput`, once a step); Python is entered once for `WINDOW` steps.
 * Everything is in SI units as asked; only the balls' radius is ours (`radius_of`).
@@ -37,6 +40,13 @@ from compliant_baselines.recording import Recorder, Run
 
 #: Steps between two looks at whether the collision is over.
 WINDOW = 512
+
+#: Relative tolerance of the engine's solver (SapSolverParameters; Python cannot set it).
+SAP_TOLERANCE = 1e-6
+
+#: Phase angle of a contact that may pass before its impulse per step reaches that; its square over 2 is the share
+#: of the velocity that is lost.
+LATEST_START = 0.02
 
 
 class DrakeSolver(EngineSolver):
@@ -63,6 +73,18 @@ class DrakeSolver(EngineSolver):
             import_module("pydrake")
         except ImportError as error:
             return f"Drake cannot be imported ({error}): run pip install --force-reinstall drake"
+        return None
+
+    def refusal(self, column: Column) -> str | None:
+        """Why a column cannot be taken: a step so short that the engine neglects a contact."""
+        slow = min(column.contact1.omega, column.contact2.omega)
+        # k delta h = k v t h reaches SAP_TOLERANCE m v at the phase omega t = SAP_TOLERANCE/(omega h).
+        if SAP_TOLERANCE / (slow * column.step) > LATEST_START:
+            shortest = SAP_TOLERANCE / (slow * LATEST_START)
+            return (
+                f"step = {column.step:.3g} s: Drake neglects impulses below {SAP_TOLERANCE:.0e} of the momentum, "
+                f"and with them the slower contact; a step of {shortest:.2g} s or more is needed"
+            )
         return None
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:

@@ -108,6 +108,43 @@ def solve(
 
 
 @app.command()
+def contact(
+    engine: Annotated[str, typer.Option(metavar="NAME", help="'mujoco', 'pybullet' or 'drake'.")],
+    masses: Annotated[
+        tuple[str, str], typer.Option(metavar="KG KG", help="Of the two bodies; inf for a fixed one.")
+    ],
+    restitution: Annotated[str, typer.Option(metavar="E", help="Greater than 0, at most 1.")],
+    stiffness: Annotated[str | None, typer.Option(metavar="N/M", help="Of the contact.")] = None,
+    duration: Annotated[
+        str | None, typer.Option(metavar="S", help="Of the contact; instead of a stiffness.")
+    ] = None,
+    speed: Annotated[str, typer.Option(metavar="M/S", help="Speed of approach.")] = "1",
+    gravity: Annotated[
+        str, typer.Option(metavar="G", help="In m/s^2: also show a drop onto the fixed body under it.")
+    ] = "0",
+    tolerance: Annotated[
+        str, typer.Option(metavar="X", help="Allowed relative error of restitution and duration.")
+    ] = "0.01",
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON object.")] = False,
+) -> None:
+    """Print what to paste into a scene for one contact, and the largest step at which it means what it says.
+
+    Give the two masses, the restitution, and the stiffness or the duration. Beside what was asked stands what
+    verifying drops in the engine gave.
+    """
+    from experiments import contact as command
+
+    values = {
+        "masses": masses,
+        "restitution": restitution,
+        "stiffness": stiffness,
+        "duration": duration,
+        "speed": speed,
+    }
+    command.contact(engine, values, tolerance=tolerance, gravity=gravity, as_json=json)
+
+
+@app.command()
 def table(folder: Folder) -> None:
     """Write the summary of a finished run again, and show it."""
     from experiments import commands

@@ -4,6 +4,7 @@ import importlib.util
 import math
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,6 +113,20 @@ def test_what_drake_raises_becomes_a_status(monkeypatch):
     monkeypatch.setattr(Simulator, "AdvanceTo", broken)
     outcome = get_solver("drake").solve_many([collision(1.0)], Settings())[0]
     assert (outcome.status, "Drake: SAP did not converge" in outcome.reason) == ("crashed", True)
+
+
+@needs_drake
+@pytest.mark.parametrize(("fraction", "felt"), [(1e-5, 1.0), (1e-7, 0.0)])
+def test_a_step_too_short_switches_a_contact_off(fraction, felt):
+    # Half way into an elastic contact, at full speed: the force is k delta, or nothing at all.
+    column = ContactRequest("ball-table", 1.0, k=1e6).column()
+    omega = column.contact2.omega
+    column = replace(column, step=fraction * column.contact2.period, x1=1.0, v1=0.0, x2=-0.5 / omega, v2=-1.0)
+    run = get_solver("drake").run_columns([column], max_steps=5)[0]
+    assert (run.v2 + 1) / (5 * omega * column.step) == pytest.approx(0.5 * felt, abs=1e-3)
+    refused = get_solver("drake").refusal(column)
+    assert (refused is None) == (felt == 1)
+    assert refused is None or "impulses below 1e-06 of the momentum" in refused
 
 
 @needs_drake
