@@ -72,7 +72,7 @@ class Pair:
             _require("stiffness", self.stiffness, 0 < self.stiffness < math.inf, "a finite number > 0 (N/m)")
         else:
             T = self.duration
-            _require("duration", T, 0 < T < math.inf, "a finite number > 0 (s)")
+            _require("duration", T, T is not None and 0 < T < math.inf, "a finite number > 0 (s)")
         contact = self._contact()
         if not (0 < contact.k < math.inf and 0 < contact.omega < math.inf and contact.c < math.inf):
             name = "duration" if self.stiffness is None else "stiffness"

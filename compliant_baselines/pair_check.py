@@ -86,6 +86,8 @@ def columns_of(pair: Pair, step: float, phases: Sequence[float], gravity: float 
         v0=-pair.speed,
     )
     column = replace(request.column(), step=step, gravity=gravity)
+    # The idle ball stays the faster one, whatever gravity takes from it meanwhile: else the run would go on.
+    column = replace(column, v1=column.v1 + 20 * gravity * contact.duration)
     which = "x2" if pair.fixed else "x1"
     return [
         replace(column, **{which: getattr(column, which) + phase * pair.speed * step}) for phase in phases
