@@ -108,6 +108,60 @@ def solve(
 
 
 @app.command()
+def export_scene(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", help="Folder of a finished run, with --cell.")
+    ] = None,
+    cell: Annotated[str | None, typer.Option(metavar="N", help="Number of a cell of that run.")] = None,
+    stiffness_ratio: Annotated[str | None, typer.Option(metavar="R", help="k2/k1, without a run.")] = None,
+    mass_ratio: Annotated[str | None, typer.Option(metavar="R", help="m2/m1, without a run.")] = None,
+    e1: Annotated[str | None, typer.Option(metavar="E", help="Restitution of ball on ball.")] = None,
+    e2: Annotated[str | None, typer.Option(metavar="E", help="Restitution of ball on table.")] = None,
+    solver: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="'mujoco' or 'pybullet'; may be repeated. By default both."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder to write; by default in scenes/.")
+    ] = None,
+    scenario: Annotated[
+        str | None, typer.Option(metavar="NAME", help="'impact' (default) or 'drop'.")
+    ] = None,
+    gravity: Annotated[str | None, typer.Option(metavar="G", help="In m/s^2; for a drop.")] = None,
+    m1: Annotated[str | None, typer.Option(metavar="KG", help="Mass of the upper ball.")] = None,
+    k1: Annotated[str | None, typer.Option(metavar="N/M", help="Stiffness of ball on ball.")] = None,
+    v0: Annotated[str | None, typer.Option(metavar="M/S", help="Velocity of the upper ball.")] = None,
+    step_fraction: Annotated[
+        str | None, typer.Option(metavar="X", help="Time step over the period of the faster contact.")
+    ] = None,
+    mapping: Annotated[
+        str | None, typer.Option(metavar="NAME", help="'calibrated' (default) or 'naive'.")
+    ] = None,
+) -> None:
+    """Write one cell as an MJCF file and as a PyBullet script that run in the engine alone.
+
+    The cell is one of a finished run (DIR --cell N), or given by its ratios. The scripts print their velocities beside
+    the tabulated ones and fail where they differ by more than 1e-12 of the speed.
+    """
+    from experiments import commands
+
+    values = {
+        "stiffness_ratio": stiffness_ratio,
+        "mass_ratio": mass_ratio,
+        "e1": e1,
+        "e2": e2,
+        "scenario": scenario or ("impact" if folder is None else None),
+        "gravity": gravity,
+        "m1": m1,
+        "k1": k1,
+        "v0": v0,
+        "step_fraction": step_fraction,
+        "mapping": mapping,
+    }
+    commands.export_scene(folder, cell, values, solver, out)
+
+
+@app.command()
 def contact(
     engine: Annotated[str, typer.Option(metavar="NAME", help="'mujoco', 'pybullet' or 'drake'.")],
     masses: Annotated[
