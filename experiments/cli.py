@@ -199,6 +199,31 @@ def contact(
 
 
 @app.command()
+def solvers() -> None:
+    """List the solvers: their versions, where they come from, and why one cannot run here."""
+    from experiments import third_party
+
+    third_party.show_solvers()
+
+
+@app.command()
+def conform(
+    name: Annotated[str, typer.Argument(metavar="SOLVER", help="Name of a solver.")],
+    law: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="What its contacts obey: 'kelvin-voigt', 'hunt-crossley' or 'none' to leave it out.",
+        ),
+    ] = "kelvin-voigt",
+) -> None:
+    """Check whether a solver keeps the contract; for authors of adapters. Exit code 1 if it does not."""
+    from experiments import third_party
+
+    third_party.conform(name, law)
+
+
+@app.command()
 def table(folder: Folder) -> None:
     """Write the summary of a finished run again, and show it."""
     from experiments import commands
