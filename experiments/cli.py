@@ -199,6 +199,27 @@ def contact(
 
 
 @app.command()
+def doctor(
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SCENE]",
+            help="MJCF file, PyBullet script (run up to its first step), URDF, CONFIG.toml or folder of a run; "
+            "without it, the built-in experiment.",
+        ),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON list, an object a trap.")] = False,
+) -> None:
+    """Look for the traps engines set: contact parameters that are replaced, ignored or not what they seem.
+
+    Exit code 1 if there are any.
+    """
+    from experiments import doctor as command
+
+    command.doctor(scene, as_json=json)
+
+
+@app.command()
 def solvers() -> None:
     """List the solvers: their versions, where they come from, and why one cannot run here."""
     from experiments import third_party
