@@ -177,7 +177,7 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b, m
     steps = passed = 0
     chased = -1
 
-    # A rate that starts below zero, by rounding, has its event behind it; one that starts at zero must leave it upwards.
+    # A rate that starts below zero, by rounding, has its event behind it; one that starts at zero must leave upwards.
     gone0 = f0[0] < 0 or (fresh0 and (f0[1] < 0 or (f0[1] == 0 and f0[2] < 0)))
     gone1 = f1[0] < 0 or (fresh1 and (f1[1] < 0 or (f1[1] == 0 and f1[2] < 0)))
     if gone0 or gone1:

@@ -6,7 +6,7 @@ decides what happens; that a root is the first one is certified by the caller.
 
 from __future__ import annotations
 
-from math import acos, atan2, pi, sqrt
+from math import acos, atan2, pi
 
 from model.compiled import compiled, inlined
 from model.motion import modal, turn_little
@@ -39,13 +39,13 @@ def predicted_root(h, start, end):
     r0, r1, r2 = f1 - f0 - a1 - a2, slope - a1 - 2 * a2, 0.5 * curve - a2
     a3, a4, a5 = 10 * r0 - 4 * r1 + r2, -15 * r0 + 7 * r1 - 2 * r2, 6 * r0 - 3 * r1 + r2
     x = 1 - 2 * f1 * slope / (2 * slope * slope - f1 * curve)
-    x = x if (0 < x) & (x < 1) else 0.5
+    x = x if (x > 0) & (x < 1) else 0.5
     x2 = x * x
     f = (f0 + x * a1) + x2 * ((a2 + x * a3) + x2 * (a4 + x * a5))
     df = (a1 + x * 2 * a2) + x2 * ((3 * a3 + x * 4 * a4) + x2 * (5 * a5))
     ddf = (2 * a2 + x * 6 * a3) + x2 * (12 * a4 + x * 20 * a5)
     y = x - 2 * f * df / (2 * df * df - f * ddf)
-    return h * (y if (0 < y) & (y < 1) else x)
+    return h * (y if (y > 0) & (y < 1) else x)
 
 
 @inlined
