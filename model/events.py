@@ -199,7 +199,7 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b, m
         below2, below3 = (g2[0] < -z2) & watched[0], (g3[0] < -z3) & watched[1]
 
         if below0 | below1 | below2 | below3:
-            high = h
+            high, u, v = h, a, b
             if below0:
                 chased, c, start, end, noise = 0, (s1 * delta[0], s1 * delta[1]), f0, g0, z0
                 low = time_above_zero(f0, B0, w1) if fresh0 else 0.0
@@ -208,9 +208,12 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b, m
                 low = time_above_zero(f1, B1, w1) if fresh1 else 0.0
             elif below2:
                 chased, c, start, end, noise, low = 2, force1, f2, g2, z2, 0.0
+                u, v = b, (-a[0], -a[1])
             else:
                 chased, c, start, end, noise, low = 3, force2, f3, g3, z3, 0.0
-            h, q, r = root_before(chased > 1, c, t, h, low, start, end, noise, omega, a, b)
+                u, v = b, (-a[0], -a[1])
+            h, u, v = root_before(c, t, h, low, start, end, noise, omega, u, v)
+            q, r = ((-v[0], -v[1]), u) if chased > 1 else (u, v)
             continue
 
         spared0 |= fresh0 & (g0[0] <= z0) & (g0[1] >= 0)

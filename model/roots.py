@@ -70,8 +70,8 @@ def step_to_root(x0, x1, y0, y1, w0, w1):
 
 
 @inlined
-def root_before(force, c, t, h, low, start, end, noise, omega, a, b):
-    """Root of one function in (t + low, t + h), at whose end it is negative; alone, so that an iteration costs little.
+def root_before(c, t, h, low, start, end, noise, omega, a, b):
+    """Root of sum c_j q_j in (t + low, t + h), at whose end it is negative; alone, so that an iteration costs little.
 
     From each point tried the step of `step_to_root`, inside a bracket that is halved now and then, whatever the step.
 
@@ -88,8 +88,7 @@ def root_before(force, c, t, h, low, start, end, noise, omega, a, b):
     x = x if x > low else 0.5 * (low + h)
     q, r = modal(t + x, omega, a, b)
     for i in range(1, 200):
-        x0, y0 = (c[0] * r[0], -g0 * q[0]) if force else (c[0] * q[0], g0 * r[0])
-        x1, y1 = (c[1] * r[1], -g1 * q[1]) if force else (c[1] * q[1], g1 * r[1])
+        x0, x1, y0, y1 = c[0] * q[0], c[1] * q[1], g0 * r[0], g1 * r[1]
         f = x0 + x1
         if abs(f) <= noise or abs(step) <= EPSILON * (t + x):
             break
