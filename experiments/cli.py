@@ -131,6 +131,29 @@ def report(folder: Folder) -> None:
     commands.report(folder)
 
 
+@app.command()
+def ladder(
+    folder: Folder,
+    law: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="What if: the dissipation law on the way; kelvin-voigt, kelvin-voigt-anchored, "
+            "kelvin-voigt-textbook or hunt-crossley.",
+        ),
+    ] = "kelvin-voigt",
+    cell: Annotated[str | None, typer.Option(metavar="N", help="Show one cell, from 0.")] = None,
+) -> None:
+    """Show why the engines of a finished run diverge: frozen positions, law, gravity, mapping, time step.
+
+    Another law than kelvin-voigt splits the rung of the dissipation law into what that law would leave and
+    what the choice of the dashpot adds, and writes ladder-NAME.parquet and .csv into the folder.
+    """
+    from experiments import commands, ladder_commands
+
+    ladder_commands.ladder(folder, law, commands.whole("--cell", cell, 0, 10**7))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 

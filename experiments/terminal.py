@@ -63,13 +63,14 @@ def show_summary(console: Console, summary: Summary) -> None:
     for shown in (overall_table(summary), grazing_table(summary), status_table(summary)):
         print_line(console, "")
         print_line(console, shown.caption)
-        console.print(_rich(shown))
+        console.print(rich_table(shown))
     print_line(console, "")
     for text in findings(summary):
         print_line(console, text)
 
 
-def _rich(table: Table) -> RichTable:
+def rich_table(table: Table) -> RichTable:
+    """Turn a table of a document into one of the terminal."""
     shown = RichTable(box=None, pad_edge=False)
     for position, title in enumerate(table.header):
         shown.add_column(Text(title), justify="left" if position < table.text_columns else "right")
