@@ -26,6 +26,7 @@ from model.automaton import (
     S4,
     SPENT1,
     SPENT2,
+    STIFFENING,
 )
 from model.collision import STATES, Collision, Event, Path
 from model.motion import amplitudes, modes, motion
@@ -67,7 +68,7 @@ class Stretch(NamedTuple):
     time: NDArray[np.float64]
 
 
-def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[Event, ...]]:
+def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Path, tuple[Event, ...]]:
     """Fill in the path between the rows of a complete log, and name its events.
 
     Parameters
@@ -76,6 +77,8 @@ def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[E
         Whose units the result is in.
     log : ndarray, shape (n, 12)
         As written by `collide`; the last row is the end.
+    law : int
+        `STIFFENING` or `ORIGINAL`, as given to `collide`.
 
     Returns
     -------
@@ -85,7 +88,7 @@ def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[E
     rows = [Row(*map(int, r[:3]), *r[3:10], int(r[10]), bool(r[11])) for r in log.tolist()]  # type: ignore[call-arg]
     stretches: list[Stretch] = []
     marks: list[tuple[str, int, int]] = []  # kind, contact, number of stretches before it
-    ends = [0, 0]  # ends of compression so far, of either contact
+    ends = [0, 0]  # ends of compression that either contact's stiffness keeps
     for row, after in pairwise(rows):
         if row.limit and not any(kind == "limit" for kind, _, _ in marks):
             marks.append(("limit", 0, len(stretches)))
@@ -97,6 +100,7 @@ def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[E
                     marks.append(("end-of-compression", contact, len(stretches)))
                 elif row.cause & bit:
                     marks.append(("restart-of-compression", contact, len(stretches)))
+                    ends[contact - 1] *= law == STIFFENING
         else:
             pieces, contact = _one_contact(collision, row, after, ends)
             stretches.append(pieces[0])
@@ -112,6 +116,8 @@ def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[E
         ):
             if row.cause & bit:
                 marks.append((kind, contact, len(stretches)))
+                if kind == "return":
+                    ends[contact - 1] *= law == STIFFENING
     last = rows[-1]
     end = [np.array([x]) for x in (last.d1, last.v2, 0.0, 0.0, 0.0)]
     stretches.append(Stretch(S4, 0, 0, *end))
