@@ -44,6 +44,8 @@ class LiuZhaoBrogliatoSolver(StateTransitionSolver):
         """Answer every collision, in order."""
         cutoff, path = settings.stiffness_ratio_cutoff, settings.record_path
         return [
-            replace(solve(c, stiffness_ratio_cutoff=cutoff, path=path, impact_law=self.name), solver=self.name)
+            replace(
+                solve(c, stiffness_ratio_cutoff=cutoff, path=path, impact_law=self.name), solver=self.name
+            )
             for c in collisions
         ]
