@@ -277,7 +277,7 @@ def split(mass_ratio: Floats, model: Floats, between: Posts, limit: Floats, engi
     limit : ndarray, shape (n, 2)
         The engine in the limit of small steps; NaN where it is not known.
     """
-    known = ~np.isnan(limit).any(axis=1)[:, None]
+    known = ~np.isnan(limit).any(axis=1, keepdims=True)
     other = between.kelvin_voigt if between.alternative is None else between.alternative
     steps = [(FROZEN, between.bistiffness - model), (LAW, other - between.bistiffness)]
     if between.alternative is not None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
@@ -151,17 +150,18 @@ def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
     Table
         One row for each row of an engine, in order.
     """
-    engines = cells.filter(pc.invert(pc.is_in(cells["solver"], pa.array(sorted(ENGINE_FREE)))))
-    model = cells.filter(pc.equal(cells["solver"], REFERENCE))
+    solvers = cells["solver"].to_numpy(zero_copy_only=False)
+    engines = cells.filter(pa.array(~np.isin(solvers, sorted(ENGINE_FREE))))
+    model = cells.filter(pa.array(solvers == REFERENCE))
     if not len(engines):
         return ladder_schema(rungs_of(law)).empty_table()
     # The references know nothing of engines: one answer a cell.
     at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
-    parameters = [_numbers(model, name) for name in ("stiffness_ratio", "mass_ratio", "e1", "e2")]
-    here = posts(*parameters, _numbers(model, "gravity_number"), law=law).take(at)
+    kappa, mu, e1, e2 = (_numbers(model, name) for name in ("stiffness_ratio", "mass_ratio", "e1", "e2"))
+    here = posts(kappa, mu, e1, e2, _numbers(model, "gravity_number"), law=law).take(at)
     reference, engine = _velocities(model)[at], _velocities(engines)
     limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])
-    ladders = split(parameters[1][at], reference, here, limit, engine)
+    ladders = split(mu[at], reference, here, limit, engine)
     status, reason = _statuses(engines, model, at, here.reason, ladders)
     return _table(engines, _numbers(model, "grazing_margin")[at], ladders, status, reason)
 
@@ -172,7 +172,7 @@ def _numbers(table: pa.Table, name: str) -> Floats:
 
 def _velocities(table: pa.Table) -> Floats:
     """v1 and v2 per abs(v0), shape (n, 2); NaN where the status is not that of a result."""
-    there = pc.is_in(table["status"], pa.array(COMPARABLE)).to_numpy(zero_copy_only=False)
+    there = np.isin(table["status"].to_numpy(zero_copy_only=False), COMPARABLE)
     v = (
         np.column_stack([_numbers(table, "v1"), _numbers(table, "v2")])
         / np.abs(_numbers(table, "v0"))[:, None]

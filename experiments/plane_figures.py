@@ -66,7 +66,7 @@ def _causes(plane: Plane, images: Images) -> tuple[Figure, str]:
     with drawing(9.4, 7.2 if len(names) > 3 else 3.8) as figure:
         rows = 2 if len(names) > 3 else 1
         axes = figure.subplots(rows, -(-len(names) // rows), squeeze=False, sharey=True)
-        shown = None
+        shown: Any = None
         for ax, name in zip(axes.flat, names, strict=True):
             image = np.where(images["failed"], np.nan, np.clip(images[name], _RANGE[0], None))
             shown = _show(ax, plane, image, cmap="magma", norm=LogNorm(*_RANGE))

@@ -124,7 +124,11 @@ class Column:
             rtol=1e-12,
             atol=1e-15 * np.array([1 / w, 1 / w, 1, 1]),
             events=events,
-            max_step=np.inf if flying and self.g == 0 else 0.3 if apart else 0.15 / (self.pace() or w) / self.finer,
+            max_step=np.inf
+            if flying and self.g == 0
+            else 0.3
+            if apart
+            else 0.15 / (self.pace() or w) / self.finer,
             first_step=1e-4 / w,
         )
         assert run.status == 1, run.message
