@@ -68,7 +68,16 @@ def _finding(ladder: LadderSummary, solver: str) -> str:
         if detour > 1.2
         else ""
     )
-    return f"Of {solver}'s mean D of {number(whole.total.iloc[0])}: {', '.join(parts)}.{where}{against}"
+    doubt = whole.doubt.iloc[0]
+    known = (
+        f" Its limit of small steps is known to {number(doubt, 2)} (median): mapping and time step are told apart to "
+        "within that."
+        if not np.isnan(doubt)
+        else ""
+    )
+    return (
+        f"Of {solver}'s mean D of {number(whole.total.iloc[0])}: {', '.join(parts)}.{where}{against}{known}"
+    )
 
 
 def _what_if(ladder: LadderSummary) -> list[str]:
@@ -174,4 +183,4 @@ def csv_rows(ladder: LadderSummary) -> Frame:
     shares = table.assign(measure="share_" + table.rung, mean=table.share)
     norms = table.assign(measure="norm_" + table.rung)
     shares[["median", "p95", "max"]] = np.nan
-    return [frame.drop(columns=["rung", "total", "share", "dominant"]) for frame in (shares, norms)]
+    return [frame.drop(columns=["rung", "total", "share", "dominant", "doubt"]) for frame in (shares, norms)]

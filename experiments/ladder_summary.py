@@ -7,17 +7,18 @@ shares of an engine and region sum to 1. Grazing cells are left out, as in the r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 
 from compliant_baselines.bistiffness import bistiffness_batch
-from experiments.config import Config
-from experiments.ladder import ENGINE_FREE, KELVIN_VOIGT, LAWS, RUNGS
+from experiments.config import REFERENCE, Config
+from experiments.ladder import ENGINE_FREE, KELVIN_VOIGT, LAWS, MAPPING, RUNGS
 from experiments.ladder_table import LADDER, LADDER_SCHEMA
 from experiments.store import RunFolder
-from model import solve_batch
 
 #: A pandas DataFrame or Series; see `summary.Frame`.
 Frame = Any
@@ -28,7 +29,7 @@ AXES = ("stiffness_ratio", "mass_ratio", "e1", "e2")
 BAND = "stiffness_band"
 BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
 
-#: Largest grid whose cells are asked "what if" for a summary: some ten seconds.
+#: Largest run whose cells are asked "what if" for a summary: some ten seconds.
 MOST_ALTERNATIVES = 200_000
 
 
@@ -40,8 +41,9 @@ class LadderSummary:
     ----------
     statistics : DataFrame
         ``solver, axis ("all", an axis of the grid or "stiffness_band"), value, rung, n, total, share, mean, median,
-        p95, max, dominant``: `n` cells have the rung, `total` is the mean D of the region, `share` the rung's share of
-        it, `mean` to `max` are of its norm, and it has the largest share in the fraction `dominant` of the cells.
+        p95, max, dominant, doubt``: `n` cells have the rung, `total` is the mean D of the region, `share` the rung's
+        share of it, `mean` to `max` are of its norm, it has the largest share in the fraction `dominant` of the cells,
+        and `doubt` is the median of the estimated error of the engine's limit, where there is one.
     alternatives : DataFrame
         "What if" without an engine, no gravity: ``law, value (a band's lower edge, NaN for all), n, median, p95`` of D
         from the model, ``closer``, the fraction of cells in which that D is less than kelvin-voigt's, and
@@ -74,7 +76,7 @@ def band_of(stiffness_ratio: Any) -> Any:
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     """Compute the statistics of the ladders of a finished run."""
     table = folder.read_table(LADDER, LADDER_SCHEMA).drop_columns(["sentence"]).to_pandas()
-    return LadderSummary(statistics_of(table, config), _alternatives(config))
+    return LadderSummary(statistics_of(table, config), _alternatives(folder, config))
 
 
 def statistics_of(table: Frame, config: Config) -> Frame:
@@ -89,7 +91,7 @@ def statistics_of(table: Frame, config: Config) -> Frame:
         for value, part in _regions(table[table.solver == solver], axis)
     ]
     columns = ["solver", "axis", "value", "rung", "n", "total", "share", "mean", "median", "p95", "max"]
-    columns.append("dominant")
+    columns += ["dominant", "doubt"]
     return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=columns)
 
 
@@ -125,22 +127,25 @@ def _region_statistics(part: Frame, solver: str, axis: str, value: float) -> Fra
                 "p95": norm.quantile(0.95),
                 "max": norm.max(),
                 "dominant": float((part.dominant == rung.name).mean()),
+                "doubt": part.limit_error[part[f"{MAPPING.name}_norm"].notna()].median(),
             }
         )
     return pd.DataFrame(rows)
 
 
-def _alternatives(config: Config) -> Frame:
-    """Ask every law what it would do, over the cells of the grid."""
+def _alternatives(folder: RunFolder, config: Config) -> Frame:
+    """Ask every law what it would do, over the cells of a run."""
     columns = ["law", "value", "n", "median", "p95", "closer", "dissipation"]
-    axes = config.grid.axes()
-    if np.prod([len(values) for values in axes.values()]) > MOST_ALTERNATIVES:
+    path = folder.root / "cells.parquet"
+    if pq.read_metadata(path).num_rows > MOST_ALTERNATIVES * len(config.solvers):
         return pd.DataFrame(columns=columns)
-    cells = [a.ravel() for a in np.meshgrid(*axes.values(), indexing="ij")]
-    mass_ratio, band = cells[1], band_of(cells[0])
-    model = solve_batch(*cells, stiffness_ratio_cutoff=config.stiffness_ratio_cutoff)
+    read = ("stiffness_ratio", "mass_ratio", "e1", "e2", "v0", "v1", "v2", "grazing_margin")
+    table = pq.read_table(path, columns=list(read), filters=[("solver", "==", REFERENCE)])
+    kappa, mass_ratio, e1, e2, v0, v1, v2, margin = (table[name].to_numpy().astype(float) for name in read)
+    cells, band = (kappa, mass_ratio, e1, e2), band_of(kappa)
+    model = SimpleNamespace(v1=v1 / abs(v0), v2=v2 / abs(v0))
     stiff = bistiffness_batch(*cells)
-    regular = ~(model.grazing_margin < config.grazing_threshold)
+    regular = ~(margin < config.grazing_threshold)
 
     def distance(a: Any, b: Any) -> Any:
         return np.hypot(a.v1 - b.v1, np.sqrt(mass_ratio) * (a.v2 - b.v2))

@@ -30,6 +30,9 @@ from experiments.store import replacing
 
 LADDER, LADDER_CSV = "ladder.parquet", "ladder.csv"
 
+#: Status of an engine's result that changes with its step: it has a ladder, which no statistic counts.
+UNCONVERGED = "unconverged"
+
 #: Why the last two rungs are one.
 NO_LIMIT = "no certified limit of small steps for this cell"
 
@@ -56,7 +59,11 @@ def ladder_schema(rungs: Sequence[Rung]) -> pa.Schema:
         for name in _PARAMETERS
     ]
     fields += [
-        _field("status", text, "ok, or the status of the outcome without which there is no ladder"),
+        _field(
+            "status",
+            text,
+            "ok; unconverged: the engine's result is; or that of the outcome without which there is no ladder",
+        ),
         _field("reason", text, "which outcome that is, and why; or why mapping and time step are one rung"),
         _field("model_grazing_margin", number, "grazing margin of the state-transition model"),
         _field("velocity_divergence", number, "D, the kinetic norm of (dv1, dv2)"),
@@ -159,8 +166,10 @@ def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
     at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
     kappa, mu, e1, e2 = (_numbers(model, name) for name in ("stiffness_ratio", "mass_ratio", "e1", "e2"))
     here = posts(kappa, mu, e1, e2, _numbers(model, "gravity_number"), law=law).take(at)
-    reference, engine = _velocities(model)[at], _velocities(engines)
+    reference, engine = _velocities(model, COMPARABLE)[at], _velocities(engines, (*COMPARABLE, UNCONVERGED))
     limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])
+    # A limit that did not converge is none.
+    limit[engines["status"].to_numpy(zero_copy_only=False) == UNCONVERGED] = np.nan
     ladders = split(mu[at], reference, here, limit, engine)
     status, reason = _statuses(engines, model, at, here.reason, ladders)
     return _table(engines, _numbers(model, "grazing_margin")[at], ladders, status, reason)
@@ -170,9 +179,9 @@ def _numbers(table: pa.Table, name: str) -> Floats:
     return table[name].to_numpy(zero_copy_only=False).astype(float)
 
 
-def _velocities(table: pa.Table) -> Floats:
-    """v1 and v2 per abs(v0), shape (n, 2); NaN where the status is not that of a result."""
-    there = np.isin(table["status"].to_numpy(zero_copy_only=False), COMPARABLE)
+def _velocities(table: pa.Table, statuses: Sequence[str]) -> Floats:
+    """v1 and v2 per abs(v0), shape (n, 2); NaN where the status is none of these."""
+    there = np.isin(table["status"].to_numpy(zero_copy_only=False), statuses)
     v = (
         np.column_stack([_numbers(table, "v1"), _numbers(table, "v2")])
         / np.abs(_numbers(table, "v0"))[:, None]
@@ -204,7 +213,7 @@ def _statuses(
 
 
 def _table(engines: pa.Table, margin: Floats, ladders: Split, status: list[str], reason: Any) -> pa.Table:
-    ok = np.array([s == "ok" for s in status])
+    ok = ~np.isnan(ladders.divergence) & np.array([s in ("ok", UNCONVERGED) for s in status])
     columns: dict[str, Any] = {name: engines[name] for name in _PARAMETERS}
 
     def numbers(values: Floats) -> pa.Array:

@@ -199,6 +199,25 @@ def test_a_certified_limit_splits_the_last_rung(run):
     assert np.abs(np.nansum(vectors(mine), axis=0) - mine[["dv1", "dv2"]].to_numpy()).max() < 1e-14
 
 
+def test_an_unconverged_engine_has_a_joined_rung_that_no_statistic_counts(run):
+    frame = with_limits(run.read_table("cells.parquet", CELLS_SCHEMA), ["mujoco"]).to_pandas()
+    shaky = (frame.solver == "mujoco") & (frame.stiffness_ratio == 1.0) & (frame.status == "ok")
+    frame.loc[shaky, ["status", "reason"]] = ["unconverged", "differs from its limit by 0.1"]
+    table = ladder_rows(pa.Table.from_pandas(frame, preserve_index=False)).to_pandas()
+    rows = table[table.status == "unconverged"]
+    assert len(rows) == shaky.sum() > 0
+    assert rows.engine_norm.notna().all()
+    assert rows.mapping_norm.isna().all()
+    assert set(rows.reason) == {"mujoco: differs from its limit by 0.1"}
+    assert np.abs(np.nansum(vectors(rows), axis=0) - rows[["dv1", "dv2"]].to_numpy()).max() < 1e-14
+    counted = statistics_of(table, run.config())
+    counted = counted[(counted.axis == "stiffness_ratio") & (counted.value == 1.0)]
+    assert (
+        counted.n.sum()
+        == 5 * (table[(table.stiffness_ratio == 1.0) & (table.solver == "mujoco")].status == "ok").sum()
+    )
+
+
 def test_pieces_make_no_difference(run, tmp_path, monkeypatch):
     (tmp_path / "cells.parquet").write_bytes((run.root / "cells.parquet").read_bytes())
     monkeypatch.setattr(ladder_table, "_ROWS", 7)
