@@ -23,7 +23,7 @@ from experiments.ladder_table import LADDER, LADDER_SCHEMA, write_ladder
 from experiments.numbers import number, percent
 from experiments.schema import CELLS_SCHEMA
 from experiments.store import RunFolder
-from experiments.terminal import make_console, print_line, rich_table
+from experiments.terminal import make_console, print_line, print_table
 
 
 def ladder(root: Path, law: str, cell: int | None) -> None:
@@ -58,9 +58,8 @@ def _show_run(folder: RunFolder, law: str, stem: str) -> None:
     if len(found.alternatives):
         tables.append(alternatives_table(found))
     for table in tables:
-        print_line(console, table.caption)
-        console.print(rich_table(table))
-        print_line(console, "")
+        print_table(console, table)
+    print_line(console, "")
     for text in ladder_findings(found):
         print_line(console, text)
 
@@ -80,8 +79,8 @@ def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
     names = {"k2/k1": "stiffness_ratio", "m2/m1": "mass_ratio", "e1": "e1", "e2": "e2"}
     print_line(console, f"cell {cell}: " + ", ".join(f"{k} = {number(first[v])}" for k, v in names.items()))
     for _, row in rows.iterrows():
-        print_line(console, "")
-        if row.status != "ok":
+        if np.isnan(row.velocity_divergence):
+            print_line(console, "")
             print_line(console, f"{row.solver}: {row.status}: {row.reason}")
             continue
         lines = [
@@ -92,8 +91,7 @@ def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
         ]  # fmt: skip
         lines.append(("sum", _exact(row.dv1), _exact(row.dv2), _exact(row.velocity_divergence), "100.0 %"))
         header = ("cause", "dv1/|v0|", "dv2/|v0|", "kinetic norm", "share")
-        console.print(rich_table(Table("", header, lines)))
-        print_line(console, row.sentence)
+        print_table(console, Table(row.sentence, header, lines))
         if row.reason:
             print_line(console, f"({row.reason})")
 
