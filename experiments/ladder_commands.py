@@ -92,7 +92,7 @@ def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
         lines.append(("sum", _exact(row.dv1), _exact(row.dv2), _exact(row.velocity_divergence), "100.0 %"))
         header = ("cause", "dv1/|v0|", "dv2/|v0|", "kinetic norm", "share")
         print_table(console, Table(row.sentence, header, lines))
-        if row.reason:
+        if isinstance(row.reason, str):
             print_line(console, f"({row.reason})")
 
 
