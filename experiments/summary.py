@@ -15,6 +15,7 @@ import pandas as pd
 
 from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE
+from experiments.ladder_summary import LadderSummary, summarise_ladder
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
 
@@ -66,6 +67,8 @@ class Summary:
         max``.
     n_cells, n_grazing : int
         Cells of the grid, and those of them beside a jump.
+    ladder : LadderSummary
+        What the divergence of the engines is made of.
     """
 
     config: Config
@@ -76,6 +79,7 @@ class Summary:
     between: Frame
     n_cells: int
     n_grazing: int
+    ladder: LadderSummary
 
     @property
     def solvers(self) -> list[str]:
@@ -116,6 +120,7 @@ def summarise(folder: RunFolder) -> Summary:
         between=_between(cells, config),
         n_cells=len(reference),
         n_grazing=int((reference.grazing_margin < config.grazing_threshold).sum()),
+        ladder=summarise_ladder(folder, config),
     )
 
 

@@ -61,12 +61,17 @@ def side_by_side(
 def show_summary(console: Console, summary: Summary) -> None:
     """Print what a run found."""
     for shown in (overall_table(summary), grazing_table(summary), status_table(summary)):
-        print_line(console, "")
-        print_line(console, shown.caption)
-        console.print(_rich(shown))
+        print_table(console, shown)
     print_line(console, "")
     for text in findings(summary):
         print_line(console, text)
+
+
+def print_table(console: Console, table: Table) -> None:
+    """Print a table below its caption."""
+    print_line(console, "")
+    print_line(console, table.caption)
+    console.print(_rich(table))
 
 
 def _rich(table: Table) -> RichTable:
