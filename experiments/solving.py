@@ -14,7 +14,7 @@ from compliant_baselines.contract import Settings, Solver
 from experiments.config import Config
 from experiments.divergence import COMPARABLE, divergence
 from experiments.grid import CellGrid, GridCell
-from experiments.schema import COLUMNS
+from experiments.schema import CERTIFICATE, COLUMNS
 from experiments.store import RunFolder
 from model.collision import Collision, Outcome
 
@@ -167,6 +167,7 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
         "step": outcome.diagnostics.get("step"),
         "n_steps": _whole(outcome.diagnostics.get("n_steps")),
         "duration": outcome.diagnostics.get("duration"),
+        **_certificate(c, outcome),
         "model_states": " ".join(model.states) or None,
         "model_status": model.status,
         "model_grazing_margin": model.grazing_margin,
@@ -184,6 +185,16 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
             "retained_energy": outcome.retained_energy(c),
         }
     return {column: row.get(column) for column in COLUMNS}
+
+
+def _certificate(collision: Collision, outcome: Outcome) -> dict[str, float | None]:
+    """Columns of the convergence certificate; the outcome states them in SI units among its diagnostics."""
+    speed = abs(collision.v0)
+    scale = {"order": 1.0, "finest_step": 1.0}
+    return {
+        name: None if (value := outcome.diagnostics.get(name)) is None else value / scale.get(name, speed)
+        for name in CERTIFICATE
+    }
 
 
 def _whole(value: float | None) -> int | None:
