@@ -8,7 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compliant_baselines.column import Column
-from compliant_baselines.trajectory import BROKEN, GOING, Floats, Runs, ScanParameters, merge_runs, scan
+from compliant_baselines.trajectory import (
+    ALOFT,
+    BROKEN,
+    FREE,
+    GOING,
+    NEVER_LOADED,
+    REST,
+    STUCK,
+    Floats,
+    Runs,
+    ScanParameters,
+    merge_runs,
+    scan,
+)
 from model.collision import Path
 
 #: A recorded path has about as many points as this between the borders of its states.
@@ -38,6 +51,12 @@ class Run:
         Number of the step (0 is the start), v1, v2; the borders between raw states are among them.
     failure : str
         What the engine itself complained of, if it did.
+    starts : float
+        What contacts that began to carry force again did in their first steps, summed as changes of the
+        relative velocity of their pair in m/s. When in its first step a contact is met is chance: by so much
+        the outcome depends on it.
+    max_steps : int
+        Steps it was allowed.
     """
 
     column: Column
@@ -51,11 +70,37 @@ class Run:
     raw: Runs
     points: Floats | None
     failure: str = ""
+    starts: float = 0.0
+    max_steps: int = 0
 
     @property
     def duration(self) -> float:
         """Time the run took, in s."""
         return self.raw.n_steps * self.column.step
+
+    @property
+    def over(self) -> bool:
+        """Whether the collision came to its end."""
+        return self.end in (FREE, REST, STUCK)
+
+    @property
+    def reported(self) -> tuple[float, float]:
+        """Velocities in m/s as an outcome states them: those of balls at rest are 0 (`trajectory`)."""
+        return 0.0 if self.end == STUCK else self.v1, 0.0 if self.end in (REST, STUCK) else self.v2
+
+    def problem(self) -> str:
+        """Why the collision is not over, in words; empty if it is."""
+        if self.over:
+            return ""
+        if self.end == BROKEN:
+            why = self.failure or "velocities are no longer finite"
+            return f"after {self.raw.n_steps} steps of {self.column.step:.3g} s: {why}"
+        reason = f"not over after max_steps = {self.max_steps} steps of {self.column.step:.3g} s"
+        if self.end == ALOFT:
+            reason += (
+                f" (after {self.raw.n_steps} both balls are in flight, and meet again only after the last)"
+            )
+        return reason
 
     def impulses(self, v1: float, v2: float) -> tuple[float, float]:
         """Give the total impulses of both contacts, in N s, for final velocities in m/s; gravity put back."""
@@ -135,6 +180,7 @@ class Recorder:
         self._start = (x1, x2)
         self.n_steps = 0
         self._last_code = 0
+        self._contact_starts = np.array(NEVER_LOADED)
         self._starts: list[NDArray[np.int64]] = []
         self._states: list[NDArray[np.int64]] = []
         self._points = [np.array([[0.0, column.v1, column.v2]])] if record_path else None
@@ -150,7 +196,7 @@ class Recorder:
         """
         codes = np.empty(len(v), np.int8)
         left = self._max_steps - self.n_steps - len(v)
-        n, self.end = scan(v, x, self._v, self._p, left, codes)
+        n, self.end = scan(v, x, self._v, self._p, left, codes, self._contact_starts)
         codes = codes[:n]
         if n:
             changes = np.flatnonzero(np.diff(codes, prepend=np.int8(self._last_code)))
@@ -202,7 +248,21 @@ class Recorder:
         end = BROKEN if failure else self.end
         v1, v2 = map(float, self._v)
         x1, x2 = map(float, self._x)
-        return Run(self.column, end, v1, v2, x1, x2, *self._start, raw, points, failure)
+        starts = float(self._contact_starts[0])
+        return Run(
+            self.column,
+            end,
+            v1,
+            v2,
+            x1,
+            x2,
+            *self._start,
+            raw,
+            points,
+            failure,
+            starts,
+            self._max_steps,
+        )
 
 
 def states_of(run: Run, min_run: int) -> Runs:

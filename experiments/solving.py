@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from compliant_baselines.contract import Settings, Solver
+from compliant_baselines.convergence import Convergence
 from experiments.config import Config
 from experiments.divergence import COMPARABLE, divergence
 from experiments.grid import CellGrid, GridCell
@@ -75,6 +76,9 @@ def settings_of(config: Config) -> Settings:
         min_run=config.min_run,
         record_path=True,
         stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
+        convergence=Convergence(config.convergence.tolerance, config.convergence.halvings)
+        if config.convergence.enabled
+        else None,
     )
 
 
@@ -153,7 +157,8 @@ def gravity_number(config: Config, collision: Collision) -> float:
 
 def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:
     c = cell.collision
-    done = outcome.status in COMPARABLE
+    # A result that is not converged keeps the numbers it came to, but is no measure of anything.
+    done = outcome.status in (*COMPARABLE, "unconverged") and math.isfinite(outcome.v1)
     row: dict[str, Any] = {
         "cell": cell.index,
         "stiffness_ratio": cell.stiffness_ratio,
