@@ -11,15 +11,14 @@ The bounds hold for the law an adapter was asked for, F_i = max(0, -k_i g_i - c_
 negative, with k_i and c_i as the engine has them. In what follows Phi_i = -k_i g_i - c_i g_i' is that force
 before it is cut off at zero.
 
-1. Within s = 0.2/Omega, Omega = sqrt(k1/M1 + k2/m2) + c1/M1 + c2/m2, a force grows to at most F_i +
-   (k_i s + c_i)|g_i'| plus what the accelerations feed back, which is less than as much again (0.22 of it,
-   twice, summed as a geometric series): |g_1''| <= A1 = 2 (F1/M1 + F2/m2), |g_2''| <= A2 = 2 ((F1 + F2)/m2 +
-   g) with those F_i.
-2. Phi_i keeps its sign as long as k_i (|g_i'| t + A_i t^2/2) + c_i A_i t < |Phi_i|, and g_i its own as long as
-   |g_i'| t + A_i t^2/2 < |g_i|; a rate that leads away from zero counts as none.
+1. Let A bound |g_1''| and |g_2''|, which are at most F1/M1 + F2/m2 + g. Within s = 0.5/Omega, Omega =
+   sqrt(k1/M1 + k2/m2) + c1/M1 + c2/m2, a force grows by at most (k_i s + c_i)|g_i'| + (k_i s^2/2 + c_i s) A.
+   The second term feeds at most A/2 back into the accelerations: A is at most twice what the rest makes.
+2. Phi_i keeps its sign as long as k_i (|g_i'| t + A t^2/2) + c_i A t < |Phi_i|, and g_i its own as long as
+   |g_i'| t + A t^2/2 < |g_i|; a rate that leads away from zero counts as none.
 3. While neither contact carries force the collision cannot become over (its velocities only fall together).
    While B2 alone is carried, only by coming to rest, and while both are, only by being stuck: both take an
-   energy (`compliant_baselines.trajectory`) that within s does not fall to a sixteenth.
+   energy (`compliant_baselines.trajectory`) that within s falls by less than half, never to a sixteenth.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from typing import NamedTuple
 
 import numba
 
-from compliant_baselines.trajectory import ScanParameters
+from compliant_baselines.trajectory import Floats, ScanParameters
 
 
 class Law(NamedTuple):
@@ -87,7 +86,7 @@ def quiet_time(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
     gap1, rate1 = x1 - x2, v1 - v2
     stiff = law.k1 / law.M1 + law.k2 / p.m2
     damp = law.c1 / law.M1 + law.c2 / p.m2
-    s = 0.2 / (math.sqrt(stiff) + damp)
+    s = 0.5 / (math.sqrt(stiff) + damp)
     if p.g > 0:
         if loaded1 and loaded2:
             away1, away2 = x2 - x1 - p.m1 * p.g / p.k1, x2 - p.x2_rest + p.m1 * p.g / p.k2
@@ -104,22 +103,32 @@ def quiet_time(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
     if loaded1 or loaded2 or gap1 < 0 or x2 < 0:
         force1 += (law.k1 * s + law.c1) * abs(rate1)
         force2 += (law.k2 * s + law.c2) * abs(v2)
-        acceleration1 = 2 * (force1 / law.M1 + force2 / p.m2)
-        acceleration2 = 2 * ((force1 + force2) / p.m2 + p.g)
+        acceleration = 2 * (force1 / law.M1 + force2 / p.m2 + p.g)
     else:
-        # Both in flight: the gaps alone bound the time, and exactly.
-        s, acceleration1, acceleration2 = math.inf, 0.0, p.g
-    s = min(s, _contact(loaded1, law.k1, law.c1, gap1, rate1, acceleration1))
-    return min(s, _contact(loaded2, law.k2, law.c2, x2, v2, acceleration2))
+        # Both in flight: the gaps alone bound the time.
+        s, acceleration = math.inf, p.g
+    s = min(s, _contact(loaded1, law.k1, law.c1, gap1, rate1, acceleration))
+    return min(s, _contact(loaded2, law.k2, law.c2, x2, v2, acceleration))
 
 
-def quiet_steps(
-    code: int, v: tuple[float, float], x: tuple[float, float], p: ScanParameters, law: Law
-) -> int:
+def quiet_steps(code: int, v: Floats, x: Floats, p: ScanParameters, law: Law) -> int:
     """Count the steps in which nothing happens: two less than `quiet_time` has, at most a million.
 
     One, because the step after the time may begin within it; another, because an engine may look at a force
     at the end of the step and at a gap at its beginning.
+
+    Parameters
+    ----------
+    code : int
+        State of the last step, 1 to 4; 0 if there was none, and then nothing is known.
+    v, x : ndarray, shape (2,)
+        Velocities in m/s and heights in m of B1 and B2 after it.
+    p : ScanParameters
+        The column.
+    law : Law
+        Its contacts.
     """
-    time = quiet_time(code, *v, *x, p, law)
+    if code == 0:
+        return 0
+    time = quiet_time(code, v[0], v[1], x[0], x[1], p, law)
     return max(0, int(min(time / p.h, 1e6)) - 2)

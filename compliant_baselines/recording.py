@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compliant_baselines.column import Column
+from compliant_baselines.quiet import Law, quiet_steps
 from compliant_baselines.trajectory import (
     ALOFT,
     BROKEN,
@@ -172,7 +173,7 @@ class Recorder:
         self.end = GOING
         self._k2 = k2
         rest = -column.m2 * column.gravity / k2
-        self._p = ScanParameters(
+        self.parameters = ScanParameters(
             column.step, column.gravity, column.m1, column.m2, column.contact1.k, k2, rest
         )
         self._v = np.array([column.v1, column.v2])
@@ -196,7 +197,7 @@ class Recorder:
         """
         codes = np.empty(len(v), np.int8)
         left = self._max_steps - self.n_steps - len(v)
-        n, self.end = scan(v, x, self._v, self._p, left, codes, self._contact_starts)
+        n, self.end = scan(v, x, self._v, self.parameters, left, codes, self._contact_starts)
         codes = codes[:n]
         if n:
             changes = np.flatnonzero(np.diff(codes, prepend=np.int8(self._last_code)))
@@ -208,6 +209,25 @@ class Recorder:
             self._last_code = int(codes[-1])
             self.n_steps += n
         return self.end != GOING
+
+    def quiet_steps(self, law: Law) -> int:
+        """Count the next steps in which nothing will happen, see `compliant_baselines.quiet`."""
+        return quiet_steps(self._last_code, self._v, self._x, self.parameters, law)
+
+    def skip(self, n: int, v: Floats, x: Floats) -> None:
+        """Take n steps together, in which nothing happened: as in the last one that was fed, all along.
+
+        Parameters
+        ----------
+        n : int
+            Number of steps.
+        v, x : ndarray, shape (2,)
+            Velocities in m/s and heights in m of B1 and B2 after the last of them.
+        """
+        self._v, self._x = v, x
+        self.n_steps += n
+        if self._points is not None:
+            self._points.append(np.array([[self.n_steps, *v]]))
 
     def _keep(self, v: Floats, changes: NDArray[np.int64]) -> None:
         """Keep every `stride`-th point, the borders, and the last one of the block."""
