@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,13 @@ from compliant_baselines.trajectory import (
     BROKEN,
     FREE,
     GOING,
-    NEVER_LOADED,
     REST,
     STUCK,
     Floats,
     Runs,
     ScanParameters,
     merge_runs,
+    new_memory,
     scan,
 )
 from model.collision import Path
@@ -56,6 +57,9 @@ class Run:
         What contacts that began to carry force again did in their first steps, summed as changes of the
         relative velocity of their pair in m/s. When in its first step a contact is met is chance: by so much
         the outcome depends on it.
+    unloaded : tuple of float
+        When contacts 1 and 2 last ceased to carry force, in s, to a fraction of a step (`trajectory.scan`);
+        NaN if they never did.
     max_steps : int
         Steps it was allowed.
     """
@@ -72,6 +76,7 @@ class Run:
     points: Floats | None
     failure: str = ""
     starts: float = 0.0
+    unloaded: tuple[float, float] = (nan, nan)
     max_steps: int = 0
 
     @property
@@ -181,7 +186,7 @@ class Recorder:
         self._start = (x1, x2)
         self.n_steps = 0
         self._last_code = 0
-        self._contact_starts = np.array(NEVER_LOADED)
+        self._memory = new_memory()
         self._starts: list[NDArray[np.int64]] = []
         self._states: list[NDArray[np.int64]] = []
         self._points = [np.array([[0.0, column.v1, column.v2]])] if record_path else None
@@ -197,7 +202,7 @@ class Recorder:
         """
         codes = np.empty(len(v), np.int8)
         left = self._max_steps - self.n_steps - len(v)
-        n, self.end = scan(v, x, self._v, self.parameters, left, codes, self._contact_starts)
+        n, self.end = scan(v, x, self._v, self.parameters, left, codes, self._memory)
         codes = codes[:n]
         if n:
             changes = np.flatnonzero(np.diff(codes, prepend=np.int8(self._last_code)))
@@ -226,6 +231,7 @@ class Recorder:
         """
         self._v, self._x = v, x
         self.n_steps += n
+        self._memory[3] += n
         if self._points is not None:
             self._points.append(np.array([[self.n_steps, *v]]))
 
@@ -268,7 +274,7 @@ class Recorder:
         end = BROKEN if failure else self.end
         v1, v2 = map(float, self._v)
         x1, x2 = map(float, self._x)
-        starts = float(self._contact_starts[0])
+        again, unloaded1, unloaded2 = map(float, self._memory[:3])
         return Run(
             self.column,
             end,
@@ -280,7 +286,8 @@ class Recorder:
             raw,
             points,
             failure,
-            starts,
+            again,
+            (unloaded1, unloaded2),
             self._max_steps,
         )
 
