@@ -1,16 +1,16 @@
 """What the harness adds to bare engine stepping, for the same steps in the same run.
 
-Run as ``python benchmarks/engines.py``. The cells are a random part of the default grid, in the default scenario. For each
-engine one run measures, in CPU time of this process and as the best of several repetitions,
+Run as ``python benchmarks/engines.py``. The cells are a random part of the default grid, in the default scenario.
+For each engine one run measures, in CPU time of this process and as the best of several repetitions,
 
-* **bare**: the engine steps the very same columns, built in the same way, for the very same numbers of steps, in calls as
-  long as the engine allows and with nothing read on the way: ``mj_step(model, data, nstep)`` of MuJoCo, one column after
-  the other; ``stepSimulation`` of PyBullet with as many sub-steps a call. Building is not part of it;
+* **bare**: the engine steps the very same columns, built in the same way, for the very same numbers of steps, in
+  calls as long as the engine allows and with nothing read on the way: ``mj_step(model, data, nstep)`` of MuJoCo, one
+  column after the other; ``stepSimulation`` of PyBullet with 256 sub-steps a call. Building is not part of it;
 * **end**: the harness as the steps h/2 and h/4 of a certificate use it: building, stepping, finding the end of the
   collision to the step, states and impulses, no path;
 * **path**: the same with the path recorded, as the step h uses it;
-* **certified**: `solve_many` with convergence certificates, everything included, over all the steps it takes. The share of
-  its own bare time is that of `bare` a step.
+* **certified**: `solve_many` with convergence certificates, everything included, over all the steps it takes,
+  beside what a step costs bare.
 
 The numbers to look at are the ratios to bare, a step.
 """
@@ -83,8 +83,9 @@ def bare_pybullet(columns: Sequence[Column], steps: Sequence[int], stride: int =
 
     spent = 0.0
     with pybullet_world.connected() as client:
+        world = pybullet_world.World(client)
         for column, n in zip(columns, steps, strict=True):
-            pybullet_world.build(client, column)
+            world.prepare(column)
 
             def run(column: Column = column, n: int = n) -> None:
                 p.setPhysicsEngineParameter(

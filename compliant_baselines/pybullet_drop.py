@@ -1,8 +1,8 @@
 """PyBullet as a solver: what it refuses, and why; how it is set up and stepped is `pybullet_world`'s.
 
-A client is connected for a call and serves all of its columns, each from a reset world; it is disconnected
-afterwards. Connecting costs a thousandth of a chunk of cells, and a client that was kept would be client 0 to
-whoever else uses PyBullet in this process and names none.
+A client is connected for a call and serves all of its columns; it is disconnected afterwards. Connecting costs a
+thousandth of a chunk of cells, and a client that was kept would be client 0 to whoever else uses PyBullet in this
+process and names none.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from compliant_baselines.column import Column, radius_of
 from compliant_baselines.engine import EngineSolver
-from compliant_baselines.pybullet_world import connected, depth_of, run
+from compliant_baselines.pybullet_world import World, connected, depth_of, run
 from compliant_baselines.recording import Run
 
 #: The engine takes a step for none below the rounding of 1.0 (SIMD_EPSILON of btScalar.h).
@@ -76,4 +76,5 @@ class PybulletSolver(EngineSolver):
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` steps are taken; in order."""
         with connected() as client:
-            return [run(client, column, max_steps, record_path) for column in columns]
+            world = World(client)
+            return [run(world, column, max_steps, record_path) for column in columns]

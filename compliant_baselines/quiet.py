@@ -27,8 +27,7 @@ import math
 from typing import NamedTuple
 
 import numba
-
-from compliant_baselines.trajectory import Floats, ScanParameters
+import numpy as np
 
 
 class Law(NamedTuple):
@@ -78,7 +77,7 @@ def quiet_time(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
     v1, v2, x1, x2 : float
         Velocities in m/s and heights in m after it.
     p : ScanParameters
-        The column.
+        The column, as `compliant_baselines.trajectory` has it.
     law : Law
         Its contacts.
     """
@@ -111,24 +110,65 @@ def quiet_time(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
     return min(s, _contact(loaded2, law.k2, law.c2, x2, v2, acceleration))
 
 
-def quiet_steps(code: int, v: Floats, x: Floats, p: ScanParameters, law: Law) -> int:
+@numba.njit(cache=True, error_model="numpy")
+def quiet_steps(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
     """Count the steps in which nothing happens: two less than `quiet_time` has, at most a million.
 
     One, because the step after the time may begin within it; another, because an engine may look at a force
-    at the end of the step and at a gap at its beginning.
+    at the end of the step and at a gap at its beginning. Parameters as of `quiet_time`; without a step so far
+    (a code of 0) nothing is known, and the count is 0.
+    """
+    if code == 0:
+        return 0
+    return max(0, int(min(quiet_time(code, v1, v2, x1, x2, p, law) / p.h, 1e6)) - 2)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _accelerations(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
+    """Accelerations of B1 and B2 in m/s^2 by the law of the contacts that carry force."""
+    force1 = -law.k1 * (x1 - x2) - law.c1 * (v1 - v2) if code == 1 or code == 3 else 0.0
+    force2 = -law.k2 * x2 - law.c2 * v2 if code == 1 or code == 2 else 0.0
+    return force1 / p.m1 - p.g, (force2 - force1) / p.m2 - p.g
+
+
+@numba.njit(cache=True, error_model="numpy")
+def between(code, before, after, first, n, stride, p, law):  # pragma: no cover (compiled)
+    """Interpolate the velocities within n quiet steps, by cubics through velocities and accelerations.
 
     Parameters
     ----------
     code : int
-        State of the last step, 1 to 4; 0 if there was none, and then nothing is known.
-    v, x : ndarray, shape (2,)
-        Velocities in m/s and heights in m of B1 and B2 after it.
+        State of these steps.
+    before, after : tuple of four float
+        v1, v2, x1, x2 before the first and after the last of them.
+    first : int
+        Number of the step they begin with, from 0.
+    n : int
+        Number of steps.
+    stride : int
+        Points are wanted whose number is a multiple of it; the last one is always among them.
     p : ScanParameters
         The column.
     law : Law
         Its contacts.
+
+    Returns
+    -------
+    ndarray, shape (points, 3)
+        Number of the point, v1, v2.
     """
-    if code == 0:
-        return 0
-    time = quiet_time(code, v[0], v[1], x[0], x[1], p, law)
-    return max(0, int(min(time / p.h, 1e6)) - 2)
+    a1, a2 = _accelerations(code, before[0], before[1], before[2], before[3], p, law)
+    b1, b2 = _accelerations(code, after[0], after[1], after[2], after[3], p, law)
+    span = n * p.h
+    count = (first + n) // stride - first // stride + ((first + n) % stride != 0)
+    points = np.empty((count, 3))
+    for i in range(count):
+        number = min((first // stride + 1 + i) * stride, first + n)
+        t = (number - first) / n
+        rest = 1 - t
+        left, right = (1 + 2 * t) * rest * rest, t * t * (3 - 2 * t)
+        slope, end_slope = t * rest * rest * span, -t * t * rest * span
+        points[i, 0] = number
+        points[i, 1] = left * before[0] + right * after[0] + slope * a1 + end_slope * b1
+        points[i, 2] = left * before[1] + right * after[1] + slope * a2 + end_slope * b2
+    return points

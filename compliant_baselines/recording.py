@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compliant_baselines.column import Column
-from compliant_baselines.quiet import Law, quiet_steps
+from compliant_baselines.quiet import Law, between, quiet_steps
 from compliant_baselines.trajectory import (
     ALOFT,
     BROKEN,
@@ -186,6 +186,7 @@ class Recorder:
         self._start = (x1, x2)
         self.n_steps = 0
         self._last_code = 0
+        self.law: Law | None = None
         self._memory = new_memory()
         self._starts: list[NDArray[np.int64]] = []
         self._states: list[NDArray[np.int64]] = []
@@ -215,12 +216,17 @@ class Recorder:
             self.n_steps += n
         return self.end != GOING
 
-    def quiet_steps(self, law: Law) -> int:
-        """Count the next steps in which nothing will happen, see `compliant_baselines.quiet`."""
-        return quiet_steps(self._last_code, self._v, self._x, self.parameters, law)
+    def quiet_steps(self) -> int:
+        """Count the next steps in which nothing will happen (`compliant_baselines.quiet`); needs `law`."""
+        assert self.law is not None
+        return quiet_steps(self._last_code, *self._v, *self._x, self.parameters, self.law)
 
     def skip(self, n: int, v: Floats, x: Floats) -> None:
         """Take n steps together, in which nothing happened: as in the last one that was fed, all along.
+
+        Points of the path in between lie on the cubics through the velocities and accelerations at both ends,
+        the accelerations from `law`. That is of fourth order in the time of the n steps, and of first in their
+        own: within 3e-5 of |v0| of what each step would have given, for 16 steps of 1/1000 of a period.
 
         Parameters
         ----------
@@ -229,11 +235,16 @@ class Recorder:
         v, x : ndarray, shape (2,)
             Velocities in m/s and heights in m of B1 and B2 after the last of them.
         """
+        if self._points is not None:
+            assert self.law is not None
+            before, after = (*self._v, *self._x), (*v, *x)
+            points = between(
+                self._last_code, before, after, self.n_steps, n, self._stride, self.parameters, self.law
+            )
+            self._points.append(points)
         self._v, self._x = v, x
         self.n_steps += n
         self._memory[3] += n
-        if self._points is not None:
-            self._points.append(np.array([[self.n_steps, *v]]))
 
     def _keep(self, v: Floats, changes: NDArray[np.int64]) -> None:
         """Keep every `stride`-th point, the borders, and the last one of the block."""

@@ -282,7 +282,9 @@ def test_pybullet_heights_follow_from_velocities_and_nothing_drifts_sideways():
         Settings(scenario="drop", step_fraction=1e-3),
     )
     with pw.connected() as client:
-        b1, b2, x1, x2, _ = pw.build(client, column)
+        world = pw.World(client)
+        x1, x2, _ = world.prepare(column)
+        b1, b2 = world.balls
         start = [p.getBasePositionAndOrientation(b, client)[0][2] for b in (b1, b2)]
         x = np.array([x1, x2])
         for _ in range(2000):
