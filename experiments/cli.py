@@ -108,6 +108,25 @@ def solve(
 
 
 @app.command()
+def calibrate(
+    engine: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="An engine; may be repeated. By default all.")
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write; new or empty.")] = Path(
+        "runs/calibration"
+    ),
+) -> None:
+    """Ask each engine for single contacts, and tabulate what restitution and duration it returns.
+
+    One ball on the table, and one ball on another in free fall, over restitution, stiffness (6 decades) and
+    time step; by the calibrated mapping of k and e to the engine's parameters, and by the naive one.
+    """
+    from experiments import commands
+
+    commands.calibrate(engine, out)
+
+
+@app.command()
 def table(folder: Folder) -> None:
     """Write the summary of a finished run again, and show it."""
     from experiments import commands
