@@ -105,13 +105,14 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
     state, phase1, phase2 = S1, COMPRESSION, COMPRESSION
     d1, v2, E1, E2 = 1.0, 0.0, 0.0, 0.0
     k1, k2 = 1.0, kappa
+    F1 = F2 = 0.0  # sqrt(2 k E), kept in S1
     rigid1, rigid2, stuck = False, False, False
     code = DONE
     n_states, n_events, n, steps = 1, 0, 0, 0
     margin, loss = inf, 0.0
     highest = min(cutoff, PRECISION_RATIO)
     modes_k1 = modes_k2 = -1.0
-    omega = phi1 = phi2 = delta = sigma = (0.0, 0.0)
+    omega = phi1 = sigma = delta = phi2 = force1 = force2 = (0.0, 0.0)
 
     while state != S4:
         if n_events > max_events:
@@ -170,13 +171,12 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
                 state, E1, E2, cause = S4, 0.0, 0.0, SPENT1 | SPENT2
 
         elif state == S1:
-            F1, F2 = sqrt(2 * k1 * E1), sqrt(2 * k2 * E2)
             if k1 != modes_k1 or k2 != modes_k2:
-                omega, phi1, phi2, delta, sigma = modes(mu, k1, k2)
+                omega, phi1, sigma, delta, phi2, force1, force2 = modes(mu, k1, k2)
                 modes_k1, modes_k2 = k1, k2
-            a, b = amplitudes(d1, v2, F1, F2, omega, phi1, phi2, delta, sigma)
+            a, b = amplitudes(d1, v2, F1 / k1, F2 / k2, phi1, sigma, force1, force2)
             signs = (1.0 if phase1 == COMPRESSION else -1.0, -1.0 if phase2 == COMPRESSION else 1.0)
-            duration, fired, at_event, nearest, windows = first_event(
+            duration, fired, at_event, margin, windows = first_event(
                 mu,
                 k1,
                 k2,
@@ -184,14 +184,14 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
                 signs,
                 (phase1 == RESTITUTION, phase2 == RESTITUTION),
                 (1 - e1 * e1, 1 - e2 * e2),
-                (phi1, phi2, delta, sigma),
+                (delta, phi2, force1, force2),
                 omega,
                 a,
                 b,
+                margin,
             )
             d1, v2, F1, F2 = at_event
             steps += windows
-            margin = min(margin, nearest)
             E1, E2 = 0.5 * F1 * F1 / k1, 0.5 * F2 * F2 / k2
             if fired[0]:
                 d1, cause, n_events = 0.0, cause | RATE1, n_events + 1
@@ -222,9 +222,9 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
             plastic1 = fired[0] and phase1 == RESTITUTION and e1 == 0
             plastic2 = fired[1] and phase2 == RESTITUTION and e2 == 0
             if fired[2] or plastic1:
-                phase1, E1, cause, n_events = INACTIVE, 0.0, cause | SPENT1, n_events + 1
+                phase1, E1, F1, cause, n_events = INACTIVE, 0.0, 0.0, cause | SPENT1, n_events + 1
             if fired[3] or plastic2:
-                phase2, E2, cause, n_events = INACTIVE, 0.0, cause | SPENT2, n_events + 1
+                phase2, E2, F2, cause, n_events = INACTIVE, 0.0, 0.0, cause | SPENT2, n_events + 1
             if plastic1 or plastic2:
                 stuck, code = True, LIMIT
                 rigid1, rigid2 = plastic1, plastic2 and not plastic1
@@ -258,6 +258,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
                 d1, E2 = 0.0, E
                 state, phase1, cause = S1, COMPRESSION, cause | RETURN1
                 k1 = 1.0 if law == ORIGINAL else k1
+                F1, F2 = 0.0, sqrt(2 * k2 * E2)
             else:
                 d1 -= v2 + d2
                 v2, E2 = -d2, 0.0
@@ -276,6 +277,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
                 v2 = 0.0
                 state, phase2, cause = S1, COMPRESSION, cause | RETURN2
                 k2 = kappa if law == ORIGINAL else k2
+                F1, F2 = sqrt(2 * k1 * E1), 0.0
             else:
                 v2 = max(0.0, v2 - impulse / mu)
                 state, phase1, cause = S4, INACTIVE, cause | SPENT1

@@ -155,14 +155,14 @@ def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Pat
 def _both_contacts(collision: Collision, row: Row) -> Stretch:
     """S1: the two modes, over the duration that the search for the first event found."""
     mu = collision.mass_ratio
-    omega, phi1, phi2, delta, sigma = modes(mu, row.k1, row.k2)
+    omega, phi1, sigma, delta, phi2, force1, force2 = modes(mu, row.k1, row.k2)
     F1, F2 = sqrt(2 * row.k1 * row.E1), sqrt(2 * row.k2 * row.E2)
-    a, b = amplitudes(row.d1, row.v2, F1, F2, omega, phi1, phi2, delta, sigma)
+    a, b = amplitudes(row.d1, row.v2, F1 / row.k1, F2 / row.k2, phi1, sigma, force1, force2)
     n = min(MOST_POINTS, 3 + ceil(POINTS * omega[1] * row.duration / pi))
     t = np.linspace(0, row.duration, n)
     q = tuple(a[j] * np.cos(omega[j] * t) + b[j] * np.sin(omega[j] * t) for j in (0, 1))
-    p = tuple(omega[j] * (b[j] * np.cos(omega[j] * t) - a[j] * np.sin(omega[j] * t)) for j in (0, 1))
-    d1, v2, f1, f2 = motion.py_func(q, p, phi1, phi2, delta, sigma)
+    r = tuple(b[j] * np.cos(omega[j] * t) - a[j] * np.sin(omega[j] * t) for j in (0, 1))
+    d1, v2, f1, f2 = motion.py_func(q, r, delta, phi2, force1, force2)
     unit = sqrt(collision.m1 / collision.k1)
     return Stretch(
         1, row.phase1, row.phase2, d1, v2, f1 * f1 / (2 * row.k1), f2 * f2 / (2 * row.k2), t * unit
