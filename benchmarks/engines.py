@@ -1,6 +1,6 @@
 """What the harness adds to bare engine stepping, for the same steps in the same run.
 
-Run as ``python benchmarks/engines.py``. The cells are a random part of the default grid, in the default scenario.
+Run as ``python benchmarks/engines.py``. The cells are chunks of the default grid, in the default scenario.
 For each engine one run measures, in CPU time of this process and as the best of several repetitions,
 
 * **bare**: the engine steps the very same columns, built in the same way, for the very same numbers of steps, in
@@ -39,11 +39,11 @@ from experiments.grid import CellGrid
 from model.collision import Collision
 
 
-def cells(n: int, seed: int) -> list[Collision]:
-    """Draw n cells of the default grid."""
+def cells(chunks: int) -> list[Collision]:
+    """Take chunks of the default grid as a run hands them to a worker, evenly spread over it."""
     grid = CellGrid(parse_config({}))
-    drawn = np.random.default_rng(seed).permutation(len(grid))[:n]
-    return [grid[int(index)].collision for index in sorted(drawn)]
+    numbers = np.linspace(0, grid.chunks() - 1, chunks + 2).round().astype(int)[1:-1]
+    return [grid[index].collision for number in numbers for index in grid.chunk(int(number))]
 
 
 def best(run: Callable[[], float], repetitions: int) -> float:
@@ -157,14 +157,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--cells", type=int, default=24, help="cells of the default grid")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--chunks", type=int, default=3, help="chunks of 16 cells of the default grid")
     parser.add_argument("--repetitions", type=int, default=3)
     parser.add_argument("--scenario", choices=("drop", "impact"), default="drop")
     arguments = parser.parse_args()
     console = Console(width=100)
     console.print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}")
-    collisions = cells(arguments.cells, arguments.seed)
+    collisions = cells(arguments.chunks)
     table = Table("engine", "what", "us a step", "over bare")
     for name in ("mujoco", "pybullet"):
         reason = get_solver(name).unavailable()

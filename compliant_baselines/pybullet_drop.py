@@ -75,6 +75,11 @@ class PybulletSolver(EngineSolver):
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` steps are taken; in order."""
+        # Columns of balls of one size one after the other: only another size makes new bodies.
+        order = sorted(range(len(columns)), key=lambda i: radius_of(depth_of(columns[i])))
+        runs: dict[int, Run] = {}
         with connected() as client:
             world = World(client)
-            return [run(world, column, max_steps, record_path) for column in columns]
+            for i in order:
+                runs[i] = run(world, columns[i], max_steps, record_path)
+        return [runs[i] for i in range(len(columns))]

@@ -20,9 +20,8 @@ Set-up, and why (file names are those of Bullet's source, as PyBullet 3.2.7 ship
 
 How it is stepped: a call from Python and two reads cost more than the step itself. Where nothing can happen
 (`compliant_baselines.quiet`) the engine therefore takes up to `STRIDE` sub-steps in one call, with a bit for
-bit identical result: their number is a power of two, so that dividing the time of the call by it is exact and
-the engine's own count of sub-steps comes out right (btDiscreteDynamicsWorld.cpp, stepSimulation). A run that
-records its path takes up to `PATH_STRIDE`. About events, and at the end, every step is read.
+bit identical result: their number is one by which the time of the call divides to the step exactly (`exact`).
+A run that records its path takes up to `PATH_STRIDE`. About events, and at the end, every step is read.
 """
 
 from __future__ import annotations
@@ -40,15 +39,15 @@ from compliant_baselines.recording import Recorder, Run
 from compliant_baselines.trajectory import Floats
 
 #: Single steps between two looks at what comes next: the first time, and most.
-SHORT_WINDOW, WINDOW = 16, 256
+SHORT_WINDOW, WINDOW = 8, 256
 
-#: Most sub-steps of one call; a power of two.
+#: Most sub-steps of one call.
 STRIDE = 256
 
 #: The same for a run that records its path, which is interpolated in between (`Recorder.skip`).
-PATH_STRIDE = 16
+PATH_STRIDE = 32
 
-#: Fewest sub-steps that pay for the reads about them; a power of two.
+#: Fewest sub-steps that pay for the reads about them.
 LEAST_STRIDE = 8
 
 #: Gap at which the engine forgets a contact point, over the balls' radius; see the module.
@@ -205,7 +204,7 @@ class World:
         return v
 
     def together(self, n: int) -> tuple[Floats, Floats]:
-        """Take n steps, a power of two, in one call; give velocities and heights after the last."""
+        """Take n steps in one call, see `exact`; give velocities and heights after the last."""
         self._set_stride(n)
         self._p.stepSimulation(self._client)
         read, where, client = self._p.getBaseVelocity, self._p.getBasePositionAndOrientation, self._client
@@ -222,6 +221,17 @@ class World:
             self._stride = n
 
 
+def exact(n: int, h: float) -> int:
+    """Give the largest number up to n of sub-steps that the engine makes of their time as they are meant.
+
+    It divides the time n h of a call by n, and counts how often what comes out goes into it
+    (btDiscreteDynamicsWorld.cpp, stepSimulation); rounding spoils that for some n. Powers of two are safe.
+    """
+    while n * h / n != h or int(n * h / h) != n:
+        n -= 1
+    return n
+
+
 def run(world: World, column: Column, max_steps: int, record_path: bool) -> Run:
     """Run one column until its collision is over or `max_steps` steps are taken."""
     x1, x2, k2 = world.prepare(column)
@@ -235,7 +245,7 @@ def run(world: World, column: Column, max_steps: int, record_path: bool) -> Run:
         left = max_steps - recorder.n_steps
         n = min(recorder.quiet_steps(), left, most)
         if n >= LEAST_STRIDE:
-            n = 1 << n.bit_length() - 1
+            n = exact(n, column.step)
             v, x = world.together(n)
             recorder.skip(n, v, x)
             window = SHORT_WINDOW

@@ -11,14 +11,15 @@ The bounds hold for the law an adapter was asked for, F_i = max(0, -k_i g_i - c_
 negative, with k_i and c_i as the engine has them. In what follows Phi_i = -k_i g_i - c_i g_i' is that force
 before it is cut off at zero.
 
-1. Let A bound |g_1''| and |g_2''|, which are at most F1/M1 + F2/m2 + g. Within s = 0.5/Omega, Omega =
+1. Let A bound |g_1''| and |g_2''|, which are at most F1/M1 + F2/m2 + g. Within s = 0.7/Omega, Omega =
    sqrt(k1/M1 + k2/m2) + c1/M1 + c2/m2, a force grows by at most (k_i s + c_i)|g_i'| + (k_i s^2/2 + c_i s) A.
-   The second term feeds at most A/2 back into the accelerations: A is at most twice what the rest makes.
+   The second term feeds the share phi = (k1/M1 + k2/m2) s^2/2 + (c1/M1 + c2/m2) s <= 0.7 of A back into it: A is
+   at most what the rest makes over 1 - phi.
 2. Phi_i keeps its sign as long as k_i (|g_i'| t + A t^2/2) + c_i A t < |Phi_i|, and g_i its own as long as
    |g_i'| t + A t^2/2 < |g_i|; a rate that leads away from zero counts as none.
 3. While neither contact carries force the collision cannot become over (its velocities only fall together).
    While B2 alone is carried, only by coming to rest, and while both are, only by being stuck: both take an
-   energy (`compliant_baselines.trajectory`) that within s falls by less than half, never to a sixteenth.
+   energy (`compliant_baselines.trajectory`) that within s does not fall to a sixteenth.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
+
+from compliant_baselines.trajectory import ScanParameters
 
 
 class Law(NamedTuple):
@@ -85,7 +88,7 @@ def quiet_time(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
     gap1, rate1 = x1 - x2, v1 - v2
     stiff = law.k1 / law.M1 + law.k2 / p.m2
     damp = law.c1 / law.M1 + law.c2 / p.m2
-    s = 0.5 / (math.sqrt(stiff) + damp)
+    s = 0.7 / (math.sqrt(stiff) + damp)
     if p.g > 0:
         if loaded1 and loaded2:
             away1, away2 = x2 - x1 - p.m1 * p.g / p.k1, x2 - p.x2_rest + p.m1 * p.g / p.k2
@@ -102,7 +105,8 @@ def quiet_time(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
     if loaded1 or loaded2 or gap1 < 0 or x2 < 0:
         force1 += (law.k1 * s + law.c1) * abs(rate1)
         force2 += (law.k2 * s + law.c2) * abs(v2)
-        acceleration = 2 * (force1 / law.M1 + force2 / p.m2 + p.g)
+        feedback = 0.5 * stiff * s * s + damp * s
+        acceleration = (force1 / law.M1 + force2 / p.m2 + p.g) / (1 - feedback)
     else:
         # Both in flight: the gaps alone bound the time.
         s, acceleration = math.inf, p.g
@@ -111,16 +115,26 @@ def quiet_time(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def quiet_steps(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
+def quiet_steps(code, v, x, packed):  # pragma: no cover (compiled)
     """Count the steps in which nothing happens: two less than `quiet_time` has, at most a million.
 
     One, because the step after the time may begin within it; another, because an engine may look at a force
-    at the end of the step and at a gap at its beginning. Parameters as of `quiet_time`; without a step so far
-    (a code of 0) nothing is known, and the count is 0.
+    at the end of the step and at a gap at its beginning.
+
+    Parameters
+    ----------
+    code : int
+        State of the last step, 1 to 4; 0 if there was none, and then nothing is known and the count is 0.
+    v, x : ndarray, shape (2,)
+        Velocities in m/s and heights in m of B1 and B2 after it.
+    packed : ndarray, shape (12,)
+        The fields of `ScanParameters` and of `Law`: an array is handed to compiled code faster than tuples.
     """
     if code == 0:
         return 0
-    return max(0, int(min(quiet_time(code, v1, v2, x1, x2, p, law) / p.h, 1e6)) - 2)
+    p = ScanParameters(packed[0], packed[1], packed[2], packed[3], packed[4], packed[5], packed[6])
+    law = Law(packed[7], packed[8], packed[9], packed[10], packed[11])
+    return max(0, int(min(quiet_time(code, v[0], v[1], x[0], x[1], p, law) / p.h, 1e6)) - 2)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -307,11 +307,12 @@ def draw(calibration: Calibration) -> tuple[Figure, str]:
         by_e.legend()
     caption = (
         "Single contacts, ball on table and ball on ball. a: largest error of the restitution over e = 0.2 to 0.9, "
-        "six decades of stiffness and both contacts against the time step, by the calibrated mapping; grey lines "
-        f"have the slope of first order. b: restitution obtained at a step of {number(STEP_FRACTIONS[0])} of a "
-        "period, median and range over stiffness and contact, by the calibrated and by the naive mapping; the grey line is "
-        "what was asked for. c: duration over that asked for against stiffness, median and range over e and contact. MuJoCo's "
-        "naive numbers are per kilogram: with the masses of about 1 kg used here they come closer than with others."
+        "six decades of stiffness and both contacts against the time step, by the calibrated mapping; grey lines have "
+        f"the slope of first order. b: restitution obtained at a step of {number(STEP_FRACTIONS[0])} of a period, "
+        "median and range over stiffness and contact, by the calibrated and by the naive mapping; the grey line is "
+        "what was asked for. c: duration over that asked for against stiffness, median and range over e and contact. "
+        "MuJoCo's naive numbers are per kilogram: with the masses of about 1 kg used here they come closer than with "
+        "others."
     )
     return figure, caption
 
