@@ -14,4 +14,4 @@ def number(value: float, digits: int = 3) -> str:
 
 def percent(share: float) -> str:
     """Write a share as a percentage; a dash where there is none."""
-    return "-" if math.isnan(share) else f"{100 * share:.1f} %"
+    return "-" if math.isnan(share) else f"{round(100 * share, 1) + 0.0:.1f} %"
