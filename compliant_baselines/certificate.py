@@ -123,7 +123,7 @@ def _reason(case: _Case, convergence: Convergence) -> str:
         f"the limit of small steps is known to {limit.error / speed:.1e} of |v0|, beyond the tolerance of "
         f"{convergence.tolerance:g}"
     )
-    if limit.regularisation > limit.step_error:
+    if limit.regularisation > min(limit.step_error, convergence.tolerance * speed):
         return (
             f"{text}: the engine's own regularisation of contacts is {limit.regularisation / speed:.1e} of it"
         )

@@ -235,9 +235,9 @@ def exact(n: int, h: float) -> int:
 def run(world: World, column: Column, max_steps: int, record_path: bool) -> Run:
     """Run one column until its collision is over or `max_steps` steps are taken."""
     x1, x2, k2 = world.prepare(column)
-    recorder = Recorder(column, x1, x2, k2, max_steps, record_path)
     one, two = pairs_of(column)
-    recorder.law = Law(one.stiffness, one.damping, two.stiffness, two.damping, column.contact1.mass)
+    law = Law(one.stiffness, one.damping, two.stiffness, two.damping, column.contact1.mass)
+    recorder = Recorder(column, x1, x2, k2, max_steps, record_path, law)
     most = PATH_STRIDE if record_path else STRIDE
     x = np.array([x1, x2])
     over, window = False, SHORT_WINDOW

@@ -115,6 +115,12 @@ def quiet_time(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _unpacked(packed):  # pragma: no cover (compiled)
+    p = ScanParameters(packed[0], packed[1], packed[2], packed[3], packed[4], packed[5], packed[6])
+    return p, Law(packed[7], packed[8], packed[9], packed[10], packed[11])
+
+
+@numba.njit(cache=True, error_model="numpy")
 def quiet_steps(code, v, x, packed):  # pragma: no cover (compiled)
     """Count the steps in which nothing happens: two less than `quiet_time` has, at most a million.
 
@@ -132,8 +138,7 @@ def quiet_steps(code, v, x, packed):  # pragma: no cover (compiled)
     """
     if code == 0:
         return 0
-    p = ScanParameters(packed[0], packed[1], packed[2], packed[3], packed[4], packed[5], packed[6])
-    law = Law(packed[7], packed[8], packed[9], packed[10], packed[11])
+    p, law = _unpacked(packed)
     return max(0, int(min(quiet_time(code, v[0], v[1], x[0], x[1], p, law) / p.h, 1e6)) - 2)
 
 
@@ -146,33 +151,32 @@ def _accelerations(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def between(code, before, after, first, n, stride, p, law):  # pragma: no cover (compiled)
+def between(code, v, x, v_end, x_end, first, n, stride, packed):  # pragma: no cover (compiled)
     """Interpolate the velocities within n quiet steps, by cubics through velocities and accelerations.
 
     Parameters
     ----------
     code : int
         State of these steps.
-    before, after : tuple of four float
-        v1, v2, x1, x2 before the first and after the last of them.
+    v, x, v_end, x_end : ndarray, shape (2,)
+        Velocities and heights before the first and after the last of them.
     first : int
         Number of the step they begin with, from 0.
     n : int
         Number of steps.
     stride : int
         Points are wanted whose number is a multiple of it; the last one is always among them.
-    p : ScanParameters
-        The column.
-    law : Law
-        Its contacts.
+    packed : ndarray, shape (12,)
+        As of `quiet_steps`.
 
     Returns
     -------
     ndarray, shape (points, 3)
         Number of the point, v1, v2.
     """
-    a1, a2 = _accelerations(code, before[0], before[1], before[2], before[3], p, law)
-    b1, b2 = _accelerations(code, after[0], after[1], after[2], after[3], p, law)
+    p, law = _unpacked(packed)
+    a1, a2 = _accelerations(code, v[0], v[1], x[0], x[1], p, law)
+    b1, b2 = _accelerations(code, v_end[0], v_end[1], x_end[0], x_end[1], p, law)
     span = n * p.h
     count = (first + n) // stride - first // stride + ((first + n) % stride != 0)
     points = np.empty((count, 3))
@@ -183,6 +187,6 @@ def between(code, before, after, first, n, stride, p, law):  # pragma: no cover 
         left, right = (1 + 2 * t) * rest * rest, t * t * (3 - 2 * t)
         slope, end_slope = t * rest * rest * span, -t * t * rest * span
         points[i, 0] = number
-        points[i, 1] = left * before[0] + right * after[0] + slope * a1 + end_slope * b1
-        points[i, 2] = left * before[1] + right * after[1] + slope * a2 + end_slope * b2
+        points[i, 1] = left * v[0] + right * v_end[0] + slope * a1 + end_slope * b1
+        points[i, 2] = left * v[1] + right * v_end[1] + slope * a2 + end_slope * b2
     return points

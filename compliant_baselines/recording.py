@@ -168,10 +168,19 @@ class Recorder:
         Steps it may take.
     record_path : bool
         Whether to keep points.
+    law : Law, optional
+        The contacts as the engine has them; needed by an adapter that takes several steps together.
     """
 
     def __init__(
-        self, column: Column, x1: float, x2: float, k2: float, max_steps: int, record_path: bool
+        self,
+        column: Column,
+        x1: float,
+        x2: float,
+        k2: float,
+        max_steps: int,
+        record_path: bool,
+        law: Law | None = None,
     ) -> None:
         self.column = column
         self._max_steps = max_steps
@@ -186,13 +195,12 @@ class Recorder:
         self._start = (x1, x2)
         self.n_steps = 0
         self._last_code = 0
-        self.law: Law | None = None
-        self._packed: Floats | None = None
+        self._packed = np.array([*self.parameters, *law]) if law is not None else None
         self._memory = new_memory()
         self._starts: list[NDArray[np.int64]] = []
         self._states: list[NDArray[np.int64]] = []
         self._points = [np.array([[0.0, column.v1, column.v2]])] if record_path else None
-        self._stride = 1
+        self._n_points, self._stride = 1, 1
 
     def feed(self, v: Floats, x: Floats) -> bool:
         """Take the next steps; say whether these were the last: the collision over, or given up.
@@ -218,17 +226,15 @@ class Recorder:
         return self.end != GOING
 
     def quiet_steps(self) -> int:
-        """Count the next steps in which nothing will happen (`compliant_baselines.quiet`); needs `law`."""
-        if self._packed is None:
-            assert self.law is not None
-            self._packed = np.array([*self.parameters, *self.law])
+        """Count the next steps in which nothing will happen (`compliant_baselines.quiet`)."""
+        assert self._packed is not None
         return quiet_steps(self._last_code, self._v, self._x, self._packed)
 
     def skip(self, n: int, v: Floats, x: Floats) -> None:
         """Take n steps together, in which nothing happened: as in the last one that was fed, all along.
 
         Points of the path in between lie on the cubics through the velocities and accelerations at both ends,
-        the accelerations from `law`. That is of fourth order in the time of the n steps, and of first in their
+        the accelerations from the law. That is of fourth order in the time of the n steps, and of first in their
         own: within 6e-5 of |v0| of what each step would have given, for 32 steps of 1/1000 of a period.
 
         Parameters
@@ -239,12 +245,9 @@ class Recorder:
             Velocities in m/s and heights in m of B1 and B2 after the last of them.
         """
         if self._points is not None:
-            assert self.law is not None
-            before, after = (*self._v, *self._x), (*v, *x)
-            points = between(
-                self._last_code, before, after, self.n_steps, n, self._stride, self.parameters, self.law
-            )
-            self._points.append(points)
+            assert self._packed is not None
+            ends = (self._v, self._x, v, x)
+            self._append(between(self._last_code, *ends, self.n_steps, n, self._stride, self._packed))
         self._v, self._x = v, x
         self.n_steps += n
         self._memory[3] += n
@@ -256,8 +259,13 @@ class Recorder:
         wanted = number % self._stride == 0
         wanted[-1] = True
         wanted[changes[changes > 0] - 1] = True
-        self._points.append(np.column_stack([number[wanted], v[wanted]]))
-        if sum(map(len, self._points)) > 4 * PATH_POINTS:
+        self._append(np.column_stack([number[wanted].astype(np.float64), v[wanted]]))
+
+    def _append(self, points: Floats) -> None:
+        assert self._points is not None
+        self._points.append(points)
+        self._n_points += len(points)
+        if self._n_points > 4 * PATH_POINTS:
             self._thin(PATH_POINTS)
 
     def _thin(self, limit: int) -> Floats:
@@ -274,6 +282,7 @@ class Recorder:
             self._stride *= 2
             keep = border | (number % self._stride == 0)
         self._points = [points[keep]]
+        self._n_points = len(self._points[0])
         return self._points[0]
 
     def finish(self, failure: str = "") -> Run:
