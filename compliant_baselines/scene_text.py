@@ -2,7 +2,7 @@
 
 Neither scene is written a second time here. MuJoCo's is read off the batch that the adapter has loaded: the numbers
 that stand in it, written into the adapter's own MJCF. PyBullet's is the adapter's own calls, recorded while it makes
-them, up to the first step. The runners step as often as the adapter did and compare with what it got.
+them. The runners step as often as the adapter did and compare with what it got.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def _facts(solver: EngineSolver, run: Run) -> str:
         #   contact 1, ball on ball:  F = max(0, k d + c d'), k = {c.contact1.k!r} N/m, c = {c.contact1.c!r} N s/m
         #   contact 2, ball on table: F = max(0, k d + c d'), k = {c.contact2.k!r} N/m, c = {c.contact2.c!r} N s/m
         #   gravity {c.gravity!r} m/s^2, {run.raw.n_steps} steps of {c.step!r} s: then the collision is over
-        STEPS = {run.raw.n_steps}
+        STEPS, STEP = {run.raw.n_steps}, {c.step!r}
         V1, V2 = {run.v1!r}, {run.v2!r}  # what {solver.name} {solver.version()} gave in the table, in m/s
         """)
 
@@ -148,34 +148,43 @@ class _Named(int):
         return self.name
 
 
+#: Calls that advance a world: those after the last other one are the run itself, and no part of its setting up.
+_STEPPING = ("stepSimulation", "setPhysicsEngineParameter")
+
+
 class _RecordingModule:
-    """The module pybullet, writing down what is called up to the first step."""
+    """The module pybullet, writing down the calls that set a world up."""
 
     def __init__(self, module: Any) -> None:
-        self._module, self._counts = module, {}
+        self._module = module
+        self._counts: dict[str, int] = {}
+        self._stepping: list[tuple[str, int]] = []
         self.calls: list[str] = []
-        self._over = False
 
     def __getattr__(self, name: str) -> Any:
         value = getattr(self._module, name)
-        if callable(value):
-            return value if self._over else self._recording(name, value)
-        return _Named(value, f"p.{name}") if type(value) is int else value
+        if not callable(value):
+            return _Named(value, f"p.{name}") if type(value) is int else value
+        return value if name.startswith("get") or name == "disconnect" else self._recording(name, value)
 
     def _recording(self, name: str, function: Any) -> Any:
         def call(*args: Any, **kwargs: Any) -> Any:
-            if name == "stepSimulation":
-                self._over = True
             result = function(*args, **kwargs)
-            if self._over or name.startswith("get"):
-                return result
             text = _call(f"p.{name}", args, kwargs)
+            if name in _STEPPING:
+                times = self._stepping.pop()[1] if self._stepping and self._stepping[-1][0] == text else 0
+                self._stepping.append((text, times + 1))
+                return result
             if name == "connect" or name.startswith("create"):
                 kind = {"connect": "client", "createMultiBody": "body"}.get(name, "shape")
                 self._counts[kind] = self._counts.get(kind, 0) + 1
                 variable = kind if kind == "client" else f"{kind}{self._counts[kind]}"
                 result, text = _Named(result, variable), f"{variable} = {text}"
+            self.calls += [
+                f"for _ in range({n}):\n    {each}" if n > 1 else each for each, n in self._stepping
+            ]
             self.calls.append(text)
+            self._stepping.clear()
             return result
 
         return call
@@ -217,6 +226,8 @@ def _pybullet_script(solver: EngineSolver, run: Run, calls: Sequence[str]) -> st
         + "\n".join(calls)
         + "\n\n"
         + textwrap.dedent("""\
+            # From here on as often as the adapter stepped, one step a call.
+            p.setPhysicsEngineParameter(fixedTimeStep=STEP, numSubSteps=0)
             balls = [i for i in range(p.getNumBodies()) if p.getDynamicsInfo(i, -1)[0] > 0]
             balls.sort(key=lambda i: p.getBasePositionAndOrientation(i)[0][2])  # B2 below B1
             for _ in range(STEPS):

@@ -31,6 +31,9 @@ EXAMINED = ("mujoco", "pybullet")
 #: Cells of an experiment that are examined, evenly spread and the corners among them.
 MOST_CELLS = 200
 
+#: Cells examined for the note in a report.
+IN_REPORT = 40
+
 
 def doctor(what: Path | None, *, as_json: bool) -> None:
     """Examine a scene or an experiment and print what was found.
@@ -150,8 +153,15 @@ def _as_main(path: Path) -> Iterator[None]:
         sys.argv, sys.path = arguments, paths
 
 
-def experiment_findings(config: Config) -> tuple[list[str], list[Finding]]:
+def experiment_findings(config: Config, most: int = MOST_CELLS) -> tuple[list[str], list[Finding]]:
     """Examine the scenes an experiment runs, as its adapters build them.
+
+    Parameters
+    ----------
+    config : Config
+        The experiment.
+    most : int
+        Cells to examine, at most.
 
     Returns
     -------
@@ -161,7 +171,7 @@ def experiment_findings(config: Config) -> tuple[list[str], list[Finding]]:
         Each trap once for an engine, with the number of cells that have it.
     """
     settings, grid = settings_of(config), CellGrid(config)
-    count = min(len(grid), MOST_CELLS)
+    count = min(len(grid), most)
     indices = sorted({round(i * (len(grid) - 1) / max(1, count - 1)) for i in range(count)})
     examined: list[str] = []
     findings: list[Finding] = []
@@ -188,6 +198,28 @@ def experiment_findings(config: Config) -> tuple[list[str], list[Finding]]:
             for trap, f in seen.items()
         ]
     return examined, findings
+
+
+def traps_note(config: Config) -> dict[str, Any]:
+    """Say, for the report of a run, which traps its own scenes hold.
+
+    Returns
+    -------
+    dict
+        ``introduction``, a sentence, and ``found``, a list of them.
+    """
+    looked = "The scenes of this run, as its adapters build them, were examined by impact-xval doctor"
+    try:
+        examined, findings = experiment_findings(config, IN_REPORT)
+    except Exception as error:  # a report must not fail for a note
+        return {"introduction": f"{looked}, which failed: {type(error).__name__}: {error}.", "found": []}
+    if not examined:
+        return {
+            "introduction": "This run has no engine whose scenes could be examined here.",
+            "found": [],
+        }
+    said = f"{looked} ({', '.join(examined)}): " + (f"{len(findings)} traps." if findings else "no traps.")
+    return {"introduction": said, "found": [str(finding) for finding in findings]}
 
 
 def _of_column(solver: EngineSolver, column: Any) -> list[Finding]:

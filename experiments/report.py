@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from experiments.doctor import traps_note
 from experiments.document import Block, Heading, to_latex, to_markdown
 from experiments.figures import CAPTIONS, write_figures
 from experiments.findings import build_document
@@ -62,6 +63,7 @@ def write_report(folder: RunFolder) -> Path:
         figures_after=sections[1] if len(sections) > 1 else len(document),
         config=summary.config,
         gravity_number=number(gravity_number(summary.config, CellGrid(summary.config)[0].collision)),
+        traps=traps_note(summary.config),
         provenance=_provenance(folder.manifest()),
     )
     path = folder.root / "report.html"

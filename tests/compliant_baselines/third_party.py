@@ -2,46 +2,10 @@
 
 from pathlib import Path
 
-GOOD = '''
-"""The whole of an adapter: an engine of one's own, here semi-implicit Euler on two springs with dashpots."""
-from dataclasses import replace
+_PAGE = (Path(__file__).parents[2] / "docs" / "adding-a-solver.md").read_text(encoding="utf-8")
 
-from compliant_baselines.column import Column
-from compliant_baselines.engine import EngineSolver
-from compliant_baselines.recording import Recorder
-import numpy as np
-
-
-class TinyEngine(EngineSolver):
-    """Semi-implicit Euler."""
-
-    name = "tiny"
-
-    def version(self):
-        return "1.2"
-
-    def run_columns(self, columns, max_steps, record_path=False):
-        return [self.run(column, max_steps, record_path) for column in columns]
-
-    def run(self, column, max_steps, record_path):
-        c, h = column, column.step
-        x1, x2 = c.start(c.m2 * c.gravity / c.contact2.k, 1.0)
-        x, v = [x1, x2], [c.v1, c.v2]
-        recorder = Recorder(c, x1, x2, c.contact2.k, max_steps, record_path)
-        while recorder.n_steps < max_steps:
-            rows = []
-            for _ in range(min(256, max_steps - recorder.n_steps)):
-                d1, d2 = x[1] - x[0], -x[1]
-                f1 = max(0.0, c.contact1.k * d1 + c.contact1.c * (v[1] - v[0])) if d1 > 0 else 0.0
-                f2 = max(0.0, c.contact2.k * d2 - c.contact2.c * v[1]) if d2 > 0 else 0.0
-                v = [v[0] + h * (f1 / c.m1 - c.gravity), v[1] + h * ((f2 - f1) / c.m2 - c.gravity)]
-                x = [x[0] + h * v[0], x[1] + h * v[1]]
-                rows.append((*v, *x))
-            rows = np.array(rows)
-            if recorder.feed(rows[:, :2].copy(), rows[:, 2:].copy()):
-                break
-        return recorder.finish()
-'''
+#: The example of the documentation, word for word.
+GOOD = _PAGE.split("<!-- example adapter -->\n```python\n")[1].split("```")[0]
 
 
 def install(folder: Path, name: str, points: dict[str, str], **modules: str) -> None:

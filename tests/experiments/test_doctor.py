@@ -100,3 +100,21 @@ def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys, name, tex
     err = capsys.readouterr().err
     assert says in err
     assert "Traceback" not in err
+
+
+def test_the_report_of_a_run_says_what_was_found(monkeypatch):
+    from experiments import doctor
+    from experiments.config import parse_config
+
+    small = {"grid": {"stiffness_ratio": [1.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}}
+    note = doctor.traps_note(parse_config(small))
+    assert note["introduction"].endswith("no traps.")
+    note = doctor.traps_note(parse_config(small | {"mapping": "naive"}))
+    assert any("not-newton-per-metre: mujoco, 1 of 1 cells examined" in found for found in note["found"])
+    none = doctor.traps_note(parse_config(small | {"solvers": ["kelvin-voigt"]}))
+    assert none == {
+        "introduction": "This run has no engine whose scenes could be examined here.",
+        "found": [],
+    }
+    monkeypatch.setattr(doctor, "_of_column", lambda *_: 1 / 0)
+    assert "which failed: ZeroDivisionError" in doctor.traps_note(parse_config(small))["introduction"]
