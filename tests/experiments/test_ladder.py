@@ -167,9 +167,12 @@ def test_only_the_last_rung_depends_on_the_step_and_it_goes_away_with_it(engine,
         found.append(table_of(run_sweep(config, tmp_path / f"{fraction}", workers=1)))
     for name in ("frozen_positions_norm", "dissipation_law_norm", "gravity_norm"):
         assert np.ptp([t[name].to_numpy() for t in found], axis=0).max() == 0
-    norms = np.array([t.engine_norm.to_numpy() for t in found])
+    norms = np.array([t.discretisation_norm.to_numpy() for t in found])
     slopes = -np.diff(np.log2(norms), axis=0)
     assert np.all((slopes > 0.75) & (slopes < 1.25)), slopes
+    # the limit of small steps is one, whatever step it was sought from
+    mapping = np.array([t.mapping_norm.to_numpy() for t in found])
+    assert np.all(np.ptp(mapping, axis=0) < 0.1 * norms[-1])
 
 
 def with_limits(cells, solvers):
