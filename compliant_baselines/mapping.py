@@ -228,7 +228,9 @@ class MujocoContact:
         return _root(excess, 0.0, 2 * high)
 
 
-def mujoco_contact(contact: Contact, mapping: MappingName = "calibrated") -> MujocoContact:
+def mujoco_contact(
+    contact: Contact, mapping: MappingName = "calibrated", impedance: float = MUJOCO_IMPEDANCE
+) -> MujocoContact:
     """MuJoCo's parameters of one contact.
 
     Calibrated: a constant impedance d as small as the engine allows, stiffness = k A and damping = c A with A
@@ -242,7 +244,7 @@ def mujoco_contact(contact: Contact, mapping: MappingName = "calibrated") -> Muj
     """
     if mapping == "naive":
         return MujocoContact((-contact.k, -contact.c), MUJOCO_DEFAULT_SOLIMP)
-    d = MUJOCO_IMPEDANCE
+    d = impedance
     return MujocoContact((-contact.k / contact.mass, -contact.c / contact.mass), (d, d, 0.001, 0.5, 1.0))
 
 

@@ -27,6 +27,9 @@ _ON_REQUEST: dict[str, tuple[str, str]] = {
     "kelvin-voigt-anchored": ("compliant_baselines.kelvin_voigt", "AnchoredKelvinVoigtSolver"),
     "kelvin-voigt-textbook": ("compliant_baselines.kelvin_voigt", "TextbookKelvinVoigtSolver"),
     "hunt-crossley": ("compliant_baselines.kelvin_voigt", "HuntCrossleySolver"),
+    "liu-zhao-brogliato": ("compliant_baselines.state_transition", "LiuZhaoBrogliatoSolver"),
+    "mujoco-naive": ("compliant_baselines.naive", "NaiveMujocoSolver"),
+    "pybullet-naive": ("compliant_baselines.naive", "NaivePybulletSolver"),
     "drake-hunt-crossley": ("compliant_baselines.drake_continuous", "DrakeHuntCrossleySolver"),
     "oracle": ("compliant_baselines.oracle", "OracleSolver"),
 }

@@ -108,6 +108,25 @@ def solve(
 
 
 @app.command()
+def calibrate(
+    engine: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="An engine; may be repeated. By default all.")
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write; new or empty.")] = Path(
+        "runs/calibration"
+    ),
+) -> None:
+    """Ask each engine for single contacts, and tabulate what restitution and duration it returns.
+
+    One ball on the table, and one ball on another in free fall, over restitution, stiffness (6 decades) and
+    time step; by the calibrated mapping of k and e to the engine's parameters, and by the naive one.
+    """
+    from experiments import commands
+
+    commands.calibrate(engine, out)
+
+
+@app.command()
 def export_scene(
     folder: Annotated[
         Path | None, typer.Argument(metavar="[DIR]", help="Folder of a finished run, with --cell.")
@@ -266,6 +285,77 @@ def report(folder: Folder) -> None:
     from experiments import commands
 
     commands.report(folder)
+
+
+@app.command()
+def ladder(
+    folder: Folder,
+    law: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="What if: the dissipation law on the way; kelvin-voigt, kelvin-voigt-anchored, "
+            "kelvin-voigt-textbook or hunt-crossley.",
+        ),
+    ] = "kelvin-voigt",
+    cell: Annotated[str | None, typer.Option(metavar="N", help="Show one cell, from 0.")] = None,
+) -> None:
+    """Show why the engines of a finished run diverge: frozen positions, law, gravity, mapping, time step.
+
+    Another law than kelvin-voigt splits the rung of the dissipation law into what that law would leave and
+    what the choice of the dashpot adds, and writes ladder-NAME.parquet and .csv into the folder.
+    """
+    from experiments import commands, ladder_commands
+
+    ladder_commands.ladder(folder, law, commands.whole("--cell", cell, 0, 10**7))
+
+
+@app.command("map")
+def draw_map(
+    e1: Annotated[str, typer.Option(metavar="E", help="Restitution of ball on ball, above 0, at most 1.")],
+    e2: Annotated[str, typer.Option(metavar="E", help="Restitution of ball on table, above 0, at most 1.")],
+    stiffness_ratio: Annotated[
+        tuple[str, str], typer.Option(metavar="LO HI", help="Least and largest k2/k1; logarithmic.")
+    ] = ("1e-3", "1e3"),
+    mass_ratio: Annotated[
+        tuple[str, str], typer.Option(metavar="LO HI", help="Least and largest m2/m1; logarithmic.")
+    ] = ("0.1", "10"),
+    side: Annotated[str, typer.Option(metavar="N", help="Cells along each side, 2 to 5000.")] = "1000",
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder to write; by default maps/SCENARIO-e1-E-e2-E."),
+    ] = None,
+    scenario: Annotated[str, typer.Option(metavar="NAME", help="'drop', or 'impact' (no gravity).")] = "drop",
+    gravity: Annotated[str, typer.Option(metavar="G", help="In m/s^2; for a drop.")] = "9.81",
+    m1: Annotated[str, typer.Option(metavar="KG", help="Mass of the upper ball; for a drop.")] = "1",
+    k1: Annotated[str, typer.Option(metavar="N/M", help="Stiffness of ball on ball; for a drop.")] = "1e8",
+    v0: Annotated[
+        str, typer.Option(metavar="M/S", help="Velocity of the upper ball, less than 0; for a drop.")
+    ] = "-1",
+    cutoff: Annotated[
+        str,
+        typer.Option(metavar="X", help="Stiffness ratio beyond which the model takes a limit; inf: never."),
+    ] = "1e5",
+) -> None:
+    """Map where each cause of divergence matters that needs no engine, over k2/k1 and m2/m1.
+
+    A million collisions by the model, by its law in real time and by spring and dashpot, all exact, in less than a
+    minute: figures, and map.parquet with one row a cell.
+    """
+    from experiments import commands, plane_commands
+
+    values = {
+        "e1": e1,
+        "e2": e2,
+        "scenario": scenario,
+        "gravity": gravity,
+        "m1": m1,
+        "k1": k1,
+        "v0": v0,
+        "stiffness_ratio_cutoff": cutoff,
+    }
+    cells = commands.whole("--side", side, 2, 5000)
+    plane_commands.draw_map(values, stiffness_ratio, mass_ratio, cells or 1000, out)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

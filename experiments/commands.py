@@ -24,6 +24,7 @@ from experiments.terminal import (
     error_line,
     make_console,
     print_line,
+    print_table,
     show_progress,
     show_summary,
     side_by_side,
@@ -59,6 +60,31 @@ def run(path: Path | None, out: Path | None, workers: int | None, resume: bool) 
     summary = _write_all(folder)
     show_summary(console, summary)
     print_line(console, f"{time.perf_counter() - start:.0f} s; everything is in {folder.root}")
+
+
+def calibrate(names: list[str] | None, root: Path) -> None:
+    """Calibrate engines contact by contact and write what came of it."""
+    from experiments.calibrate import MAPPINGS, calibrate_engine, calibration_of, engines_of, requests_of
+    from experiments.calibration_page import findings, open_page, summary_table, write_page
+
+    start = time.perf_counter()
+    engines = engines_of(names)
+    open_page(root)
+    console = make_console()
+    requests = [request for mapping in MAPPINGS for request in requests_of(mapping)]
+    rows: list[dict[str, Any]] = []
+    with show_progress(console, "contacts") as progress:
+        progress(0, 0, _compile_notice())
+        for engine in engines:
+            for first in range(0, len(requests), 64):
+                rows += calibrate_engine(engine, requests[first : first + 64])
+                progress(len(rows), len(requests) * len(engines), "")
+    calibration = calibration_of(rows, engines)
+    write_page(root, calibration)
+    print_table(console, summary_table(calibration))
+    for text in findings(calibration):
+        print_line(console, text)
+    print_line(console, f"{time.perf_counter() - start:.0f} s; everything is in {root}")
 
 
 def table(root: Path) -> None:
