@@ -29,7 +29,7 @@ from experiments.terminal import make_console, print_line
 EXAMINED = ("mujoco", "pybullet")
 
 #: Cells of an experiment that are examined, evenly spread and the corners among them.
-MOST_CELLS = 200
+MOST_CELLS = 100
 
 #: Cells examined for the note in a report.
 IN_REPORT = 40

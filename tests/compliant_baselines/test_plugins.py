@@ -58,10 +58,14 @@ def test_a_run_uses_it_in_worker_processes_and_writes_its_version(site, tmp_path
         "stiffness_ratio = [1.0, 2.0]\nmass_ratio = [1.0]\ne1 = [0.9]\ne2 = [0.7]\n",
         encoding="utf-8",
     )
-    command = [sys.executable, "-m", "experiments.cli", "run", str(config), "--out", str(tmp_path / "run")]
+    code = (
+        "from pathlib import Path\nfrom experiments.config import load_config\n"
+        "from experiments.sweep import run_sweep\n"
+        f"run_sweep(load_config({str(config)!r}), Path({str(tmp_path / 'run')!r}), workers=2)"
+    )
     paths = os.pathsep.join([str(site), *sys.path])
     done = subprocess.run(
-        [*command, "--workers", "2"],
+        [sys.executable, "-c", code],
         capture_output=True,
         text=True,
         env={**os.environ, "PYTHONPATH": paths},

@@ -14,6 +14,8 @@ from compliant_baselines import Settings, get_solver
 from compliant_baselines.column import column_of
 from compliant_baselines.scene_text import mjcf
 from experiments.cli import main
+from experiments.config import load_config
+from experiments.sweep import run_sweep
 from model.collision import Collision
 
 ENGINES = [name for name in ("mujoco", "pybullet") if get_solver(name).unavailable() is None]
@@ -66,8 +68,7 @@ def test_a_cell_of_a_run_gives_what_its_table_holds(tmp_path, capsys):
         encoding="utf-8",
     )
     run = tmp_path / "run"
-    assert main(["run", str(config), "--out", str(run), "--workers", "1"]) == 0
-    capsys.readouterr()
+    run_sweep(load_config(config), run, workers=1)
     assert main(["export-scene", str(run), "--cell", "2", "--out", str(tmp_path / "scene")]) == 0
     assert capsys.readouterr().out.count("as in the table (difference 0.0e+00 |v0|)") == len(ENGINES)
     rows = pq.read_table(run / "cells.parquet").to_pylist()
