@@ -28,6 +28,7 @@ LEGAL = {
     "contrast": "[lo, hi] with 1 < lo < hi <= 1e10 (k1/k2 or k2/k1)",
     "plastic_contrast": "[lo, hi] with 1 < lo < hi <= 1e16 (1/e^2)",
     "engine_contrast": "[lo, hi] with 1 < lo < hi <= 1e6",
+    "engine_plastic_contrast": "[lo, hi] with 1 < lo < hi <= 1e6",
     "per_decade": "a whole number from 4 to 64 (contrasts in a decade)",
     "engine_per_decade": "a whole number from 2 to 16 (contrasts in a decade)",
     "fit_decades": "from 1 to 8 (decades of a fit)",
@@ -111,6 +112,7 @@ class HypothesisConfig(_Strict):
     contrast: _Range = (1e1, 1e8)
     plastic_contrast: _Range = (1e1, 1e12)
     engine_contrast: _Range = (1e1, 1e4)
+    engine_plastic_contrast: _Range = (1e2, 1e5)
     per_decade: int = Field(8, ge=4, le=64)
     engine_per_decade: int = Field(2, ge=2, le=16)
     fit_decades: float = Field(4.0, ge=1, le=8)
@@ -120,11 +122,11 @@ class HypothesisConfig(_Strict):
     map: MapConfig = MapConfig()
     point: list[GivenPoint] = []
 
-    @field_validator("contrast", "plastic_contrast", "engine_contrast")
+    @field_validator("contrast", "plastic_contrast", "engine_contrast", "engine_plastic_contrast")
     @classmethod
     def _ranges(cls, value: _Range, info: Any) -> _Range:
-        highest = {"contrast": 1e10, "plastic_contrast": 1e16, "engine_contrast": 1e6}
-        return _ordered(info.field_name, value, 1.0, highest[info.field_name])
+        highest = {"contrast": 1e10, "plastic_contrast": 1e16}
+        return _ordered(info.field_name, value, 1.0, highest.get(info.field_name, 1e6))
 
     @field_validator("solvers")
     @classmethod

@@ -9,7 +9,7 @@ as vectors w = (v1, sqrt(m2/m1) v2), whose length is the kinetic norm.
 2. **Rate**: slope of ln D over ln x in the window by Theil and Sen, with its 95 % interval: contacts that ring let D dip
    to nothing at single contrasts, which a median of slopes does not notice.
 3. **Limit**: w = L + A x^-s by least squares, s from `EXPONENTS`. Its error is the largest of: what the same fit gives
-   without the last decade, with a second term in x^-2s, or with any s that leaves no more than twice the least
+   without the last decade (or half of a short window), with a second term in x^-2s, or with any s that leaves no more than twice the least
    residual; that residual; and the solver's own error.
 4. The series **settles** if the diameter of its last decade is below that of its first by at least
    `LEAST_RATE` a decade, or below what the solver resolves, or below a tenth of its distance from the closed form
@@ -253,7 +253,7 @@ def _extrapolate(x: Floats, w: Floats) -> tuple[Floats, float]:
     best = int(np.argmin(residuals))
     second = _two_terms(x, w, EXPONENTS[best])
     near = limits[residuals <= 2 * residuals[best] + 1e-15]
-    shorter = x <= x[-1] - 1 + _SLACK
+    shorter = x <= x[-1] - min(1.0, 0.5 * (x[-1] - x[0])) + _SLACK
     before, shorter_residuals = _fits(x[shorter], w[shorter])
     moved = limits[best] - before[int(np.argmin(shorter_residuals))]
     final = x >= x[-1] - 1 - _SLACK

@@ -221,7 +221,8 @@ def contrasts(config: HypothesisConfig, case: Case, kind: str) -> Floats:
     """Return the contrasts of a series."""
     limits, per_decade = config.contrast, config.per_decade
     if kind == "stepped":
-        limits, per_decade = config.engine_contrast, config.engine_per_decade
+        limits = config.engine_plastic_contrast if case.plastic else config.engine_contrast
+        per_decade = config.engine_per_decade
     elif case.plastic:
         limits, per_decade = config.plastic_contrast, max(4, config.per_decade // 2)
     low, high = map(math.log10, limits)

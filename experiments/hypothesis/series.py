@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.hypothesis.cases import Case, Point, closed_form, distance
+from experiments.hypothesis.cases import Case, Point, closed_form
 from experiments.hypothesis.judging import judge
 from experiments.hypothesis.predictions import predict
 from experiments.hypothesis.subjects import Answers, Subject
@@ -94,6 +94,3 @@ def examine(series: Series, decades: float) -> CaseResult:
             )
         )
     return gather(series.subject.name, series.subject.kind, series.case, results, decades)
-
-
-__all__ = ["Series", "distance", "examine", "ratios_of"]

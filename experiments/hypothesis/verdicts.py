@@ -7,8 +7,9 @@ Within a class of points (which contacts are elastic, `cases.pair_class`) the ve
   the error of its limit, or is short of results; none is refuted or fails to settle;
 * else `undecided`, with the most frequent reason.
 
-Over the classes of a limit the worst counts: `refuted` before `undecided` before `supported`. The classes that differ
-are named beside it.
+Over the classes of a limit the worst counts: `refuted` before `undecided` before `supported`; a class that is undecided
+only because it is within the solver's own error of the closed form does not count against one that is supported. The
+classes that differ are named beside it.
 """
 
 from __future__ import annotations
@@ -86,6 +87,8 @@ class Group:
         On the last decades, and a decade before.
     reason : str
         If undecided.
+    agrees : bool
+        Undecided, but the closed form lies within the error of every limit.
     counts : dict
         Points by verdict.
     rate, rate_low, rate_high : float
@@ -102,6 +105,7 @@ class Group:
     verdict: Verdict
     shifted: Verdict
     reason: str
+    agrees: bool
     counts: dict[str, int]
     rate: float
     rate_low: float
@@ -159,6 +163,11 @@ def class_verdict(judgements: Sequence[Judgement]) -> tuple[Verdict, str]:
     return "undecided", f"{reason} ({len(worst)} of {n} points so)" if worst else reason
 
 
+def agrees(judgements: Sequence[Judgement]) -> bool:
+    """Whether nothing is refuted or unsettled, and the closed form lies within the error of every limit."""
+    return all(j.verdict == "supported" or (j.consistent and j.settles) for j in judgements)
+
+
 def group_of(name: str, results: Sequence[PointResult], verdict: Verdict, shifted: Verdict, reason: str) -> Group:
     """Summarise points under a verdict."""
     counts = Counter(r.judgement.verdict for r in results)
@@ -174,6 +183,7 @@ def group_of(name: str, results: Sequence[PointResult], verdict: Verdict, shifte
         verdict=verdict,
         shifted=shifted,
         reason=reason,
+        agrees=verdict == "undecided" and agrees([r.judgement for r in results]),
         counts=dict(counts),
         rate=float(np.median(rates)) if rates.size else math.nan,
         rate_low=float(low),
@@ -190,17 +200,23 @@ def gather(solver: str, kind: str, case: Case, results: Sequence[PointResult], d
     classes: dict[str, list[PointResult]] = {}
     for result in results:
         classes.setdefault(pair_class(case, result.point), []).append(result)
-    groups = []
+    groups, shifted = [], []
     for name, members in classes.items():
         verdict, reason = class_verdict([m.judgement for m in members])
-        shifted, _ = class_verdict([m.shifted for m in members])
-        groups.append(group_of(name, members, verdict, shifted, reason))
-
-    def worst(verdicts: Sequence[Verdict]) -> Verdict:
-        order: tuple[Verdict, ...] = ("refuted", "undecided", "supported")
-        return min(verdicts, key=order.index)
-
-    verdict = worst([g.verdict for g in groups])
+        before, _ = class_verdict([m.shifted for m in members])
+        groups.append(group_of(name, members, verdict, before, reason))
+        shifted.append((before, before == "undecided" and agrees([m.shifted for m in members])))
+    verdict = _worst([(g.verdict, g.agrees) for g in groups])
     reason = next((g.reason for g in groups if g.verdict == verdict), "")
-    whole = group_of("all", results, verdict, worst([g.shifted for g in groups]), reason)
+    whole = group_of("all", results, verdict, _worst(shifted), reason)
     return CaseResult(solver, kind, case, tuple(results), whole, tuple(groups), decades)
+
+
+def _worst(found: Sequence[tuple[Verdict, bool]]) -> Verdict:
+    """Verdict over classes, given that of each and whether it agrees within the solver's error."""
+    verdicts = {verdict for verdict, _ in found}
+    if "refuted" in verdicts:
+        return "refuted"
+    if any(verdict == "undecided" and not fine for verdict, fine in found) or "supported" not in verdicts:
+        return "undecided"
+    return "supported"
