@@ -1,1 +1,1 @@
-"""The limiting case put to the test: does an infinitely stiff pair act as one body?"""
+"""The limiting case put to the test: whether an infinitely stiff pair acts as one body."""

@@ -1,7 +1,7 @@
 """The limits of the supplement, what it says of each, and what is a point of which.
 
-**Contrast.** Each limit is approached along one number x >= 1 that goes to infinity: k1/k2 for k2/k1 -> 0, k2/k1
-for k2/k1 -> infinity, and 1/e_i^2 for e_i -> 0, because an end of compression multiplies the stiffness by it
+**Contrast.** Each limit is approached along one number x >= 1 that goes to infinity: k1/k2 for k2/k1 → 0, k2/k1
+for k2/k1 → infinity, and 1/e_i^2 for e_i → 0, because an end of compression multiplies the stiffness by it
 (supplement, 3.3). A rate r means that the distance from the closed form falls as x^-r: a rate in e_i is twice that.
 
 Velocities are per abs(v0), masses per m1.
@@ -87,31 +87,31 @@ class Case:
 CASES = (
     Case(
         "zero-apart",
-        "k2/k1 -> 0, the balls part at once",
+        "k2/k1 → 0, the balls part at once",
         "k1/k2",
         1,
-        "e1 m2/m1 >= 1 and e2 (1 + e1) <= e1 m2/m1 - 1",
+        "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1",
         "supplement, 3.2: (11) and -e2 times (12)",
     ),
     Case(
         "zero-early",
-        "k2/k1 -> 0, united while the table contact is compressed",
+        "k2/k1 → 0, united while the table contact is compressed",
         "k1/k2",
         1,
-        "e1 m2/m1 < 1",
+        "e1 m2/m1 below 1",
         "supplement, 3.2: e2 sqrt(1 + m2 e1^2)/(1 + m2)",
     ),
     Case(
         "zero-late",
-        "k2/k1 -> 0, united while the table contact restores",
+        "k2/k1 → 0, united while the table contact restores",
         "k1/k2",
         1,
-        "e1 m2/m1 >= 1 and e2 (1 + e1) > e1 m2/m1 - 1",
+        "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1",
         "supplement, 3.2: (13), corrected (errata)",
     ),
     Case(
         "infinity",
-        "k2/k1 -> infinity",
+        "k2/k1 → infinity",
         "k2/k1",
         2,
         "everywhere",
@@ -119,7 +119,7 @@ CASES = (
     ),
     Case(
         "plastic-ball-ball",
-        "e1 -> 0",
+        "e1 → 0",
         "1/e1^2",
         1,
         "everywhere",
@@ -127,7 +127,7 @@ CASES = (
     ),
     Case(
         "plastic-ball-table",
-        "e2 -> 0",
+        "e2 → 0",
         "1/e2^2",
         2,
         "everywhere",
@@ -145,7 +145,7 @@ def after_first_impact(mass_ratio: float, e1: float) -> tuple[float, float]:
 def border(case: Case, point: Point) -> float:
     """How far inside its regime a point lies, in velocity per abs(v0); negative outside, infinite without a border.
 
-    At k2/k1 -> 0 the regimes part where v11 = 0, and where -e2 v21 = v11.
+    At k2/k1 → 0 the regimes part where v11 = 0, and where -e2 v21 = v11.
     """
     if not case.key.startswith("zero"):
         return math.inf
@@ -186,17 +186,19 @@ def closed_form(case: Case, point: Point) -> tuple[float, float]:
             return outcome.v1, outcome.v2
 
 
+#: Classes of points none of whose contacts is elastic.
+LOSSY = ("both lossy", "other lossy")
+
+
 def pair_class(case: Case, point: Point) -> str:
-    """Name the class of a point: which of its contacts are elastic (e = 1)."""
+    """Name the class of a point: which of its contacts are elastic (e = 1); of a plastic limit, the other one."""
     if case.plastic:
-        other = point.e2 if case.stiff == 1 else point.e1
-        name = "e2" if case.stiff == 1 else "e1"
-        return f"{name} = 1" if other == 1 else f"{name} < 1"
+        return "other elastic" if 1.0 in (point.e1, point.e2) else "other lossy"
     if point.e1 == point.e2 == 1:
         return "e1 = e2 = 1"
     if point.e1 == 1:
-        return "e1 = 1, e2 < 1"
-    return "e1 < 1, e2 = 1" if point.e2 == 1 else "e1 < 1, e2 < 1"
+        return "only e1 = 1"
+    return "only e2 = 1" if point.e2 == 1 else "both lossy"
 
 
 def distance(mass_ratio: float, dv1: Floats, dv2: Floats) -> Floats:

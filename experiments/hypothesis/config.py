@@ -67,7 +67,9 @@ class MapConfig(_Strict):
     stiffness_ratio: _Range = (1e-6, 1e6)
     engine_stiffness_ratio: _Range = (1e-3, 1e3)
     mass_ratio: _Range = (0.05, 20.0)
-    restitutions: list[tuple[_Restitution, _Restitution]] = Field([(0.9, 0.7), (1.0, 1.0), (0.5, 0.5)], min_length=1, max_length=6)
+    restitutions: list[tuple[_Restitution, _Restitution]] = Field(
+        [(0.9, 0.7), (1.0, 1.0), (0.5, 0.5)], min_length=1, max_length=6
+    )
 
     @field_validator("stiffness_ratio", "engine_stiffness_ratio", "mass_ratio")
     @classmethod
@@ -119,7 +121,7 @@ class HypothesisConfig(_Strict):
     engine_fit_decades: float = Field(2.0, ge=1, le=8)
     steps: int = Field(100, ge=20, le=2000)
     workers: int | None = Field(None, ge=1, le=4096)
-    map: MapConfig = MapConfig()
+    map: MapConfig = Field(default_factory=lambda: MapConfig.model_validate({}))
     point: list[GivenPoint] = []
 
     @field_validator("contrast", "plastic_contrast", "engine_contrast", "engine_plastic_contrast")
@@ -169,12 +171,20 @@ def parse(data: dict[str, Any], where: str) -> HypothesisConfig:
 
 
 def _one_line(problem: Any) -> str:
-    location = [part for part in problem["loc"] if isinstance(part, int) or part in LEGAL or len(problem["loc"]) == 1]
+    location = [
+        part for part in problem["loc"] if isinstance(part, int) or part in LEGAL or len(problem["loc"]) == 1
+    ]
     location = list(problem["loc"]) if problem["type"] == "extra_forbidden" else location
-    name = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
+    name = "".join(
+        f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in location
+    ).removeprefix(".")
     named = [part for part in location if isinstance(part, str)]
     if problem["type"] == "value_error":
-        return f"{name} = {problem['ctx']['error']}" if named[-1:] != ["point"] else f"{name}: {problem['ctx']['error']}"
+        return (
+            f"{name} = {problem['ctx']['error']}"
+            if named[-1:] != ["point"]
+            else f"{name}: {problem['ctx']['error']}"
+        )
     value = repr(problem["input"])
     value = value if len(value) <= 60 else value[:57] + "..."
     if problem["type"] == "extra_forbidden":

@@ -48,7 +48,12 @@ def draw(case: Case, n: int, seed: int) -> list[Point]:
         counts = {(False, False): n - elastic, (case.stiff == 2, case.stiff == 1): elastic}
     else:
         sixth = n // 6
-        counts = {(False, False): n - 3 * sixth, (True, False): sixth, (False, True): sixth, (True, True): sixth}
+        counts = {
+            (False, False): n - 3 * sixth,
+            (True, False): sixth,
+            (False, True): sixth,
+            (True, True): sixth,
+        }
     sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
     points: list[Point] = []
     wanted = [pattern for pattern, count in counts.items() for _ in range(count)]
@@ -72,7 +77,10 @@ def _point(case: Case, unit: np.ndarray, elastic: tuple[bool, bool]) -> Point:
         return float(f"{low * (high / low) ** u:.6g}")
 
     low, high = RESTITUTION
-    e1, e2 = (1.0 if one else float(f"{low + (high - low) * u:.6g}") for one, u in zip(elastic, unit[1:3], strict=True))
+    e1, e2 = (
+        1.0 if one else float(f"{low + (high - low) * u:.6g}")
+        for one, u in zip(elastic, unit[1:3], strict=True)
+    )
     if not case.plastic:
         return Point(log_between(*MASS_RATIO, unit[0]), e1, e2)
     kappa = log_between(*STIFFNESS_RATIO, unit[3])

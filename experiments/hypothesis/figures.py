@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from experiments.findings import number
-from experiments.hypothesis.cases import CASES, pair_class
+from experiments.hypothesis.cases import CASES, LOSSY, pair_class
 from experiments.hypothesis.mechanism import POINTS
 from experiments.hypothesis.ringing import second_end_share
 from experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
@@ -88,9 +89,7 @@ def _distance(results: Results) -> tuple[Figure, str]:
             for series in (one for one in results.series if one.case == case):
                 name = series.subject.name
                 style = _look(results, name)
-                chosen = [
-                    i for i, point in enumerate(series.points) if "= 1" not in pair_class(case, point)
-                ]
+                chosen = [i for i, point in enumerate(series.points) if pair_class(case, point) in LOSSY]
                 usable, _ = series.usable()
                 D = np.where(usable, series.distances(), np.nan)[chosen]
                 known = np.isfinite(D).sum(axis=0) > len(chosen) / 2
@@ -113,15 +112,18 @@ def _distance(results: Results) -> tuple[Figure, str]:
             ax.set_xscale("log")
             ax.set_yscale("log")
             ax.set_xlabel(f"contrast {_X[case.variable]} (-)")
-            ax.set_title(case.title, fontsize=8.5)
+            ax.set_title(textwrap.fill(case.title, 34), fontsize=8.5)
         for ax in axes[:, 0]:
             ax.set_ylabel("distance from the closed form, D (-)")
         figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5)
     return figure, (
-        "Distance D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)) of each solver's outcome from the closed form that the "
-        "hypothesis gives, against the contrast, one panel a limit: median over the points of the design whose other "
-        "contacts are inelastic (e < 1). Open markers: engines, extrapolated to no time step. Thin dotted lines with a "
-        "number: median fitted rate r (D falls as contrast to the -r) where the verdict of this class is 'supported'. A line that levels out "
+        "Distance D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)) of each solver's outcome from the closed form "
+        "that the "
+        "hypothesis gives, against the contrast, one panel a limit: median over the points of the design "
+        "whose other "
+        "contacts are lossy. Open markers: engines, extrapolated to no time step. Thin dotted lines with a "
+        "number: median fitted rate r (D falls as contrast to the -r) where the verdict of this class is "
+        "'supported'. A line that levels out "
         "goes to another limit. Below about 1e-13 there is rounding only."
     )
 
@@ -129,13 +131,19 @@ def _distance(results: Results) -> tuple[Figure, str]:
 def _slope(ax: Any, results: Results, series: Series, median: np.ndarray, color: str) -> None:
     """Draw the fitted rate of the inelastic class below its median, where it is supported."""
     found = results.verdict(series.subject.name, series.case.key)
-    group = next((g for g in found.classes if "= 1" not in g.name), None) if found else None
+    group = next((g for g in found.classes if g.name in LOSSY), None) if found else None
     known = np.flatnonzero(np.isfinite(median))
     if group is None or group.verdict != "supported" or known.size < 3 or series.subject.kind == "stepped":
         return
-    windows = [
-        p.judgement.window for p in found.points if p.judgement.verdict == "supported" and pair_class(found.case, p.point) == group.name
-    ] if found else []
+    windows = (
+        [
+            p.judgement.window
+            for p in found.points
+            if p.judgement.verdict == "supported" and pair_class(found.case, p.point) == group.name
+        ]
+        if found
+        else []
+    )
     low, high = (float(np.median([w[i] for w in windows])) for i in (0, 1))
     middle = (low * high) ** 0.5
     at = int(known[np.argmin(np.abs(np.log(series.contrast[known] / middle)))])
@@ -172,33 +180,48 @@ def _relative_motion(results: Results) -> tuple[Figure, str]:
                     axes[1, column].plot(
                         motion.time[motion.joined], motion.separation[motion.joined], "o", color=style.color
                     )
-            axes[0, column].set_title(titles[key], fontsize=8.5)
+            axes[0, column].set_title(textwrap.fill(titles[key], 34), fontsize=8.5)
             axes[1, column].set_xlabel("time, half periods of the soft contact (-)")
         axes[0, 0].set_ylabel("relative velocity\nof the stiff pair, per |v0| (-)")
         axes[1, 0].set_ylabel("separation of the stiff pair,\nper soft compression (-)")
         figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
     where = "; ".join(
-        f"{key}: m2/m1 = {number(POINTS[key].mass_ratio)}, e1 = {POINTS[key].e1:g}, e2 = {POINTS[key].e2:g}" for key in DRAWN
+        f"{key}: m2/m1 = {number(POINTS[key].mass_ratio)}, e1 = {POINTS[key].e1:g}, e2 = {POINTS[key].e2:g}"
+        for key in DRAWN
     )
     return figure, (
-        f"Relative motion of the stiff pair (B1 and B2 in the first two columns, B2 and the table in the last) at a "
-        f"contrast of {number(DRAWN_CONTRAST)}. Top: its relative velocity, positive where it separates. Bottom: its "
-        "separation since first touch, per largest compression of the soft contact (of the model, which has no positions, "
-        "the one that its velocities imply). Dots: the instant of equal velocities at which the hypothesis joins the "
+        f"Relative motion of the stiff pair (B1 and B2 in the first two columns, B2 and the table in the "
+        f"last) at a "
+        f"contrast of {number(DRAWN_CONTRAST)}. Top: its relative velocity, positive where it separates. "
+        f"Bottom: its "
+        "separation since first touch, per largest compression of the soft contact (of the model, which has "
+        "no positions, "
+        "the one that its velocities imply). Engines lie on kelvin-voigt, whose law they run. Dots: the "
+        "instant of equal velocities at which the hypothesis joins the "
         f"pair, for the model and for bistiffness. {where}."
     )
 
 
 def _no_limit(results: Results) -> tuple[Figure, str]:
     worst = max(results.branches, key=lambda branch: branch.measured)
-    series = next(s for s in results.series if s.subject.name == "state-transition" and s.case.key == "zero-early")
+    series = next(
+        s for s in results.series if s.subject.name == "state-transition" and s.case.key == "zero-early"
+    )
     i = series.points.index(worst.point)
     with drawing(9.0, 3.2) as figure:
         left, right = figure.subplots(1, 2)
         left.plot(series.contrast, series.rows("v1")[i], "o", color="black", markersize=3.5)
         for value, name in ((worst.once, "one end of compression"), (worst.twice, "two")):
             left.axhline(value, color="#0072B2", linewidth=1)
-            left.text(series.contrast[-1], value, f" {name}", color="#0072B2", fontsize=7.5, va="bottom", ha="right")
+            left.text(
+                series.contrast[-1],
+                value + 0.012 * worst.once,
+                f" {name}",
+                color="#0072B2",
+                fontsize=7.5,
+                va="bottom",
+                ha="right",
+            )
         left.set_xscale("log")
         left.set_xlabel("contrast k1/k2 (-)")
         left.set_ylabel("v1 of the model, per |v0| (-)")
@@ -218,9 +241,12 @@ def _no_limit(results: Results) -> tuple[Figure, str]:
         right.legend()
     p = worst.point
     return figure, (
-        "Where the model itself has no limit: e1 = 1, e2 < 1, balls united while the table contact is compressed. Left: "
-        f"final velocity v1 against the contrast at m2/m1 = {number(p.mass_ratio)}, e2 = {number(p.e2)}; it falls on one "
-        "of two values, whatever the contrast: that of the closed form, and e2 times it. Right: share of contrasts with "
+        "Where the model itself has no limit: e1 = 1 and a lossy table contact, balls united while the table "
+        "contact is compressed. Left: "
+        f"final velocity v1 against the contrast at m2/m1 = {number(p.mass_ratio)}, e2 = {number(p.e2)}; it "
+        f"falls on one "
+        "of two values, whatever the contrast: that of the closed form, and e2 times it. Right: share of "
+        "contrasts with "
         "the second value, counted over contrasts drawn at random (bars: 95 %), and the closed form "
         "(sqrt(q^2 - 1) - arccos(1/q))/pi with q^2 = (3 - m2)/(m2 (1 + m2)), m1 = 1."
     )
@@ -237,10 +263,17 @@ def _map(results: Results, e1: float, e2: float) -> tuple[Figure, str]:
             ax.set_visible(False)
         for position, (ax, one) in enumerate(zip(axes.flat, chosen, strict=False)):
             ax.pcolormesh(
-                one.stiffness_ratio, one.mass_ratio, np.ma.masked_invalid(one.error.T), cmap=colors, norm=norm, shading="nearest"
+                one.stiffness_ratio,
+                one.mass_ratio,
+                np.ma.masked_invalid(one.error.T),
+                cmap=colors,
+                norm=norm,
+                shading="nearest",
             )
             ax.set_xscale("log")
             ax.set_yscale("log")
+            ax.set_xlim(*results.config.map.stiffness_ratio)
+            ax.set_ylim(*results.config.map.mass_ratio)
             ax.axvline(1, color="black", linewidth=0.8)
             ax.set_title(one.solver, fontsize=9)
             ax.grid(False)
@@ -250,12 +283,12 @@ def _map(results: Results, e1: float, e2: float) -> tuple[Figure, str]:
             if position + columns >= len(chosen):
                 ax.set_xlabel("stiffness ratio k2/k1 (-)")
         labels = ("within 1 %", "within 5 %", "within 20 %", "beyond 20 %")
-        figure.legend(
-            [Patch(color=color) for color in _BANDS], labels, loc="outside lower center", ncols=4
-        )
+        figure.legend([Patch(color=color) for color in _BANDS], labels, loc="outside lower center", ncols=4)
     return figure, (
-        f"Where the hypothesis is good enough at e1 = {e1:g}, e2 = {e2:g}: distance D of a solver's outcome from the closed "
-        "form of the nearer limit (k2/k1 = 0 left of the black line, infinity right of it), in per cent of the impact's "
-        "kinetic norm, over the stiffness ratio and the mass ratio. White: no result. Engines are on a coarser grid, "
-        "extrapolated to no time step."
+        f"Where the hypothesis is good enough at e1 = {e1:g}, e2 = {e2:g}: distance D of a solver's outcome "
+        f"from the closed "
+        "form of the nearer limit (k2/k1 = 0 left of the black line, infinity right of it), in per cent of "
+        "the impact's "
+        "kinetic norm, over the stiffness ratio and the mass ratio. White: no result, or beyond the "
+        "map of the engines, which is smaller and coarser; they are extrapolated to no time step."
     )

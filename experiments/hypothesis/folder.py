@@ -53,7 +53,9 @@ def check_folder(root: Path) -> None:
 def write_all(results: Results, root: Path, seconds: float) -> Path:
     """Write everything into a folder; give the path of the page."""
     versions = {"impact-xval": version("impact-xval"), "Python": platform.python_version()}
-    versions |= {name: get_solver(name).version() for name in results.solvers if name not in ("state-transition",)}
+    versions |= {
+        name: get_solver(name).version() for name in results.solvers if name not in ("state-transition",)
+    }
     frames = {
         "verdicts": class_frame(results),
         "points": point_frame(results),
@@ -68,7 +70,9 @@ def write_all(results: Results, root: Path, seconds: float) -> Path:
     pictures = write_figures(results, root / "figures")
     parts = build_page(results, pictures, versions)
     tables: list[Block] = [part for part in parts if isinstance(part, Table)]
-    write_text(root / "tables.tex", to_latex([Heading("Hypothesis: tables", level=1), *(_long(t) for t in tables)]))
+    write_text(
+        root / "tables.tex", to_latex([Heading("Hypothesis: tables", level=1), *(_long(t) for t in tables)])
+    )
     write_text(root / "tables.md", to_markdown([Heading("Hypothesis: tables", level=1), *tables]))
     write_text(root / PAGE, markdown(parts))
     write_text(root / "report.html", html(parts, root / "figures"))
@@ -84,7 +88,10 @@ def write_all(results: Results, root: Path, seconds: float) -> Path:
                 "processor": platform.processor() or platform.machine(),
                 "cores": available_cores(),
             },
-            "seconds": {**{key: round(value, 1) for key, value in results.seconds.items()}, "total": round(seconds, 1)},
+            "seconds": {
+                **{key: round(value, 1) for key, value in results.seconds.items()},
+                "total": round(seconds, 1),
+            },
         },
     )
     return root / PAGE
@@ -92,7 +99,11 @@ def write_all(results: Results, root: Path, seconds: float) -> Path:
 
 def _long(block: Block) -> Block:
     """Show a table in full in LaTeX too: this file is made for copying from."""
-    return Table(block.caption, block.header, block.rows, block.text_columns) if isinstance(block, Table) else block
+    return (
+        Table(block.caption, block.header, block.rows, block.text_columns)
+        if isinstance(block, Table)
+        else block
+    )
 
 
 def _write_parquet(path: Path, frame: pd.DataFrame) -> None:

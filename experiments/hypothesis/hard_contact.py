@@ -19,11 +19,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from scipy.optimize import brentq
 
 #: Relative velocity, per abs(v0), below which balls that are pressed together are one body.
 TOGETHER = 1e-8
+
+#: Relative tolerance of the instants of impacts.
+RTOL: Any = 1e-14
 
 #: Events after which the motion is given up.
 MOST_EVENTS = 100_000
@@ -131,7 +135,8 @@ def hard_ball_ball(mass_ratio: float, e1: float, v1: float, v2: float, table: Ta
             if impact:
                 # From a closed gap, a distance of (v1 - v2) t - (F2/m2) t^2/2 or more lies between the balls.
                 start = 0.0 if gap > 0 else (v1 - v2) * mu / spring.most(k, c)
-                t = float(brentq(after, start, t, xtol=1e-300, rtol=1e-14))
+                root: Any = brentq(after, start, t, xtol=1e-300, rtol=RTOL)
+                t = float(root)
             moved, rate = spring.moved(t)
             gap, p, v2 = 0.0 if impact or one else after(t), p + moved, -rate
             v1 = v2 if one else v1

@@ -6,11 +6,11 @@ as vectors w = (v1, sqrt(m2/m1) v2), whose length is the kinetic norm.
 1. **Usable** are outcomes that are results, away from a grazing jump. The *window* is their last `decades`; where the
    distance from the closed form has sunk under `FLOOR_ERRORS` errors of the solver for good, the window ends there.
    Without `decades` of them the verdict is `undecided`.
-2. **Rate**: slope of ln D over ln x in the window by Theil and Sen, with its 95 % interval: contacts that ring let D dip
-   to nothing at single contrasts, which a median of slopes does not notice.
+2. **Rate**: slope of ln D over ln x in the window by Theil and Sen, with its 95 % interval: contacts that ring let D
+   dip to nothing at single contrasts, which a median of slopes does not notice.
 3. **Limit**: w = L + A x^-s by least squares, s from `EXPONENTS`. Its error is the largest of: what the same fit gives
-   without the last decade (or half of a short window), with a second term in x^-2s, or with any s that leaves no more than twice the least
-   residual; that residual; and the solver's own error.
+   without the last decade (or half of a short window), with a second term in x^-2s, or with any s that leaves no more
+   than twice the least residual; that residual; and the solver's own error.
 4. The series **settles** if the diameter of its last decade is below that of its first by at least
    `LEAST_RATE` a decade, or below what the solver resolves, or below a tenth of its distance from the closed form
    (its limit is then the mean of that decade, with that diameter for an error).
@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,9 +140,10 @@ def judge(
     if span < decades - _SLACK:
         return Judgement(
             "undecided",
-            f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range of contrasts",
+            f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range of "
+            f"contrasts",
         )
-    above = np.flatnonzero(D > FLOOR_ERRORS * own)
+    above = np.flatnonzero(FLOOR_ERRORS * own < D)
     if above.size == 0 or x[above[-1]] - x[0] < decades - _SLACK:
         end = x[0] + decades
         sunk = True
@@ -167,7 +168,7 @@ def judge(
         limit_error=limit_error,
         offset=offset,
         consistent=offset <= 3 * limit_error,
-        spread=(*map(float, spread[[0, -1], 0]), *map(float, spread[[0, -1], 1])),
+        spread=(float(spread[0, 0]), float(spread[-1, 0]), float(spread[0, 1]), float(spread[-1, 1])),
     )
     fields = {name: getattr(found, name) for name in Judgement.__slots__ if name not in ("verdict", "reason")}
 
@@ -184,17 +185,19 @@ def judge(
         fields |= {"consistent": False, "settles": False}
         return Judgement(
             "undecided",
-            f"it does not settle: in the last decade v1 runs from {a:.3g} to {b:.3g} and v2 from {c:.3g} to {d:.3g}",
+            f"it does not settle: in the last decade v1 runs from {a:.3g} to {b:.3g} and v2 from {c:.3g} to "
+            f"{d:.3g}",
             **fields,
         )
     fields["limit"] = tuple(map(float, limit / scale))
     if offset > max(3 * limit_error, 0.2 * found.last) and D[final].min() > 0.5 * offset:
         return Judgement("refuted", **fields)
 
-    clear = D > FLOOR_ERRORS * own
+    clear = FLOOR_ERRORS * own < D
     if np.count_nonzero(clear) >= 3:
-        slope, at_zero, low, high = theilslopes(np.log10(D[clear]), x[clear], alpha=CONFIDENCE)
-        fields |= {"rate": -float(slope), "rate_low": -float(high), "rate_high": -float(low)}
+        line: Any = theilslopes(np.log10(D[clear]), x[clear], alpha=CONFIDENCE)
+        slope, at_zero, low, high = map(float, line)
+        fields |= {"rate": -slope, "rate_low": -high, "rate_high": -low}
         above = np.log10(D[clear]) - at_zero - slope * x[clear]
         rise = np.diff(np.log10(D[clear]), prepend=math.log10(D[clear][0]))
         late_half = x[clear] >= 0.5 * (x[0] + x[-1])
@@ -206,7 +209,8 @@ def judge(
         reach = float(x[clear][-1] - x[0]) if clear.any() else 0.0
         return Judgement(
             "undecided",
-            f"after {reach:.2g} decades it is within the solver's own error ({own[final].max():.1g}) of the closed "
+            f"after {reach:.2g} decades it is within the solver's own error ({own[final].max():.1g}) of the "
+            f"closed "
             f"form, and a rate needs {decades:g}",
             **fields,
         )
@@ -214,7 +218,8 @@ def judge(
         return Judgement("supported", **fields)
     return Judgement(
         "undecided",
-        f"the rate {fields['rate']:.2g} ({fields['rate_low']:.2g} to {fields['rate_high']:.2g}) cannot be told from "
+        f"the rate {fields['rate']:.2g} ({fields['rate_low']:.2g} to {fields['rate_high']:.2g}) cannot be "
+        f"told from "
         "none, nor the limit from the closed form",
         **fields,
     )

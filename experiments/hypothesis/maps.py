@@ -53,7 +53,7 @@ def axes(config: MapConfig, *, engine: bool) -> tuple[Floats, Floats]:
 
 
 def hypothesis_everywhere(kappa: Floats, mu: Floats, e1: float, e2: float) -> tuple[Floats, Floats]:
-    """Closed form of the nearer limit, as arrays: k2/k1 = 0 below 1 (supplement, 3.2), infinity above (3.1)."""
+    """Give the closed form of the nearer limit, in arrays: k2/k1 = 0 below 1 (supplement, 3.2), above it infinity."""
     v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
     early = e2 * np.sqrt(1 + mu * e1**2) / (1 + mu)
     late = np.sqrt((e1 * mu - 1) ** 2 + mu * e2**2 * (1 + e1) ** 2) / (1 + mu) ** 1.5

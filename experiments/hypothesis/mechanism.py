@@ -1,8 +1,8 @@
 """Why: the relative motion of the stiff pair after the instant at which the hypothesis joins its bodies.
 
-All of it is read off the trajectory a solver leaves. The separation of the pair is the integral of its relative velocity
-from first touch, v1 - v2 for the balls, v2 for B2 and the table. For solvers with positions it is the gap; the model has
-none, and its separation is the one that its velocities imply.
+All of it is read off the trajectory a solver leaves. The separation of the pair is the integral of its relative
+velocity from first touch, v1 - v2 for the balls, v2 for B2 and the table. For solvers with positions it is the gap; the
+model has none, and its separation is the one that its velocities imply.
 """
 
 from __future__ import annotations
@@ -33,6 +33,9 @@ POINTS = {
     "plastic-ball-table": Point(2 / math.sqrt(3), 0.9, math.nan, 1.0),
 }
 CONTRASTS = (1e2, 1e3, 1e4, 1e5)
+
+#: A return of contact within so many half periods of the soft contact is at once.
+AT_ONCE = 1e-6
 
 #: Contrasts of engines, and their steps in a period of the stiffer contact.
 ENGINE_CONTRASTS, ENGINE_STEPS = (1e2, 1e3), 500
@@ -137,7 +140,11 @@ def motion_of(case: Case, collision: Collision, path: Path) -> Motion:
             after = int(apart[0]) + 1 if apart.size else len(rate)
         sign = 1.0 if case.plastic else -1.0
         meets = np.flatnonzero((sign * rate[after:] >= 0) & (sign * rate[after - 1 : -1] < 0))
-        joined = int(meets[0]) + after if meets.size else None
+        if meets.size:
+            joined = int(meets[0]) + after
+            joined -= int(abs(rate[joined - 1]) < abs(rate[joined]) and not loaded[joined])
+        else:
+            joined = None
     half_period = math.pi * math.sqrt(soft_mass / soft_k)
     return Motion(time / half_period, rate, away[stiff] / deepest, loaded, joined)
 
@@ -170,19 +177,19 @@ def measure(solver: str, case: Case, contrast: float, motion: Motion) -> Mechani
         gap_then=float(motion.separation[start]),
         largest_rate=float(np.abs(motion.rate[after]).max()),
         largest_gap=float(motion.separation[start:end].max()),
-        opens=bool(opened.size and math.isfinite(again)),
+        opens=math.isfinite(again) and again > AT_ONCE,
         again_after=again,
         again_speed=again_speed,
     )
 
 
 def _crossing(motion: Motion, index: int) -> float:
-    """Time at which the relative velocity passes zero between the points before and at an index."""
-    if index == 0:
-        return float(motion.time[0])
-    before, at = motion.rate[index - 1], motion.rate[index]
-    share = before / (before - at) if before != at else 1.0
-    return float(motion.time[index - 1] + share * (motion.time[index] - motion.time[index - 1]))
+    """Time at which the relative velocity passes zero next to an index."""
+    for i in (index, index + 1):
+        if 0 < i < motion.rate.size and motion.rate[i - 1] * motion.rate[i] < 0:
+            share = motion.rate[i - 1] / (motion.rate[i - 1] - motion.rate[i])
+            return float(motion.time[i - 1] + share * (motion.time[i] - motion.time[i - 1]))
+    return float(motion.time[index])
 
 
 def observe(solver_name: str, case_key: str, contrast: float) -> tuple[Mechanism, Motion | None]:

@@ -1,4 +1,4 @@
-"""`hypothesis.md`: what was asked, what was found, how sure it is, and why; every number is of the run that wrote it."""
+"""`hypothesis.md`: what was asked and found, how sure it is, and why; every number is of the run that wrote it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import math
 
 from experiments.document import Block, Heading, Paragraph, Table
 from experiments.findings import number
-from experiments.hypothesis import mechanism, prose
+from experiments.hypothesis import mechanism, prose, prose_sure, prose_why
+from experiments.hypothesis.cases import CASES
 from experiments.hypothesis.figures import Picture
 from experiments.hypothesis.run import Results
 from experiments.hypothesis.tables import class_frame, need_frame, overview_table, rate_text, short
+from experiments.summary import Frame
 
 Part = Block | Picture
 
@@ -26,42 +28,54 @@ def build_page(results: Results, pictures: dict[str, Picture], versions: dict[st
         Paragraph(prose.abstract(results)),
         Heading("What was asked"),
         *map(Paragraph, prose.question()),
+        case_table(),
         Heading("What was found"),
         overview_table(results),
         *map(Paragraph, prose.by_limit(results)),
         *picture("distance"),
         Heading("Why"),
-        *map(Paragraph, prose.why(results)),
+        *map(Paragraph, prose_why.why(results)),
         mechanism_table(results),
         *picture("relative-motion"),
         Heading("Where they go instead"),
-        *map(Paragraph, prose.instead(results)),
+        *map(Paragraph, prose_why.instead(results)),
         prediction_table(results),
         Heading("Compliance or mapping"),
-        *map(Paragraph, prose.mapping(results)),
+        *map(Paragraph, prose_why.mapping(results)),
         Heading("Where the model itself has no limit"),
-        *map(Paragraph, prose.no_limit(results)),
+        *map(Paragraph, prose_why.no_limit(results)),
         *([branch_table(results)] if results.branches else []),
         *picture("no-limit"),
         Heading("How stiff is stiff enough"),
-        *map(Paragraph, prose.stiff_enough(results)),
+        *map(Paragraph, prose_sure.stiff_enough(results)),
         need_table(results),
         *maps,
         Heading("How sure it is"),
-        *map(Paragraph, prose.sureness(results)),
+        *map(Paragraph, prose_sure.sureness(results)),
         class_table(results),
         Heading("Method"),
-        *map(Paragraph, prose.method(results)),
+        *map(Paragraph, prose_sure.method(results)),
         Heading("Limits of what this shows"),
-        *map(Paragraph, prose.limits(results)),
+        *map(Paragraph, prose_sure.limits(results)),
         Heading("Provenance"),
         Paragraph(
             f"Seed {results.config.seed}. "
             + "; ".join(f"{name} {version}" for name, version in versions.items())
-            + ". Every number above is in verdicts.csv, points.csv, outcomes.parquet, mechanism.csv, maps.parquet and "
+            + ". Every number above is in verdicts.csv, points.csv, outcomes.parquet, mechanism.csv, "
+            "maps.parquet and "
             "contrast-needed.csv beside this page."
         ),
     ]
+
+
+def case_table() -> Table:
+    """List the limits with their regimes and closed forms."""
+    return Table(
+        "The limits (m1 = 1, |v0| = 1), and the sources of their closed forms",
+        ["limit", "what it is", "contrast", "regime", "closed form"],
+        [[case.key, case.title, case.variable, case.regime, case.source] for case in CASES],
+        text_columns=5,
+    )
 
 
 def mechanism_table(results: Results) -> Table:
@@ -79,12 +93,14 @@ def mechanism_table(results: Results) -> Table:
             if not high.joined:
                 rows.append([key, name, short(high.contrast), *["-"] * 4, high.status])
                 continue
-            again = "-"
+            again = "at once" if high.again_after <= mechanism.AT_ONCE else "-"
             if math.isfinite(high.again_after) and high.opens:
                 again = f"{high.again_after:.2f} at {short(high.again_speed, 2)}"
             rate = math.nan
             if low.joined and low.largest_rate > 0 < high.largest_rate and low.contrast < high.contrast:
-                rate = -math.log(high.largest_rate / low.largest_rate) / math.log(high.contrast / low.contrast)
+                rate = -math.log(high.largest_rate / low.largest_rate) / math.log(
+                    high.contrast / low.contrast
+                )
             rows.append(
                 [
                     key,
@@ -94,15 +110,27 @@ def mechanism_table(results: Results) -> Table:
                     short(high.largest_rate),
                     short(rate, 2),
                     again,
-                    "opens" if high.opens else "stays closed",
+                    "opens" if high.opens else "closed",
                 ]
             )
     return Table(
-        "The stiff pair after the instant at which the hypothesis joins it, at the highest contrast followed: its "
-        "separation at that instant per largest compression of the soft contact, its largest relative speed from then on "
-        "per |v0| and how fast that falls with the contrast (rate), and when, in half periods of the soft contact, and at "
+        "The stiff pair after the instant at which the hypothesis joins it, at the highest contrast "
+        "followed: its "
+        "separation at that instant per largest compression of the soft contact, its largest relative speed "
+        "from then on "
+        "per |v0| and how fast that falls with the contrast (rate), and when, in half periods of the soft "
+        "contact, and at "
         "what speed per |v0| it collides again",
-        ["limit", "solver", "contrast", "separation", "relative speed", "its rate", "collides again", "stiff contact"],
+        [
+            "limit",
+            "solver",
+            "contrast",
+            "separation",
+            "relative speed",
+            "rate",
+            "collides again",
+            "stiff contact",
+        ],
         rows,
         text_columns=2,
     )
@@ -110,7 +138,7 @@ def mechanism_table(results: Results) -> Table:
 
 def prediction_table(results: Results) -> Table:
     """How far the extrapolated limits lie from the closed form and from the prediction."""
-    frame = class_frame(results)
+    frame: Frame = class_frame(results)
     rows = []
     for row in frame[(frame["class"] == "all") & (frame.n_refuted > 0)].itertuples():
         rows.append(
@@ -126,8 +154,10 @@ def prediction_table(results: Results) -> Table:
             ]
         )
     return Table(
-        "Where the hypothesis is refuted: distance of the extrapolated limit from the closed form (range and median over "
-        "the refuted points), largest error of an extrapolated limit, and largest distance from what the solver's law "
+        "Where the hypothesis is refuted: distance of the extrapolated limit from the closed form (range and "
+        "median over "
+        "the refuted points), largest error of an extrapolated limit, and largest distance from what the "
+        "solver's law "
         "alone predicts",
         ["limit", "solver", "points", "off by", "median", "error", "off prediction", "prediction"],
         rows,
@@ -150,7 +180,8 @@ def branch_table(results: Results) -> Table:
         for b in results.branches
     ]
     return Table(
-        "The model at e1 = 1, balls united while the table contact is compressed: the two velocities its outcomes "
+        "The model at e1 = 1, balls united while the table contact is compressed: the two velocities its "
+        "outcomes "
         "accumulate at, per |v0|, and how often the second one occurs",
         ["m2/m1", "e2", "one end", "two ends", "two ends, closed form", "two ends, counted", "neither"],
         rows,
@@ -160,15 +191,21 @@ def branch_table(results: Results) -> Table:
 
 def need_table(results: Results) -> Table:
     """Contrasts from which on the hypothesis is good to 1, 5 and 20 %."""
-    frame = need_frame(results)
+    frame: Frame = need_frame(results)
     e1, e2 = results.config.map.restitutions[0]
     chosen = frame[(frame.e1 == e1) & (frame.e2 == e2) & frame.mass_ratio.isin([0.5, 1.0, 5.0])]
     rows = [
-        [row.solver, row.side, number(row.mass_ratio), *(short(x, 2) for x in (row.contrast_1pct, row.contrast_5pct, row.contrast_20pct))]
+        [
+            row.solver,
+            row.side,
+            number(row.mass_ratio),
+            *(short(x, 2) for x in (row.contrast_1pct, row.contrast_5pct, row.contrast_20pct)),
+        ]
         for row in chosen.itertuples()
     ]
     return Table(
-        f"Contrast (max(k2/k1, k1/k2)) from which on, to the end of the map, treating the stiff pair as one body is good "
+        f"Contrast (max(k2/k1, k1/k2)) from which on, to the end of the map, treating the stiff pair as one "
+        f"body is good "
         f"to 1, 5 and 20 % of the impact's kinetic norm, at e1 = {e1:g}, e2 = {e2:g}",
         ["solver", "side", "m2/m1", "1 %", "5 %", "20 %"],
         rows,
@@ -195,7 +232,8 @@ def class_table(results: Results) -> Table:
                 ]
             )
     return Table(
-        "Every class of points: verdict, points supported/refuted/undecided, median rate of the supported points with its "
+        "Every class of points: verdict, points supported/refuted/undecided, median rate of the supported "
+        "points with its "
         "95 % interval, the verdict of the fit a decade before, and that of a design drawn with another seed",
         ["limit", "solver", "class", "verdict", "points", "rate", "a decade before", "redrawn"],
         rows,

@@ -21,15 +21,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 from scipy.optimize import brentq
 
 from compliant_baselines.mapping import damping_ratio, restitution, textbook_damping_ratio
 from compliant_baselines.restitution_laws import hunt_crossley_coefficients
 from experiments.hypothesis.cases import Case, Point
 from experiments.hypothesis.hard_contact import Table, hard_ball_ball
-
-import numpy as np
 
 #: Families with a law to predict from.
 FAMILIES = (
@@ -75,7 +75,10 @@ def hunt_crossley_restitution(a: float, speed: float) -> float:
     def excess(e: float) -> float:
         return A * (1 + e) - math.log1p(A) + math.log1p(-e * A)
 
-    return float(brentq(excess, 0.0, high, xtol=1e-15)) if excess(high) < 0 else 1.0
+    if excess(high) >= 0:
+        return 1.0
+    root: Any = brentq(excess, 0.0, high, xtol=1e-15)
+    return float(root)
 
 
 @dataclass(frozen=True, slots=True)

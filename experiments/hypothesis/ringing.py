@@ -9,8 +9,8 @@ the latter instant is
 since the ring starts from rest under the relative acceleration s/m2 and never loses any of it. So v2 rises through zero
 as tau + q sin(tau) does, q = m1 s/(m2 F), and for q > 1 it does so once or three times (up, down, up), depending on the
 phase. Every rise is an end of compression, which leaves e2^2 of the energy of contact 2; one more end leaves the balls
-with e2 times the velocity. The phase is that of omega1 times a time that does not depend on k2/k1: as k2/k1 -> 0 it takes
-every value equally often, and the outcome has no limit. By the supplement's E22 and E2max at e1 = 1,
+with e2 times the velocity. The phase is that of omega1 times a time that does not depend on k2/k1: as k2/k1 -> 0 it
+takes every value equally often, and the outcome has no limit. By the supplement's E22 and E2max at e1 = 1,
 
     q^2 = (3 - m2)/(m2 (1 + m2))   (m1 = 1),
 
@@ -73,7 +73,7 @@ def second_end_share(mass_ratio: float) -> float:
 def count_branches(point: Point, seed: int) -> Branches:
     """Solve the model at many contrasts, drawn at random, and sort the outcomes."""
     rng = np.random.default_rng(seed)
-    x = np.exp(rng.uniform(*np.log(RANGE), COUNT))
+    x = np.exp(rng.uniform(np.log(RANGE[0]), np.log(RANGE[1]), COUNT))
     mu, e2 = point.mass_ratio, point.e2
     answers = model_batch(1 / x, *(np.full(COUNT, value) for value in (mu, point.e1, e2)))
     once = e2 / math.sqrt(1 + mu)  # the closed form at e1 = 1

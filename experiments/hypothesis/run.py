@@ -98,7 +98,10 @@ class Results:
 
 
 def run_hypothesis(
-    config: HypothesisConfig, *, workers: int | None = None, progress: Progress = lambda done, total, line: None
+    config: HypothesisConfig,
+    *,
+    workers: int | None = None,
+    progress: Progress = lambda done, total, line: None,
 ) -> Results:
     """Test the hypothesis.
 
@@ -167,7 +170,9 @@ def run_hypothesis(
         maps: list[ErrorMap] = []
         for one, (e1, e2) in maps_asked:
             kappa, masses = axes(config.map, engine=False)
-            maps.append(error_map(one.name, e1, e2, kappa, masses, one.ask(*map_ratios(kappa, masses, e1, e2))))
+            maps.append(
+                error_map(one.name, e1, e2, kappa, masses, one.ask(*map_ratios(kappa, masses, e1, e2)))
+            )
             advance()
         branches = [
             count_branches(point, config.seed)
@@ -230,7 +235,10 @@ def contrasts(config: HypothesisConfig, case: Case, kind: str) -> Floats:
 
 
 def _hand_out(
-    config: HypothesisConfig, stepped: list[Subject], points: dict[str, tuple[Point, ...]], submit: Callable[..., Future]
+    config: HypothesisConfig,
+    stepped: list[Subject],
+    points: dict[str, tuple[Point, ...]],
+    submit: Callable[..., Future],
 ) -> dict[tuple[str, str], list[Future[Answers]]]:
     """Hand out the work of the engines, in pieces of cells in order; the long ones first."""
     asked: list[tuple[str, str, Ask, Floats]] = []

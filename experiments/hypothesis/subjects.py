@@ -69,8 +69,18 @@ class Answers:
     def join(cls, parts: Sequence[Answers]) -> Answers:
         """Join answers end to end."""
         reasons = dict.fromkeys(reason for part in parts for reason in part.reason)
-        arrays = ("v1", "v2", "error", "status", "grazing_margin")
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in arrays), tuple(reasons))
+
+        def joined(name: str) -> NDArray:
+            return np.concatenate([getattr(part, name) for part in parts])
+
+        return cls(
+            joined("v1"),
+            joined("v2"),
+            joined("error"),
+            joined("status"),
+            joined("grazing_margin"),
+            tuple(reasons),
+        )
 
 
 #: Gives the answers to arrays k2/k1, m2/m1, e1, e2 of one shape (n,).
@@ -123,7 +133,9 @@ _EXACT: dict[str, Ask] = {
 }
 
 
-def asked_one_by_one(name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats) -> Answers:
+def asked_one_by_one(
+    name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
+) -> Answers:
     """Ask a solver of the registry, collision by collision, as given in the settings."""
     collisions = [Collision.from_ratios(*map(float, row)) for row in zip(kappa, mu, e1, e2, strict=True)]
     outcomes = answer(get_solver(name), collisions, settings)
@@ -151,7 +163,8 @@ def at_vanishing_step(
     """
     fractions = [settings.step_fraction / 2**level for level in range(3)]
     runs = [
-        asked_one_by_one(name, replace(settings, step_fraction=fraction), kappa, mu, e1, e2) for fraction in fractions
+        asked_one_by_one(name, replace(settings, step_fraction=fraction), kappa, mu, e1, e2)
+        for fraction in fractions
     ]
 
     def extrapolated(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:

@@ -22,6 +22,8 @@ def short(value: float, digits: int = 3) -> str:
     """Write a number; a dash for none, a word for infinity."""
     if math.isnan(value):
         return "-"
+    if 1e4 <= value < math.inf and math.isclose(value, 10 ** round(math.log10(value)), rel_tol=1e-9):
+        return f"1e{round(math.log10(value))}"
     return "never" if math.isinf(value) else number(value, digits)
 
 
@@ -37,7 +39,10 @@ def verdict_text(result: CaseResult) -> str:
     word = result.whole.verdict
     if word == "supported":
         word += f", rate {result.whole.rate:.2f}"
-    others = [f"{group.verdict if not group.agrees else 'within error'} for {group.name}" for group in result.differing]
+    others = [
+        f"{group.verdict if not group.agrees else 'within error'} for {group.name}"
+        for group in result.differing
+    ]
     return f"{word} ({'; '.join(others)})" if others else word
 
 
@@ -48,8 +53,10 @@ def overview_table(results: Results) -> Table:
         found = [results.verdict(name, case.key) for case in CASES]
         rows.append([name, *(verdict_text(one) if one else "-" for one in found)])
     return Table(
-        "Verdict on the hypothesis by solver and limit. Supported: the distance from the closed form falls to nothing at "
-        "the rate stated (as contrast to the minus rate). Refuted: it goes to another limit. In brackets: classes of "
+        "Verdict on the hypothesis by solver and limit. Supported: the distance from the closed form falls "
+        "to nothing at "
+        "the rate stated (as contrast to the minus rate). Refuted: it goes to another limit. In brackets: "
+        "classes of "
         "points with another verdict",
         ["solver", *(case.key for case in CASES)],
         rows,
@@ -63,7 +70,9 @@ def class_frame(results: Results) -> pd.DataFrame:
     for result in results.verdicts:
         for group in (result.whole, *result.classes):
             members = [p for p in result.points if group.name in ("all", pair_class(result.case, p.point))]
-            missed = [p.missed for p in members if p.judgement.verdict == "refuted" and math.isfinite(p.missed)]
+            missed = [
+                p.missed for p in members if p.judgement.verdict == "refuted" and math.isfinite(p.missed)
+            ]
             rows.append(
                 {
                     "case": result.case.key,
@@ -74,7 +83,10 @@ def class_frame(results: Results) -> pd.DataFrame:
                     "verdict_a_decade_before": group.shifted,
                     "verdict_redrawn": results.redrawn.get((result.solver, result.case.key, group.name), ""),
                     "points": len(members),
-                    **{f"n_{word}": group.counts.get(word, 0) for word in ("supported", "refuted", "undecided")},
+                    **{
+                        f"n_{word}": group.counts.get(word, 0)
+                        for word in ("supported", "refuted", "undecided")
+                    },
                     "rate": group.rate,
                     "rate_low": group.rate_low,
                     "rate_high": group.rate_high,
@@ -173,7 +185,11 @@ def map_frame(results: Results) -> pd.DataFrame:
     for one in results.maps:
         kappa, masses = np.meshgrid(one.stiffness_ratio, one.mass_ratio, indexing="ij")
         columns = {"solver": one.solver, "e1": one.e1, "e2": one.e2, "stiffness_ratio": kappa.ravel()}
-        columns |= {"mass_ratio": masses.ravel(), "error": one.error.ravel(), "uncertainty": one.uncertainty.ravel()}
+        columns |= {
+            "mass_ratio": masses.ravel(),
+            "error": one.error.ravel(),
+            "uncertainty": one.uncertainty.ravel(),
+        }
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
@@ -192,10 +208,15 @@ def need_frame(results: Results) -> pd.DataFrame:
                         "side": "k2 < k1" if soft_table else "k2 > k1",
                         "mass_ratio": mass,
                         **{
-                            f"contrast_{100 * level:.0f}pct": contrast_needed(one, mass, level, soft_table=soft_table)
+                            f"contrast_{100 * level:.0f}pct": contrast_needed(
+                                one, mass, level, soft_table=soft_table
+                            )
                             for level in LEVELS
                         },
-                        **{f"share_{100 * level:.0f}pct": share_within(one, level, soft_table=soft_table) for level in LEVELS},
+                        **{
+                            f"share_{100 * level:.0f}pct": share_within(one, level, soft_table=soft_table)
+                            for level in LEVELS
+                        },
                     }
                 )
     return pd.DataFrame(rows)

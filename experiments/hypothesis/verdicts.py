@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.hypothesis.cases import Case, Point, distance, pair_class
+from experiments.hypothesis.cases import Case, Point, pair_class
 from experiments.hypothesis.judging import Judgement, Verdict
 from experiments.hypothesis.predictions import Prediction
 
@@ -72,7 +72,7 @@ class PointResult:
         return self._from(self.judgement.limit, (self.prediction.v1, self.prediction.v2))
 
     def _from(self, a: tuple[float, float], b: tuple[float, float]) -> float:
-        return float(distance(self.point.mass_ratio, np.float64(a[0] - b[0]), np.float64(a[1] - b[1])))
+        return math.hypot(a[0] - b[0], math.sqrt(self.point.mass_ratio) * (a[1] - b[1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,9 @@ def agrees(judgements: Sequence[Judgement]) -> bool:
     return all(j.verdict == "supported" or (j.consistent and j.settles) for j in judgements)
 
 
-def group_of(name: str, results: Sequence[PointResult], verdict: Verdict, shifted: Verdict, reason: str) -> Group:
+def group_of(
+    name: str, results: Sequence[PointResult], verdict: Verdict, shifted: Verdict, reason: str
+) -> Group:
     """Summarise points under a verdict."""
     counts = Counter(r.judgement.verdict for r in results)
     rates = np.array([r.judgement.rate for r in results if r.judgement.verdict == "supported"])
