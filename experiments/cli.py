@@ -120,7 +120,7 @@ def hypothesis(
         str | None, typer.Option(metavar="N", help="Processes; by default one for every core.")
     ] = None,
 ) -> None:
-    """Test the supplement's hypothesis: does an infinitely stiff pair act as one body?
+    """Test the supplement's hypothesis that an infinitely stiff pair acts as one body.
 
     Writes hypothesis.md (a page of what was found), its tables and its figures.
     """

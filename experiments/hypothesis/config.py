@@ -113,7 +113,7 @@ class HypothesisConfig(_Strict):
     solvers: list[str] = Field(default_factory=default_names)
     contrast: _Range = (1e1, 1e8)
     plastic_contrast: _Range = (1e1, 1e12)
-    engine_contrast: _Range = (1e1, 1e4)
+    engine_contrast: _Range = (10**0.5, 10**3.5)
     engine_plastic_contrast: _Range = (1e2, 1e5)
     per_decade: int = Field(8, ge=4, le=64)
     engine_per_decade: int = Field(2, ge=2, le=16)

@@ -122,35 +122,28 @@ def _distance(results: Results) -> tuple[Figure, str]:
         "hypothesis gives, against the contrast, one panel a limit: median over the points of the design "
         "whose other "
         "contacts are lossy. Open markers: engines, extrapolated to no time step. Thin dotted lines with a "
-        "number: median fitted rate r (D falls as contrast to the -r) where the verdict of this class is "
-        "'supported'. A line that levels out "
-        "goes to another limit. Below about 1e-13 there is rounding only."
+        "number: the power law fitted to the last decades of a line, D falling as contrast to the minus that "
+        "number, where the verdict of this class is 'supported'. A line that levels out goes to another "
+        "limit. Below about 1e-13 there is rounding only."
     )
 
 
 def _slope(ax: Any, results: Results, series: Series, median: np.ndarray, color: str) -> None:
-    """Draw the fitted rate of the inelastic class below its median, where it is supported."""
+    """Draw below a line the power law fitted to its last decades, where the verdict of its class is `supported`."""
     found = results.verdict(series.subject.name, series.case.key)
     group = next((g for g in found.classes if g.name in LOSSY), None) if found else None
     known = np.flatnonzero(np.isfinite(median))
-    if group is None or group.verdict != "supported" or known.size < 3 or series.subject.kind == "stepped":
+    if not found or not group or group.verdict != "supported" or series.subject.kind == "stepped":
         return
-    windows = (
-        [
-            p.judgement.window
-            for p in found.points
-            if p.judgement.verdict == "supported" and pair_class(found.case, p.point) == group.name
-        ]
-        if found
-        else []
-    )
-    low, high = (float(np.median([w[i] for w in windows])) for i in (0, 1))
-    middle = (low * high) ** 0.5
-    at = int(known[np.argmin(np.abs(np.log(series.contrast[known] / middle)))])
-    x = np.array([low, high])
-    y = 0.25 * median[at] * (x / series.contrast[at]) ** -group.rate
-    ax.plot(x, y, color=color, linestyle=":", linewidth=0.9)
-    ax.text(x[1], y[1], f" {group.rate:.2f}", color=color, fontsize=7, va="center")
+    last = known[series.contrast[known] >= series.contrast[known[-1]] * 10**-found.decades]
+    if last.size < 3:
+        return
+    x = np.log10(series.contrast[last])
+    slope, at_zero = np.polyfit(x, np.log10(median[last]), 1)
+    ends = np.array([x[0], x[-1]])
+    heights = 0.25 * 10 ** (at_zero + slope * ends)
+    ax.plot(10**ends, heights, color=color, linestyle=":", linewidth=0.9)
+    ax.text(10 ** ends[1], heights[1], f" {-slope:.2f}", color=color, fontsize=7, va="center")
 
 
 def _relative_motion(results: Results) -> tuple[Figure, str]:

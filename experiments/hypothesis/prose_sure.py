@@ -142,8 +142,7 @@ def method(results: Results) -> list[str]:
         f"1/{4 * c.steps} of the "
         "period of the stiffer contact and are extrapolated to none by Richardson's table; the next term of "
         "that table is "
-        f"their error, with at least {short(1e-5)} (MuJoCo {short(subjects.REGULARISATION['mujoco'])}, its "
-        f"smallest impedance).",
+        f"their error, with at least {short(subjects.LEAST_ERROR)}.",
         f"Verdicts. The rate is the Theil-Sen slope of ln D over ln contrast in the last {c.fit_decades:g} "
         f"decades "
         f"({c.engine_fit_decades:g} for engines) above {judging.FLOOR_ERRORS:g} errors of the solver, with "

@@ -33,9 +33,9 @@ Kind = Literal["exact", "stepped", "single"]
 #: about sqrt(contrast) of them. A tenth of a second.
 MAX_EVENTS = 300_000
 
-#: What an engine's contacts differ from springs and dashpots by however short the step, per abs(v0), by engine: of
-#: MuJoCo its smallest impedance (`compliant_baselines.mapping`); 1e-5 for others.
-REGULARISATION = {"mujoco": 1e-4}
+#: Least error of an engine's outcome, per abs(v0), however short the step: MuJoCo's smallest impedance makes its
+#: contacts differ by so much from springs and dashpots (`compliant_baselines.mapping`).
+LEAST_ERROR = 1e-4
 
 #: Rounding of an exact solver's velocities, per abs(v0).
 ROUNDING = 1e-13
@@ -157,7 +157,7 @@ def at_vanishing_step(
     """Ask an engine at the steps h, h/2, h/4, and extrapolate.
 
     Richardson's table for errors in h and h^2 gives the answer. Its columns change the finest run by s1 = v(h/4) -
-    v(h/2), then by s2; the error is the next term of that series, s2 min(1, 2 s2/s1), plus `REGULARISATION`. Backward
+    v(h/2), then by s2; the error is the next term of that series, s2 min(1, 2 s2/s1), plus `LEAST_ERROR`. Backward
     Euler (PyBullet), whose errors are smooth in h, has s2 << s1; an explicit engine, whose contacts begin between two
     steps, s2 of about s1. `judge` spreads errors over neighbouring contrasts, since a difference can vanish by chance.
     """
@@ -175,7 +175,7 @@ def at_vanishing_step(
     v2, change2 = extrapolated(*(run.v2 for run in runs))
     second = np.hypot(change1, np.sqrt(mu) * change2)
     first = np.hypot(runs[2].v1 - runs[1].v1, np.sqrt(mu) * (runs[2].v2 - runs[1].v2))
-    error = second * np.minimum(1, 2 * second / np.maximum(first, 1e-300)) + REGULARISATION.get(name, 1e-5)
+    error = second * np.minimum(1, 2 * second / np.maximum(first, 1e-300)) + LEAST_ERROR
     status = runs[2].status.copy()
     for run in runs[:2]:
         failed = ~np.isin(run.status, ("ok", "limit"))
