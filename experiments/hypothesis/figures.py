@@ -118,13 +118,11 @@ def _distance(results: Results) -> tuple[Figure, str]:
         figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5)
     return figure, (
         "Distance D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)) of each solver's outcome from the closed form "
-        "that the "
-        "hypothesis gives, against the contrast, one panel a limit: median over the points of the design "
-        "whose other "
-        "contacts are lossy. Open markers: engines, extrapolated to no time step. Thin dotted lines with a "
-        "number: the power law fitted to the last decades of a line, D falling as contrast to the minus that "
-        "number, where the verdict of this class is 'supported'. A line that levels out goes to another "
-        "limit. Below about 1e-13 there is rounding only."
+        "that the hypothesis gives, against the contrast, one panel a limit: median over the points of the "
+        "design whose other contacts are lossy. Open markers: engines, extrapolated to no time step. Thin "
+        "dotted lines with a number: the power law fitted to the last decades of a line, D falling as "
+        "contrast to the minus that number, where the verdict of this class is 'supported'. A line that "
+        "levels out goes to another limit. Below about 1e-13 there is rounding only."
     )
 
 
@@ -183,15 +181,12 @@ def _relative_motion(results: Results) -> tuple[Figure, str]:
         for key in DRAWN
     )
     return figure, (
-        f"Relative motion of the stiff pair (B1 and B2 in the first two columns, B2 and the table in the "
-        f"last) at a "
-        f"contrast of {number(DRAWN_CONTRAST)}. Top: its relative velocity, positive where it separates. "
-        f"Bottom: its "
-        "separation since first touch, per largest compression of the soft contact (of the model, which has "
-        "no positions, "
-        "the one that its velocities imply). Engines lie on kelvin-voigt, whose law they run. Dots: the "
-        "instant of equal velocities at which the hypothesis joins the "
-        f"pair, for the model and for bistiffness. {where}."
+        "Relative motion of the stiff pair (B1 and B2 in the first two columns, B2 and the table in the "
+        f"last) at a contrast of {number(DRAWN_CONTRAST)}. Top: its relative velocity, positive where it "
+        "separates. Bottom: its separation since first touch, per largest compression of the soft contact "
+        "(of the model, which has no positions, the one that its velocities imply). Engines lie on "
+        "kelvin-voigt, whose law they run. Dots: the instant of equal velocities at which the hypothesis "
+        f"joins the pair, for the model and for bistiffness. {where}."
     )
 
 
@@ -234,14 +229,12 @@ def _no_limit(results: Results) -> tuple[Figure, str]:
         right.legend()
     p = worst.point
     return figure, (
-        "Where the model itself has no limit: e1 = 1 and a lossy table contact, balls united while the table "
-        "contact is compressed. Left: "
-        f"final velocity v1 against the contrast at m2/m1 = {number(p.mass_ratio)}, e2 = {number(p.e2)}; it "
-        f"falls on one "
-        "of two values, whatever the contrast: that of the closed form, and e2 times it. Right: share of "
-        "contrasts with "
-        "the second value, counted over contrasts drawn at random (bars: 95 %), and the closed form "
-        "(sqrt(q^2 - 1) - arccos(1/q))/pi with q^2 = (3 - m2)/(m2 (1 + m2)), m1 = 1."
+        "Where the model itself has no limit: e1 = 1 and a lossy table contact, balls united while the "
+        "table contact is compressed. Left: final velocity v1 against the contrast at m2/m1 = "
+        f"{number(p.mass_ratio)}, e2 = {number(p.e2)}; it falls on one of two values, whatever the "
+        "contrast: that of the closed form, and e2 times it. Right: share of contrasts with the second "
+        "value, counted over contrasts drawn at random (bars: 95 %), and the closed form (sqrt(q^2 - 1) - "
+        "arccos(1/q))/pi with q^2 = (3 - m2)/(m2 (1 + m2)), m1 = 1."
     )
 
 
@@ -279,9 +272,8 @@ def _map(results: Results, e1: float, e2: float) -> tuple[Figure, str]:
         figure.legend([Patch(color=color) for color in _BANDS], labels, loc="outside lower center", ncols=4)
     return figure, (
         f"Where the hypothesis is good enough at e1 = {e1:g}, e2 = {e2:g}: distance D of a solver's outcome "
-        f"from the closed "
-        "form of the nearer limit (k2/k1 = 0 left of the black line, infinity right of it), in per cent of "
-        "the impact's "
-        "kinetic norm, over the stiffness ratio and the mass ratio. White: no result, or beyond the "
-        "map of the engines, which is smaller and coarser; they are extrapolated to no time step."
+        "from the closed form of the nearer limit (k2/k1 = 0 left of the black line, infinity right of "
+        "it), in per cent of the impact's kinetic norm, over the stiffness ratio and the mass ratio. "
+        "White: no result, or beyond the map of the engines, which is smaller and coarser; they are "
+        "extrapolated to no time step."
     )

@@ -141,7 +141,7 @@ def judge(
         return Judgement(
             "undecided",
             f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range of "
-            f"contrasts",
+            "contrasts",
         )
     above = np.flatnonzero(FLOOR_ERRORS * own < D)
     if above.size == 0 or x[above[-1]] - x[0] < decades - _SLACK:
@@ -210,8 +210,7 @@ def judge(
         return Judgement(
             "undecided",
             f"after {reach:.2g} decades it is within the solver's own error ({own[final].max():.1g}) of the "
-            f"closed "
-            f"form, and a rate needs {decades:g}",
+            f"closed form, and a rate needs {decades:g}",
             **fields,
         )
     if fields["rate_low"] > LEAST_RATE and D[-1] < D[0]:
@@ -219,8 +218,7 @@ def judge(
     return Judgement(
         "undecided",
         f"the rate {fields['rate']:.2g} ({fields['rate_low']:.2g} to {fields['rate_high']:.2g}) cannot be "
-        f"told from "
-        "none, nor the limit from the closed form",
+        "told from none, nor the limit from the closed form",
         **fields,
     )
 

@@ -62,8 +62,7 @@ def build_page(results: Results, pictures: dict[str, Picture], versions: dict[st
             f"Seed {results.config.seed}. "
             + "; ".join(f"{name} {version}" for name, version in versions.items())
             + ". Every number above is in verdicts.csv, points.csv, outcomes.parquet, mechanism.csv, "
-            "maps.parquet and "
-            "contrast-needed.csv beside this page."
+            "maps.parquet and contrast-needed.csv beside this page."
         ),
     ]
 
@@ -115,12 +114,9 @@ def mechanism_table(results: Results) -> Table:
             )
     return Table(
         "The stiff pair after the instant at which the hypothesis joins it, at the highest contrast "
-        "followed: its "
-        "separation at that instant per largest compression of the soft contact, its largest relative speed "
-        "from then on "
-        "per |v0| and how fast that falls with the contrast (rate), and when, in half periods of the soft "
-        "contact, and at "
-        "what speed per |v0| it collides again",
+        "followed: its separation at that instant per largest compression of the soft contact, its largest "
+        "relative speed from then on per |v0| and how fast that falls with the contrast (rate), and when, "
+        "in half periods of the soft contact, and at what speed per |v0| it collides again",
         [
             "limit",
             "solver",
@@ -154,11 +150,9 @@ def prediction_table(results: Results) -> Table:
             ]
         )
     return Table(
-        "Where the hypothesis is refuted: distance of the extrapolated limit from the closed form (range and "
-        "median over "
-        "the refuted points), largest error of an extrapolated limit, and largest distance from what the "
-        "solver's law "
-        "alone predicts",
+        "Where the hypothesis is refuted: distance of the extrapolated limit from the closed form (range "
+        "and median over the refuted points), largest error of an extrapolated limit, and largest distance "
+        "from what the solver's law alone predicts",
         ["limit", "solver", "points", "off by", "median", "error", "off prediction", "prediction"],
         rows,
         text_columns=3,
@@ -181,8 +175,7 @@ def branch_table(results: Results) -> Table:
     ]
     return Table(
         "The model at e1 = 1, balls united while the table contact is compressed: the two velocities its "
-        "outcomes "
-        "accumulate at, per |v0|, and how often the second one occurs",
+        "outcomes accumulate at, per |v0|, and how often the second one occurs",
         ["m2/m1", "e2", "one end", "two ends", "two ends, closed form", "two ends, counted", "neither"],
         rows,
         text_columns=0,
@@ -204,9 +197,8 @@ def need_table(results: Results) -> Table:
         for row in chosen.itertuples()
     ]
     return Table(
-        f"Contrast (max(k2/k1, k1/k2)) from which on, to the end of the map, treating the stiff pair as one "
-        f"body is good "
-        f"to 1, 5 and 20 % of the impact's kinetic norm, at e1 = {e1:g}, e2 = {e2:g}",
+        "Contrast (max(k2/k1, k1/k2)) from which on, to the end of the map, treating the stiff pair as one "
+        f"body is good to 1, 5 and 20 % of the impact's kinetic norm, at e1 = {e1:g}, e2 = {e2:g}",
         ["solver", "side", "m2/m1", "1 %", "5 %", "20 %"],
         rows,
         text_columns=2,
@@ -233,8 +225,8 @@ def class_table(results: Results) -> Table:
             )
     return Table(
         "Every class of points: verdict, points supported/refuted/undecided, median rate of the supported "
-        "points with its "
-        "95 % interval, the verdict of the fit a decade before, and that of a design drawn with another seed",
+        "points with its 95 % interval, the verdict of the fit a decade before, and that of a design drawn "
+        "with another seed",
         ["limit", "solver", "class", "verdict", "points", "rate", "a decade before", "redrawn"],
         rows,
         text_columns=4,

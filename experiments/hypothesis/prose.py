@@ -16,14 +16,10 @@ def abstract(results: Results) -> str:
     others = [name for name in results.solvers if name != MODEL]
     text = (
         "The supplement of Jia, Mason and Erdmann (Multiple Impacts: A State Transition Diagram Approach, "
-        "IJRR 32(1), "
-        "2013) rests its limiting cases on a hypothesis: if one of the two contacts is infinitely stiffer "
-        "than the other, "
-        "its two bodies act as one once they reach the same velocity, and the rest of the collision is a "
-        "single impact "
-        f"with the third body. We approached {len(CASES)} limits with {len(results.solvers)} solvers, at {n} "
-        f"collisions "
-        "or more for each limit. "
+        "IJRR 32(1), 2013) rests its limiting cases on a hypothesis: if one of the two contacts is "
+        "infinitely stiffer than the other, its two bodies act as one once they reach the same velocity, "
+        f"and the rest of the collision is a single impact with the third body. We approached {len(CASES)} "
+        f"limits with {len(results.solvers)} solvers, at {n} collisions or more for each limit. "
     )
     model = {case.key: results.verdict(MODEL, case.key) for case in CASES}
     by = Counter(found.whole.verdict for found in model.values() if found)
@@ -66,20 +62,15 @@ def question() -> list[str]:
     """Say what was asked, and of what."""
     return [
         "A ball B1 (mass m1) falls with speed |v0| onto a ball B2 (mass m2) that rests on a fixed table. "
-        "Contact 1 is ball "
-        "on ball (stiffness k1, restitution e1), contact 2 ball on table (k2, e2); there is no friction and "
-        "no gravity. "
-        "For each limit below the hypothesis gives the final velocities v1 and v2 in closed form. We ask of "
-        "every solver "
-        "whether its own final velocities go there as the contrast grows, at what rate, and, if not, where "
-        "they go.",
+        "Contact 1 is ball on ball (stiffness k1, restitution e1), contact 2 ball on table (k2, e2); there "
+        "is no friction and no gravity. For each limit below the hypothesis gives the final velocities v1 "
+        "and v2 in closed form. We ask of every solver whether its own final velocities go there as the "
+        "contrast grows, at what rate, and, if not, where they go.",
         "Each limit is approached along one number, its contrast, that goes to infinity: the ratio of the "
-        "stiffnesses, or, in "
-        "the plastic limits, 1/e^2, because an end of compression multiplies the stiffness by that "
-        "(supplement, 3.3). A rate "
-        "r means that the distance from the closed form falls as the contrast to the -r. In the model its "
-        "cut-off at large "
-        "stiffness ratios is switched off: with it the closed form would be put in by hand.",
+        "stiffnesses, or, in the plastic limits, 1/e^2, because an end of compression multiplies the "
+        "stiffness by that (supplement, 3.3). A rate r means that the distance from the closed form falls "
+        "as the contrast to the -r. In the model its cut-off at large stiffness ratios is switched off: "
+        "with it the closed form would be put in by hand.",
     ]
 
 

@@ -54,10 +54,8 @@ def overview_table(results: Results) -> Table:
         rows.append([name, *(verdict_text(one) if one else "-" for one in found)])
     return Table(
         "Verdict on the hypothesis by solver and limit. Supported: the distance from the closed form falls "
-        "to nothing at "
-        "the rate stated (as contrast to the minus rate). Refuted: it goes to another limit. In brackets: "
-        "classes of "
-        "points with another verdict",
+        "to nothing at the rate stated (as contrast to the minus rate). Refuted: it goes to another limit. "
+        "In brackets: classes of points with another verdict",
         ["solver", *(case.key for case in CASES)],
         rows,
         text_columns=1 + len(CASES),
