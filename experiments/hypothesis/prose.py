@@ -7,13 +7,13 @@ from collections import Counter
 from experiments.hypothesis.cases import CASES
 from experiments.hypothesis.run import Results
 from experiments.hypothesis.verdicts import CaseResult
-from experiments.hypothesis.words import MODEL, listed, of_case, span, verdict_of
+from experiments.hypothesis.words import FROZEN, MODEL, listed, of_case, span, verdict_of
 
 
 def abstract(results: Results) -> str:
     """Say the whole in a paragraph."""
     n = results.config.points
-    others = [name for name in results.solvers if name != MODEL]
+    others = [name for name in results.solvers if name not in FROZEN]
     text = (
         "The supplement of Jia, Mason and Erdmann (Multiple Impacts: A State Transition Diagram Approach, "
         "IJRR 32(1), 2013) rests its limiting cases on a hypothesis: if one of the two contacts is "

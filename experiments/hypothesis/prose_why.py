@@ -11,7 +11,16 @@ from experiments.hypothesis.mechanism import POINTS
 from experiments.hypothesis.run import Results
 from experiments.hypothesis.tables import class_frame, short
 from experiments.hypothesis.verdicts import CaseResult
-from experiments.hypothesis.words import MODEL, listed, motion_at, of_case, span, verdict_of
+from experiments.hypothesis.words import (
+    FROZEN,
+    MODEL,
+    OTHER_LAW,
+    listed,
+    motion_at,
+    of_case,
+    span,
+    verdict_of,
+)
 from experiments.summary import Frame
 from model import Collision, solve
 
@@ -23,6 +32,7 @@ def why(results: Results) -> list[str]:
         high, low = motion_at(results, case), motion_at(results, case, highest=False)
         model = high.pop(MODEL, None)
         first = low.pop(MODEL, None)
+        high.pop(OTHER_LAW, None)
         point = POINTS[case]
         where = f"m2/m1 = {number(point.mass_ratio)}, e1 = {point.e1:g}, e2 = {point.e2:g}"
         text = f"{BY_KEY[case].title} ({where}). "
@@ -155,7 +165,7 @@ def mapping(results: Results) -> list[str]:
         "neither mass nor speed."
     ]
     for case in CASES:
-        refuted = {r.solver for r in of_case(results, case.key, "refuted")}
+        refuted = {r.solver for r in of_case(results, case.key, "refuted")} - {OTHER_LAW}
         law = verdict_of(results, "bistiffness", case.key)
         linear = [n for n in results.solvers if n.startswith("kelvin-voigt")]
         if not law or not linear:
@@ -170,8 +180,10 @@ def mapping(results: Results) -> list[str]:
                 + ": the gap is the cause, whatever the law."
             )
         elif refuted:
-            offs = {r.solver: r.whole.offset for r in of_case(results, case.key, "refuted")}
-            good = [n for n in results.solvers if n not in refuted and n not in (MODEL, "bistiffness")]
+            offs = {
+                r.solver: r.whole.offset for r in of_case(results, case.key, "refuted") if r.solver in refuted
+            }
+            good = [n for n in results.solvers if n not in refuted and n not in (*FROZEN, "bistiffness")]
             texts.append(
                 f"{case.key}: bistiffness supports it; the refutations are those of "
                 + listed(f"{n} (off by up to {short(o[2], 2)})" for n, o in offs.items())
@@ -233,7 +245,7 @@ def no_limit(results: Results) -> list[str]:
     found = results.verdict(MODEL, "zero-early")
     groups = [g for g in found.classes if g.name == "only e1 = 1"] if found else []
     counts = groups[0].counts if groups else {}
-    return [
+    texts = [
         "With e1 = 1 the united balls ring for ever: the stiff contact's relative speed vanishes as the "
         "root of the contrast, but so does its period. Where the table contact ends its compression, v2 "
         "rises through zero as tau + q sin(tau) does, with q = m1 F2(return)/(m2 F2(end)), and by the "
@@ -248,3 +260,12 @@ def no_limit(results: Results) -> list[str]:
         f"differs from (sqrt(q^2 - 1) - arccos(1/q))/pi by at most {worst:.1f} times its 95 % half-width, "
         f"and at most {percent(neither)} of the outcomes lie at neither value.",
     ]
+    other = results.verdict(OTHER_LAW, "zero-early")
+    if other:
+        rate = f" at the rate {other.whole.rate:.2f}" if other.whole.verdict == "supported" else ""
+        texts.append(
+            f"The law of Liu, Zhao and Brogliato ({OTHER_LAW}) shares the model's frozen positions, but loses "
+            "nothing more in a repeated compression. Under it the verdict on the same limit is: "
+            f"{other.whole.verdict}{rate}."
+        )
+    return texts

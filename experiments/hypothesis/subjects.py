@@ -108,9 +108,19 @@ class Subject:
     family: str
 
 
-def model_batch(kappa: Floats, mu: Floats, e1: Floats, e2: Floats) -> Answers:
-    """Ask the model, its cut-off off."""
-    batch = solve_batch(kappa, mu, e1, e2, stiffness_ratio_cutoff=math.inf, max_events=MAX_EVENTS)
+def model_batch(
+    kappa: Floats, mu: Floats, e1: Floats, e2: Floats, impact_law: str = "jia-mason-erdmann"
+) -> Answers:
+    """Ask the model, its cut-off off, under one of its impact laws."""
+    batch = solve_batch(
+        kappa,
+        mu,
+        e1,
+        e2,
+        stiffness_ratio_cutoff=math.inf,
+        max_events=MAX_EVENTS,
+        impact_law=impact_law,
+    )
     gave_up = (f"not over after {MAX_EVENTS} events",) if np.any(batch.status == "unconverged") else ()
     error = ROUNDING + np.abs(batch.energy_residual)
     return Answers(batch.v1, batch.v2, error, batch.status, batch.grazing_margin, gave_up)
@@ -125,6 +135,7 @@ def _reference(batch: Callable[..., Any], kappa: Floats, mu: Floats, e1: Floats,
 
 _EXACT: dict[str, Ask] = {
     "state-transition": model_batch,
+    "liu-zhao-brogliato": partial(model_batch, impact_law="liu-zhao-brogliato"),
     "bistiffness": partial(_reference, bistiffness_batch),
     "kelvin-voigt": partial(_reference, partial(kelvin_voigt_batch, damping="pair")),
     "kelvin-voigt-anchored": partial(_reference, partial(kelvin_voigt_batch, damping="anchored")),

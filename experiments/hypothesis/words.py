@@ -11,6 +11,10 @@ from experiments.hypothesis.verdicts import CaseResult
 
 MODEL = "state-transition"
 
+#: Solvers whose positions are frozen: the model, and another impact law in its frame.
+OTHER_LAW = "liu-zhao-brogliato"
+FROZEN = (MODEL, OTHER_LAW)
+
 
 def listed(words: Iterable[str]) -> str:
     """Join words as a list in a sentence."""

@@ -144,7 +144,12 @@ def test_too_short_a_range_is_undecided_in_every_solver():
 
 @pytest.mark.slow
 def test_results_do_not_depend_on_the_number_of_workers():
-    data = {"points": 6, "solvers": ["mujoco"], "engine_contrast": [10, 30], "engine_plastic_contrast": [10, 30]}
+    data = {
+        "points": 6,
+        "solvers": ["mujoco"],
+        "engine_contrast": [10, 30],
+        "engine_plastic_contrast": [10, 30],
+    }
     data |= {"steps": 20, "map": {"size": 4, "engine_size": 3, "restitutions": [[0.9, 0.7]]}}
     first, second = (outcome_frame(run_hypothesis(parse(data, "test"), workers=n)) for n in (1, 2))
     pd.testing.assert_frame_equal(first, second)

@@ -189,8 +189,8 @@ def test_in_time_the_pair_parts_and_in_the_model_it_does_not():
     for case in ("zero-early", "zero-late"):
         model, _ = observe("state-transition", case, 1e4)
         law, _ = observe("bistiffness", case, 1e4)
-        assert not model.opens
-        assert model.largest_rate < 0.02
+        assert model.largest_rate < 0.02  # it may open and return, at speeds that vanish with the contrast
+        assert math.isnan(model.again_speed) or model.again_speed < 1e-6
         assert law.opens
         assert law.again_speed > 0.5
         assert law.gap_then > 0.5
