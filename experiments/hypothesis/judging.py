@@ -20,8 +20,8 @@ as vectors w = (v1, sqrt(m2/m1) v2), whose length is the kinetic norm.
 
 Verdict: `refuted` if it settles, L lies further from the closed form than three of its errors and than a fifth of the
 last distances, and no outcome of the last decade comes closer to the closed form than half that; else `supported` if
-the interval of the rate lies above `LEAST_RATE`, the distance falls, and the series settles without a jump; else
-`undecided`, with the reason.
+the interval of the rate lies above `LEAST_RATE`, the distance falls by `LEAST_FALL`, and the series settles without a
+jump; else `undecided`, with the reason.
 """
 
 from __future__ import annotations
@@ -45,6 +45,10 @@ FLOOR_ERRORS = 3.0
 
 #: Factor above the fitted line from which an outcome is off it.
 JUMP = 30.0
+
+#: Least fall of the distance, from the median of the first decade of a window to that of the last. A series that
+#: falls by less may as well level out just beyond.
+LEAST_FALL = 2.5
 
 #: Exponents s tried for the approach to the limit.
 EXPONENTS = np.arange(0.1, 3.01, 0.05)
@@ -213,8 +217,16 @@ def judge(
             f"closed form, and a rate needs {decades:g}",
             **fields,
         )
-    if fields["rate_low"] > LEAST_RATE and D[-1] < D[0]:
+    fall = float(np.median(D[first])) / found.last
+    if fields["rate_low"] > LEAST_RATE and fall >= LEAST_FALL:
         return Judgement("supported", **fields)
+    if fields["rate_low"] > LEAST_RATE:
+        return Judgement(
+            "undecided",
+            f"the distance falls by {fall:.2g} from the first to the last decade of the fit; {LEAST_FALL:g} is asked "
+            "for: extend the range of contrasts",
+            **fields,
+        )
     return Judgement(
         "undecided",
         f"the rate {fields['rate']:.2g} ({fields['rate_low']:.2g} to {fields['rate_high']:.2g}) cannot be "

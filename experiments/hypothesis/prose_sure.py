@@ -75,8 +75,7 @@ def sureness(results: Results) -> list[str]:
         + f", and {len(moved)} of {len(groups)} verdicts on a class of points"
         + (f" ({'; '.join(moved)})" if moved else "")
         + f". A design drawn with the seed {results.config.seed + 1} changes {len(changed)} of {len(again)} "
-        "verdicts of the "
-        "solvers without a step" + (f" ({'; '.join(changed)})" if changed else "") + "."
+        "verdicts of the solvers without a step" + (f" ({'; '.join(changed)})" if changed else "") + "."
     ]
     for name, rows in results.control.items():
         away, own = rows[1], rows[2]
@@ -136,8 +135,9 @@ def method(results: Results) -> list[str]:
         "solver, with its 95 % interval. The limit is that of v = L + A x^-s by least squares. A point "
         "refutes the hypothesis if its series settles, L lies further from the closed form than three of "
         "its errors and a fifth of the last distances, and nothing in the last decade comes nearer than "
-        f"half of that; it supports it if the interval of the rate lies above {judging.LEAST_RATE:g} and "
-        "the series settles without a jump; else it is undecided. A class of points (by which contacts are "
+        f"half of that; it supports it if the interval of the rate lies above {judging.LEAST_RATE:g}, the "
+        f"distance falls by {judging.LEAST_FALL:g} from the first to the last decade of the fit, and the "
+        "series settles without a jump; else it is undecided. A class of points (by which contacts are "
         f"elastic) is refuted by {percent(REFUTING_SHARE)} of its points; supported by half of them if "
         "every other agrees with the closed form within its error; else undecided. Over the classes of a "
         "limit the worst counts. Rates of a class are the median over its supported points, with a "

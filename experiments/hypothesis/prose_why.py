@@ -199,7 +199,7 @@ def mapping(results: Results) -> list[str]:
 
 def _returns(found: CaseResult) -> str:
     """Say at which points bistiffness refutes a plastic limit: those where a contact of the model returns."""
-    counts = dict.fromkeys(("refuted", "supported", "undecided"), (0, 0))
+    counts: dict[str, tuple[int, int]] = dict.fromkeys(("refuted", "supported", "undecided"), (0, 0))
     for result in found.points:
         kappa, mu, e1, e2 = result.point.ratios(found.case, math.inf)
         states = solve(Collision.from_ratios(kappa, mu, e1, e2), stiffness_ratio_cutoff=math.inf).states

@@ -75,7 +75,8 @@ def count_branches(point: Point, seed: int) -> Branches:
     rng = np.random.default_rng(seed)
     x = np.exp(rng.uniform(np.log(RANGE[0]), np.log(RANGE[1]), COUNT))
     mu, e2 = point.mass_ratio, point.e2
-    answers = model_batch(1 / x, *(np.full(COUNT, value) for value in (mu, point.e1, e2)))
+    mass, first, second = (np.full(COUNT, value) for value in (mu, point.e1, e2))
+    answers = model_batch(1 / x, mass, first, second)
     once = e2 / math.sqrt(1 + mu)  # the closed form at e1 = 1
     near = [distance(mu, answers.v1 - v, answers.v2 - v) < 0.1 * (1 - e2) * once for v in (once, e2 * once)]
     share = float(np.mean(near[1]))

@@ -69,7 +69,6 @@ def examine(series: Series, decades: float) -> CaseResult:
     """Judge every point of a series, on its last decades and on those a decade before, and gather the verdicts."""
     usable, grazing = series.usable()
     x = series.contrast
-    earlier = x <= x[-1] / 10 * (1 + 1e-6)
     v1, v2, error = (series.rows(name) for name in ("v1", "v2", "error"))
     results = []
     for i, point in enumerate(series.points):
@@ -79,9 +78,11 @@ def examine(series: Series, decades: float) -> CaseResult:
             return judge(x, v1[i], v2[i], error[i], which, form, point.mass_ratio, decades)
 
         judgement = judged(usable[i])
-        # The window may end before the last contrast, where rounding is reached: a decade before *its* end.
-        end = judgement.window[1]
-        before = x <= end / 10 * (1 + 1e-6) if np.isfinite(end) else earlier
+        # The window may end before the last contrast, where rounding is reached: a decade before *its* end, if that
+        # leaves enough.
+        end = judgement.window[1] / 10
+        enough = np.log10(end / x[0]) >= decades - 1e-6
+        before = x <= (end if enough else x[-1] / 10) * (1 + 1e-6)
         results.append(
             PointResult(
                 point,
