@@ -99,7 +99,8 @@ class Subject:
     ask : callable
         Can be sent to another process.
     family : str
-        Whose predictions apply (`predictions`): its name, or ``kelvin-voigt`` for an engine.
+        Whose predictions apply (`predictions`): its name; ``kelvin-voigt`` for an engine of every run, whose mapping is
+        calibrated; ``none`` for one that is run on request.
     """
 
     name: str
@@ -198,8 +199,9 @@ def at_vanishing_step(
 
 
 def default_names() -> list[str]:
-    """Names of the solvers that are tested unless a configuration says otherwise: all, the oracle left out."""
-    return [name for name in solver_names(on_request=True) if name != "oracle"]
+    """Names of the solvers tested unless a configuration says otherwise: those of every run, and all references."""
+    usual = solver_names()
+    return [name for name in solver_names(on_request=True) if name in usual or name in _EXACT]
 
 
 def subject(name: str, steps: int) -> Subject:
@@ -217,5 +219,6 @@ def subject(name: str, steps: int) -> Subject:
     settings = Settings(step_fraction=1 / steps, stiffness_ratio_cutoff=math.inf, max_steps=50_000_000)
     solver: Solver = get_solver(name)
     if isinstance(solver, EngineSolver):
-        return Subject(name, "stepped", partial(at_vanishing_step, name, settings), "kelvin-voigt")
+        family = "kelvin-voigt" if name in solver_names() else "none"
+        return Subject(name, "stepped", partial(at_vanishing_step, name, settings), family)
     return Subject(name, "single", partial(asked_one_by_one, name, settings), name)
