@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.hypothesis.config import MapConfig
-from experiments.hypothesis.subjects import Answers
+from experiments.hypothesis.subjects import Answers, Subject
 
 Floats = NDArray[np.float64]
 
@@ -42,12 +42,14 @@ class ErrorMap:
     uncertainty: Floats
 
 
-def axes(config: MapConfig, *, engine: bool) -> tuple[Floats, Floats]:
+def axes(config: MapConfig, subject: Subject) -> tuple[Floats, Floats]:
     """Return k2/k1 and m2/m1 of a map; neither axis has a value at k2/k1 = 1, where the limits change over."""
+    engine = subject.kind == "stepped"
     size = config.engine_size if engine else config.size
+    size = size // 2 if subject.costly else size
     size += size % 2  # even: symmetric about 1, without it
     limits = config.engine_stiffness_ratio if engine else config.stiffness_ratio
-    kappa = np.round(np.geomspace(*limits, size), 12)
+    kappa = np.round(np.geomspace(*limits, max(4, size)), 12)
     masses = np.geomspace(*config.mass_ratio, max(3, size // 2))
     return kappa, masses
 

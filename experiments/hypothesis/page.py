@@ -219,7 +219,7 @@ def class_table(results: Results) -> Table:
                     group.verdict + (" (within error)" if group.agrees else ""),
                     "/".join(str(group.counts.get(w, 0)) for w in ("supported", "refuted", "undecided")),
                     rate_text(group),
-                    group.shifted,
+                    group.shifted if result.shiftable else "-",
                     again or "-",
                 ]
             )

@@ -47,13 +47,14 @@ def _shares(results: Results, name: str, e1: float, e2: float, *, soft_table: bo
 
 def sureness(results: Results) -> list[str]:
     """Say how robust the verdicts are."""
-    groups = [(r, g) for r in results.verdicts for g in r.classes]
+    shiftable = [r for r in results.verdicts if r.shiftable]
+    groups = [(r, g) for r in shiftable for g in r.classes]
     moved = [
         f"{r.solver} in {r.case.key}, {g.name}: {g.verdict} to {g.shifted}"
         for r, g in groups
         if g.verdict != g.shifted
     ]
-    whole = [r for r in results.verdicts if r.whole.verdict != r.whole.shifted]
+    whole = [r for r in shiftable if r.whole.verdict != r.whole.shifted]
     again = [
         (r, results.redrawn[r.solver, r.case.key, "all"])
         for r in results.verdicts
@@ -65,7 +66,7 @@ def sureness(results: Results) -> list[str]:
         if r.whole.verdict != word
     ]
     texts = [
-        f"Fits a decade earlier change {len(whole)} of {len(results.verdicts)} verdicts on a solver and a "
+        f"Fits a decade earlier change {len(whole)} of {len(shiftable)} verdicts on a solver and a "
         "limit"
         + (
             f" ({listed(f'{r.solver} in {r.case.key}: {r.whole.verdict} to {r.whole.shifted}' for r in whole)})"

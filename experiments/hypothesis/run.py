@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import multiprocessing
-import os
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable
+from concurrent.futures import Future, as_completed
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +24,7 @@ from experiments.hypothesis.mechanism import (
     Motion,
     observe,
 )
+from experiments.hypothesis.pool import pool
 from experiments.hypothesis.ringing import Branches, count_branches
 from experiments.hypothesis.series import Series, examine, ratios_of
 from experiments.hypothesis.subjects import Answers, Ask, Subject, subject
@@ -131,7 +126,7 @@ def run_hypothesis(
     stepped = [one for one in subjects if one.kind == "stepped"]
     others = [one for one in subjects if one.kind != "stepped"]
 
-    with _pool(workers) as submit:
+    with pool(workers) as submit:
         pieces = _hand_out(config, stepped, points, submit)
         observed = [
             submit(observe, name.name, key, contrast)
@@ -155,13 +150,13 @@ def run_hypothesis(
         answers: dict[tuple[str, str], Answers] = {}
         redrawn: dict[tuple[str, str, str], str] = {}
         for case, one in exact:
-            contrast = contrasts(config, case, one.kind)
+            contrast = contrasts(config, case, one)
             answers[one.name, case.key] = one.ask(*ratios_of(case, points[case.key], contrast))
             advance()
         for case, one in exact:
             if one.kind == "exact":
                 again = tuple(draw(case, config.points, config.seed + 1))
-                contrast = contrasts(config, case, one.kind)
+                contrast = contrasts(config, case, one)
                 series = Series(one, case, again, contrast, one.ask(*ratios_of(case, again, contrast)))
                 found = examine(series, config.fit_decades)
                 for group in (found.whole, *found.classes):
@@ -169,7 +164,7 @@ def run_hypothesis(
             advance()
         maps: list[ErrorMap] = []
         for one, (e1, e2) in maps_asked:
-            kappa, masses = axes(config.map, engine=False)
+            kappa, masses = axes(config.map, one)
             maps.append(
                 error_map(one.name, e1, e2, kappa, masses, one.ask(*map_ratios(kappa, masses, e1, e2)))
             )
@@ -187,7 +182,7 @@ def run_hypothesis(
         for one in stepped:
             for case in CASES:
                 answers[one.name, case.key] = Answers.join([f.result() for f in pieces[one.name, case.key]])
-            kappa, masses = axes(config.map, engine=True)
+            kappa, masses = axes(config.map, one)
             for e1, e2 in config.map.restitutions:
                 joined = Answers.join([f.result() for f in pieces[one.name, f"map {e1} {e2}"]])
                 maps.append(error_map(one.name, e1, e2, kappa, masses, joined))
@@ -202,7 +197,7 @@ def run_hypothesis(
     all_series, verdicts = [], []
     for case in CASES:
         for one in subjects:
-            contrast = contrasts(config, case, one.kind)
+            contrast = contrasts(config, case, one)
             series = Series(one, case, points[case.key], contrast, answers[one.name, case.key])
             all_series.append(series)
             decades = config.engine_fit_decades if one.kind == "stepped" else config.fit_decades
@@ -222,16 +217,16 @@ def run_hypothesis(
     )
 
 
-def contrasts(config: HypothesisConfig, case: Case, kind: str) -> Floats:
+def contrasts(config: HypothesisConfig, case: Case, one: Subject) -> Floats:
     """Return the contrasts of a series."""
-    limits, per_decade = config.contrast, config.per_decade
-    if kind == "stepped":
-        limits = config.engine_plastic_contrast if case.plastic else config.engine_contrast
+    low, high = config.plastic_contrast if case.plastic else config.contrast
+    per_decade = max(4, config.per_decade // 2) if case.plastic else config.per_decade
+    if one.kind == "stepped":
+        low, high = config.engine_plastic_contrast if case.plastic else config.engine_contrast
         per_decade = config.engine_per_decade
-    elif case.plastic:
-        limits, per_decade = config.plastic_contrast, max(4, config.per_decade // 2)
-    low, high = map(math.log10, limits)
-    return np.logspace(low, high, round((high - low) * per_decade) + 1)
+        high = max(high / 10, low * 2) if one.costly else high
+    decades = math.log10(high / low)
+    return np.logspace(math.log10(low), math.log10(high), round(decades * per_decade) + 1)
 
 
 def _hand_out(
@@ -244,9 +239,9 @@ def _hand_out(
     asked: list[tuple[str, str, Ask, Floats]] = []
     for one in stepped:
         for case in CASES:
-            ratios = ratios_of(case, points[case.key], contrasts(config, case, "stepped"))
+            ratios = ratios_of(case, points[case.key], contrasts(config, case, one))
             asked.append((one.name, case.key, one.ask, ratios))
-        kappa, masses = axes(config.map, engine=True)
+        kappa, masses = axes(config.map, one)
         for e1, e2 in config.map.restitutions:
             asked.append((one.name, f"map {e1} {e2}", one.ask, map_ratios(kappa, masses, e1, e2)))
     pieces: list[tuple[float, tuple[str, str], int, Ask, Floats]] = []
@@ -272,45 +267,10 @@ def _control(
     for one in (one for one in stepped if one.family == "kelvin-voigt"):
         rows = []
         for case in CASES:
-            ratios = ratios_of(case, points[case.key], contrasts(config, case, "stepped"))
+            ratios = ratios_of(case, points[case.key], contrasts(config, case, one))
             exact = subject("kelvin-voigt", config.steps).ask(*ratios)
             mine = answers[one.name, case.key]
             away = np.sqrt(np.square(mine.v1 - exact.v1) + ratios[1] * np.square(mine.v2 - exact.v2))
             rows.append(np.array([ratios[0], away, mine.error]))
         found[one.name] = np.concatenate(rows, axis=1)
     return found
-
-
-@contextlib.contextmanager
-def _pool(workers: int) -> Iterator[Callable[..., Future[Any]]]:
-    """Give a function that hands work to other processes, or, for one worker, does it at once."""
-    if workers == 1:
-
-        def at_once(function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-            future: Future[Any] = Future()
-            future.set_result(function(*arguments))
-            return future
-
-        yield at_once
-        return
-    # Spawned, not forked: engines and compiled code hold threads and handles that do not survive a fork.
-    executor = ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker
-    )
-    before = set(multiprocessing.active_children())
-    try:
-        yield executor.submit
-    except BaseException:
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
-        executor.shutdown(wait=True, cancel_futures=True)
-        raise
-    executor.shutdown()
-
-
-def _start_worker() -> None:
-    """Leave Ctrl-C to the main process, end when it is gone, and use one core."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()

@@ -70,6 +70,7 @@ def examine(series: Series, decades: float) -> CaseResult:
     usable, grazing = series.usable()
     x = series.contrast
     v1, v2, error = (series.rows(name) for name in ("v1", "v2", "error"))
+    shiftable = bool(np.log10(x[-1] / x[0]) >= decades + 1 - 1e-6)
     results = []
     for i, point in enumerate(series.points):
         form = closed_form(series.case, point)
@@ -94,4 +95,4 @@ def examine(series: Series, decades: float) -> CaseResult:
                 series.answers.reason,
             )
         )
-    return gather(series.subject.name, series.subject.kind, series.case, results, decades)
+    return gather(series.subject.name, series.subject.kind, series.case, results, decades, shiftable)

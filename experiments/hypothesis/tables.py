@@ -78,7 +78,7 @@ def class_frame(results: Results) -> pd.DataFrame:
                     "class": group.name,
                     "verdict": group.verdict,
                     "within_solver_error": group.agrees,
-                    "verdict_a_decade_before": group.shifted,
+                    "verdict_a_decade_before": group.shifted if result.shiftable else "",
                     "verdict_redrawn": results.redrawn.get((result.solver, result.case.key, group.name), ""),
                     "points": len(members),
                     **{
@@ -119,7 +119,7 @@ def point_frame(results: Results) -> pd.DataFrame:
                     "e2": p.point.e2,
                     "stiffness_ratio": p.point.stiffness_ratio,
                     "verdict": j.verdict,
-                    "verdict_a_decade_before": p.shifted.verdict,
+                    "verdict_a_decade_before": p.shifted.verdict if result.shiftable else "",
                     "rate": j.rate,
                     "rate_low": j.rate_low,
                     "rate_high": j.rate_high,

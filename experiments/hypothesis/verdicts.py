@@ -131,6 +131,8 @@ class CaseResult:
     classes : tuple of Group
     decades : float
         Of the fits.
+    shiftable : bool
+        Whether the contrasts leave room for a fit a decade earlier.
     """
 
     solver: str
@@ -140,6 +142,7 @@ class CaseResult:
     whole: Group
     classes: tuple[Group, ...]
     decades: float
+    shiftable: bool
 
     @property
     def differing(self) -> tuple[Group, ...]:
@@ -197,7 +200,9 @@ def group_of(
     )
 
 
-def gather(solver: str, kind: str, case: Case, results: Sequence[PointResult], decades: float) -> CaseResult:
+def gather(
+    solver: str, kind: str, case: Case, results: Sequence[PointResult], decades: float, shiftable: bool
+) -> CaseResult:
     """Turn the points of a solver and a limit into its verdicts."""
     classes: dict[str, list[PointResult]] = {}
     for result in results:
@@ -211,7 +216,7 @@ def gather(solver: str, kind: str, case: Case, results: Sequence[PointResult], d
     verdict = _worst([(g.verdict, g.agrees) for g in groups])
     reason = next((g.reason for g in groups if g.verdict == verdict), "")
     whole = group_of("all", results, verdict, _worst(shifted), reason)
-    return CaseResult(solver, kind, case, tuple(results), whole, tuple(groups), decades)
+    return CaseResult(solver, kind, case, tuple(results), whole, tuple(groups), decades, shiftable)
 
 
 def _worst(found: Sequence[tuple[Verdict, bool]]) -> Verdict:

@@ -41,7 +41,7 @@ EXPECTED = {
 
 def examined(solver, case, seed, points=12):
     one = subject(solver, CONFIG.steps)
-    x = contrasts(CONFIG, case, one.kind)
+    x = contrasts(CONFIG, case, one)
     drawn = tuple(draw(case, points, seed))
     return examine(Series(one, case, drawn, x, one.ask(*ratios_of(case, drawn, x))), CONFIG.fit_decades)
 
