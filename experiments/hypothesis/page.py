@@ -94,7 +94,7 @@ def mechanism_table(results: Results) -> Table:
                 continue
             again = "at once" if high.again_after <= mechanism.AT_ONCE else "-"
             if math.isfinite(high.again_after) and high.opens:
-                again = f"{high.again_after:.2f} at {short(high.again_speed, 2)}"
+                again = f"{high.again_after:.2f} at {short(round(high.again_speed, 9), 2)}"
             rate = math.nan
             if low.joined and low.largest_rate > 0 < high.largest_rate and low.contrast < high.contrast:
                 rate = -math.log(high.largest_rate / low.largest_rate) / math.log(
