@@ -224,7 +224,8 @@ def contrasts(config: HypothesisConfig, case: Case, one: Subject) -> Floats:
     if one.kind == "stepped":
         low, high = config.engine_plastic_contrast if case.plastic else config.engine_contrast
         per_decade = config.engine_per_decade
-        high = max(high / 10, low * 2) if one.costly else high
+        if one.costly and high > 100 * low:
+            low, high = low * 10**0.5, high / 10**0.5
     decades = math.log10(high / low)
     return np.logspace(math.log10(low), math.log10(high), round(decades * per_decade) + 1)
 
