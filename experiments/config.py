@@ -75,6 +75,14 @@ class Grid(_Strict):
         return [int(next(iter(axis.values()))[2]) if isinstance(axis, dict) else len(axis) for axis in axes]
 
 
+class ConvergenceTable(_Strict):
+    """How far engines are followed towards a step of zero, cell by cell."""
+
+    enabled: bool = Field(True, description="true or false")
+    tolerance: float = Field(1e-3, gt=0, le=1, description="greater than 0, at most 1 (of |v0|)")
+    halvings: int = Field(4, ge=2, le=10, description="a whole number from 2 to 10 (of the step)")
+
+
 class Config(_Strict):
     """An experiment: what is computed, by which solvers and how."""
 
@@ -101,6 +109,10 @@ class Config(_Strict):
     chunk_size: int = Field(16, ge=1, le=100_000, description="a whole number from 1 to 100000 (cells)")
     workers: int | None = Field(None, ge=1, le=4096, description="a whole number from 1 to 4096")
     grid: Grid = Field(default_factory=lambda: Grid.model_validate({}), description="a table of axes")
+    convergence: ConvergenceTable = Field(
+        default_factory=lambda: ConvergenceTable.model_validate({}),
+        description="a table: enabled, tolerance, halvings",
+    )
     figure_cell: Cell = Field(
         default_factory=lambda: Cell.model_validate({}),
         description="a table: stiffness_ratio, mass_ratio, e1, e2",

@@ -15,6 +15,7 @@ import pandas as pd
 
 from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE
+from experiments.ladder_summary import LadderSummary, summarise_ladder
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
 
@@ -66,6 +67,8 @@ class Summary:
         max``.
     n_cells, n_grazing : int
         Cells of the grid, and those of them beside a jump.
+    ladder : LadderSummary
+        What the divergence of the engines is made of.
     """
 
     config: Config
@@ -76,6 +79,7 @@ class Summary:
     between: Frame
     n_cells: int
     n_grazing: int
+    ladder: LadderSummary
 
     @property
     def solvers(self) -> list[str]:
@@ -116,6 +120,7 @@ def summarise(folder: RunFolder) -> Summary:
         between=_between(cells, config),
         n_cells=len(reference),
         n_grazing=int((reference.grazing_margin < config.grazing_threshold).sum()),
+        ladder=summarise_ladder(folder, config),
     )
 
 
@@ -176,12 +181,14 @@ def _reasons(cells: Frame) -> Frame:
 def _between(cells: Frame, config: Config) -> Frame:
     """D between compliant solvers: near zero where they share what makes them differ from the model."""
     names = [name for name in config.solvers if name != REFERENCE]
-    scaled = cells.assign(
-        u1=cells.v1 / cells.v0.abs(), u2=np.sqrt(cells.mass_ratio) * cells.v2 / cells.v0.abs()
+    solved = cells[cells.status.isin(COMPARABLE)]
+    scaled = solved.assign(
+        u1=solved.v1 / solved.v0.abs(), u2=np.sqrt(solved.mass_ratio) * solved.v2 / solved.v0.abs()
     )
     u1 = scaled.pivot(index="cell", columns="solver", values="u1")
     u2 = scaled.pivot(index="cell", columns="solver", values="u2")
     rows = []
+    names = [name for name in names if name in u1]
     for i, name in enumerate(names):
         for other in names[i + 1 :]:
             d = np.hypot(u1[name] - u1[other], u2[name] - u2[other]).dropna()
