@@ -303,8 +303,9 @@ def draw(calibration: Calibration) -> tuple[Figure, str]:
             (by_k, "c  duration"),
         ):
             ax.set_title(title, loc="left", fontsize=9)
-        by_step.legend()
-        by_e.legend()
+        for ax in (by_step, by_e):
+            if ax.get_legend_handles_labels()[0]:
+                ax.legend()
     caption = (
         "Single contacts, ball on table and ball on ball. a: largest error of the restitution over e = 0.2 to 0.9, "
         "six decades of stiffness and both contacts against the time step, by the calibrated mapping; grey lines have "

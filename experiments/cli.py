@@ -108,6 +108,29 @@ def solve(
 
 
 @app.command()
+def hypothesis(
+    config: Annotated[
+        Path | None,
+        typer.Argument(metavar="[CONFIG.toml]", help="What to test; without it, the built-in design."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder to write; by default runs/hypothesis.")
+    ] = None,
+    workers: Annotated[
+        str | None, typer.Option(metavar="N", help="Processes; by default one for every core.")
+    ] = None,
+) -> None:
+    """Test the supplement's hypothesis that an infinitely stiff pair acts as one body.
+
+    Writes hypothesis.md (a page of what was found), its tables and its figures.
+    """
+    from experiments import commands
+    from experiments.hypothesis.command import run_command
+
+    run_command(config, out, commands.whole("--workers", workers, 1, 4096))
+
+
+@app.command()
 def calibrate(
     engine: Annotated[
         list[str] | None, typer.Option(metavar="NAME", help="An engine; may be repeated. By default all.")

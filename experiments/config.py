@@ -181,9 +181,20 @@ def load_config(path: Path | str) -> Config:
         If the file cannot be read or holds anything illegal; one line with file, field, value and legal
         range.
     """
+    return parse_config(read_toml(path), where=str(path))
+
+
+def read_toml(path: Path | str) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    UserError
+        If it cannot be read; one line that says why.
+    """
     path = Path(path)
     try:
-        data = tomllib.loads(path.read_bytes().decode("utf-8"))
+        return tomllib.loads(path.read_bytes().decode("utf-8"))
     except FileNotFoundError:
         raise UserError(f"{path}: no such file; legal: a TOML file") from None
     except IsADirectoryError:
@@ -199,7 +210,6 @@ def load_config(path: Path | str) -> Config:
         raise UserError(
             f"{path}: not TOML that can be read: nested too deeply, or a number too long"
         ) from None
-    return parse_config(data, where=str(path))
 
 
 def parse_config(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from experiments.certificates import certificate_blocks
 from experiments.config import REFERENCE
 from experiments.divergence import COMPARABLE
 from experiments.document import Block, Heading, Paragraph, Table
@@ -26,6 +27,7 @@ def build_document(summary: Summary) -> list[Block]:
         Heading("What was found"),
         *(Paragraph(text) for text in findings(summary)),
         overall_table(summary),
+        *certificate_blocks(summary.certificates),
         Heading("Where"),
         *(axis_table(summary, axis) for axis in AXES),
         worst_table(summary),

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from experiments.certificates import certificates
 from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE
 from experiments.ladder_summary import LadderSummary, summarise_ladder
@@ -65,6 +66,8 @@ class Summary:
     between : DataFrame
         D between every two compliant solvers over the cells both solved: ``solver, other, n, median, p95,
         max``.
+    certificates : DataFrame
+        Convergence certificates by solver (`experiments.certificates`); empty without any.
     n_cells, n_grazing : int
         Cells of the grid, and those of them beside a jump.
     ladder : LadderSummary
@@ -77,6 +80,7 @@ class Summary:
     statuses: Frame
     reasons: Frame
     between: Frame
+    certificates: Frame
     n_cells: int
     n_grazing: int
     ladder: LadderSummary
@@ -118,6 +122,7 @@ def summarise(folder: RunFolder) -> Summary:
         statuses=_statuses(cells, config),
         reasons=_reasons(cells),
         between=_between(cells, config),
+        certificates=certificates(cells, config.solvers),
         n_cells=len(reference),
         n_grazing=int((reference.grazing_margin < config.grazing_threshold).sum()),
         ladder=summarise_ladder(folder, config),

@@ -6,6 +6,15 @@ from experiments.cli import main
 
 BELOW_ONE = "from 0 to 1"
 CONFIGS = {
+    "no tolerance": (
+        "[convergence]\ntolerance = 0",
+        ["convergence.tolerance", "0", "greater than 0, at most 1"],
+    ),
+    "one halving": ("[convergence]\nhalvings = 1", ["convergence.halvings", "1", "from 2 to 10"]),
+    "misspelt convergence": (
+        "[convergence]\nhalving = 3",
+        ["convergence.halving", "did you mean 'halvings'", "enabled, tolerance, halvings"],
+    ),
     "negative stiffness ratio": (
         "[grid]\nstiffness_ratio = [1, -1]",
         ["grid.stiffness_ratio", "-1", "0 to inf"],

@@ -1,0 +1,206 @@
+"""The limits of the supplement, what it says of each, and what is a point of which.
+
+**Contrast.** Each limit is approached along one number x >= 1 that goes to infinity: k1/k2 for k2/k1 → 0, k2/k1
+for k2/k1 → infinity, and 1/e_i^2 for e_i → 0, because an end of compression multiplies the stiffness by it
+(supplement, 3.3). A rate r means that the distance from the closed form falls as x^-r: a rate in e_i is twice that.
+
+Velocities are per abs(v0), masses per m1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model import Collision, solve
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A point of the design.
+
+    Attributes
+    ----------
+    mass_ratio, e1, e2 : float
+        m2/m1 and the coefficients of restitution; the one that goes to 0 is NaN.
+    stiffness_ratio : float
+        k2/k1 where it stays as it is (plastic limits), else NaN.
+    """
+
+    mass_ratio: float
+    e1: float
+    e2: float
+    stiffness_ratio: float = math.nan
+
+    def ratios(self, case: Case, contrast: float) -> tuple[float, float, float, float]:
+        """Return k2/k1, m2/m1, e1 and e2 at a contrast."""
+        e = contrast**-0.5
+        match case.variable:
+            case "k1/k2":
+                return 1 / contrast, self.mass_ratio, self.e1, self.e2
+            case "k2/k1":
+                return contrast, self.mass_ratio, self.e1, self.e2
+            case "1/e1^2":
+                return self.stiffness_ratio, self.mass_ratio, e, self.e2
+            case _:
+                return self.stiffness_ratio, self.mass_ratio, self.e1, e
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One limit, or one regime of it.
+
+    Attributes
+    ----------
+    key : str
+        As files and configurations call it.
+    title : str
+        As people do.
+    variable : str
+        What the contrast is: ``k1/k2``, ``k2/k1``, ``1/e1^2`` or ``1/e2^2``.
+    stiff : int
+        The contact that becomes infinitely stiff: 1 (ball-ball) or 2 (ball-table).
+    regime : str
+        Where it applies, as a formula.
+    source : str
+        Of the closed form.
+    """
+
+    key: str
+    title: str
+    variable: str
+    stiff: int
+    regime: str
+    source: str
+
+    @property
+    def plastic(self) -> bool:
+        """Whether the limit is that of a restitution."""
+        return self.variable.startswith("1/e")
+
+
+CASES = (
+    Case(
+        "zero-apart",
+        "k2/k1 → 0, the balls part at once",
+        "k1/k2",
+        1,
+        "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1",
+        "supplement, 3.2: (11) and -e2 times (12)",
+    ),
+    Case(
+        "zero-early",
+        "k2/k1 → 0, united while the table contact is compressed",
+        "k1/k2",
+        1,
+        "e1 m2/m1 below 1",
+        "supplement, 3.2: e2 sqrt(1 + m2 e1^2)/(1 + m2)",
+    ),
+    Case(
+        "zero-late",
+        "k2/k1 → 0, united while the table contact restores",
+        "k1/k2",
+        1,
+        "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1",
+        "supplement, 3.2: (13), corrected (errata)",
+    ),
+    Case(
+        "infinity",
+        "k2/k1 → infinity",
+        "k2/k1",
+        2,
+        "everywhere",
+        "supplement, 3.1: v1 = e1, v2 = 0",
+    ),
+    Case(
+        "plastic-ball-ball",
+        "e1 → 0",
+        "1/e1^2",
+        1,
+        "everywhere",
+        "supplement, 3.3, from the state at the end of compression",
+    ),
+    Case(
+        "plastic-ball-table",
+        "e2 → 0",
+        "1/e2^2",
+        2,
+        "everywhere",
+        "supplement, 3.3, from the state at the end of compression",
+    ),
+)
+BY_KEY = {case.key: case for case in CASES}
+
+
+def after_first_impact(mass_ratio: float, e1: float) -> tuple[float, float]:
+    """Velocities of B1 and B2 after a ball-ball impact that the table has no part in: supplement, (11), (12)."""
+    return (e1 * mass_ratio - 1) / (1 + mass_ratio), -(1 + e1) / (1 + mass_ratio)
+
+
+def border(case: Case, point: Point) -> float:
+    """How far inside its regime a point lies, in velocity per abs(v0); negative outside, infinite without a border.
+
+    At k2/k1 → 0 the regimes part where v11 = 0, and where -e2 v21 = v11.
+    """
+    if not case.key.startswith("zero"):
+        return math.inf
+    v11, v21 = after_first_impact(point.mass_ratio, point.e1)
+    catch_up = -point.e2 * v21 - v11
+    match case.key:
+        case "zero-apart":
+            return min(v11, -catch_up)
+        case "zero-early":
+            return -v11
+        case _:
+            return min(v11, catch_up)
+
+
+def closed_form(case: Case, point: Point) -> tuple[float, float]:
+    """Velocities that the hypothesis gives in the limit, v1 and v2.
+
+    For the plastic limits the state at the end of compression is needed: the model itself gets there exactly, and
+    finishes by the closed form of 3.3 (`model.limits`); no limit of a stiffness ratio is taken on the way.
+    """
+    mu, e1, e2 = point.mass_ratio, point.e1, point.e2
+    match case.key:
+        case "zero-apart":
+            v11, v21 = after_first_impact(mu, e1)
+            return v11, -e2 * v21
+        case "zero-early":
+            v = e2 * math.sqrt(1 + mu * e1**2) / (1 + mu)
+            return v, v
+        case "zero-late":
+            v = math.sqrt((e1 * mu - 1) ** 2 + mu * e2**2 * (1 + e1) ** 2) / (1 + mu) ** 1.5
+            return v, v
+        case "infinity":
+            return e1, 0.0
+        case _:
+            first, second = (0.0, e2) if case.stiff == 1 else (e1, 0.0)
+            plastic = Collision.from_ratios(point.stiffness_ratio, mu, first, second)
+            outcome = solve(plastic, stiffness_ratio_cutoff=math.inf)
+            return outcome.v1, outcome.v2
+
+
+#: Classes of points none of whose contacts is elastic.
+LOSSY = ("both lossy", "other lossy")
+
+
+def pair_class(case: Case, point: Point) -> str:
+    """Name the class of a point: which of its contacts are elastic (e = 1); of a plastic limit, the other one."""
+    if case.plastic:
+        return "other elastic" if 1.0 in (point.e1, point.e2) else "other lossy"
+    if point.e1 == point.e2 == 1:
+        return "e1 = e2 = 1"
+    if point.e1 == 1:
+        return "only e1 = 1"
+    return "only e2 = 1" if point.e2 == 1 else "both lossy"
+
+
+def distance(mass_ratio: float, dv1: Floats, dv2: Floats) -> Floats:
+    """D = sqrt(dv1^2 + (m2/m1) dv2^2), velocities per abs(v0): the project's velocity divergence."""
+    return np.sqrt(np.square(dv1) + mass_ratio * np.square(dv2))

@@ -1,0 +1,49 @@
+"""What `impact-xval hypothesis` does, and what it prints."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from experiments.hypothesis.cases import CASES
+from experiments.hypothesis.config import load
+from experiments.hypothesis.folder import check_folder, write_all
+from experiments.hypothesis.prose import abstract
+from experiments.hypothesis.run import Results, run_hypothesis
+from experiments.hypothesis.tables import verdict_text
+from experiments.terminal import make_console, print_line, show_progress
+
+DEFAULT_FOLDER = Path("runs") / "hypothesis"
+
+
+def run_command(path: Path | None, out: Path | None, workers: int | None) -> None:
+    """Test the hypothesis and write everything a test writes."""
+    start = time.perf_counter()
+    config = load(path)
+    root = out if out is not None else DEFAULT_FOLDER
+    check_folder(root)
+    console = make_console()
+    with show_progress(console) as progress:
+        results = run_hypothesis(config, workers=workers, progress=progress)
+    page = write_all(results, root, time.perf_counter() - start)
+    print_line(console, "")
+    console.print(_verdicts(results))
+    print_line(console, "")
+    print_line(console, abstract(results))
+    print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {page}")
+
+
+def _verdicts(results: Results) -> RichTable:
+    """One row a limit and solver."""
+    shown = RichTable(box=None, pad_edge=False)
+    for title in ("limit", "solver", "verdict"):
+        shown.add_column(title)
+    for case in CASES:
+        for name in results.solvers:
+            found = results.verdict(name, case.key)
+            if found:
+                shown.add_row(Text(case.key), Text(name), Text(verdict_text(found)))
+    return shown

@@ -1,0 +1,279 @@
+"""The figures of a run, each with a caption that stands alone."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from experiments.findings import number
+from experiments.hypothesis.cases import CASES, LOSSY, pair_class
+from experiments.hypothesis.mechanism import POINTS
+from experiments.hypothesis.ringing import second_end_share
+from experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
+from experiments.hypothesis.series import Series
+from experiments.store import replacing
+from experiments.style import Look, drawing, look
+
+FORMATS = ("png", "pdf")
+_DPI = 150
+
+#: Distances below this are not drawn: rounding.
+_FLOOR = 1e-13
+
+_LOOKS = {
+    "kelvin-voigt-anchored": Look("#56B4E9", "<", "--"),
+    "kelvin-voigt-textbook": Look("#8C8C8C", "x", (0, (1, 1))),
+    "hunt-crossley": Look("#7A4B1E", "P", "-"),
+}
+_X = {"k1/k2": "k1/k2", "k2/k1": "k2/k1", "1/e1^2": "1/e1$^2$", "1/e2^2": "1/e2$^2$"}
+#: Within 1, 5, 20 %, and beyond.
+_BANDS = ("#1b7837", "#a6dba0", "#fee0b6", "#b35806")
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure that was written.
+
+    Attributes
+    ----------
+    name : str
+        Of the file, without extension.
+    caption : str
+    """
+
+    name: str
+    caption: str
+
+
+def _look(results: Results, solver: str) -> Look:
+    return _LOOKS.get(solver) or look(solver, results.config.solvers.index(solver))
+
+
+def write_figures(results: Results, folder: Path) -> dict[str, Picture]:
+    """Draw every figure into a folder, as PNG and PDF."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = {}
+    for name, figure, caption in _figures(results):
+        for extension in FORMATS:
+            with replacing(folder / f"{name}.{extension}") as temporary:
+                metadata = {"CreationDate": None} if extension == "pdf" else None
+                figure.savefig(temporary, format=extension, dpi=_DPI, metadata=metadata)
+        written[name] = Picture(name, caption)
+    return written
+
+
+def _figures(results: Results) -> Iterator[tuple[str, Figure, str]]:
+    yield "distance", *_distance(results)
+    if results.motions:
+        yield "relative-motion", *_relative_motion(results)
+    if results.branches:
+        yield "no-limit", *_no_limit(results)
+    for e1, e2 in results.config.map.restitutions:
+        if any((one.e1, one.e2) == (e1, e2) for one in results.maps):
+            yield f"map-{e1:g}-{e2:g}", *_map(results, e1, e2)
+
+
+def _distance(results: Results) -> tuple[Figure, str]:
+    with drawing(10.0, 6.6) as figure:
+        axes = figure.subplots(2, 3)
+        handles: dict[str, Any] = {}
+        for ax, case in zip(axes.flat, CASES, strict=True):
+            for series in (one for one in results.series if one.case == case):
+                name = series.subject.name
+                style = _look(results, name)
+                chosen = [i for i, point in enumerate(series.points) if pair_class(case, point) in LOSSY]
+                usable, _ = series.usable()
+                D = np.where(usable, series.distances(), np.nan)[chosen]
+                known = np.isfinite(D).sum(axis=0) > len(chosen) / 2
+                median = np.full(series.contrast.size, np.nan)
+                median[known] = np.nanmedian(D[:, known], axis=0)
+                median[median < _FLOOR] = np.nan
+                engine = series.subject.kind == "stepped"
+                (line,) = ax.plot(
+                    series.contrast,
+                    median,
+                    color=style.color,
+                    linestyle="none" if engine else style.dash,
+                    marker=style.marker if engine else "",
+                    markersize=6,
+                    markerfacecolor="none",
+                    zorder=3 if engine else 2,
+                )
+                handles.setdefault(name, line)
+                _slope(ax, results, series, median, style.color)
+            ax.set_xscale("log")
+            ax.set_yscale("log")
+            ax.set_xlabel(f"contrast {_X[case.variable]} (-)")
+            ax.set_title(textwrap.fill(case.title, 34), fontsize=8.5)
+        for ax in axes[:, 0]:
+            ax.set_ylabel("distance from the closed form, D (-)")
+        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5)
+    return figure, (
+        "Distance D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)) of each solver's outcome from the closed form "
+        "that the hypothesis gives, against the contrast, one panel a limit: median over the points of the "
+        "design whose other contacts are lossy. Open markers: engines, extrapolated to no time step. Thin "
+        "dotted lines with a number: the power law fitted to the last decades of a line, D falling as "
+        "contrast to the minus that number, where the verdict of this class is 'supported'. A line that "
+        "levels out goes to another limit. Below about 1e-13 there is rounding only."
+    )
+
+
+def _slope(ax: Any, results: Results, series: Series, median: np.ndarray, color: str) -> None:
+    """Draw below a line the power law fitted to its last decades, where the verdict of its class is `supported`."""
+    found = results.verdict(series.subject.name, series.case.key)
+    group = next((g for g in found.classes if g.name in LOSSY), None) if found else None
+    known = np.flatnonzero(np.isfinite(median))
+    if not found or not group or group.verdict != "supported" or series.subject.kind == "stepped":
+        return
+    last = known[series.contrast[known] >= series.contrast[known[-1]] * 10**-found.decades]
+    if last.size < 3:
+        return
+    x = np.log10(series.contrast[last])
+    slope, at_zero = np.polyfit(x, np.log10(median[last]), 1)
+    ends = np.array([x[0], x[-1]])
+    heights = 0.25 * 10 ** (at_zero + slope * ends)
+    ax.plot(10**ends, heights, color=color, linestyle=":", linewidth=0.9)
+    ax.text(10 ** ends[1], heights[1], f" {-slope:.2f}", color=color, fontsize=7, va="center")
+
+
+def _relative_motion(results: Results) -> tuple[Figure, str]:
+    titles = {case.key: case.title for case in CASES}
+    with drawing(10.0, 5.4) as figure:
+        axes = figure.subplots(2, len(DRAWN))
+        handles: dict[str, Any] = {}
+        for column, key in enumerate(DRAWN):
+            for (name, case), motion in results.motions.items():
+                if case != key or name in ("kelvin-voigt-textbook", "kelvin-voigt-anchored"):
+                    continue
+                style = _look(results, name)
+                engine = name not in ("state-transition", "bistiffness", "kelvin-voigt", "hunt-crossley")
+                width = 2.4 if name == "state-transition" else 1.2
+                keep = slice(None, None, max(1, motion.time.size // 4000)) if engine else slice(None)
+                for ax, what in ((axes[0, column], motion.rate), (axes[1, column], motion.separation)):
+                    (line,) = ax.plot(
+                        motion.time[keep],
+                        what[keep],
+                        color=style.color,
+                        linestyle="--" if engine else "-",
+                        linewidth=width,
+                        zorder=1 if name == "state-transition" else 2,
+                    )
+                handles.setdefault(name, line)
+                if name in ("state-transition", "bistiffness") and motion.joined:
+                    axes[1, column].plot(
+                        motion.time[motion.joined], motion.separation[motion.joined], "o", color=style.color
+                    )
+            axes[0, column].set_title(textwrap.fill(titles[key], 34), fontsize=8.5)
+            axes[1, column].set_xlabel("time, half periods of the soft contact (-)")
+        axes[0, 0].set_ylabel("relative velocity\nof the stiff pair, per |v0| (-)")
+        axes[1, 0].set_ylabel("separation of the stiff pair,\nper soft compression (-)")
+        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
+    where = "; ".join(
+        f"{key}: m2/m1 = {number(POINTS[key].mass_ratio)}, e1 = {POINTS[key].e1:g}, e2 = {POINTS[key].e2:g}"
+        for key in DRAWN
+    )
+    return figure, (
+        "Relative motion of the stiff pair (B1 and B2 in the first two columns, B2 and the table in the "
+        f"last) at a contrast of {number(DRAWN_CONTRAST)}. Top: its relative velocity, positive where it "
+        "separates. Bottom: its separation since first touch, per largest compression of the soft contact "
+        "(of the model, which has no positions, the one that its velocities imply). Engines lie on "
+        "kelvin-voigt, whose law they run. Dots: the instant of equal velocities at which the hypothesis "
+        f"joins the pair, for the model and for bistiffness. {where}."
+    )
+
+
+def _no_limit(results: Results) -> tuple[Figure, str]:
+    worst = max(results.branches, key=lambda branch: branch.measured)
+    series = next(
+        s for s in results.series if s.subject.name == "state-transition" and s.case.key == "zero-early"
+    )
+    i = series.points.index(worst.point)
+    with drawing(9.0, 3.2) as figure:
+        left, right = figure.subplots(1, 2)
+        left.plot(series.contrast, series.rows("v1")[i], "o", color="black", markersize=3.5)
+        for value, name in ((worst.once, "one end of compression"), (worst.twice, "two")):
+            left.axhline(value, color="#0072B2", linewidth=1)
+            left.text(
+                series.contrast[-1],
+                value + 0.012 * worst.once,
+                f" {name}",
+                color="#0072B2",
+                fontsize=7.5,
+                va="bottom",
+                ha="right",
+            )
+        left.set_xscale("log")
+        left.set_xlabel("contrast k1/k2 (-)")
+        left.set_ylabel("v1 of the model, per |v0| (-)")
+        masses = np.linspace(0.15, 1, 200)
+        right.plot(masses, [100 * second_end_share(m) for m in masses], color="#0072B2", label="closed form")
+        right.errorbar(
+            [b.point.mass_ratio for b in results.branches],
+            [100 * b.measured for b in results.branches],
+            [100 * b.uncertainty for b in results.branches],
+            fmt="o",
+            color="black",
+            capsize=3,
+            label="counted",
+        )
+        right.set_xlabel("mass ratio m2/m1 (-)")
+        right.set_ylabel("outcomes with a second\nend of compression (%)")
+        right.legend()
+    p = worst.point
+    return figure, (
+        "Where the model itself has no limit: e1 = 1 and a lossy table contact, balls united while the "
+        "table contact is compressed. Left: final velocity v1 against the contrast at m2/m1 = "
+        f"{number(p.mass_ratio)}, e2 = {number(p.e2)}; it falls on one of two values, whatever the "
+        "contrast: that of the closed form, and e2 times it. Right: share of contrasts with the second "
+        "value, counted over contrasts drawn at random (bars: 95 %), and the closed form (sqrt(q^2 - 1) - "
+        "arccos(1/q))/pi with q^2 = (3 - m2)/(m2 (1 + m2)), m1 = 1."
+    )
+
+
+def _map(results: Results, e1: float, e2: float) -> tuple[Figure, str]:
+    chosen = [one for one in results.maps if (one.e1, one.e2) == (e1, e2)]
+    columns = min(4, len(chosen))
+    rows = -(-len(chosen) // columns)
+    norm, colors = BoundaryNorm([0, 0.01, 0.05, 0.2, 1e9], 4), ListedColormap(_BANDS)
+    with drawing(2.5 * columns, 2.35 * rows + 0.6) as figure:
+        axes = figure.subplots(rows, columns, squeeze=False)
+        for ax in axes.flat[len(chosen) :]:
+            ax.set_visible(False)
+        for position, (ax, one) in enumerate(zip(axes.flat, chosen, strict=False)):
+            ax.pcolormesh(
+                one.stiffness_ratio,
+                one.mass_ratio,
+                np.ma.masked_invalid(one.error.T),
+                cmap=colors,
+                norm=norm,
+                shading="nearest",
+            )
+            ax.set_xscale("log")
+            ax.set_yscale("log")
+            ax.set_xlim(*results.config.map.stiffness_ratio)
+            ax.set_ylim(*results.config.map.mass_ratio)
+            ax.axvline(1, color="black", linewidth=0.8)
+            ax.set_title(one.solver, fontsize=9)
+            ax.grid(False)
+            ax.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
+            if position % columns == 0:
+                ax.set_ylabel("mass ratio m2/m1 (-)")
+            if position + columns >= len(chosen):
+                ax.set_xlabel("stiffness ratio k2/k1 (-)")
+        labels = ("within 1 %", "within 5 %", "within 20 %", "beyond 20 %")
+        figure.legend([Patch(color=color) for color in _BANDS], labels, loc="outside lower center", ncols=4)
+    return figure, (
+        f"Where the hypothesis is good enough at e1 = {e1:g}, e2 = {e2:g}: distance D of a solver's outcome "
+        "from the closed form of the nearer limit (k2/k1 = 0 left of the black line, infinity right of "
+        "it), in per cent of the impact's kinetic norm, over the stiffness ratio and the mass ratio. "
+        "White: no result, or beyond the map of the engines, which is smaller and coarser; they are "
+        "extrapolated to no time step."
+    )

@@ -1,0 +1,140 @@
+"""The folder of a test: tables, figures, the page, and what they were made with."""
+
+from __future__ import annotations
+
+import base64
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from compliant_baselines import get_solver
+from experiments.document import Block, Heading, Table, escape_markdown, to_latex, to_markdown
+from experiments.errors import UserError
+from experiments.hypothesis.figures import Picture, write_figures
+from experiments.hypothesis.page import Part, build_page
+from experiments.hypothesis.run import Results
+from experiments.hypothesis.tables import (
+    class_frame,
+    map_frame,
+    mechanism_frame,
+    need_frame,
+    outcome_frame,
+    point_frame,
+)
+from experiments.store import replacing, write_json, write_text
+from experiments.sweep import available_cores
+
+PAGE = "hypothesis.md"
+
+
+def check_folder(root: Path) -> None:
+    """Refuse a folder that cannot be written, or that holds anything.
+
+    Raises
+    ------
+    UserError
+    """
+    if root.is_dir() and any(root.iterdir()):
+        raise UserError(f"--out {root}: holds files; legal: a new or empty folder")
+    if root.exists() and not root.is_dir():
+        raise UserError(f"--out {root}: is no folder; legal: a new or empty folder")
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"--out {root}: cannot be made: {error.strerror}") from None
+
+
+def write_all(results: Results, root: Path, seconds: float) -> Path:
+    """Write everything into a folder; give the path of the page."""
+    versions = {"impact-xval": version("impact-xval"), "Python": platform.python_version()}
+    versions |= {
+        name: get_solver(name).version() for name in results.solvers if name not in ("state-transition",)
+    }
+    frames = {
+        "verdicts": class_frame(results),
+        "points": point_frame(results),
+        "mechanism": mechanism_frame(results),
+        "contrast-needed": need_frame(results),
+    }
+    for name, frame in frames.items():
+        with replacing(root / f"{name}.csv") as temporary:
+            frame.to_csv(temporary, index=False, lineterminator="\n")
+    for name, frame in (("outcomes", outcome_frame(results)), ("maps", map_frame(results))):
+        _write_parquet(root / f"{name}.parquet", frame)
+    pictures = write_figures(results, root / "figures")
+    parts = build_page(results, pictures, versions)
+    tables: list[Block] = [part for part in parts if isinstance(part, Table)]
+    write_text(
+        root / "tables.tex", to_latex([Heading("Hypothesis: tables", level=1), *(_long(t) for t in tables)])
+    )
+    write_text(root / "tables.md", to_markdown([Heading("Hypothesis: tables", level=1), *tables]))
+    write_text(root / PAGE, markdown(parts))
+    write_text(root / "report.html", html(parts, root / "figures"))
+    write_json(
+        root / "manifest.json",
+        {
+            "format": "impact-xval hypothesis, format 1",
+            "configuration": results.config.model_dump(mode="json"),
+            "versions": versions,
+            "unavailable": results.unavailable,
+            "machine": {
+                "system": platform.system(),
+                "processor": platform.processor() or platform.machine(),
+                "cores": available_cores(),
+            },
+            "seconds": {
+                **{key: round(value, 1) for key, value in results.seconds.items()},
+                "total": round(seconds, 1),
+            },
+        },
+    )
+    return root / PAGE
+
+
+def _long(block: Block) -> Block:
+    """Show a table in full in LaTeX too: this file is made for copying from."""
+    return (
+        Table(block.caption, block.header, block.rows, block.text_columns)
+        if isinstance(block, Table)
+        else block
+    )
+
+
+def _write_parquet(path: Path, frame: pd.DataFrame) -> None:
+    with replacing(path) as temporary:
+        frame.to_parquet(temporary, index=False, compression="zstd")
+
+
+def markdown(parts: Sequence[Part]) -> str:
+    """Write the page as Markdown; figures are linked, and numbered in order."""
+    texts, figure = [], 0
+    for part in parts:
+        if isinstance(part, Picture):
+            figure += 1
+            caption = escape_markdown(part.caption)
+            texts.append(f"![Figure {figure}](figures/{part.name}.png)\n\n**Figure {figure}.** {caption}\n")
+        else:
+            texts.append(to_markdown([part]))
+    return "\n".join(texts)
+
+
+def html(parts: Sequence[Part], figures: Path) -> str:
+    """Write the page as one self-contained HTML file."""
+    blocks: list[Mapping[str, Any]] = []
+    number = 0
+    for part in parts:
+        kind = type(part).__name__.lower()
+        entry: dict[str, Any] = {"kind": kind, **asdict(part)}
+        if isinstance(part, Picture):
+            number += 1
+            data = base64.b64encode((figures / f"{part.name}.png").read_bytes()).decode("ascii")
+            entry |= {"number": number, "data": data}
+        blocks.append(entry)
+    environment = Environment(loader=PackageLoader("experiments"), autoescape=True, undefined=StrictUndefined)
+    return environment.get_template("hypothesis.html.j2").render(blocks=blocks)

@@ -1,0 +1,284 @@
+"""What a series of outcomes says of a limit: does it get there, at what rate, and where does it go if not.
+
+A series is the outcomes (v1, v2) of one solver at one point of the design, at rising contrasts x. Velocities are taken
+as vectors w = (v1, sqrt(m2/m1) v2), whose length is the kinetic norm.
+
+1. **Usable** are outcomes that are results, away from a grazing jump. The *window* is their last `decades`; where the
+   distance from the closed form has sunk under `FLOOR_ERRORS` errors of the solver for good, the window ends there.
+   Without `decades` of them the verdict is `undecided`.
+2. **Rate**: slope of ln D over ln x in the window by Theil and Sen, with its 95 % interval: contacts that ring let D
+   dip to nothing at single contrasts, which a median of slopes does not notice.
+3. **Limit**: w = L + A x^-s by least squares, s from `EXPONENTS`. Its error is the largest of: what the same fit gives
+   without the last decade (or half of a short window), with a second term in x^-2s, or with any s that leaves no more
+   than twice the least residual; that residual; and the solver's own error.
+4. The series **settles** if the diameter of its last decade is below that of its first by at least
+   `LEAST_RATE` a decade, or below what the solver resolves, or below a tenth of its distance from the closed form
+   (its limit is then the mean of that decade, with that diameter for an error).
+
+5. A series **jumps** where, in the later half of the window, a distance exceeds both the line of the rate and the
+   distance before it by `JUMP`.
+
+Verdict: `refuted` if it settles, L lies further from the closed form than three of its errors and than a fifth of the
+last distances, and no outcome of the last decade comes closer to the closed form than half that; else `supported` if
+the interval of the rate lies above `LEAST_RATE`, the distance falls by `LEAST_FALL`, and the series settles without a
+jump; else `undecided`, with the reason.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import theilslopes
+
+Floats = NDArray[np.float64]
+Verdict = Literal["supported", "refuted", "undecided"]
+
+#: Rates below this cannot be told from none: over four decades a distance would fall by 2.5.
+LEAST_RATE = 0.1
+
+#: Distances within so many errors of the solver tell nothing more of the rate.
+FLOOR_ERRORS = 3.0
+
+#: Factor above the fitted line from which an outcome is off it.
+JUMP = 30.0
+
+#: Least fall of the distance, from the median of the first decade of a window to that of the last. A series that
+#: falls by less may as well level out just beyond.
+LEAST_FALL = 2.5
+
+#: Exponents s tried for the approach to the limit.
+EXPONENTS = np.arange(0.1, 3.01, 0.05)
+
+#: Confidence of the intervals of rates.
+CONFIDENCE = 0.95
+
+#: A margin in decades: contrasts are rounded.
+_SLACK = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What a series says.
+
+    Attributes
+    ----------
+    verdict : str
+    reason : str
+        In one sentence, if undecided.
+    rate, rate_low, rate_high : float
+        Of the distance from the closed form, with its 95 % interval; NaN without a fit.
+    window : tuple of float
+        Contrasts at its ends.
+    last : float
+        Median distance from the closed form in the last decade of the window.
+    limit : tuple of float
+        v1 and v2 it goes to, per abs(v0); NaN if it does not settle.
+    limit_error : float
+        In the kinetic norm.
+    offset : float
+        Distance of that limit from the closed form.
+    consistent : bool
+        Whether the closed form lies within three errors of the limit.
+    settles : bool
+        False where it oscillates or jumps without end.
+    spread : tuple of float
+        Least and largest v1, least and largest v2 in the last decade of the window.
+    """
+
+    verdict: Verdict
+    reason: str = ""
+    rate: float = math.nan
+    rate_low: float = math.nan
+    rate_high: float = math.nan
+    window: tuple[float, float] = (math.nan, math.nan)
+    last: float = math.nan
+    limit: tuple[float, float] = (math.nan, math.nan)
+    limit_error: float = math.nan
+    offset: float = math.nan
+    consistent: bool = False
+    settles: bool = True
+    spread: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)
+
+
+def judge(
+    contrast: Floats,
+    v1: Floats,
+    v2: Floats,
+    error: Floats,
+    usable: NDArray[np.bool_],
+    closed_form: tuple[float, float],
+    mass_ratio: float,
+    decades: float,
+) -> Judgement:
+    """Judge a series.
+
+    Parameters
+    ----------
+    contrast : ndarray, shape (n,)
+        Rising.
+    v1, v2 : ndarray, shape (n,)
+        Outcomes, per abs(v0).
+    error : ndarray, shape (n,)
+        Of the outcomes, in the kinetic norm.
+    usable : ndarray of bool, shape (n,)
+        Whether an outcome is a result, and no grazing one.
+    closed_form : tuple of float
+        v1 and v2 of the hypothesis.
+    mass_ratio : float
+        m2/m1.
+    decades : float
+        Of the fit.
+    """
+    x = np.log10(contrast[usable])
+    scale = np.array([1.0, math.sqrt(mass_ratio)])
+    w = np.column_stack([v1[usable], v2[usable]]) * scale
+    target = np.array(closed_form) * scale
+    # An estimate of an error can vanish by chance: the largest of three neighbours counts.
+    own = _neighbours(error[usable])
+    D = np.hypot(*(w - target).T)
+    span = float(x[-1] - x[0]) if x.size else 0.0
+    if span < decades - _SLACK:
+        return Judgement(
+            "undecided",
+            f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range of "
+            "contrasts",
+        )
+    above = np.flatnonzero(FLOOR_ERRORS * own < D)
+    if above.size == 0 or x[above[-1]] - x[0] < decades - _SLACK:
+        end = x[0] + decades
+        sunk = True
+    else:
+        end, sunk = x[above[-1]], False
+    inside = (x >= end - decades - _SLACK) & (x <= end + _SLACK)
+    x, w, D, own = x[inside], w[inside], D[inside], own[inside]
+    if x[-1] - x[0] < decades - _SLACK or x.size < 2 * decades + 1:
+        return Judgement(
+            "undecided",
+            f"{x.size} outcomes over {x[-1] - x[0]:.2g} decades are too few: results are missing in between",
+        )
+    final = x >= x[-1] - 1 - _SLACK
+    limit, limit_error = _extrapolate(x, w)
+    limit_error = max(limit_error, float(own[final].max()))
+    offset = float(np.hypot(*(limit - target)))
+    spread = np.sort(w[final] / scale, axis=0)
+    found = Judgement(
+        "undecided",
+        window=(float(10 ** x[0]), float(10 ** x[-1])),
+        last=float(np.median(D[final])),
+        limit_error=limit_error,
+        offset=offset,
+        consistent=offset <= 3 * limit_error,
+        spread=(float(spread[0, 0]), float(spread[-1, 0]), float(spread[0, 1]), float(spread[-1, 1])),
+    )
+    fields = {name: getattr(found, name) for name in Judgement.__slots__ if name not in ("verdict", "reason")}
+
+    first = x <= x[0] + 1 + _SLACK
+    early, late = _diameter(w[first]), _diameter(w[final])
+    resolved = FLOOR_ERRORS * float(own[final].max())
+    restless = late > resolved and late > early * 10 ** (-LEAST_RATE * (decades - 1))
+    if restless and late < 0.1 * D[final].min():
+        limit, limit_error = w[final].mean(axis=0), late
+        offset = float(np.hypot(*(limit - target)))
+        fields |= {"limit_error": limit_error, "offset": offset, "consistent": False}
+    elif restless:
+        (a, b), (c, d) = fields["spread"][:2], fields["spread"][2:]
+        fields |= {"consistent": False, "settles": False}
+        return Judgement(
+            "undecided",
+            f"it does not settle: in the last decade v1 runs from {a:.3g} to {b:.3g} and v2 from {c:.3g} to "
+            f"{d:.3g}",
+            **fields,
+        )
+    fields["limit"] = tuple(map(float, limit / scale))
+    if offset > max(3 * limit_error, 0.2 * found.last) and D[final].min() > 0.5 * offset:
+        return Judgement("refuted", **fields)
+
+    clear = FLOOR_ERRORS * own < D
+    if np.count_nonzero(clear) >= 3:
+        line: Any = theilslopes(np.log10(D[clear]), x[clear], alpha=CONFIDENCE)
+        slope, at_zero, low, high = map(float, line)
+        fields |= {"rate": -slope, "rate_low": -high, "rate_high": -low}
+        above = np.log10(D[clear]) - at_zero - slope * x[clear]
+        rise = np.diff(np.log10(D[clear]), prepend=math.log10(D[clear][0]))
+        late_half = x[clear] >= 0.5 * (x[0] + x[-1])
+        jumps = int(np.count_nonzero(late_half & (np.minimum(above, rise) > math.log10(JUMP))))
+        if jumps:
+            reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
+            return Judgement("undecided", reason, **{**fields, "settles": False, "consistent": False})
+    if sunk:
+        reach = float(x[clear][-1] - x[0]) if clear.any() else 0.0
+        return Judgement(
+            "undecided",
+            f"after {reach:.2g} decades it is within the solver's own error ({own[final].max():.1g}) of the "
+            f"closed form, and a rate needs {decades:g}",
+            **fields,
+        )
+    fall = float(np.median(D[first])) / found.last
+    if fields["rate_low"] > LEAST_RATE and fall >= LEAST_FALL:
+        return Judgement("supported", **fields)
+    if fields["rate_low"] > LEAST_RATE:
+        return Judgement(
+            "undecided",
+            f"the distance falls by {fall:.2g} from the first to the last decade of the fit; {LEAST_FALL:g} is asked "
+            "for: extend the range of contrasts",
+            **fields,
+        )
+    return Judgement(
+        "undecided",
+        f"the rate {fields['rate']:.2g} ({fields['rate_low']:.2g} to {fields['rate_high']:.2g}) cannot be "
+        "told from none, nor the limit from the closed form",
+        **fields,
+    )
+
+
+def _neighbours(error: Floats) -> Floats:
+    if error.size == 0:
+        return error
+    padded = np.pad(error, 1, mode="edge")
+    return np.max([padded[:-2], padded[1:-1], padded[2:]], axis=0)
+
+
+def _diameter(w: Floats) -> float:
+    return float(np.max(np.hypot(*(w[:, None] - w[None]).transpose(2, 0, 1))))
+
+
+def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
+    """Limits (k, 2) of w = L + A x^-s for every s of `EXPONENTS`, and the root mean square residuals (k,)."""
+    base = 10.0 ** (-np.outer(EXPONENTS, x - x[0]))
+    mean, centre = base.mean(axis=1, keepdims=True), w.mean(axis=0)
+    slope = ((base - mean) @ (w - centre)) / np.square(base - mean).sum(axis=1, keepdims=True)
+    limits = centre - slope * mean
+    residual = w[None] - limits[:, None] - base[:, :, None] * slope[:, None]
+    return limits, np.sqrt(np.square(residual).sum(axis=(1, 2)) / x.size)
+
+
+def _two_terms(x: Floats, w: Floats, s: float) -> Floats:
+    """Limit of w = L + A x^-s + B x^-2s."""
+    base = 10.0 ** (-s * (x - x[0]))
+    return np.linalg.lstsq(np.column_stack([np.ones_like(x), base, base**2]), w, rcond=None)[0][0]
+
+
+def _extrapolate(x: Floats, w: Floats) -> tuple[Floats, float]:
+    """Limit of a series and its error, without the solver's own."""
+    limits, residuals = _fits(x, w)
+    best = int(np.argmin(residuals))
+    second = _two_terms(x, w, EXPONENTS[best])
+    near = limits[residuals <= 2 * residuals[best] + 1e-15]
+    shorter = x <= x[-1] - min(1.0, 0.5 * (x[-1] - x[0])) + _SLACK
+    before, shorter_residuals = _fits(x[shorter], w[shorter])
+    moved = limits[best] - before[int(np.argmin(shorter_residuals))]
+    final = x >= x[-1] - 1 - _SLACK
+    rest = w[final] - w[final].mean(axis=0)
+    candidates = [
+        float(np.hypot(*moved)),
+        float(np.hypot(*(second - limits[best]))),
+        float(np.hypot(*(near - limits[best]).T).max()),
+        float(residuals[best]),
+    ]
+    if best in (0, len(EXPONENTS) - 1) and residuals[best] > 1e-12:
+        candidates.append(float(np.sqrt(np.square(rest).sum(axis=1)).max()))
+    return limits[best], max(candidates)

@@ -1,0 +1,277 @@
+"""The run: everything that is asked of the solvers, and what comes of it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, as_completed
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compliant_baselines import get_solver
+from experiments.hypothesis.cases import CASES, Case, Point
+from experiments.hypothesis.config import HypothesisConfig
+from experiments.hypothesis.design import draw
+from experiments.hypothesis.maps import ErrorMap, axes, error_map, map_ratios
+from experiments.hypothesis.mechanism import (
+    CONTRASTS,
+    ENGINE_CONTRASTS,
+    POINTS,
+    Mechanism,
+    Motion,
+    observe,
+)
+from experiments.hypothesis.pool import pool
+from experiments.hypothesis.ringing import Branches, count_branches
+from experiments.hypothesis.series import Series, examine, ratios_of
+from experiments.hypothesis.subjects import Answers, Ask, Subject, subject
+from experiments.hypothesis.verdicts import CaseResult
+from experiments.sweep import available_cores
+
+Floats = NDArray[np.float64]
+
+#: Told how much work is done, of how much, and a line worth saying ("" if none).
+Progress = Callable[[int, int, str], None]
+
+#: The limits whose relative motion is drawn, and at which contrast.
+DRAWN, DRAWN_CONTRAST = ("zero-early", "zero-late", "infinity"), 1e3
+
+#: Cells of one piece of work of an engine.
+_PIECE = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Results:
+    """Everything a run found.
+
+    Attributes
+    ----------
+    config : HypothesisConfig
+    series : list of Series
+        By limit, then by solver.
+    verdicts : list of CaseResult
+        In the order of `series`.
+    redrawn : dict
+        Verdict by (solver, limit, class; ``all`` for all) with another seed; exact solvers only.
+    mechanisms : list of Mechanism
+    motions : dict
+        Relative motion by (solver, limit) at `DRAWN_CONTRAST`.
+    branches : list of Branches
+        Of the model where it has no limit.
+    maps : list of ErrorMap
+    control : dict
+        By engine: distances of its outcomes from the exact column of its own law, all limits together.
+    unavailable : dict
+        Why, by solver.
+    seconds : dict
+        Wall time by stage.
+    """
+
+    config: HypothesisConfig
+    series: list[Series]
+    verdicts: list[CaseResult]
+    redrawn: dict[tuple[str, str, str], str]
+    mechanisms: list[Mechanism]
+    motions: dict[tuple[str, str], Motion]
+    branches: list[Branches]
+    maps: list[ErrorMap]
+    control: dict[str, Floats]
+    unavailable: dict[str, str]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def verdict(self, solver: str, case: str) -> CaseResult | None:
+        """Return the verdict of a solver on a limit, if it was tested."""
+        return next((v for v in self.verdicts if v.solver == solver and v.case.key == case), None)
+
+    @property
+    def solvers(self) -> list[str]:
+        """The solvers that were tested, in the order of the configuration."""
+        return [name for name in self.config.solvers if name not in self.unavailable]
+
+
+def run_hypothesis(
+    config: HypothesisConfig,
+    *,
+    workers: int | None = None,
+    progress: Progress = lambda done, total, line: None,
+) -> Results:
+    """Test the hypothesis.
+
+    Parameters
+    ----------
+    config : HypothesisConfig
+    workers : int, optional
+        Processes for engines; by default that of the configuration, else one for every core. No result depends on it.
+    progress : callable
+        Called after every piece of work.
+
+    Returns
+    -------
+    Results
+    """
+    workers = workers or config.workers or available_cores()
+    seconds: dict[str, float] = {}
+    subjects, unavailable = [], {}
+    for name in config.solvers:
+        reason = get_solver(name).unavailable()
+        if reason is None:
+            subjects.append(subject(name, config.steps))
+        else:
+            unavailable[name] = reason
+            progress(0, 0, f"{name} is left out: {reason}")
+    points = {case.key: (*draw(case, config.points, config.seed), *config.given(case.key)) for case in CASES}
+    stepped = [one for one in subjects if one.kind == "stepped"]
+    others = [one for one in subjects if one.kind != "stepped"]
+
+    with pool(workers) as submit:
+        pieces = _hand_out(config, stepped, points, submit)
+        observed = [
+            submit(observe, name.name, key, contrast)
+            for name in subjects
+            for key in POINTS
+            for contrast in (ENGINE_CONTRASTS if name.kind == "stepped" else CONTRASTS)
+        ]
+        work = [future for piece in pieces.values() for future in piece] + observed
+        exact = [(case, one) for case in CASES for one in others]
+        maps_asked = [(one, e) for one in others for e in config.map.restitutions]
+        total = len(work) + 2 * len(exact) + len(maps_asked)
+        done = 0
+
+        def advance(line: str = "") -> None:
+            nonlocal done
+            done += 1
+            ready = sum(future.done() for future in work)
+            progress(done + ready, total, line)
+
+        start = time.perf_counter()
+        answers: dict[tuple[str, str], Answers] = {}
+        redrawn: dict[tuple[str, str, str], str] = {}
+        for case, one in exact:
+            contrast = contrasts(config, case, one)
+            answers[one.name, case.key] = one.ask(*ratios_of(case, points[case.key], contrast))
+            advance()
+        for case, one in exact:
+            if one.kind == "exact":
+                again = tuple(draw(case, config.points, config.seed + 1))
+                contrast = contrasts(config, case, one)
+                series = Series(one, case, again, contrast, one.ask(*ratios_of(case, again, contrast)))
+                found = examine(series, config.fit_decades)
+                for group in (found.whole, *found.classes):
+                    redrawn[one.name, case.key, group.name] = group.verdict
+            advance()
+        maps: list[ErrorMap] = []
+        for one, (e1, e2) in maps_asked:
+            kappa, masses = axes(config.map, one)
+            maps.append(
+                error_map(one.name, e1, e2, kappa, masses, one.ask(*map_ratios(kappa, masses, e1, e2)))
+            )
+            advance()
+        branches = [
+            count_branches(point, config.seed)
+            for point in points["zero-early"]
+            if point.e1 == 1 and point.e2 < 1 and "state-transition" in config.solvers
+        ]
+        seconds["model and references"] = time.perf_counter() - start
+        pending = [future for future in work if not future.done()]
+        for future in as_completed(pending):
+            future.result()
+            progress(done + sum(f.done() for f in work), total, "")
+        for one in stepped:
+            for case in CASES:
+                answers[one.name, case.key] = Answers.join([f.result() for f in pieces[one.name, case.key]])
+            kappa, masses = axes(config.map, one)
+            for e1, e2 in config.map.restitutions:
+                joined = Answers.join([f.result() for f in pieces[one.name, f"map {e1} {e2}"]])
+                maps.append(error_map(one.name, e1, e2, kappa, masses, joined))
+        mechanisms, motions = [], {}
+        for future in observed:
+            mechanism, motion = future.result()
+            mechanisms.append(mechanism)
+            if motion is not None and mechanism.case in DRAWN and mechanism.contrast == DRAWN_CONTRAST:
+                motions[mechanism.solver, mechanism.case] = motion
+    seconds["all, engines included"] = time.perf_counter() - start
+
+    all_series, verdicts = [], []
+    for case in CASES:
+        for one in subjects:
+            contrast = contrasts(config, case, one)
+            series = Series(one, case, points[case.key], contrast, answers[one.name, case.key])
+            all_series.append(series)
+            decades = config.engine_fit_decades if one.kind == "stepped" else config.fit_decades
+            verdicts.append(examine(series, decades))
+    return Results(
+        config,
+        all_series,
+        verdicts,
+        redrawn,
+        mechanisms,
+        motions,
+        branches,
+        maps,
+        _control(stepped, points, config, answers),
+        unavailable,
+        seconds,
+    )
+
+
+def contrasts(config: HypothesisConfig, case: Case, one: Subject) -> Floats:
+    """Return the contrasts of a series."""
+    low, high = config.plastic_contrast if case.plastic else config.contrast
+    per_decade = max(4, config.per_decade // 2) if case.plastic else config.per_decade
+    if one.kind == "stepped":
+        low, high = config.engine_plastic_contrast if case.plastic else config.engine_contrast
+        per_decade = config.engine_per_decade
+        if one.costly and high > 100 * low:
+            low, high = low * 10**0.5, high / 10**0.5
+    decades = math.log10(high / low)
+    return np.logspace(math.log10(low), math.log10(high), round(decades * per_decade) + 1)
+
+
+def _hand_out(
+    config: HypothesisConfig,
+    stepped: list[Subject],
+    points: dict[str, tuple[Point, ...]],
+    submit: Callable[..., Future],
+) -> dict[tuple[str, str], list[Future[Answers]]]:
+    """Hand out the work of the engines, in pieces of cells in order; the long ones first."""
+    asked: list[tuple[str, str, Ask, Floats]] = []
+    for one in stepped:
+        for case in CASES:
+            ratios = ratios_of(case, points[case.key], contrasts(config, case, one))
+            asked.append((one.name, case.key, one.ask, ratios))
+        kappa, masses = axes(config.map, one)
+        for e1, e2 in config.map.restitutions:
+            asked.append((one.name, f"map {e1} {e2}", one.ask, map_ratios(kappa, masses, e1, e2)))
+    pieces: list[tuple[float, tuple[str, str], int, Ask, Floats]] = []
+    for name, key, ask, ratios in asked:
+        for first in range(0, ratios.shape[1], _PIECE):
+            part = ratios[:, first : first + _PIECE]
+            steps = float(np.sum(np.sqrt(np.maximum(part[0], 1 / part[0]))))
+            pieces.append((steps, (name, key), first, ask, part))
+    handed: dict[tuple[str, str], dict[int, Future]] = {}
+    for _, key, first, ask, part in sorted(pieces, key=lambda piece: -piece[0]):
+        handed.setdefault(key, {})[first] = submit(ask, *part)
+    return {key: [futures[first] for first in sorted(futures)] for key, futures in handed.items()}
+
+
+def _control(
+    stepped: list[Subject],
+    points: dict[str, tuple[Point, ...]],
+    config: HypothesisConfig,
+    answers: dict[tuple[str, str], Answers],
+) -> dict[str, Floats]:
+    """Distance of every outcome of an engine from the exact Kelvin-Voigt column: rows k2/k1, distance, own error."""
+    found: dict[str, Floats] = {}
+    for one in (one for one in stepped if one.family == "kelvin-voigt"):
+        rows = []
+        for case in CASES:
+            ratios = ratios_of(case, points[case.key], contrasts(config, case, one))
+            exact = subject("kelvin-voigt", config.steps).ask(*ratios)
+            mine = answers[one.name, case.key]
+            away = np.sqrt(np.square(mine.v1 - exact.v1) + ratios[1] * np.square(mine.v2 - exact.v2))
+            rows.append(np.array([ratios[0], away, mine.error]))
+        found[one.name] = np.concatenate(rows, axis=1)
+    return found

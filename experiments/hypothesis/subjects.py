@@ -1,0 +1,233 @@
+"""Solvers as subjects of the test: arrays of ratios in, velocities with an error and a status out.
+
+Three kinds, told apart by how exact their answer is:
+
+* `exact`: the model and the engine-free references, compiled and without a step; their error is rounding;
+* `stepped`: engines. Each collision is run at three steps, h, h/2 and h/4, and extrapolated to none.
+* `single`: any other solver of the registry, asked cell by cell; taken as exact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compliant_baselines import get_solver, solver_names
+from compliant_baselines.bistiffness import bistiffness_batch
+from compliant_baselines.contract import Settings, Solver
+from compliant_baselines.engine import EngineSolver
+from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
+from experiments.solving import answer
+from model import Collision, solve_batch
+
+Floats = NDArray[np.float64]
+Kind = Literal["exact", "stepped", "single"]
+
+#: Events after which the model gives a collision up here (status ``unconverged``): elastic contacts ring through
+#: about sqrt(contrast) of them. A tenth of a second.
+MAX_EVENTS = 300_000
+
+#: Least error of an engine's outcome, per abs(v0), however short the step: MuJoCo's smallest impedance makes its
+#: contacts differ by so much from springs and dashpots (`compliant_baselines.mapping`).
+LEAST_ERROR = 1e-4
+
+#: Engines whose step costs ten times that of the others: they run at half as many steps in a period, over a decade less
+#: of contrast, and on a map of half the size.
+COSTLY = ("drake",)
+
+#: Rounding of an exact solver's velocities, per abs(v0).
+ROUNDING = 1e-13
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answers:
+    """What a subject says of n collisions; velocities per abs(v0), NaN where `status` says why.
+
+    Attributes
+    ----------
+    v1, v2 : ndarray, shape (n,)
+    error : ndarray, shape (n,)
+        Of the velocities, in the kinetic norm: rounding, or what is left of the step.
+    status : ndarray of str, shape (n,)
+        As of an `Outcome`.
+    grazing_margin : ndarray, shape (n,)
+        Of the model; infinite for others.
+    reason : tuple of str
+        The first reason of every status that is no result.
+    """
+
+    v1: Floats
+    v2: Floats
+    error: Floats
+    status: NDArray[np.str_]
+    grazing_margin: Floats
+    reason: tuple[str, ...] = ()
+
+    @classmethod
+    def join(cls, parts: Sequence[Answers]) -> Answers:
+        """Join answers end to end."""
+        reasons = dict.fromkeys(reason for part in parts for reason in part.reason)
+
+        def joined(name: str) -> NDArray:
+            return np.concatenate([getattr(part, name) for part in parts])
+
+        return cls(
+            joined("v1"),
+            joined("v2"),
+            joined("error"),
+            joined("status"),
+            joined("grazing_margin"),
+            tuple(reasons),
+        )
+
+
+#: Gives the answers to arrays k2/k1, m2/m1, e1, e2 of one shape (n,).
+Ask = Callable[[Floats, Floats, Floats, Floats], Answers]
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """A solver under test.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        `exact`, `stepped` or `single`.
+    ask : callable
+        Can be sent to another process.
+    family : str
+        Whose predictions apply (`predictions`): its name; ``kelvin-voigt`` for an engine of every run, whose mapping is
+        calibrated; ``none`` for one that is run on request.
+    costly : bool
+        Whether it is of `COSTLY`.
+    """
+
+    name: str
+    kind: Kind
+    ask: Ask
+    family: str
+    costly: bool = False
+
+
+def model_batch(
+    kappa: Floats, mu: Floats, e1: Floats, e2: Floats, impact_law: str = "jia-mason-erdmann"
+) -> Answers:
+    """Ask the model, its cut-off off, under one of its impact laws."""
+    batch = solve_batch(
+        kappa,
+        mu,
+        e1,
+        e2,
+        stiffness_ratio_cutoff=math.inf,
+        max_events=MAX_EVENTS,
+        impact_law=impact_law,
+    )
+    gave_up = (f"not over after {MAX_EVENTS} events",) if np.any(batch.status == "unconverged") else ()
+    error = ROUNDING + np.abs(batch.energy_residual)
+    return Answers(batch.v1, batch.v2, error, batch.status, batch.grazing_margin, gave_up)
+
+
+def _reference(batch: Callable[..., Any], kappa: Floats, mu: Floats, e1: Floats, e2: Floats) -> Answers:
+    found = batch(kappa, mu, e1, e2)
+    lost = tuple(f"{s}: see the table of solvers" for s in sorted(set(found.status) - {"ok", "limit"}))
+    n = kappa.size
+    return Answers(found.v1, found.v2, np.full(n, ROUNDING), found.status, np.full(n, math.inf), lost)
+
+
+_EXACT: dict[str, Ask] = {
+    "state-transition": model_batch,
+    "liu-zhao-brogliato": partial(model_batch, impact_law="liu-zhao-brogliato"),
+    "bistiffness": partial(_reference, bistiffness_batch),
+    "kelvin-voigt": partial(_reference, partial(kelvin_voigt_batch, damping="pair")),
+    "kelvin-voigt-anchored": partial(_reference, partial(kelvin_voigt_batch, damping="anchored")),
+    "kelvin-voigt-textbook": partial(_reference, partial(kelvin_voigt_batch, damping="textbook")),
+    "hunt-crossley": partial(_reference, partial(kelvin_voigt_batch, damping="hunt-crossley")),
+}
+
+
+def asked_one_by_one(
+    name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
+) -> Answers:
+    """Ask a solver of the registry, collision by collision, as given in the settings."""
+    collisions = [Collision.from_ratios(*map(float, row)) for row in zip(kappa, mu, e1, e2, strict=True)]
+    outcomes = answer(get_solver(name), collisions, settings)
+    margins = [math.inf if o.grazing_margin is None else o.grazing_margin for o in outcomes]
+    reasons = dict.fromkeys(f"{o.status}: {o.reason}" for o in outcomes if o.status not in ("ok", "limit"))
+    return Answers(
+        np.array([o.v1 for o in outcomes]),
+        np.array([o.v2 for o in outcomes]),
+        np.full(len(outcomes), ROUNDING),
+        np.array([o.status for o in outcomes], dtype=np.str_),
+        np.array(margins),
+        tuple(reasons),
+    )
+
+
+def at_vanishing_step(
+    name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
+) -> Answers:
+    """Ask an engine at the steps h, h/2, h/4, and extrapolate.
+
+    Richardson's table for errors in h and h^2 gives the answer. Its columns change the finest run by s1 = v(h/4) -
+    v(h/2), then by s2; the error is the next term of that series, s2 min(1, 2 s2/s1), plus `LEAST_ERROR`. Backward
+    Euler (PyBullet), whose errors are smooth in h, has s2 << s1; an explicit engine, whose contacts begin between two
+    steps, s2 of about s1. `judge` spreads errors over neighbouring contrasts, since a difference can vanish by chance.
+    """
+    fractions = [settings.step_fraction / 2**level for level in range(3)]
+    runs = [
+        asked_one_by_one(name, replace(settings, step_fraction=fraction), kappa, mu, e1, e2)
+        for fraction in fractions
+    ]
+
+    def extrapolated(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
+        coarse, fine = 2 * b - a, 2 * c - b
+        return (4 * fine - coarse) / 3, (fine - coarse) / 3
+
+    v1, change1 = extrapolated(*(run.v1 for run in runs))
+    v2, change2 = extrapolated(*(run.v2 for run in runs))
+    second = np.hypot(change1, np.sqrt(mu) * change2)
+    first = np.hypot(runs[2].v1 - runs[1].v1, np.sqrt(mu) * (runs[2].v2 - runs[1].v2))
+    error = second * np.minimum(1, 2 * second / np.maximum(first, 1e-300)) + LEAST_ERROR
+    status = runs[2].status.copy()
+    for run in runs[:2]:
+        failed = ~np.isin(run.status, ("ok", "limit"))
+        status[failed] = run.status[failed]
+    bad = ~np.isin(status, ("ok", "limit"))
+    v1[bad] = v2[bad] = error[bad] = np.nan
+    reasons = tuple(dict.fromkeys(reason for run in runs for reason in run.reason))
+    return Answers(v1, v2, error, status, np.full(kappa.size, math.inf), reasons)
+
+
+def default_names() -> list[str]:
+    """Names of the solvers tested unless a configuration says otherwise: those of every run, and all references."""
+    usual = solver_names()
+    return [name for name in solver_names(on_request=True) if name in usual or name in _EXACT]
+
+
+def subject(name: str, steps: int) -> Subject:
+    """Make a subject of a solver.
+
+    Parameters
+    ----------
+    name : str
+        Of the registry.
+    steps : int
+        Steps in a period of the stiffer contact at the longest of an engine's three steps.
+    """
+    if name in _EXACT:
+        return Subject(name, "exact", _EXACT[name], name)
+    costly = name in COSTLY
+    fraction = (2 if costly else 1) / steps
+    settings = Settings(step_fraction=fraction, stiffness_ratio_cutoff=math.inf, max_steps=50_000_000)
+    solver: Solver = get_solver(name)
+    if isinstance(solver, EngineSolver):
+        family = "kelvin-voigt" if name in solver_names() else "none"
+        return Subject(name, "stepped", partial(at_vanishing_step, name, settings), family, costly)
+    return Subject(name, "single", partial(asked_one_by_one, name, settings), name)

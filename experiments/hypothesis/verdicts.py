@@ -1,0 +1,229 @@
+"""From points to a verdict for a solver and a limit.
+
+Within a class of points (which contacts are elastic, `cases.pair_class`) the verdict is
+
+* `refuted` where a tenth of the points or more is: one law, one counterexample would do, a tenth is robust;
+* else `supported` where half of the points or more is, and every other one either agrees with the closed form within
+  the error of its limit, or is short of results; none is refuted or fails to settle;
+* else `undecided`, with the most frequent reason.
+
+Over the classes of a limit the worst counts: `refuted` before `undecided` before `supported`; a class that is undecided
+only because it is within the solver's own error of the closed form does not count against one that is supported. The
+classes that differ are named beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiments.hypothesis.cases import Case, Point, pair_class
+from experiments.hypothesis.judging import Judgement, Verdict
+from experiments.hypothesis.predictions import Prediction
+
+#: Share of refuted points from which a class is.
+REFUTING_SHARE = 0.1
+
+#: Resamples of a bootstrap, and its seed.
+_RESAMPLES, _SEED = 2000, 2013
+
+
+@dataclass(frozen=True, slots=True)
+class PointResult:
+    """One solver at one point of one limit.
+
+    Attributes
+    ----------
+    point : Point
+    judgement, shifted : Judgement
+        On the last decades of contrast, and on those a decade before.
+    prediction : Prediction or None
+    closed_form : tuple of float
+    grazing : int
+        Outcomes left out because they lie beside a grazing jump.
+    reasons : tuple of str
+        Of outcomes without a result.
+    """
+
+    point: Point
+    judgement: Judgement
+    shifted: Judgement
+    prediction: Prediction | None
+    closed_form: tuple[float, float]
+    grazing: int
+    reasons: tuple[str, ...]
+
+    @property
+    def predicted_offset(self) -> float:
+        """Distance of the prediction from the closed form; NaN without one."""
+        if self.prediction is None:
+            return math.nan
+        return self._from(self.closed_form, (self.prediction.v1, self.prediction.v2))
+
+    @property
+    def missed(self) -> float:
+        """Distance of the extrapolated limit from the prediction; NaN without either."""
+        if self.prediction is None:
+            return math.nan
+        return self._from(self.judgement.limit, (self.prediction.v1, self.prediction.v2))
+
+    def _from(self, a: tuple[float, float], b: tuple[float, float]) -> float:
+        return math.hypot(a[0] - b[0], math.sqrt(self.point.mass_ratio) * (a[1] - b[1]))
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """What the points of a class, or of all classes, say together.
+
+    Attributes
+    ----------
+    name : str
+        Of the class; ``all`` for all.
+    verdict, shifted : str
+        On the last decades, and a decade before.
+    reason : str
+        If undecided.
+    agrees : bool
+        Undecided, but the closed form lies within the error of every limit.
+    counts : dict
+        Points by verdict.
+    rate, rate_low, rate_high : float
+        Median over the supported points and its 95 % bootstrap interval.
+    least_rate, largest_rate : float
+        Over the supported points.
+    offset : tuple of float
+        Least, median and largest distance of the limit from the closed form, over the refuted points.
+    limit_error : float
+        Largest error of a limit over the refuted points.
+    """
+
+    name: str
+    verdict: Verdict
+    shifted: Verdict
+    reason: str
+    agrees: bool
+    counts: dict[str, int]
+    rate: float
+    rate_low: float
+    rate_high: float
+    least_rate: float
+    largest_rate: float
+    offset: tuple[float, float, float]
+    limit_error: float
+
+
+@dataclass(frozen=True, slots=True)
+class CaseResult:
+    """One solver at one limit.
+
+    Attributes
+    ----------
+    solver : str
+    kind : str
+        `exact`, `stepped` or `single`.
+    case : Case
+    points : tuple of PointResult
+    whole : Group
+    classes : tuple of Group
+    decades : float
+        Of the fits.
+    shiftable : bool
+        Whether the contrasts leave room for a fit a decade earlier.
+    """
+
+    solver: str
+    kind: str
+    case: Case
+    points: tuple[PointResult, ...]
+    whole: Group
+    classes: tuple[Group, ...]
+    decades: float
+    shiftable: bool
+
+    @property
+    def differing(self) -> tuple[Group, ...]:
+        """Classes whose verdict is not that of the whole."""
+        return tuple(group for group in self.classes if group.verdict != self.whole.verdict)
+
+
+def class_verdict(judgements: Sequence[Judgement]) -> tuple[Verdict, str]:
+    """Verdict of a class, and the reason if undecided; the rule is in the module."""
+    n = len(judgements)
+    by = Counter(j.verdict for j in judgements)
+    if by["refuted"] >= max(1, REFUTING_SHARE * n):
+        return "refuted", ""
+    open_ones = [j for j in judgements if j.verdict == "undecided"]
+    astray = [j for j in open_ones if not j.settles]
+    harmless = all(j.consistent or not math.isfinite(j.offset) for j in open_ones)
+    if 2 * by["supported"] >= n and not by["refuted"] and not astray and harmless:
+        return "supported", ""
+    worst = astray or open_ones
+    reason = worst[0].reason if worst else "one point alone is refuted"
+    return "undecided", f"{reason} ({len(worst)} of {n} points so)" if worst else reason
+
+
+def agrees(judgements: Sequence[Judgement]) -> bool:
+    """Whether nothing is refuted or unsettled, and the closed form lies within the error of every limit."""
+    return all(j.verdict == "supported" or (j.consistent and j.settles) for j in judgements)
+
+
+def group_of(
+    name: str, results: Sequence[PointResult], verdict: Verdict, shifted: Verdict, reason: str
+) -> Group:
+    """Summarise points under a verdict."""
+    counts = Counter(r.judgement.verdict for r in results)
+    rates = np.array([r.judgement.rate for r in results if r.judgement.verdict == "supported"])
+    refuted = [r.judgement for r in results if r.judgement.verdict == "refuted"]
+    low = high = math.nan
+    if rates.size:
+        draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, rates.size))
+        low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
+    offsets = np.quantile([j.offset for j in refuted], [0, 0.5, 1]) if refuted else np.full(3, math.nan)
+    return Group(
+        name=name,
+        verdict=verdict,
+        shifted=shifted,
+        reason=reason,
+        agrees=verdict == "undecided" and agrees([r.judgement for r in results]),
+        counts=dict(counts),
+        rate=float(np.median(rates)) if rates.size else math.nan,
+        rate_low=float(low),
+        rate_high=float(high),
+        least_rate=float(rates.min()) if rates.size else math.nan,
+        largest_rate=float(rates.max()) if rates.size else math.nan,
+        offset=(float(offsets[0]), float(offsets[1]), float(offsets[2])),
+        limit_error=max((j.limit_error for j in refuted), default=math.nan),
+    )
+
+
+def gather(
+    solver: str, kind: str, case: Case, results: Sequence[PointResult], decades: float, shiftable: bool
+) -> CaseResult:
+    """Turn the points of a solver and a limit into its verdicts."""
+    classes: dict[str, list[PointResult]] = {}
+    for result in results:
+        classes.setdefault(pair_class(case, result.point), []).append(result)
+    groups, shifted = [], []
+    for name, members in classes.items():
+        verdict, reason = class_verdict([m.judgement for m in members])
+        before, _ = class_verdict([m.shifted for m in members])
+        groups.append(group_of(name, members, verdict, before, reason))
+        shifted.append((before, before == "undecided" and agrees([m.shifted for m in members])))
+    verdict = _worst([(g.verdict, g.agrees) for g in groups])
+    reason = next((g.reason for g in groups if g.verdict == verdict), "")
+    whole = group_of("all", results, verdict, _worst(shifted), reason)
+    return CaseResult(solver, kind, case, tuple(results), whole, tuple(groups), decades, shiftable)
+
+
+def _worst(found: Sequence[tuple[Verdict, bool]]) -> Verdict:
+    """Verdict over classes, given that of each and whether it agrees within the solver's error."""
+    verdicts = {verdict for verdict, _ in found}
+    if "refuted" in verdicts:
+        return "refuted"
+    if any(verdict == "undecided" and not fine for verdict, fine in found) or "supported" not in verdicts:
+        return "undecided"
+    return "supported"

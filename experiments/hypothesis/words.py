@@ -1,0 +1,48 @@
+"""Words and numbers that the sections of the page share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from experiments.hypothesis.mechanism import Mechanism
+from experiments.hypothesis.run import Results
+from experiments.hypothesis.tables import short
+from experiments.hypothesis.verdicts import CaseResult
+
+MODEL = "state-transition"
+
+#: Solvers whose positions are frozen: the model, and another impact law in its frame.
+OTHER_LAW = "liu-zhao-brogliato"
+FROZEN = (MODEL, OTHER_LAW)
+
+
+def listed(words: Iterable[str]) -> str:
+    """Join words as a list in a sentence."""
+    words = list(words)
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def span(values: Sequence[float], digits: int = 2) -> str:
+    """Write the range of some numbers, or the one number."""
+    low, high = short(min(values), digits), short(max(values), digits)
+    return low if low == high else f"{low} to {high}"
+
+
+def of_case(results: Results, case: str, verdict: str) -> list[CaseResult]:
+    """Verdicts of one kind on a limit."""
+    return [r for r in results.verdicts if r.case.key == case and r.whole.verdict == verdict]
+
+
+def verdict_of(results: Results, solver: str, case: str) -> str:
+    """Verdict of a solver on a limit; empty if it was not tested."""
+    found = results.verdict(solver, case)
+    return found.whole.verdict if found else ""
+
+
+def motion_at(results: Results, case: str, *, highest: bool = True) -> dict[str, Mechanism]:
+    """Mechanism of every solver in a limit at its highest (or lowest) contrast."""
+    found: dict[str, Mechanism] = {}
+    for m in sorted(results.mechanisms, key=lambda m: m.contrast if highest else -m.contrast):
+        if m.case == case and m.joined:
+            found[m.solver] = m
+    return found

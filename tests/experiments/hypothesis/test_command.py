@@ -1,0 +1,155 @@
+"""The command: what it writes, and what it says of what it cannot do."""
+
+import json
+import re
+import tomllib
+
+import pandas as pd
+import pytest
+
+from experiments.cli import main
+from experiments.hypothesis.cases import CASES
+from experiments.hypothesis.config import parse
+from experiments.hypothesis.run import run_hypothesis
+from experiments.hypothesis.tables import class_frame, outcome_frame
+
+SMALL = """
+points = 6
+solvers = ["state-transition", "bistiffness", "kelvin-voigt"]
+contrast = [10, 1e6]
+plastic_contrast = [10, 1e7]
+per_decade = 4
+[map]
+size = 8
+restitutions = [[0.9, 0.7]]
+[[point]]
+case = "zero-late"
+mass_ratio = 1.1547005383792517
+e1 = 0.9
+e2 = 0.7
+"""
+
+BAD = {
+    "a point outside its regime": (
+        '[[point]]\ncase = "zero-early"\nmass_ratio = 4.0\ne1 = 0.9\ne2 = 0.7',
+        ["point[1]", "outside zero-early", "e1 m2/m1 below 1", "name the regime"],
+    ),
+    "an unknown limit": (
+        '[[point]]\ncase = "zero"\nmass_ratio = 1.0',
+        ["point[1].case = 'zero'", "zero-early"],
+    ),
+    "a point without a mass": ('[[point]]\ncase = "infinity"', ["point[1].mass_ratio", "missing"]),
+    "a range the wrong way": ("contrast = [1e5, 10]", ["contrast = [100000.0, 10.0]", "lo < hi"]),
+    "a range from nothing": ("engine_contrast = [0, 10]", ["engine_contrast", "1 < lo < hi <= 1e6"]),
+    "no number": ("contrast = ['a', 10]", ["contrast", "'a'", "lo < hi"]),
+    "too few points": ("points = 3", ["points = 3", "from 6 to 500"]),
+    "an unknown solver": ("solvers = ['mujoko']", ["solvers", "'mujoko'", "did you mean 'mujoco'"]),
+    "an unknown key": ("contrasts = [1, 2]", ["contrasts", "unknown key", "contrast"]),
+    "an unknown key of the map": ("[map]\nsise = 3", ["map.sise", "unknown key", "size"]),
+    "a map without 1": ("[map]\nstiffness_ratio = [2, 10]", ["map.stiffness_ratio", "lo < 1 < hi"]),
+    "no file": (None, ["no such file"]),
+    "no TOML": ("points =", ["not TOML"]),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_line_and_writes_nothing(name, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text, words = BAD[name]
+    if text is not None:
+        (tmp_path / "h.toml").write_text(text)
+    assert main(["hypothesis", "h.toml"]) == 2
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("impact-xval: h.toml: ")
+    assert "\n" not in error
+    for word in words:
+        assert word in error
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_folder_that_holds_files_is_refused(tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("precious")
+    assert main(["hypothesis", "--out", str(tmp_path)]) == 2
+    assert "holds files; legal: a new or empty folder" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    root = tmp_path_factory.mktemp("hypothesis")
+    (root / "h.toml").write_text(SMALL)
+    assert main(["hypothesis", str(root / "h.toml"), "--out", str(root / "out"), "--workers", "1"]) == 0
+    return root / "out"
+
+
+def test_it_writes_the_page_its_tables_and_its_figures(done):
+    names = {path.name for path in done.iterdir()}
+    assert names == {
+        "hypothesis.md",
+        "report.html",
+        "tables.md",
+        "tables.tex",
+        "verdicts.csv",
+        "points.csv",
+        "mechanism.csv",
+        "contrast-needed.csv",
+        "outcomes.parquet",
+        "maps.parquet",
+        "manifest.json",
+        "figures",
+    }
+    page = (done / "hypothesis.md").read_text()
+    for figure in re.findall(r"\(figures/(.+?)\)", page):
+        assert (done / "figures" / figure).is_file()
+        assert (done / "figures" / figure.replace(".png", ".pdf")).is_file()
+    manifest = json.loads((done / "manifest.json").read_text())
+    assert manifest["configuration"]["points"] == 6
+
+
+def test_every_point_is_in_the_tables_the_given_one_included(done):
+    points = pd.read_csv(done / "points.csv")
+    counts = points.groupby(["case", "solver"]).size()
+    assert len(counts) == 3 * len(CASES)
+    assert counts["zero-late", "bistiffness"] == 7
+    assert counts["zero-early", "bistiffness"] == 6
+    given = points[(points.case == "zero-late") & (points.solver == "state-transition")].iloc[-1]
+    assert given.closed_form_v1 == pytest.approx(0.45203, abs=1e-5)  # printed in the supplement
+    outcomes = pd.read_parquet(done / "outcomes.parquet")
+    assert (outcomes.status != "").all()
+    assert outcomes[outcomes.status.isin(["ok", "limit"])][["v1", "v2", "distance"]].notna().all(axis=None)
+
+
+def test_the_numbers_of_the_page_are_those_of_the_tables(done):
+    page = (done / "hypothesis.md").read_text()
+    verdicts = pd.read_csv(done / "verdicts.csv")
+    for row in verdicts[verdicts["class"] == "all"].itertuples():
+        assert f"| {row.solver} |" in page
+        if row.verdict == "supported":
+            assert f"{row.solver} (rate {row.rate:.2f}" in page
+    assert not re.search(r"\bnan\b|\bNone\b(?! of this)", page)
+    late = verdicts[(verdicts.case == "zero-late") & (verdicts["class"] == "all")].set_index("solver")
+    assert late.verdict.to_dict() == {
+        "state-transition": "supported",
+        "bistiffness": "refuted",
+        "kelvin-voigt": "refuted",
+    }
+
+
+def test_too_short_a_range_is_undecided_in_every_solver():
+    config = parse({**tomllib.loads(SMALL), "contrast": [10, 1e3], "plastic_contrast": [10, 1e3]}, "test")
+    verdicts = class_frame(run_hypothesis(config, workers=1))
+    assert set(verdicts.verdict) == {"undecided"}
+    assert verdicts.reason.str.contains("extend the range of contrasts").all()
+
+
+@pytest.mark.slow
+def test_results_do_not_depend_on_the_number_of_workers():
+    data = {
+        "points": 6,
+        "solvers": ["mujoco"],
+        "engine_contrast": [10, 30],
+        "engine_plastic_contrast": [10, 30],
+    }
+    data |= {"steps": 20, "map": {"size": 4, "engine_size": 3, "restitutions": [[0.9, 0.7]]}}
+    first, second = (outcome_frame(run_hypothesis(parse(data, "test"), workers=n)) for n in (1, 2))
+    pd.testing.assert_frame_equal(first, second)

@@ -1,0 +1,57 @@
+"""The limit of small steps in the tables of a run."""
+
+import pyarrow.parquet as pq
+import pytest
+
+from experiments.config import parse_config
+from experiments.schema import CERTIFICATE
+from experiments.summary import summarise
+from experiments.sweep import run_sweep
+from tests.experiments.conftest import SMALL
+
+
+def run(tmp_path, **changes):
+    data = {**SMALL, "solvers": ["kelvin-voigt", "mujoco"], "v0": -2.0, **changes}
+    folder = run_sweep(parse_config(data), tmp_path / "r", workers=1)
+    return folder, pq.read_table(tmp_path / "r/cells.parquet").to_pylist()
+
+
+def test_both_results_are_kept(tmp_path):
+    folder, rows = run(tmp_path)
+    asked = {row["cell"]: row for row in rows if row["solver"] == "kelvin-voigt"}
+    for row in rows:
+        if row["solver"] != "mujoco":
+            assert all(row[name] is None for name in CERTIFICATE)
+            continue
+        assert row["status"] == "ok"
+        for ball in ("v1", "v2"):  # per |v0|, while v1 and v2 are in m/s
+            true = asked[row["cell"]][ball] / 2
+            assert abs(row[f"{ball}_limit"] - true) <= 3 * row["limit_error"]
+            assert row[ball] / 2 == pytest.approx(row[f"{ball}_limit"], abs=3e-3)
+        assert 0 < row["regularisation"] <= row["limit_error"] < 1e-3
+        assert row["finest_step"] == row["step"] / 4
+    table = summarise(folder).certificates
+    assert table.solver.tolist() == ["mujoco"]
+    assert table.n.tolist() == table.converged.tolist() == [12]
+    assert table.honest.tolist() == [1.0]
+    assert table.step_max[0] < 3e-3
+
+
+def test_certificates_can_be_left_out(tmp_path):
+    folder, rows = run(tmp_path, convergence={"enabled": False})
+    assert all(row[name] is None for row in rows for name in CERTIFICATE)
+    assert not len(summarise(folder).certificates)
+
+
+def test_an_unconverged_cell_keeps_its_numbers_and_measures_nothing(tmp_path):
+    folder, rows = run(tmp_path, convergence={"tolerance": 1e-9}, step_fraction=0.02)
+    engine = [row for row in rows if row["solver"] == "mujoco"]
+    assert {row["status"] for row in engine} == {"unconverged"}
+    assert all(row["v1"] is not None and row["v1_limit"] is not None for row in engine)
+    divergence = pq.read_table(folder.root / "divergence.parquet").to_pylist()
+    assert all(row["velocity_divergence"] is None for row in divergence if row["solver"] == "mujoco")
+
+
+def test_what_is_wanted_of_limits_belongs_to_the_identity_of_a_run():
+    one, other = (parse_config({"convergence": {"tolerance": t}}).identity() for t in (1e-3, 1e-4))
+    assert one != other
