@@ -43,7 +43,7 @@ MOST_PAIRS = 100_000
 def diagnose_pybullet(
     client: int,
     engine_parameters: Mapping[str, Any] | None = None,
-    contacts: Mapping[tuple[int, int], tuple[float, float]] | None = None,
+    dynamics: Mapping[tuple[int, int], Mapping[str, Any]] | None = None,
     *,
     column: bool = False,
 ) -> list[Finding]:
@@ -55,9 +55,9 @@ def diagnose_pybullet(
         Id of the physics client.
     engine_parameters : mapping, optional
         What `setPhysicsEngineParameter` was given, if it is known; ``contactSlop`` cannot be asked for.
-    contacts : mapping, optional
-        Stiffness and damping given to (body, link), if they are known; of a body in maximal coordinates they cannot
-        be asked for.
+    dynamics : mapping, optional
+        What `changeDynamics` was given for (body, link), if it is known; a body in maximal coordinates cannot be
+        asked for it.
     column : bool
         Whether the bodies stand on one vertical line, so that only neighbours can touch.
 
@@ -68,7 +68,7 @@ def diagnose_pybullet(
     """
     import pybullet as p
 
-    links, findings = _links(p, client, contacts)
+    links, findings = _links(p, client, dynamics)
     if column:
         links.sort(key=lambda link: link.height)
     settings = p.getPhysicsEngineParameters(physicsClientId=client)
@@ -138,7 +138,7 @@ def _slop(parameters: Mapping[str, Any] | None) -> list[Finding]:
 
 
 def _links(
-    p: Any, client: int, contacts: Mapping[tuple[int, int], tuple[float, float]] | None
+    p: Any, client: int, dynamics: Mapping[tuple[int, int], Mapping[str, Any]] | None
 ) -> tuple[list[_Link], list[Finding]]:
     """List every link that can touch, and those that do not tell enough."""
     links: list[_Link] = []
@@ -155,15 +155,17 @@ def _links(
             words = f"body {body}" + (f" ({name.decode()})" if name else "")
             if link >= 0:
                 words += f" link {link}"
-            stiffness, damping = info[9], info[8]
-            if info[10] == MAXIMAL:
-                stiffness, damping = (contacts or {}).get((body, link), (-1.0, -1.0))
-                if contacts is None:
+            stiffness, damping, restitution = info[9], info[8], info[5]
+            if info[10] == MAXIMAL:  # the engine leaves these numbers as they were, whatever they were
+                known = (dynamics or {}).get((body, link), {})
+                stiffness, damping = known.get("contactStiffness", -1.0), known.get("contactDamping", -1.0)
+                restitution = known.get("restitution", 0.0)
+                if dynamics is None:
                     says = "a body in maximal coordinates does not tell its contactStiffness: left out"
                     unreadable.append(Finding("unreadable", words, says))
                     continue
             own = PybulletBody(stiffness, damping) if stiffness > 0 else None
-            links.append(_Link(words, info[0], info[5], own, -math.inf if info[0] == 0 else low[2]))
+            links.append(_Link(words, info[0], restitution, own, -math.inf if info[0] == 0 else low[2]))
     return links, unreadable
 
 
@@ -187,8 +189,9 @@ class _Watching:
     def __init__(self, module: Any, column: bool) -> None:
         self._module, self._column = module, column
         self.parameters: dict[int, dict[str, Any]] = {}
-        self.contacts: dict[int, dict[tuple[int, int], tuple[float, float]]] = {}
+        self.dynamics: dict[int, dict[tuple[int, int], dict[str, Any]]] = {}
         self.findings: list[Finding] | None = None
+        self.clients: list[int] = []
 
     def __getattr__(self, name: str) -> Any:
         return {
@@ -199,7 +202,8 @@ class _Watching:
         }.get(name, getattr(self._module, name))
 
     def _connect(self, *args: Any, **kwargs: Any) -> int:
-        return self._module.connect(self._module.DIRECT)
+        self.clients.append(self._module.connect(self._module.DIRECT))
+        return self.clients[-1]
 
     def _set_parameter(self, *args: Any, **kwargs: Any) -> Any:
         self.parameters.setdefault(kwargs.get("physicsClientId", 0), {}).update(kwargs)
@@ -208,15 +212,16 @@ class _Watching:
     def _change_dynamics(self, *args: Any, **kwargs: Any) -> Any:
         body = kwargs["bodyUniqueId"] if "bodyUniqueId" in kwargs else args[0]
         link = kwargs["linkIndex"] if "linkIndex" in kwargs else args[1]
-        if "contactStiffness" in kwargs and "contactDamping" in kwargs:  # the engine takes both or neither
-            known = self.contacts.setdefault(kwargs.get("physicsClientId", 0), {})
-            known[int(body), int(link)] = (kwargs["contactStiffness"], kwargs["contactDamping"])
+        known = self.dynamics.setdefault(kwargs.get("physicsClientId", 0), {}).setdefault(
+            (int(body), int(link)), {}
+        )
+        known.update(kwargs)
         return self._module.changeDynamics(*args, **kwargs)
 
     def _step(self, *args: Any, **kwargs: Any) -> None:
         client = args[0] if args else kwargs.get("physicsClientId", 0)
         self.findings = diagnose_pybullet(
-            client, self.parameters.get(client, {}), self.contacts.get(client, {}), column=self._column
+            client, self.parameters.get(client, {}), self.dynamics.get(client, {}), column=self._column
         )
         raise _Stopped
 
@@ -227,7 +232,8 @@ def diagnose_at_first_step(run: Callable[[], object], *, column: bool = False) -
     Parameters
     ----------
     run : callable
-        For example a script. It imports pybullet itself; windows it asks for are not opened. What it raises
+        For example a script. It imports pybullet itself; windows it asks for are not opened, and clients it
+        leaves connected are disconnected. What it raises
         before its first step is raised here.
     column : bool
         As in `diagnose_pybullet`.
@@ -247,4 +253,7 @@ def diagnose_at_first_step(run: Callable[[], object], *, column: bool = False) -
         pass
     finally:
         sys.modules["pybullet"] = pybullet
+        for client in watching.clients:
+            if pybullet.isConnected(client):
+                pybullet.disconnect(client)
     return watching.findings

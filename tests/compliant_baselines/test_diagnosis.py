@@ -287,19 +287,28 @@ def test_what_a_client_does_not_tell_is_said_and_known_where_the_calls_were_seen
     def script():
         import pybullet as q
 
-        q.connect(q.DIRECT)
-        q.setPhysicsEngineParameter(fixedTimeStep=1e-4)
-        shapes = q.createCollisionShape(q.GEOM_SPHERE, radius=1), q.createCollisionShape(q.GEOM_PLANE)
-        ball, plane = (
-            q.createMultiBody(m, s, useMaximalCoordinates=1) for m, s in zip((1, 0), shapes, strict=True)
+        at = {"physicsClientId": q.connect(q.DIRECT)}
+        q.setPhysicsEngineParameter(fixedTimeStep=1e-4, **at)
+        shapes = (
+            q.createCollisionShape(q.GEOM_SPHERE, radius=1, **at),
+            q.createCollisionShape(q.GEOM_PLANE, **at),
         )
-        q.changeDynamics(ball, -1, contactStiffness=1e3, contactDamping=0)
-        q.changeDynamics(plane, linkIndex=-1, contactStiffness=1e3, contactDamping=0)
-        q.stepSimulation()
+        bodies = (
+            q.createMultiBody(m, s, useMaximalCoordinates=1, **at)
+            for m, s in zip((1, 0), shapes, strict=True)
+        )
+        for body in bodies:
+            q.changeDynamics(body, linkIndex=-1, contactStiffness=1e3, contactDamping=0, **at)
+            q.changeDynamics(body, -1, restitution=restitution, **at)
+        untold.append(traps(diagnose_pybullet(at["physicsClientId"])))
+        q.stepSimulation(**at)
 
+    restitution, untold = 0.0, []
     assert traps(diagnose_at_first_step(script) or []) == {"series", "slop"}
-    assert traps(diagnose_pybullet(0)) == {"unreadable"}
-    p.disconnect(0)
+    assert untold == [{"unreadable"}]
+    restitution = 0.9
+    assert traps(diagnose_at_first_step(script) or []) == {"series", "slop", "restitution"}
+    assert not p.isConnected(0)
 
 
 def test_a_script_is_examined_at_its_first_step_and_no_further():
@@ -332,7 +341,7 @@ def test_a_script_is_examined_at_its_first_step_and_no_further():
     with pytest.raises(ZeroDivisionError):
         diagnose_at_first_step(lambda: 1 / 0)
     assert sys.modules["pybullet"] is p
-    p.disconnect(0)
+    assert not p.isConnected(0)  # what the script left connected is given back
 
 
 @pytest.mark.parametrize("name", ["mujoco", "pybullet"])
