@@ -15,7 +15,7 @@ import typer
 from compliant_baselines import get_solver, solver_names
 from experiments import sweep
 from experiments.config import REFERENCE, Config, load_config, parse_config, solvers_problem
-from experiments.errors import UserError
+from experiments.errors import InterruptedRunError, UserError
 from experiments.grid import collision_of
 from experiments.solving import answer, settings_of
 from experiments.store import RunFolder
@@ -44,7 +44,7 @@ def run(path: Path | None, out: Path | None, workers: int | None, resume: bool) 
         with show_progress(console) as progress:
             progress(0, 0, _compile_notice())
             folder = sweep.run_sweep(config, root, workers=workers, resume=resume, progress=progress)
-    except sweep.InterruptedRunError as stopped:
+    except InterruptedRunError as stopped:
         words = [
             "impact-xval",
             "run",

@@ -14,7 +14,8 @@ from experiments.config import REFERENCE, Config
 from experiments.curve_figures import draw_cell_curves, draw_supplement
 from experiments.curves import CURVES, CURVES_SCHEMA
 from experiments.findings import number
-from experiments.store import RunFolder, replacing, write_json
+from experiments.store import RunFolder, write_json
+from experiments.streams import replacing
 from experiments.style import drawing, look
 from experiments.summary import FULL_PATHS, Frame, load_divergence
 

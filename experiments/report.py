@@ -15,7 +15,8 @@ from experiments.figures import CAPTIONS, write_figures
 from experiments.findings import build_document, number
 from experiments.grid import CellGrid
 from experiments.solving import gravity_number
-from experiments.store import RunFolder, replacing, write_text
+from experiments.store import RunFolder, write_text
+from experiments.streams import replacing
 from experiments.summary import Summary, summarise
 
 
