@@ -34,13 +34,16 @@ class Data:
     Attributes
     ----------
     config : Config
+    levels : dict of list
+        Values of every axis, rising.
     regular : DataFrame
-        The compared rows of the divergence table, grazing cells left out.
+        The compared rows of the divergence table, grazing cells left out; axes by level.
     curves : DataFrame
         The table of curves.
     """
 
     config: Config
+    levels: dict[str, list[float]]
     regular: Frame
     curves: Frame
 
@@ -61,9 +64,11 @@ def write_figures(folder: RunFolder) -> list[tuple[Path, str]]:
     """
     config = folder.config()
     table = load_divergence(folder, config)
+    measures = ("velocity_divergence", "dretained_energy", FULL_PATHS)
     data = Data(
         config,
-        table[table.velocity_divergence.notna() & ~table.grazing],
+        {axis: sorted(levels.values) for axis, levels in table.levels.items()},
+        table.frame(measures, table.compared & ~table.grazing),
         folder.read_table(CURVES, CURVES_SCHEMA).to_pandas(),
     )
     target = folder.root / "figures"
@@ -108,7 +113,7 @@ def _stiffness_axis(ax: Any, values: list[float]) -> np.ndarray:
 
 
 def _sorted_axis(data: Data, axis: str) -> list[float]:
-    return sorted(data.config.grid.axes()[axis])
+    return data.levels[axis]
 
 
 def _divergence_by_stiffness(data: Data) -> tuple[Figure, str]:

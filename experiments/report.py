@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from experiments.document import Block, Heading, to_latex, to_markdown
 from experiments.figures import CAPTIONS, write_figures
 from experiments.findings import build_document, number
-from experiments.grid import CellGrid
-from experiments.solving import gravity_number
 from experiments.store import RunFolder, write_text
-from experiments.streams import replacing
+from experiments.streams import blocks, replacing
 from experiments.summary import Summary, summarise
 
 
@@ -58,12 +57,18 @@ def write_report(folder: RunFolder) -> Path:
         figures=_figures(folder),
         figures_after=sections[1] if len(sections) > 1 else len(document),
         config=summary.config,
-        gravity_number=number(gravity_number(summary.config, CellGrid(summary.config)[0].collision)),
+        gravity_number=number(_gravity_number(folder)),
         provenance=_provenance(folder.manifest()),
     )
     path = folder.root / "report.html"
     write_text(path, page)
     return path
+
+
+def _gravity_number(folder: RunFolder) -> float:
+    """Of the first cell."""
+    first = next(blocks(folder.root / "cells.parquet", ["gravity_number"], whole_cells=False), None)
+    return math.nan if first is None else first.column(0)[0].as_py()
 
 
 def _figures(folder: RunFolder) -> list[dict[str, str]]:

@@ -1,0 +1,49 @@
+"""Solvers that crash or hang their process on chosen cells, in every way a process can end."""
+
+import ctypes
+import os
+import signal
+import time
+
+from compliant_baselines import get_solver
+from tests.experiments.fakes import Missing, Shifted
+
+#: Values of e1 that make a cell fatal, by what happens.
+SEGFAULT, HANG, ABORT, LEAVE, KILLED = 0.501, 0.502, 0.503, 0.504, 0.505
+
+
+class Faulty(Shifted):
+    """The model's answer, 0.01 m/s faster, where it lives to give one."""
+
+    def solve_many(self, collisions, settings):
+        for c in collisions:
+            if c.e1 == SEGFAULT:
+                ctypes.string_at(0)
+            elif c.e1 == HANG:
+                while True:
+                    time.sleep(1)
+            elif c.e1 == ABORT:
+                os.abort()
+            elif c.e1 == LEAVE:
+                os._exit(3)
+            elif c.e1 == KILLED:
+                os.kill(os.getpid(), signal.SIGKILL)
+        return super().solve_many(collisions, settings)
+
+
+def faulty(name):
+    return Faulty() if name == "mujoco" else Missing() if name == "pybullet" else get_solver(name)
+
+
+class FaultyModel(Faulty):
+    """The reference itself, that dies."""
+
+    name = "state-transition"
+
+    def solve_many(self, collisions, settings):
+        outcomes = super().solve_many(collisions, settings)
+        return outcomes
+
+
+def faulty_model(name):
+    return FaultyModel() if name == "state-transition" else get_solver(name)
