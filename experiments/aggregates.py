@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from experiments.config import REFERENCE, Config
@@ -157,27 +158,24 @@ def rows_at(path: Path, positions: Sequence[int]) -> Frame:
     start = 0
     for block in blocks(path, whole_cells=False):
         inside = [position for position in positions if start <= position < start + len(block)]
-        if inside or not start:
-            taken = block.take([position - start for position in inside]).to_pandas()
-            found |= {position: taken.iloc[[i]] for i, position in enumerate(inside)}
-            empty = taken.iloc[:0]
+        taken = block.take([position - start for position in inside]).to_pandas() if inside else None
+        found |= {position: taken.iloc[[i]] for i, position in enumerate(inside) if taken is not None}
         start += len(block)
-    if not positions:
-        return empty if start else pd.DataFrame()
+    if not found:
+        return pq.read_schema(path).empty_table().to_pandas()
     return pd.concat([found[position] for position in positions], ignore_index=True)
 
 
-def reasons(path: Path) -> Frame:
-    """Count why rows have no result, the most frequent reasons first."""
+def reasons_of(tables: Iterable[pa.Table]) -> list[tuple[str, str, str, int]]:
+    """Count why rows have no result: solver, status, reason and number, the most frequent reasons first."""
     counted: Counter[tuple[str, str, str]] = Counter()
-    for block in blocks(path, ["solver", "status", "reason"], whole_cells=False):
-        failed = block.filter(pc.invert(pc.is_in(block.column("status"), pa.array(COMPARABLE))))
+    for table in tables:
+        failed = table.filter(~pc.field("status").isin(list(COMPARABLE)))
         grouped = failed.group_by(["solver", "status", "reason"], use_threads=False)
         for row in grouped.aggregate([([], "count_all")]).to_pylist():
-            counted[row["solver"], row["status"], row["reason"]] += row["count_all"]
+            counted[row["solver"], row["status"], row["reason"] or ""] += row["count_all"]
     rows = [(*key, n) for key, n in counted.items()]
-    table = pd.DataFrame(rows, columns=["solver", "status", "reason", "n"])
-    return table.sort_values(["n", "solver", "reason"], ascending=[False, True, True], ignore_index=True)
+    return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
 
 
 def between(path: Path, config: Config) -> Frame:

@@ -7,6 +7,7 @@ import math
 import re
 import shlex
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from experiments.config import REFERENCE, Config, load_config, parse_config, sol
 from experiments.errors import InterruptedRunError, UserError
 from experiments.grid import collision_of
 from experiments.solving import answer, settings_of
+from experiments.status import status_of
 from experiments.store import RunFolder
 from experiments.summary import Summary
 from experiments.terminal import (
@@ -25,6 +27,7 @@ from experiments.terminal import (
     make_console,
     print_line,
     show_progress,
+    show_status,
     show_summary,
     side_by_side,
 )
@@ -34,7 +37,9 @@ from model.collision import Collision, Outcome
 _OPTIONS = {"stiffness_ratio_cutoff": "--cutoff"}
 
 
-def run(path: Path | None, out: Path | None, workers: int | None, resume: bool) -> None:
+def run(
+    path: Path | None, out: Path | None, workers: int | None, resume: bool, scheduler: str | None = None
+) -> None:
     """Run an experiment and write everything a run writes."""
     start = time.perf_counter()
     config = load_config(path) if path is not None else parse_config({}, "built-in experiment")
@@ -43,7 +48,9 @@ def run(path: Path | None, out: Path | None, workers: int | None, resume: bool) 
     try:
         with show_progress(console) as progress:
             progress(0, 0, _compile_notice())
-            folder = sweep.run_sweep(config, root, workers=workers, resume=resume, progress=progress)
+            folder = sweep.run_sweep(
+                config, root, workers=workers, scheduler=scheduler, resume=resume, progress=progress
+            )
     except InterruptedRunError as stopped:
         words = [
             "impact-xval",
@@ -53,11 +60,21 @@ def run(path: Path | None, out: Path | None, workers: int | None, resume: bool) 
             str(root),
             "--resume",
         ]
+        words += ["--scheduler", scheduler] if scheduler is not None else []
         error_line(f"{stopped}; finished parts are kept; to continue: {shlex.join(words)}")
         raise typer.Exit(1) from None
     summary = _write_all(folder)
     show_summary(console, summary)
     print_line(console, f"{time.perf_counter() - start:.0f} s; everything is in {folder.root}")
+
+
+def status(root: Path, *, as_json: bool) -> None:
+    """Print how far a run is."""
+    found = status_of(root)
+    if as_json:
+        print(json.dumps(asdict(found), indent=2, allow_nan=False))
+        return
+    show_status(make_console(), str(root), found)
 
 
 def table(root: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
@@ -48,15 +47,15 @@ CURVES_SCHEMA = pa.schema(
 )
 
 
-def write_curves(config: Config, folder: RunFolder, executor: Executor) -> None:
+def write_curves(config: Config, folder: RunFolder, executor: Any) -> None:
     """Solve the cells of the figures, in sandboxes, and keep their curves.
 
     Parameters
     ----------
     config : Config
     folder : RunFolder
-    executor : Executor
-        As those of `experiments.executors`.
+    executor
+        One of `experiments.executors`.
     """
     wanted = [(FIGURE_CELL, config.figure_cell, list(config.solvers))]
     wanted += [(label, cell, [REFERENCE]) for label, cell in SUPPLEMENT.items()]

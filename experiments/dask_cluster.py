@@ -38,6 +38,9 @@ _KNOWN = 5.0
 class SandboxPlugin(WorkerPlugin):
     """Gives every thread of a worker a sandbox, while a run goes on."""
 
+    sandboxes: list[Sandbox]
+    idle: queue.SimpleQueue[Sandbox]
+
     def __init__(self, name: str, make_sandbox: Callable[[], Sandbox]) -> None:
         self.name = name
         self._make_sandbox = make_sandbox
@@ -45,7 +48,7 @@ class SandboxPlugin(WorkerPlugin):
     def setup(self, worker: Any) -> None:
         """Make the sandboxes; their processes are started when they are first needed."""
         self.sandboxes = [self._make_sandbox() for _ in range(worker.state.nthreads)]
-        self.idle: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
+        self.idle = queue.SimpleQueue()
         for sandbox in self.sandboxes:
             self.idle.put(sandbox)
 
@@ -56,7 +59,7 @@ class SandboxPlugin(WorkerPlugin):
 
 
 def _on_worker(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    plugin = get_worker().plugins[name]
+    plugin: Any = get_worker().plugins[name]
     sandbox = plugin.idle.get()
     try:
         return function(sandbox, *arguments)
@@ -67,7 +70,7 @@ def _on_worker(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
 class DaskExecutor(Executor):
     """Submitted calls go to the workers of a cluster, as ``function(sandbox, *arguments)``."""
 
-    def __init__(self, client: Client, name: str) -> None:
+    def __init__(self, client: Any, name: str) -> None:
         self._client, self._name = client, name
         self._executor = client.get_executor(pure=False)
         self._workers, self._asked = 0, -_KNOWN
@@ -135,12 +138,12 @@ def dask_executor(
 
 
 @contextmanager
-def _client(scheduler: str, workers: int) -> Iterator[Client]:
+def _client(scheduler: str, workers: int) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
     if scheduler == LOCAL:
         settings = {"distributed.scheduler.allowed-failures": 20}
         with (
             dask_config.set(settings),
-            LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
+            LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address="") as cluster,
             Client(cluster) as client,
         ):
             yield client
@@ -159,14 +162,14 @@ def _client(scheduler: str, workers: int) -> Iterator[Client]:
         client.close(timeout=2)
 
 
-def _wait_for_worker(client: Client, say: Callable[[str], None]) -> None:
+def _wait_for_worker(client: Any, say: Callable[[str], None]) -> None:
     try:
         client.wait_for_workers(1, timeout=_PATIENCE)
     except TimeoutError:
         say(f"no worker has come yet; start some: dask worker {client.scheduler.address} --nthreads 1")
 
 
-def _forget(client: Client, name: str) -> None:
+def _forget(client: Any, name: str) -> None:
     """End the sandboxes on the workers; a cluster that is gone needs none of it."""
     try:
         client.sync(client.unregister_worker_plugin, name, callback_timeout=3)

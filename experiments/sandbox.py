@@ -19,7 +19,7 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 #: Called by work in the sandbox, with a word for what comes next; the patience of the caller starts anew.
 Beat = Callable[[str], None]
@@ -40,17 +40,17 @@ class FaultError(Exception):
 
     Attributes
     ----------
-    status : str
-        ``crashed`` or ``timeout``.
+    status : {"crashed", "timeout"}
     at : str
         The last word it said before (`Beat`), "" if none.
     reason : str
         One sentence; the same whenever the same happens.
     """
 
-    def __init__(self, status: str, at: str, reason: str) -> None:
+    def __init__(self, status: Literal["crashed", "timeout"], at: str, reason: str) -> None:
         super().__init__(reason)
-        self.status, self.at, self.reason = status, at, reason
+        self.status: Literal["crashed", "timeout"] = status
+        self.at, self.reason = at, reason
 
 
 class ClosedError(Exception):
@@ -127,8 +127,7 @@ class Sandbox:
         self._closed = True
         process = self._process
         if process is not None:
-            process.kill()
-            process.wait()
+            _kill(process)
 
     def _launch(self) -> None:
         if self._closed:
@@ -187,19 +186,22 @@ class Sandbox:
             raise ClosedError
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(grace)
-        process.kill()
         self._process = None
-        code = process.wait()
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                with contextlib.suppress(OSError):
-                    pipe.close()
-        return code
+        return _kill(process)
+
+
+def _kill(process: subprocess.Popen[bytes]) -> int:
+    process.kill()
+    code = process.wait()
+    if process.stdin is not None:
+        with contextlib.suppress(OSError):
+            process.stdin.close()
+    return code
 
 
 def _read(pipe: BinaryIO, messages: queue.SimpleQueue[tuple[str, Any] | None]) -> None:
     """Pass on what the process says, and None when it is gone, however it went."""
-    with contextlib.suppress(Exception):
+    with pipe, contextlib.suppress(Exception):
         while True:
             messages.put(pickle.load(pipe))
     messages.put(None)

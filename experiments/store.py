@@ -32,7 +32,7 @@ FORMAT = "impact-xval run, format 1"
 MANIFEST = "manifest.json"
 TABLES = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet")
 
-_PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
+PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -88,7 +88,7 @@ class RunFolder:
         for path in sorted(self.parts.iterdir()) if self.parts.is_dir() else []:
             if is_temporary(path.name):
                 path.unlink()
-            match = _PART.fullmatch(path.name)
+            match = PART.fullmatch(path.name)
             if match is None:
                 continue
             number, identity, digest = int(match[1]), match[2], match[3]

@@ -165,7 +165,10 @@ def codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
     """Read one column of text as the position of each entry among some values; -1 where it is none of them."""
     known = pa.array(values, pa.string())
     pieces = [
-        pc.fill_null(pc.index_in(block.column(0), known), -1).to_numpy().astype(np.int8)
+        pc.call_function("index_in", [block.column(0)], pc.SetLookupOptions(known))
+        .fill_null(-1)
+        .to_numpy()
+        .astype(np.int8)
         for block in blocks(path, [name], whole_cells=False)
     ]
     return np.concatenate(pieces) if pieces else np.empty(0, np.int8)

@@ -18,7 +18,7 @@ from experiments.aggregates import (
     Compared,
     Frame,
     between,
-    reasons,
+    reasons_of,
     statistics,
     worst_rows,
 )
@@ -26,7 +26,7 @@ from experiments.config import REFERENCE, Config
 from experiments.levels import Levels
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
-from experiments.streams import codes, column
+from experiments.streams import blocks, codes, column
 
 __all__ = ["AXES", "FULL_PATHS", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
 
@@ -117,7 +117,10 @@ def summarise(folder: RunFolder) -> Summary:
         statistics=statistics(table, tuple(SUMMARISED), _SHARES),
         worst=worst_rows(table, _WORST),
         statuses=_statuses(folder, config),
-        reasons=reasons(cells),
+        reasons=pd.DataFrame(
+            reasons_of(blocks(cells, ["solver", "status", "reason"], whole_cells=False)),
+            columns=["solver", "status", "reason", "n"],
+        ),
         between=between(cells, config),
         n_cells=len(margins),
         n_grazing=int((margins < config.grazing_threshold).sum()),

@@ -266,6 +266,7 @@ def _manifest(plan: Plan, history: list[Any]) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "state": "running",
+        "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
         "name": plan.config.name,
         "cells": len(plan.cells),
         "chunks": len(plan.identities),
