@@ -15,7 +15,7 @@ import typer
 
 from compliant_baselines import get_solver, solver_names
 from experiments import sweep
-from experiments.config import REFERENCE, Config, load_config, parse_config, solvers_problem
+from experiments.config import REFERENCE, Config, from_canonical, load_config, parse_config, solvers_problem
 from experiments.errors import InterruptedRunError, UserError
 from experiments.grid import collision_of
 from experiments.solving import answer, settings_of
@@ -26,6 +26,7 @@ from experiments.terminal import (
     error_line,
     make_console,
     print_line,
+    show_found,
     show_progress,
     show_status,
     show_summary,
@@ -66,6 +67,46 @@ def run(
     summary = _write_all(folder)
     show_summary(console, summary)
     print_line(console, f"{time.perf_counter() - start:.0f} s; everything is in {folder.root}")
+
+
+def search(
+    path: Path | None,
+    out: Path | None,
+    solver: str | None,
+    workers: int | None,
+    resume: bool,
+    scheduler: str | None,
+) -> None:
+    """Search a box for the worst divergence and show it."""
+    from experiments.search import search_worst
+
+    config = load_config(path) if path is not None else parse_config({}, "built-in search")
+    config = _with_search_solver(config, solver)
+    root = out if out is not None else Path("runs") / f"{_slug(config.name)}-search"
+    console = make_console()
+    try:
+        with show_progress(console) as progress:
+            progress(0, 0, _compile_notice())
+            found = search_worst(
+                config, root, workers=workers, scheduler=scheduler, resume=resume, progress=progress
+            )
+    except InterruptedRunError as stopped:
+        words = ["impact-xval", "search", *([str(path)] if path is not None else []), "--out", str(root)]
+        words += ["--solver", solver] if solver is not None else []
+        words += ["--scheduler", scheduler] if scheduler is not None else []
+        error_line(
+            f"{stopped}; finished generations are kept; to continue: {shlex.join([*words, '--resume'])}"
+        )
+        raise typer.Exit(1) from None
+    show_found(console, found)
+    print_line(console, f"evaluations.parquet, worst.csv and search.png are in {root}")
+
+
+def _with_search_solver(config: Config, solver: str | None) -> Config:
+    table = config.search.model_dump() if config.search is not None else {}
+    if solver is not None:
+        table["solver"] = solver
+    return from_canonical(config.canonical() | {"search": table}, "--solver")
 
 
 def status(root: Path, *, as_json: bool) -> None:

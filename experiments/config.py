@@ -253,15 +253,7 @@ def parse_config(
 
 def from_canonical(plain: dict[str, Any], where: str) -> Config:
     """Undo `Config.canonical`."""
-
-    def revive(value: object, key: str = "") -> Any:
-        if isinstance(value, dict):
-            return {name: revive(entry, name) for name, entry in value.items()}
-        if isinstance(value, list):
-            return [revive(entry, key) for entry in value]
-        return math.inf if value == "inf" and key != "name" else value
-
-    return parse_config(revive(plain), where)
+    return parse_config(_revive(plain), where)
 
 
 def _one_line(problem: Any, name: Callable[[Sequence[str]], str]) -> str:
@@ -287,6 +279,15 @@ def _one_line(problem: Any, name: Callable[[Sequence[str]], str]) -> str:
         text = str(problem["ctx"]["error"])
         return f"{field} = {text}" if location and field != "grid" else f"{field}: {text}".removeprefix(": ")
     return f"{field} = {value}; legal: {legal}" if location else f"{value}: {problem['msg']}"
+
+
+def _revive(value: object, key: str = "") -> Any:
+    """Undo `_plain`."""
+    if isinstance(value, dict):
+        return {name: _revive(entry, name) for name, entry in value.items()}
+    if isinstance(value, list):
+        return [_revive(entry, key) for entry in value]
+    return math.inf if value == "inf" and key not in ("name", "cells") else value
 
 
 def _fields(annotation: Any) -> dict[str, Any]:

@@ -49,18 +49,21 @@ def draw(sample: Sample) -> NDArray[np.float64]:
     ndarray, shape (n, 4)
         Stiffness ratio, mass ratio, e1, e2; the same for the same seed.
     """
+    d = len(sample.free())
+    return sample.place(unit_points(sample.method, sample.n, d, sample.seed))
+
+
+def unit_points(method: str, n: int, d: int, seed: int) -> NDArray[np.float64]:
+    """Draw n points of the unit cube of d dimensions, shape (n, d)."""
     from scipy.stats import qmc
 
-    d = len(sample.free())
     if d == 0:
-        return sample.place(np.empty((sample.n, 0)))
-    if sample.method == "sobol":
-        points = qmc.Sobol(d, rng=sample.seed).random_base2(math.ceil(math.log2(sample.n)))[: sample.n]
-    elif sample.method == "latin-hypercube":
-        points = qmc.LatinHypercube(d, rng=sample.seed).random(sample.n)
-    else:
-        points = np.random.default_rng(sample.seed).random((sample.n, d))
-    return sample.place(points)
+        return np.empty((n, 0))
+    if method == "sobol":
+        return qmc.Sobol(d, rng=seed).random_base2(math.ceil(math.log2(n)))[:n]
+    if method == "latin-hypercube":
+        return qmc.LatinHypercube(d, rng=seed).random(n)
+    return np.random.default_rng(seed).random((n, d))
 
 
 def read_cells(path: Path) -> NDArray[np.float64]:

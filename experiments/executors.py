@@ -7,6 +7,7 @@ There are two: processes on this machine (`local_executor`), and the workers of 
 
 from __future__ import annotations
 
+import functools
 import os
 import queue
 from collections.abc import Callable, Iterable, Iterator
@@ -14,7 +15,9 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from experiments.errors import UserError
 from experiments.sandbox import Sandbox
+from experiments.solving import Job, prepare
 
 _Answer = TypeVar("_Answer")
 
@@ -97,6 +100,43 @@ def local_executor(make_sandbox: Callable[[], Sandbox], workers: int) -> Iterato
         executor.shutdown(cancel_futures=True)
         raise
     executor.shutdown()
+
+
+@contextmanager
+def open_executor(
+    job: Job, workers: int, scheduler: str | None, say: Callable[[str], None], *, isolate: bool = True
+) -> Iterator[Any]:
+    """Give the executor that is asked for; all it started is gone when the block ends.
+
+    Parameters
+    ----------
+    job : Job
+        Told to every sandbox.
+    workers : int
+        Processes on this machine.
+    scheduler : str or None
+        Address of a Dask scheduler, or ``local``; None for processes without Dask.
+    say : callable
+        Told a line about a cluster.
+    isolate : bool
+        False for `DirectExecutor`.
+    """
+    if not isolate:
+        yield DirectExecutor(job)
+        return
+    make_sandbox = functools.partial(Sandbox, job, prepare)
+    if scheduler is None:
+        with local_executor(make_sandbox, workers) as executor:
+            yield executor
+        return
+    try:
+        from experiments.dask_cluster import dask_executor
+    except ImportError as error:
+        raise UserError(
+            f"--scheduler {scheduler}: needs Dask ({error}); run pip install 'impact-xval[cluster]'"
+        ) from None
+    with dask_executor(make_sandbox, scheduler, workers, say) as executor:
+        yield executor
 
 
 def in_flight(

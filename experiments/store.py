@@ -48,9 +48,17 @@ def write_json(path: Path, value: Any) -> None:
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """The folder of a run."""
+    """The folder of a run.
+
+    Attributes
+    ----------
+    root : Path
+    format : str
+        What its manifest must say it is.
+    """
 
     root: Path
+    format: str = FORMAT
 
     @property
     def parts(self) -> Path:
@@ -66,6 +74,14 @@ class RunFolder:
         with replacing(path, sync=False) as temporary:
             temporary.write_bytes(data)
         return path
+
+    def find_part(self, number: int, identity: str) -> Path | None:
+        """Find one part that is whole, by what it is."""
+        for path in sorted(self.parts.glob(f"{number:06d}-{identity}-*.parquet")):
+            match = PART.fullmatch(path.name)
+            if match is not None and _problem(path, match[3]) == "":
+                return path
+        return None
 
     def find_parts(self, identities: Iterable[str]) -> tuple[dict[int, Path], list[str]]:
         """Find the parts that are whole and belong to this run; remove the others.
@@ -145,8 +161,8 @@ class RunFolder:
             raise UserError(f"{path}: cannot be read: {error.strerror}") from None
         except (ValueError, RecursionError):
             raise UserError(f"{path}: damaged, not JSON; legal: the manifest of a run") from None
-        if not isinstance(value, dict) or value.get("format") != FORMAT:
-            raise UserError(f"{path}: not the manifest of a run ({FORMAT})")
+        if not isinstance(value, dict) or value.get("format") != self.format:
+            raise UserError(f"{path}: not the manifest of a run ({self.format})")
         return value
 
     def config(self) -> Config:
@@ -204,7 +220,7 @@ def count_statuses(tables: Iterable[pa.Table]) -> dict[str, dict[str, int]]:
     return counts
 
 
-def open_folder(root: Path, *, resume: bool) -> tuple[RunFolder, bool]:
+def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunFolder, bool]:
     """Check that a run may write to a folder, and create it.
 
     Parameters
@@ -213,6 +229,8 @@ def open_folder(root: Path, *, resume: bool) -> tuple[RunFolder, bool]:
         The folder.
     resume : bool
         Whether a run that is there may be continued.
+    format : str
+        What the manifest of such a run says it is.
 
     Returns
     -------
@@ -225,7 +243,7 @@ def open_folder(root: Path, *, resume: bool) -> tuple[RunFolder, bool]:
     UserError
         If the folder holds something else, holds a run and `resume` is false, or cannot be written to.
     """
-    folder = RunFolder(root)
+    folder = RunFolder(root, format)
     existed = root.exists()
     try:
         entries = sorted(entry.name for entry in root.iterdir()) if existed else []

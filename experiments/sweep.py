@@ -22,13 +22,13 @@ from experiments.config import REFERENCE, Config
 from experiments.curves import write_curves
 from experiments.designs import cells_of
 from experiments.errors import InterruptedRunError, UserError
-from experiments.executors import DirectExecutor, available_cores, in_flight, local_executor
+from experiments.executors import available_cores, in_flight, open_executor
 from experiments.grid import Cells
 from experiments.isolation import Report, Task, run_task
 from experiments.lock import holding, running
-from experiments.sandbox import ClosedError, Sandbox
+from experiments.sandbox import ClosedError
 from experiments.schema import COLUMNS
-from experiments.solving import Job, Resolve, prepare, solver_versions
+from experiments.solving import Job, Resolve, solver_versions
 from experiments.store import FORMAT, MANIFEST, RunFolder, open_folder, write_json
 
 #: Told how many cells are done, of how many, and a line worth saying ("" if none).
@@ -112,10 +112,14 @@ def run_sweep(
         )
     cells = cells_of(config)
     folder, continued = open_folder(root, resume=resume)
-    with _clearly(folder), holding(root) as line:
+    with clearly(folder), holding(root) as line:
         progress(0, 0, line)
-        run = _Run(config, cells, folder, continued, workers or config.workers or available_cores())
-        with run.executor(scheduler, isolate, resolve, progress) as executor:
+        workers = workers or config.workers or available_cores()
+        run = _Run(config, cells, folder, continued, workers, scheduler or "this machine")
+        say = functools.partial(progress, 0, 0)
+        with open_executor(
+            Job(config, resolve), min(workers, cells.chunks()), scheduler, say, isolate=isolate
+        ) as executor:
             run.solve(executor, Plan.of(config, cells, resolve), progress)
         run.finish()
     return folder
@@ -125,7 +129,7 @@ class _Run:
     """A session of a run: what it was asked, and what it has done."""
 
     def __init__(
-        self, config: Config, cells: Cells, folder: RunFolder, continued: bool, workers: int
+        self, config: Config, cells: Cells, folder: RunFolder, continued: bool, workers: int, where: str
     ) -> None:
         self.config, self.cells, self.folder, self.workers = config, cells, folder, workers
         self.started = self.stamp = time.perf_counter()
@@ -135,29 +139,10 @@ class _Run:
         self.history: list[Any] = folder.manifest().get("sessions", []) if continued else []
         self.parts: dict[int, Path] = {}
         self.reused = 0
-        self.where = "processes"
+        self.where = where
         self.stages: dict[str, float] = {}
         self.seconds: Counter[str] = Counter()
         self.faults = 0
-
-    @contextlib.contextmanager
-    def executor(
-        self, scheduler: str | None, isolate: bool, resolve: Resolve, progress: Progress
-    ) -> Iterator[Any]:
-        job = Job(self.config, resolve)
-        if scheduler is not None:
-            from experiments.dask_cluster import dask_executor  # only there if it was asked for
-
-            self.where = f"Dask at {scheduler}"
-            make = functools.partial(Sandbox, job, prepare)
-            with dask_executor(make, scheduler, self.workers, lambda line: progress(0, 0, line)) as executor:
-                yield executor
-        elif isolate:
-            workers = min(self.workers, self.cells.chunks())
-            with local_executor(functools.partial(Sandbox, job, prepare), workers) as executor:
-                yield executor
-        else:
-            yield DirectExecutor(job)
 
     def solve(self, executor: Any, plan: Plan, progress: Progress) -> None:
         """Compute the parts that are not there, and the curves."""
@@ -233,7 +218,7 @@ class _Run:
 
 
 @contextlib.contextmanager
-def _clearly(folder: RunFolder) -> Iterator[None]:
+def clearly(folder: RunFolder) -> Iterator[None]:
     """Turn what can end a run from outside into one line."""
     try:
         yield

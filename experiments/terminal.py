@@ -22,8 +22,9 @@ from rich.text import Text
 from experiments.divergence import COMPARABLE, divergence
 from experiments.document import Table
 from experiments.findings import findings, grazing_table, number, overall_table, status_table
+from experiments.search import Found
 from experiments.status import RunStatus
-from experiments.summary import Summary
+from experiments.summary import AXES, SUMMARISED, Summary
 from model.collision import Collision, Outcome
 
 #: Reasons that `show_status` prints.
@@ -103,6 +104,47 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
         print_line(
             console, f"to continue: impact-xval run --out {root} --resume, with the same configuration"
         )
+
+
+def show_found(console: Console, found: Found) -> None:
+    """Print what a search found."""
+    measure = found.search.measure
+    print_line(
+        console,
+        f"{found.search.solver}: {found.evaluated} cells evaluated; {found.grazing} beside a jump of the model and "
+        f"{found.failed} without a result do not count",
+    )
+    if not found.rows:
+        print_line(console, "no cell counts: nothing was found")
+        return
+    header = ("cell", *AXES.values(), SUMMARISED[measure], "model's path", "solver's path")
+    rows = [
+        (
+            str(row["cell"]),
+            *(f"{row[axis]:.6g}" for axis in AXES),
+            number(abs(row[measure]), 6),
+            _short_path(row["model_states"]),
+            _short_path(row["states"]),
+        )
+        for row in found.rows
+    ]
+    console.print(_rich(Table("", header, rows, text_columns=0)))
+    steps = ", ".join(
+        f"{number(entry['value'], 6) if entry['value'] is not None else entry['status']} at "
+        f"{number(entry['step_fraction'])}"
+        for entry in found.confirmed
+    )
+    print_line(console, f"the worst again, by step over the contact period: {steps}")
+
+
+def _short_path(states: str | None) -> str:
+    """Cut a long state path in its middle."""
+    names = (states or "-").split()
+    return (
+        " ".join(names)
+        if len(names) <= 8
+        else " ".join([*names[:4], f"({len(names) - 6} more)", *names[-2:]])
+    )
 
 
 def _duration(seconds: float) -> str:
