@@ -17,6 +17,7 @@ import signal
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
@@ -155,6 +156,8 @@ class Sandbox:
             self._process.stdin.flush()
 
     def _ask(self, function: Callable[..., Any], arguments: tuple, patience: float) -> Any:
+        if self._closed:
+            raise ClosedError
         self._send((function, arguments, patience))
         at = ""
         while True:
@@ -248,9 +251,9 @@ def serve() -> None:
             _watch(patience)
             answer = function(context, *arguments, beat=beat)
         except Exception:
-            import traceback
-
             say("error", traceback.format_exc())
+        except SystemExit as end:  # at once: an orderly end would wait for the thread that listens
+            os._exit(end.code if isinstance(end.code, int) else 1)
         else:
             say("done", answer)
         _watch(0)

@@ -37,8 +37,10 @@ def write_figure(folder: RunFolder, config: Config, found: Found) -> None:
         for ax, axis in zip(axes[1:], free, strict=True):
             if "log" in search.ranges()[axis]:  # type: ignore[operator]
                 ax.set_xscale("log")
+            ax.set_xlim(*search.ends()[axis])
             if found.rows:
-                ax.plot(found.rows[0][axis], abs(found.rows[0][search.measure]), "r*", markersize=10)
+                worst = found.rows[0]
+                ax.plot(worst[axis], abs(worst[search.measure]), "r*", markersize=10, clip_on=False)
             ax.set_xlabel(AXES[axis])
         figure.colorbar(points[0], ax=list(axes), label="generation")
         for extension in ("png", "pdf"):
