@@ -33,9 +33,9 @@ from experiments.grid import CellList, GridCell
 from experiments.isolation import Task, run_task
 from experiments.lock import holding
 from experiments.sandbox import Beat, FaultError, Sandbox
-from experiments.schema import COLUMNS, DIVERGENCE_SCHEMA, ROW_SCHEMA
+from experiments.schema import COLUMNS, DIVERGENCE_SCHEMA
 from experiments.solving import Job, Resolve, solve_cells, solver_versions
-from experiments.store import MANIFEST, RunFolder, open_folder, part_bytes, write_json, write_text
+from experiments.store import MANIFEST, RunFolder, open_folder, part_bytes, read_part, write_json, write_text
 from experiments.streams import table_writer
 from experiments.sweep import Progress, clearly
 
@@ -179,7 +179,7 @@ class _Work:
         part = self._folder.find_part(self._generation, identity)
         if part is None:
             part = self._folder.write_part(self._generation, identity, self._solve(cells))
-        table = pq.read_table(part, schema=ROW_SCHEMA).filter(pc.field("solver") != REFERENCE)
+        table = read_part(part).filter(pc.field("solver") != REFERENCE)
         self.parts.append(part)
         self.cells.append(ratios)
         self.values.append(self._counted(table))
@@ -200,7 +200,7 @@ class _Work:
             lambda: max(2, 2 * self._executor.workers),
         )
         done = {report.number: report.data for report in reports}
-        tables = [pq.read_table(pa.BufferReader(done[n]), schema=ROW_SCHEMA) for n in sorted(done)]
+        tables = [read_part(done[n]) for n in sorted(done)]
         return part_bytes(pa.concat_tables(tables))
 
     def _counted(self, table: pa.Table) -> NDArray[np.float64]:
@@ -213,7 +213,7 @@ class _Work:
         """Write the table of evaluations, and say what is in it."""
         with table_writer(self._folder.root / EVALUATIONS, DIVERGENCE_SCHEMA) as table:
             for part in self.parts:
-                rows = pq.read_table(part, schema=ROW_SCHEMA)
+                rows = read_part(part)
                 table.add(rows.filter(pc.field("solver") != REFERENCE))
         everything = pq.read_table(self._folder.root / EVALUATIONS)
         values = np.concatenate(self.values)

@@ -75,6 +75,14 @@ class RunFolder:
             temporary.write_bytes(data)
         return path
 
+    def discard(self) -> None:
+        """Remove the folder if nothing was kept in it: what was asked for was refused."""
+        names = {path.name for path in self.root.iterdir()}
+        if names <= {"parts", LOCK} and not any(self.parts.iterdir()):
+            (self.root / LOCK).unlink(missing_ok=True)
+            self.parts.rmdir()
+            self.root.rmdir()
+
     def find_part(self, number: int, identity: str) -> Path | None:
         """Find one part that is whole, by what it is."""
         for path in sorted(self.parts.glob(f"{number:06d}-{identity}-*.parquet")):
@@ -130,7 +138,7 @@ class RunFolder:
             pacsv.CSVWriter(str(text), DIVERGENCE_SCHEMA) as csv,
         ):
             for number in sorted(parts):
-                rows = pq.read_table(parts[number], schema=ROW_SCHEMA)
+                rows = read_part(parts[number])
                 cells.add(rows)
                 compared = rows.filter(pc.field("solver") != REFERENCE)
                 divergence.add(compared)
@@ -203,10 +211,28 @@ class RunFolder:
 
 
 def part_bytes(rows: pa.Table) -> bytes:
-    """Return the rows of a chunk as the content of a part."""
+    """Return the rows of a chunk as the content of a part, without what is the same in every part."""
+    bare = pa.schema([pa.field(field.name, field.type) for field in rows.schema])
     sink = pa.BufferOutputStream()
-    pq.write_table(rows.combine_chunks(), sink, compression="zstd")
+    pq.write_table(
+        rows.combine_chunks().cast(bare), sink, compression="zstd", write_statistics=False, store_schema=False
+    )
     return sink.getvalue().to_pybytes()
+
+
+def read_part(source: Path | bytes) -> pa.Table:
+    """Read the rows of a part, from its file or its content.
+
+    Raises
+    ------
+    UserError
+        If it does not hold the rows of a chunk, whatever its name says.
+    """
+    try:
+        with pq.ParquetFile(pa.BufferReader(source) if isinstance(source, bytes) else source) as file:
+            return file.read().cast(ROW_SCHEMA)
+    except (pa.ArrowException, ValueError):
+        raise UserError(f"{source!s:.200}: not a part of a run; legal: remove it, and --resume") from None
 
 
 def count_statuses(tables: Iterable[pa.Table]) -> dict[str, dict[str, int]]:

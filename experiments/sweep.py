@@ -222,6 +222,10 @@ def clearly(folder: RunFolder) -> Iterator[None]:
     """Turn what can end a run from outside into one line."""
     try:
         yield
+    except UserError:
+        with contextlib.suppress(OSError):
+            folder.discard()
+        raise
     except (KeyboardInterrupt, ClosedError):
         raise InterruptedRunError("interrupted") from None
     except OSError as error:

@@ -13,6 +13,7 @@ from experiments.designs import cells_of
 from experiments.errors import InterruptedRunError, UserError
 from experiments.search import search_worst
 from model import solve
+from tests.experiments import fakes
 from tests.experiments.fakes import Shifted
 
 PEAK = (0.03, 1.3, 0.62, 0.88)
@@ -46,7 +47,7 @@ def _config(**search):
             "name": "peak",
             "scenario": "impact",
             "grazing_threshold": 0.0,
-            "search": {"population": 24, "generations": 40, **search},
+            "search": {"population": 24, "generations": 25, **search},
         }
     )
 
@@ -60,7 +61,7 @@ def test_it_finds_a_known_maximum(tmp_path):
     assert worst["e1"] == pytest.approx(PEAK[2], abs=0.02)
     assert worst["e2"] == pytest.approx(PEAK[3], abs=0.02)
     assert found.best == sorted(found.best)
-    assert found.evaluated == pq.read_table(tmp_path / "a/evaluations.parquet").num_rows == 24 * 41
+    assert found.evaluated == pq.read_table(tmp_path / "a/evaluations.parquet").num_rows == 24 * 26
     assert [entry["status"] for entry in found.confirmed] == ["ok"] * 3
     # What it lists is a list of cells that a run takes.
     (tmp_path / "c.toml").write_text("cells = 'a/worst.csv'")
@@ -96,10 +97,15 @@ def test_grazing_cells_do_not_count(tmp_path):
     )
     assert found.grazing > 0
     assert all(row["model_grazing_margin"] >= 0.1 for row in found.rows)
-    nothing = search_worst(
-        config.model_copy(update={"grazing_threshold": 1.0}), tmp_path / "b", isolate=False, resolve=peaked
+
+
+def test_a_solver_without_results_is_an_empty_search(tmp_path):
+    found = search_worst(
+        _config(solver="pybullet", generations=2), tmp_path / "a", isolate=False, resolve=fakes.shifted
     )
-    assert nothing.grazing + nothing.failed < nothing.evaluated or not nothing.rows
+    assert (found.evaluated, found.failed, found.rows, found.confirmed) == (72, 72, [], [])
+    assert (tmp_path / "a/worst.csv").read_text() == "stiffness_ratio,mass_ratio,e1,e2\n"
+    assert (tmp_path / "a/search.png").exists()
 
 
 def test_mistakes_are_one_line(tmp_path, capsys):
