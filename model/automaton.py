@@ -9,6 +9,12 @@ The impact law is energetic restitution with stiffening. At an end of compressio
 k_i <- k_i/e_i^2, so that the force F_i = sqrt(2 k_i E_i) is continuous; a restart of compression keeps the stiffness;
 a contact that ends restitution keeps it for its return, which begins in compression with E_i = 0.
 
+Another law differs in repeated compressions only, and is kept beside it for comparison: that of Liu, Zhao and
+Brogliato (Proc. R. Soc. A 464:3193, 2008), under which every compression runs at the original stiffness. Their
+F = sqrt(2 k E) holds at all times, with dE = V dP in compression and V dP/e^2 in restitution; in the terms used here a
+restart of compression takes back what the end of compression did, E_i <- E_i/e_i^2 and k_i <- e_i^2 k_i, and a return
+begins at the original k_i.
+
 `collide` is the whole model for one collision in the scaled units of `model.motion` (m1 = 1, v0 = -1, k1 = 1). It is
 compiled once and called by `model.solve` and `model.solve_batch` alike.
 """
@@ -35,19 +41,33 @@ S1, S2, S3, S4 = 1, 2, 3, 4
 # What ended a stretch, as bits.
 RATE1, RATE2, SPENT1, SPENT2, RETURN1, RETURN2 = 1, 2, 4, 8, 16, 32
 
+# What a repeated compression runs at: the stiffness that the ends of compression left (Jia, Mason and Erdmann), or the
+# original one (Liu, Zhao and Brogliato).
+STIFFENING, ORIGINAL = 0, 1
+
 # How a collision ended.
-DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS = 0, 1, 2, 3
+DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE = 0, 1, 2, 3, 4
 
 #: Columns of a log row, one row a stretch: the state at its start, then its duration (of S1; those of S2 and S3 follow
 #: from their closed forms), what ended it, and whether a closed-form limit governs it.
 LOG_COLUMNS = ("state", "phase1", "phase2", "d1", "v2", "E1", "E2", "k1", "k2", "duration", "cause", "limit")
+
+#: Under the law of the original stiffness some collisions repeat one cycle of states for ever, on a fixed share of the
+#: energy each time. With this share of the first left, the bodies are taken to be at rest.
+COLLAPSED = 1e-30
 
 #: A running stiffness ratio beyond this, or below its inverse, cannot be told from infinity in double precision.
 PRECISION_RATIO = 1e30
 
 
 @compiled
-def collide(kappa, mu, e1, e2, cutoff, max_events, log):
+def restarted(k, E, e, loss):
+    """Stiffness, energy and loss when compression restarts at the original stiffness k; the force is continuous."""
+    return k, E / (e * e), loss - (1 / (e * e) - 1) * E
+
+
+@compiled
+def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
     """Follow one collision through the diagram.
 
     Parameters
@@ -60,6 +80,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
         The running stiffness ratio is taken for infinite above it and for zero below its inverse.
     max_events : int
         Events after which the collision is given up.
+    law : int
+        `STIFFENING` or `ORIGINAL`.
     log : ndarray, shape (n, 12)
         Filled with one row a stretch (`LOG_COLUMNS`) and one for the end, as far as it goes; may have no rows.
 
@@ -68,7 +90,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
     v1, v2 : float
         Final velocities.
     code : int
-        `DONE`, `LIMIT`, `PRECISION_LIMIT` or `TOO_MANY_EVENTS`.
+        `DONE`, `LIMIT`, `PRECISION_LIMIT`, `TOO_MANY_EVENTS` or `COLLAPSE`.
     n_states, n_events, n_stretches : int
         The states count S4.
     margin : float
@@ -83,17 +105,21 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
     state, phase1, phase2 = S1, COMPRESSION, COMPRESSION
     d1, v2, E1, E2 = 1.0, 0.0, 0.0, 0.0
     k1, k2 = 1.0, kappa
+    F1 = F2 = 0.0  # sqrt(2 k E), kept in S1
     rigid1, rigid2, stuck = False, False, False
     code = DONE
     n_states, n_events, n, steps = 1, 0, 0, 0
     margin, loss = inf, 0.0
     highest = min(cutoff, PRECISION_RATIO)
     modes_k1 = modes_k2 = -1.0
-    omega = phi1 = phi2 = delta = sigma = (0.0, 0.0)
+    omega = phi1 = sigma = delta = phi2 = force1 = force2 = (0.0, 0.0)
 
     while state != S4:
         if n_events > max_events:
             code = TOO_MANY_EVENTS
+            break
+        if law == ORIGINAL and 2 * (E1 + E2) + (v2 - d1) * (v2 - d1) + mu * v2 * v2 < COLLAPSED:
+            d1, v2, state, code, loss = 0.0, 0.0, S4, COLLAPSE, 0.5
             break
         row, before = n, state
         n += 1
@@ -115,6 +141,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
                     loss += (1 - e1 * e1) * (E1 + 0.5 * M * d1 * d1)
                 d1, v2 = complete_ball_ball(mu, d1, v2, E1, e1, phase1 == COMPRESSION)
                 if v2 < 0:
+                    if phase2 == RESTITUTION and law == ORIGINAL:
+                        k2, E2, loss = restarted(kappa, E2, e2, loss)
                     phase2 = COMPRESSION
                 state, phase1, E1, cause = S2, INACTIVE, 0.0, SPENT1
             else:
@@ -132,6 +160,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
                 v2 = complete_ball_table(mu, v2, E2, e2, phase2 == COMPRESSION)
                 d1 += v2
                 if d1 > 0:
+                    if phase1 == RESTITUTION and law == ORIGINAL:
+                        k1, E1, loss = restarted(1.0, E1, e1, loss)
                     phase1 = COMPRESSION
                 state, phase2, E2, cause = S3, INACTIVE, 0.0, SPENT2
             else:
@@ -141,13 +171,12 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
                 state, E1, E2, cause = S4, 0.0, 0.0, SPENT1 | SPENT2
 
         elif state == S1:
-            F1, F2 = sqrt(2 * k1 * E1), sqrt(2 * k2 * E2)
             if k1 != modes_k1 or k2 != modes_k2:
-                omega, phi1, phi2, delta, sigma = modes(mu, k1, k2)
+                omega, phi1, sigma, delta, phi2, force1, force2 = modes(mu, k1, k2)
                 modes_k1, modes_k2 = k1, k2
-            a, b = amplitudes(d1, v2, F1, F2, omega, phi1, phi2, delta, sigma)
+            a, b = amplitudes(d1, v2, F1 / k1, F2 / k2, phi1, sigma, force1, force2)
             signs = (1.0 if phase1 == COMPRESSION else -1.0, -1.0 if phase2 == COMPRESSION else 1.0)
-            duration, fired, at_event, nearest, windows = first_event(
+            duration, fired, at_event, margin, windows = first_event(
                 mu,
                 k1,
                 k2,
@@ -155,14 +184,14 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
                 signs,
                 (phase1 == RESTITUTION, phase2 == RESTITUTION),
                 (1 - e1 * e1, 1 - e2 * e2),
-                (phi1, phi2, delta, sigma),
+                (delta, phi2, force1, force2),
                 omega,
                 a,
                 b,
+                margin,
             )
             d1, v2, F1, F2 = at_event
             steps += windows
-            margin = min(margin, nearest)
             E1, E2 = 0.5 * F1 * F1 / k1, 0.5 * F2 * F2 / k2
             if fired[0]:
                 d1, cause, n_events = 0.0, cause | RATE1, n_events + 1
@@ -175,6 +204,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
                     )
                 else:
                     phase1 = COMPRESSION
+                    if law == ORIGINAL:
+                        k1, E1, loss = restarted(1.0, E1, e1, loss)
             if fired[1]:
                 v2, cause, n_events = 0.0, cause | RATE2, n_events + 1
                 if phase2 == COMPRESSION:
@@ -186,12 +217,14 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
                     )
                 else:
                     phase2 = COMPRESSION
+                    if law == ORIGINAL:
+                        k2, E2, loss = restarted(kappa, E2, e2, loss)
             plastic1 = fired[0] and phase1 == RESTITUTION and e1 == 0
             plastic2 = fired[1] and phase2 == RESTITUTION and e2 == 0
             if fired[2] or plastic1:
-                phase1, E1, cause, n_events = INACTIVE, 0.0, cause | SPENT1, n_events + 1
+                phase1, E1, F1, cause, n_events = INACTIVE, 0.0, 0.0, cause | SPENT1, n_events + 1
             if fired[3] or plastic2:
-                phase2, E2, cause, n_events = INACTIVE, 0.0, cause | SPENT2, n_events + 1
+                phase2, E2, F2, cause, n_events = INACTIVE, 0.0, 0.0, cause | SPENT2, n_events + 1
             if plastic1 or plastic2:
                 stuck, code = True, LIMIT
                 rigid1, rigid2 = plastic1, plastic2 and not plastic1
@@ -224,6 +257,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
                 v2 -= d1
                 d1, E2 = 0.0, E
                 state, phase1, cause = S1, COMPRESSION, cause | RETURN1
+                k1 = 1.0 if law == ORIGINAL else k1
+                F1, F2 = 0.0, sqrt(2 * k2 * E2)
             else:
                 d1 -= v2 + d2
                 v2, E2 = -d2, 0.0
@@ -241,6 +276,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, log):
             if returns:
                 v2 = 0.0
                 state, phase2, cause = S1, COMPRESSION, cause | RETURN2
+                k2 = kappa if law == ORIGINAL else k2
+                F1, F2 = sqrt(2 * k1 * E1), 0.0
             else:
                 v2 = max(0.0, v2 - impulse / mu)
                 state, phase1, cause = S4, INACTIVE, cause | SPENT1

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.automaton import TOO_MANY_EVENTS, collide
 from model.compiled import OPTIONS
-from model.solver import MAX_EVENTS, check_cutoff
+from model.solver import MAX_EVENTS, check_cutoff, check_law
 
-STATUS_NAMES = np.array(["ok", "limit", "limit", "unconverged"])
+STATUS_NAMES = np.array(["ok", "limit", "limit", "unconverged", "limit"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +50,7 @@ def solve_batch(
     *,
     stiffness_ratio_cutoff: float = 1e5,
     max_events: int = MAX_EVENTS,
+    impact_law: str = "jia-mason-erdmann",
 ) -> BatchOutcome:
     """Solve many collisions at once.
 
@@ -57,7 +58,7 @@ def solve_batch(
     ----------
     stiffness_ratio, mass_ratio, e1, e2 : array_like
         k2/k1 from 0 to infinity, m2/m1 > 0 and finite, e_i from 0 to 1; they broadcast.
-    stiffness_ratio_cutoff, max_events
+    stiffness_ratio_cutoff, max_events, impact_law
         As for `solve`.
 
     Returns
@@ -69,7 +70,7 @@ def solve_batch(
     ValueError
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
-    cutoff = check_cutoff(stiffness_ratio_cutoff)
+    cutoff, law = check_cutoff(stiffness_ratio_cutoff), check_law(impact_law)
     kappa = _checked("stiffness_ratio", stiffness_ratio, 0, np.inf, "from 0 to inf (k2/k1)")
     mu = _checked(
         "mass_ratio", mass_ratio, np.nextafter(0, 1), np.finfo(float).max, "a finite number > 0 (m2/m1)"
@@ -78,7 +79,7 @@ def solve_batch(
     arrays = np.broadcast_arrays(kappa, mu, first, second)
     shape = arrays[0].shape
     flat = [np.ravel(a) for a in arrays]
-    v1, v2, code, n_states, n_events, margin, residual = _solve_all(*flat, cutoff, max_events)  # pyright: ignore
+    v1, v2, code, n_states, n_events, margin, residual = _solve_all(*flat, cutoff, max_events, law)  # pyright: ignore
     return BatchOutcome(
         v1=v1.reshape(shape),
         v2=v2.reshape(shape),
@@ -102,7 +103,7 @@ def _checked(name: str, values: ArrayLike, low: float, high: float, legal: str) 
 
 
 @njit(parallel=True, **OPTIONS)
-def _solve_all(kappa, mu, e1, e2, cutoff, max_events):
+def _solve_all(kappa, mu, e1, e2, cutoff, max_events, law):
     n = kappa.size
     v1, v2 = np.empty(n), np.empty(n)
     code, n_states, n_events = np.empty(n, np.uint8), np.empty(n, np.int32), np.empty(n, np.int32)
@@ -110,7 +111,7 @@ def _solve_all(kappa, mu, e1, e2, cutoff, max_events):
     no_log = np.empty((0, 12))
     for i in prange(n):
         u1, u2, c, states, events, _, nearest, loss, _ = collide(
-            kappa[i], mu[i], e1[i], e2[i], cutoff, max_events, no_log
+            kappa[i], mu[i], e1[i], e2[i], cutoff, max_events, law, no_log
         )
         if c == TOO_MANY_EVENTS:
             u1, u2 = np.nan, np.nan

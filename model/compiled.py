@@ -13,6 +13,9 @@ OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "arcp
 
 compiled = njit(**OPTIONS)
 
+#: For what is called within a search: passing a dozen numbers to it would cost as much as it does.
+inlined = njit(forceinline=True, **OPTIONS)
+
 
 def is_compiled(kernel: Any) -> bool:
     """Tell whether an earlier process left the machine code of a kernel in the cache."""

@@ -18,12 +18,13 @@ Units: m1 = 1, v0 = -1, k1 = 1 initially (Theorem 5); hence mu = m2/m1, velociti
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
+from math import sqrt
 
-from model.compiled import compiled
+from model.compiled import compiled, inlined
+from model.sinusoid import cos_sin
 
 
-@compiled
+@inlined
 def modes(mu, k1, k2):
     """Natural modes of the two-spring system of S1.
 
@@ -32,36 +33,42 @@ def modes(mu, k1, k2):
 
     Returns
     -------
-    omega, phi1, phi2, delta, sigma : five pairs (slow mode, fast mode)
+    omega, phi1, sigma, delta, phi2, force1, force2 : seven pairs (slow mode, fast mode)
         delta = phi2 - phi1 and sigma = phi1 + mu phi2, formed as -omega^2 phi1/k1 and k2 phi2/omega^2 (the two rows
-        of the eigenvalue equation), which lose no digits when a mode is nearly rigid or nearly massless.
+        of the eigenvalue equation), which lose no digits when a mode is nearly rigid or nearly massless;
+        force1 = omega phi1 and force2 = omega sigma.
     """
-    root_mu = sqrt(mu)
-    s12 = -k1 / root_mu
-    difference = k1 - (k1 + k2) / mu
+    inverse_mu = 1 / mu
+    s12 = -k1 * sqrt(inverse_mu)
+    difference = k1 - (k1 + k2) * inverse_mu
     spread = sqrt(difference * difference + 4 * s12 * s12)
-    fast2 = 0.5 * (k1 + (k1 + k2) / mu + spread)
-    slow2 = (k1 / fast2) * (k2 / mu)  # the product of the eigenvalues is k1 k2/mu
-    if difference >= 0:
-        y1, y2 = 0.5 * (spread + difference), s12
-    else:
-        y1, y2 = s12, 0.5 * (spread - difference)
-    norm = sqrt(y1 * y1 + y2 * y2)
-    y1, y2 = y1 / norm, y2 / norm
-    fast1, fast_2 = y1, y2 / root_mu
-    slow1, slow_2 = -y2, y1 / root_mu
+    fast2 = 0.5 * (k1 + (k1 + k2) * inverse_mu + spread)
+    per_fast2, per_k1 = 1 / fast2, 1 / k1
+    slow2 = k1 * per_fast2 * (k2 * inverse_mu)  # the product of the eigenvalues is k1 k2/mu
+    # The eigenvector of the fast one is (y, s12) or (s12, -y), of squared length y spread.
+    y = 0.5 * (spread + abs(difference))
+    scale = 1 / sqrt(y * spread)
+    y1, y2 = (y * scale, s12 * scale) if difference >= 0 else (s12 * scale, y * scale)
+    root = sqrt(inverse_mu)
+    slow1, slow_2, fast1, fast_2 = -y2, y1 * root, y1, y2 * root
+    slow, fast = sqrt(slow2), sqrt(fast2)
+    sigma = (slow_2 * mu * fast2 * per_k1, k2 * fast_2 * per_fast2)
     return (
-        (sqrt(slow2), sqrt(fast2)),
+        (slow, fast),
         (slow1, fast1),
+        sigma,
+        (-slow2 * slow1 * per_k1, -fast2 * fast1 * per_k1),
         (slow_2, fast_2),
-        (-slow2 * slow1 / k1, -fast2 * fast1 / k1),
-        (k2 * slow_2 / slow2, k2 * fast_2 / fast2),
+        (slow * slow1, fast * fast1),
+        (slow * sigma[0], fast * sigma[1]),
     )
 
 
-@compiled
-def amplitudes(d1, v2, F1, F2, omega, phi1, phi2, delta, sigma):
-    """Modal coordinates q_j = phi1 v1 + mu phi2 v2 and q_j'/omega_j of a state.
+@inlined
+def amplitudes(d1, v2, u1, u2, phi1, sigma, force1, force2):
+    """Modal coordinates of a state: q_j = phi1 v1 + mu phi2 v2 and r_j = q_j'/omega_j.
+
+    u1 = F1/k1 and u2 = F2/k2 are the compressions that linear springs would have.
 
     Returns
     -------
@@ -70,48 +77,49 @@ def amplitudes(d1, v2, F1, F2, omega, phi1, phi2, delta, sigma):
     """
     return (
         (sigma[0] * v2 - phi1[0] * d1, sigma[1] * v2 - phi1[1] * d1),
-        ((phi2[0] * F2 - delta[0] * F1) / omega[0], (phi2[1] * F2 - delta[1] * F1) / omega[1]),
+        (force2[0] * u2 + force1[0] * u1, force2[1] * u2 + force1[1] * u1),
     )
 
 
-@compiled
+@inlined
 def modal(t, omega, a, b):
-    """q_j and q_j' of both modes at time t: (q_slow, q_fast), (p_slow, p_fast)."""
-    cs, ss = cos(omega[0] * t), sin(omega[0] * t)
-    cf, sf = cos(omega[1] * t), sin(omega[1] * t)
+    """q_j and r_j of both modes at time t: (q_slow, q_fast), (r_slow, r_fast)."""
+    (cs, ss), (cf, sf) = cos_sin(omega[0] * t), cos_sin(omega[1] * t)
+    return turn(cs, ss, cf, sf, a, b)
+
+
+@inlined
+def turn(cos_slow, sin_slow, cos_fast, sin_fast, q, r):
+    """q_j and r_j when the modes have turned by two angles."""
     return (
-        (a[0] * cs + b[0] * ss, a[1] * cf + b[1] * sf),
-        (omega[0] * (b[0] * cs - a[0] * ss), omega[1] * (b[1] * cf - a[1] * sf)),
+        (q[0] * cos_slow + r[0] * sin_slow, q[1] * cos_fast + r[1] * sin_fast),
+        (r[0] * cos_slow - q[0] * sin_slow, r[1] * cos_fast - q[1] * sin_fast),
     )
 
 
-@compiled
-def rotate(h, omega, q, p):
-    """q_j and q_j' a short time h later, abs(omega_j h) <= 0.1: series of sine and cosine, to rounding."""
+@inlined
+def turn_little(h, omega, q, r):
+    """q_j and r_j a short time h later, abs(omega_j h) <= 0.1: series of sine and cosine, to rounding."""
     x, y = omega[0] * h, omega[1] * h
     x2, y2 = x * x, y * y
-    cs = 1 - x2 * (0.5 - x2 * (1 / 24 - x2 * (1 / 720 - x2 / 40320)))
-    cf = 1 - y2 * (0.5 - y2 * (1 / 24 - y2 * (1 / 720 - y2 / 40320)))
-    # sin(omega h)/omega, so that nothing is divided by omega
-    ss = h * (1 - x2 * (1 / 6 - x2 * (1 / 120 - x2 * (1 / 5040 - x2 / 362880))))
-    sf = h * (1 - y2 * (1 / 6 - y2 * (1 / 120 - y2 * (1 / 5040 - y2 / 362880))))
-    return (
-        (q[0] * cs + p[0] * ss, q[1] * cf + p[1] * sf),
-        (p[0] * cs - omega[0] * omega[0] * q[0] * ss, p[1] * cf - omega[1] * omega[1] * q[1] * sf),
-    )
+    cs = 1 - x2 * (0.5 - x2 * (1 / 24 - x2 * (1 / 720 - x2 * (1 / 40320))))
+    cf = 1 - y2 * (0.5 - y2 * (1 / 24 - y2 * (1 / 720 - y2 * (1 / 40320))))
+    ss = x * (1 - x2 * (1 / 6 - x2 * (1 / 120 - x2 * (1 / 5040 - x2 * (1 / 362880)))))
+    sf = y * (1 - y2 * (1 / 6 - y2 * (1 / 120 - y2 * (1 / 5040 - y2 * (1 / 362880)))))
+    return turn(cs, ss, cf, sf, q, r)
 
 
-@compiled
-def motion(q, p, phi1, phi2, delta, sigma):
-    """State (d1, v2, F1, F2) of modal coordinates q and rates p; the inverse of `amplitudes`.
+@inlined
+def motion(q, r, delta, phi2, force1, force2):
+    """State (d1, v2, F1, F2) of modal coordinates q and r; the inverse of `amplitudes`.
 
     F1 = m1 v1' and F2 = F1 + m2 v2' (equations (11), (12) differentiated).
     """
     return (
         delta[0] * q[0] + delta[1] * q[1],
         phi2[0] * q[0] + phi2[1] * q[1],
-        phi1[0] * p[0] + phi1[1] * p[1],
-        sigma[0] * p[0] + sigma[1] * p[1],
+        force1[0] * r[0] + force1[1] * r[1],
+        force2[0] * r[0] + force2[1] * r[1],
     )
 
 

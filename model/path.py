@@ -26,6 +26,7 @@ from model.automaton import (
     S4,
     SPENT1,
     SPENT2,
+    STIFFENING,
 )
 from model.collision import STATES, Collision, Event, Path
 from model.motion import amplitudes, modes, motion
@@ -67,7 +68,7 @@ class Stretch(NamedTuple):
     time: NDArray[np.float64]
 
 
-def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[Event, ...]]:
+def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Path, tuple[Event, ...]]:
     """Fill in the path between the rows of a complete log, and name its events.
 
     Parameters
@@ -76,6 +77,8 @@ def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[E
         Whose units the result is in.
     log : ndarray, shape (n, 12)
         As written by `collide`; the last row is the end.
+    law : int
+        `STIFFENING` or `ORIGINAL`, as given to `collide`.
 
     Returns
     -------
@@ -85,7 +88,7 @@ def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[E
     rows = [Row(*map(int, r[:3]), *r[3:10], int(r[10]), bool(r[11])) for r in log.tolist()]  # type: ignore[call-arg]
     stretches: list[Stretch] = []
     marks: list[tuple[str, int, int]] = []  # kind, contact, number of stretches before it
-    ends = [0, 0]  # ends of compression so far, of either contact
+    ends = [0, 0]  # ends of compression that either contact's stiffness keeps
     for row, after in pairwise(rows):
         if row.limit and not any(kind == "limit" for kind, _, _ in marks):
             marks.append(("limit", 0, len(stretches)))
@@ -97,6 +100,7 @@ def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[E
                     marks.append(("end-of-compression", contact, len(stretches)))
                 elif row.cause & bit:
                     marks.append(("restart-of-compression", contact, len(stretches)))
+                    ends[contact - 1] *= law == STIFFENING
         else:
             pieces, contact = _one_contact(collision, row, after, ends)
             stretches.append(pieces[0])
@@ -112,6 +116,8 @@ def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[E
         ):
             if row.cause & bit:
                 marks.append((kind, contact, len(stretches)))
+                if kind == "return":
+                    ends[contact - 1] *= law == STIFFENING
     last = rows[-1]
     end = [np.array([x]) for x in (last.d1, last.v2, 0.0, 0.0, 0.0)]
     stretches.append(Stretch(S4, 0, 0, *end))
@@ -149,14 +155,14 @@ def trace(collision: Collision, log: NDArray[np.float64]) -> tuple[Path, tuple[E
 def _both_contacts(collision: Collision, row: Row) -> Stretch:
     """S1: the two modes, over the duration that the search for the first event found."""
     mu = collision.mass_ratio
-    omega, phi1, phi2, delta, sigma = modes(mu, row.k1, row.k2)
+    omega, phi1, sigma, delta, phi2, force1, force2 = modes(mu, row.k1, row.k2)
     F1, F2 = sqrt(2 * row.k1 * row.E1), sqrt(2 * row.k2 * row.E2)
-    a, b = amplitudes(row.d1, row.v2, F1, F2, omega, phi1, phi2, delta, sigma)
+    a, b = amplitudes(row.d1, row.v2, F1 / row.k1, F2 / row.k2, phi1, sigma, force1, force2)
     n = min(MOST_POINTS, 3 + ceil(POINTS * omega[1] * row.duration / pi))
     t = np.linspace(0, row.duration, n)
     q = tuple(a[j] * np.cos(omega[j] * t) + b[j] * np.sin(omega[j] * t) for j in (0, 1))
-    p = tuple(omega[j] * (b[j] * np.cos(omega[j] * t) - a[j] * np.sin(omega[j] * t)) for j in (0, 1))
-    d1, v2, f1, f2 = motion.py_func(q, p, phi1, phi2, delta, sigma)
+    r = tuple(b[j] * np.cos(omega[j] * t) - a[j] * np.sin(omega[j] * t) for j in (0, 1))
+    d1, v2, f1, f2 = motion.py_func(q, r, delta, phi2, force1, force2)
     unit = sqrt(collision.m1 / collision.k1)
     return Stretch(
         1, row.phase1, row.phase2, d1, v2, f1 * f1 / (2 * row.k1), f2 * f2 / (2 * row.k2), t * unit

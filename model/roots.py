@@ -6,108 +6,121 @@ decides what happens; that a root is the first one is certified by the caller.
 
 from __future__ import annotations
 
-from math import acos, atan2, pi, sqrt
+from math import acos, atan2, pi
 
-from model.compiled import compiled
-from model.motion import modal, rotate
+from model.compiled import compiled, inlined
+from model.motion import modal, turn_little
 
 EPSILON = 2.0**-52
 
 #: How far from zero, relative to its slow amplitude, a function stays where the envelope steps over it.
 ENVELOPE_RESERVE = 0.05
 
+#: Extrema nearer to zero than this, relative to the amplitude, are made exact.
+NEAR = 0.1
+
 #: While a root is closed in on, every BISECT-th step halves its bracket whatever is predicted.
 BISECT = 6
 
-#: Steps shorter than this (in radians of the fast mode) are rotations by a short series (`model.motion.rotate`).
-SHORT_ROTATION = 0.1
+#: Steps to a root shorter than this (in radians of the fast mode) are found from the Taylor polynomial of degree seven,
+#: which is then exact to 1e-15 of an amplitude; and the motion follows by the series of `model.motion.turn_little`.
+SERIES = 0.05
 
 
-@compiled
-def predicted_root(h, f0, df0, f1, df1, ddf1):
-    """Where in (0, h) a function with f1 < 0 at h vanished, as nearly as both ends tell.
+@inlined
+def predicted_root(h, start, end):
+    """Where in (0, h) a function with end[0] < 0 vanished, as nearly as (f, f', f'') at both ends tell.
 
-    Halley's step from the end where that is near the root, else one Newton step on the cubic through both ends from the
-    root of its parabola.
+    Halley's step from the end, bettered by another on the quintic through both ends.
     """
-    x = 0.0
-    if df1 < 0:
-        step = 2 * f1 * df1 / (2 * df1 * df1 - f1 * ddf1)
-        if 0 < step < 0.1 * h:
-            return h - step
-        curve = (f0 - f1 + h * df1) / (h * h)
-        discriminant = df1 * df1 - 4 * curve * f1
-        if discriminant > 0:
-            y = 2 * f1 / (sqrt(discriminant) - df1)
-            # the cubic: parabola through f0, f1, df1 plus r y^2 (y + h), of slope df0 at y = -h
-            r = (df0 - df1 + 2 * h * curve) / (h * h)
-            x = y + h
-            slope = df1 + y * (2 * curve + r * (3 * y + 2 * h))
-            if slope < 0:
-                x -= (f1 + y * (df1 + y * (curve + r * x))) / slope
-    return x if 0 < x < h else 0.5 * h
+    f0, f1, slope, curve = start[0], end[0], h * end[1], h * h * end[2]
+    # in x = t/h, a0 + x (a1 + x (a2 + x (a3 + x (a4 + x a5))))
+    a1, a2 = h * start[1], 0.5 * h * h * start[2]
+    r0, r1, r2 = f1 - f0 - a1 - a2, slope - a1 - 2 * a2, 0.5 * curve - a2
+    a3, a4, a5 = 10 * r0 - 4 * r1 + r2, -15 * r0 + 7 * r1 - 2 * r2, 6 * r0 - 3 * r1 + r2
+    x = 1 - 2 * f1 * slope / (2 * slope * slope - f1 * curve)
+    x = x if (x > 0) & (x < 1) else 0.5
+    x2 = x * x
+    f = (f0 + x * a1) + x2 * ((a2 + x * a3) + x2 * (a4 + x * a5))
+    df = (a1 + x * 2 * a2) + x2 * ((3 * a3 + x * 4 * a4) + x2 * (5 * a5))
+    ddf = (2 * a2 + x * 6 * a3) + x2 * (12 * a4 + x * 20 * a5)
+    y = x - 2 * f * df / (2 * df * df - f * ddf)
+    return h * (y if (y > 0) & (y < 1) else x)
 
 
-@compiled
-def root_before(force, c0, c1, t, h, low, f0, df0, q, p, noise, omega, a, b):
-    """Root of one function in (t + low, t + h), at whose end it is negative; alone, so that an iteration costs little.
+@inlined
+def step_to_root(x0, x1, y0, y1, w0, w1):
+    """Step from a point to a root nearby of f = x_0 + x_1, f' = y_0 + y_1, x_j'' = w_j x_j.
 
-    Halley's iteration inside a bracket that is halved now and then, whatever the iteration says.
+    Householder's step of third order, bettered by one of Halley's on the Taylor polynomial of degree seven. Exact to
+    rounding where it is shorter than `SERIES`.
+    """
+    f, df = x0 + x1, y0 + y1
+    w00, w11 = w0 * w0, w1 * w1
+    c2, c3 = 0.5 * (w0 * x0 + w1 * x1), (w0 * y0 + w1 * y1) * (1 / 6)
+    c4, c5 = (w00 * x0 + w11 * x1) * (1 / 24), (w00 * y0 + w11 * y1) * (1 / 120)
+    c6, c7 = (w00 * w0 * x0 + w11 * w1 * x1) * (1 / 720), (w00 * w0 * y0 + w11 * w1 * y1) * (1 / 5040)
+    u, v = df * df, f * c2
+    s = -f * (u - v) / (df * (u - 2 * v) + f * f * c3)
+    s2 = s * s
+    g = ((f + s * df) + s2 * (c2 + s * c3)) + s2 * s2 * ((c4 + s * c5) + s2 * (c6 + s * c7))
+    dg = (df + s * 2 * c2) + s2 * ((3 * c3 + s * 4 * c4) + s2 * (5 * c5 + s * 6 * c6))
+    ddg = (2 * c2 + s * 6 * c3) + s2 * (12 * c4 + s * 20 * c5)
+    return s - 2 * g * dg / (2 * dg * dg - g * ddg)
+
+
+@inlined
+def root_before(c, t, h, low, start, end, noise, omega, a, b):
+    """Root of sum c_j q_j in (t + low, t + h), at whose end it is negative; alone, so that an iteration costs little.
+
+    From each point tried the step of `step_to_root`, inside a bracket that is halved now and then, whatever the step.
 
     Returns
     -------
     x : float
         The root, from t on.
-    q, p : pairs
-        Modal coordinates and rates there.
+    q, r : pairs
+        Modal coordinates there.
     """
     w0, w1 = -omega[0] * omega[0], -omega[1] * omega[1]
-    high, x, step = h, h, h
-    for i in range(200):
-        if force:
-            f, df, ddf = (
-                c0 * p[0] + c1 * p[1],
-                w0 * c0 * q[0] + w1 * c1 * q[1],
-                w0 * c0 * p[0] + w1 * c1 * p[1],
-            )
-        else:
-            f, df, ddf = c0 * q[0] + c1 * q[1], c0 * p[0] + c1 * p[1], w0 * c0 * q[0] + w1 * c1 * q[1]
+    g0, g1 = c[0] * omega[0], c[1] * omega[1]
+    high, x, step = h, predicted_root(h, start, end), h
+    x = x if x > low else 0.5 * (low + h)
+    q, r = modal(t + x, omega, a, b)
+    for i in range(1, 200):
+        x0, x1, y0, y1 = c[0] * q[0], c[1] * q[1], g0 * r[0], g1 * r[1]
+        f = x0 + x1
         if abs(f) <= noise or abs(step) <= EPSILON * (t + x):
             break
-        if f > 0:
-            low = x
-        else:
-            high = x
-        if i == 0:
-            nxt = predicted_root(h, f0, df0, f, df, ddf)
-        else:
-            nxt = x - 2 * f * df / (2 * df * df - f * ddf) if df < 0 else low
-        if not low < nxt < high or i % BISECT == BISECT - 1:
-            nxt = 0.5 * (low + high)
-        step, x = nxt - x, nxt
-        if abs(step) * omega[1] < SHORT_ROTATION:
-            q, p = rotate(step, omega, q, p)
-        else:
-            q, p = modal(t + x, omega, a, b)
-    return x, q, p
+        step = step_to_root(x0, x1, y0, y1, w0, w1)
+        low, high = max(low, x if f > 0 else low), min(high, x if f < 0 else high)
+        if y0 + y1 < 0 and low < x + step < high and abs(step) * omega[1] < SERIES and i % BISECT != 0:
+            x += step
+            q, r = turn_little(step, omega, q, r)
+            continue
+        if not (y0 + y1 < 0 and low < x + step < high and i % BISECT != 0):
+            step = 0.5 * (low + high) - x
+        x += step
+        q, r = modal(t + x, omega, a, b)
+    return x, q, r
 
 
 @compiled
-def extremum_between(c, t, h, f0, df0, df1, size, omega, a, b):
-    """Value of the extremum in (t, t + h) of a watched rate whose slopes at the ends differ in sign.
+def extremum_between(c, t, h, start, end, size, omega, a, b):
+    """Magnitude, relative to `size`, of the extremum in (t, t + h) of a rate, given (f, f', f'') at both ends.
 
-    A parabola places it; where it comes near zero (of the amplitude `size`), Newton's iteration on f' makes it exact.
+    A parabola places it; where it comes near zero, Newton's iteration on f' makes it exact.
     """
-    low, high = 0.0, h
-    x = h * df0 / (df0 - df1)
-    f = f0 + 0.5 * df0 * x
-    if abs(f) > 0.1 * size:
-        return f
+    low, high, df0 = 0.0, h, start[1]
+    x = h * df0 / (df0 - end[1])
+    f = start[0] + 0.5 * df0 * x
+    if abs(f) > NEAR * size:
+        return abs(f) / size
     w0, w1 = omega[0] * omega[0], omega[1] * omega[1]
     for _ in range(20):
-        q, p = modal(t + x, omega, a, b)
+        q, r = modal(t + x, omega, a, b)
         f = c[0] * q[0] + c[1] * q[1]
-        df = c[0] * p[0] + c[1] * p[1]
+        df = c[0] * omega[0] * r[0] + c[1] * omega[1] * r[1]
         ddf = -w0 * c[0] * q[0] - w1 * c[1] * q[1]
         if df * df0 > 0:
             low = x
@@ -119,7 +132,7 @@ def extremum_between(c, t, h, f0, df0, df1, size, omega, a, b):
         if abs(nxt - x) < 1e-6 * h:
             break
         x = nxt
-    return f
+    return abs(f) / size
 
 
 @compiled
@@ -130,9 +143,6 @@ def envelope_time(order, c, t, omega, a, b, radius):
     """
     slow = abs(c[0]) * radius[0]
     fast = abs(c[1]) * radius[1]
-    if order == 1:
-        slow *= omega[0]
-        fast *= omega[1]
     fast += ENVELOPE_RESERVE * slow
     if slow <= fast:
         return t

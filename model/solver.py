@@ -6,11 +6,14 @@ import math
 
 import numpy as np
 
-from model.automaton import DONE, PRECISION_LIMIT, TOO_MANY_EVENTS, collide
+from model.automaton import COLLAPSE, DONE, ORIGINAL, PRECISION_LIMIT, STIFFENING, TOO_MANY_EVENTS, collide
 from model.collision import STATES, Collision, Outcome
 from model.path import trace
 
 NAME = "state-transition"
+
+#: Impact laws by name (`model.automaton`).
+IMPACT_LAWS = {"jia-mason-erdmann": STIFFENING, "liu-zhao-brogliato": ORIGINAL}
 
 #: Events after which a collision is given up. Reached only with e = 1 (or next to it) at extreme stiffness ratios.
 MAX_EVENTS = 10_000_000
@@ -25,6 +28,7 @@ def solve(
     stiffness_ratio_cutoff: float = 1e5,
     path: bool = False,
     max_events: int = MAX_EVENTS,
+    impact_law: str = "jia-mason-erdmann",
 ) -> Outcome:
     """Solve one collision by the state transition model of Jia, Mason and Erdmann, exactly.
 
@@ -39,6 +43,9 @@ def solve(
         Whether the outcome carries `path` and `events`.
     max_events : int
         Events after which the collision is given up, with the status ``unconverged``.
+    impact_law : str
+        ``jia-mason-erdmann``, the model's own, or ``liu-zhao-brogliato``, which differs from the second compression of
+        a contact on: it runs at the original stiffness.
 
     Returns
     -------
@@ -48,16 +55,16 @@ def solve(
     Raises
     ------
     ValueError
-        For an illegal cut-off.
+        For an illegal cut-off or an unknown law.
     """
-    cutoff = check_cutoff(stiffness_ratio_cutoff)
+    cutoff, law = check_cutoff(stiffness_ratio_cutoff), check_law(impact_law)
     kappa, mu = collision.stiffness_ratio, collision.mass_ratio
     log = np.zeros((LOG_ROWS, 12))
-    result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, log)
+    result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, law, log)
     n_rows = result[5] + 1
     if n_rows > LOG_ROWS:
         log = np.zeros((n_rows, 12))
-        result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, log)
+        result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, law, log)
     v1, v2, code, _, n_events, _, margin, loss, _ = result
     if code == TOO_MANY_EVENTS:
         return Outcome.failure(NAME, "unconverged", f"not over after {max_events} events")
@@ -65,7 +72,7 @@ def solve(
     states = log[:, 0].astype(int)
     sequence = states[np.concatenate([[True], states[1:] != states[:-1]])]
     speed = -collision.v0
-    trail, events = trace(collision, log) if path else (None, ())
+    trail, events = trace(collision, log, law) if path else (None, ())
     return Outcome(
         solver=NAME,
         v1=v1 * speed,
@@ -100,9 +107,24 @@ def check_cutoff(cutoff: float) -> float:
     return number
 
 
+def check_law(name: str) -> int:
+    """Return the law of that name.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    if name not in IMPACT_LAWS:
+        raise ValueError(f"impact_law = {name!r}; legal: {', '.join(IMPACT_LAWS)}")
+    return IMPACT_LAWS[name]
+
+
 def _reason(collision: Collision, cutoff: float, code: int) -> str:
     if code == DONE:
         return ""
+    if code == COLLAPSE:
+        return "the bodies come to rest together after infinitely many events"
     c = collision
     ratio = c.stiffness_ratio
     if ratio == 0 or math.isinf(ratio):

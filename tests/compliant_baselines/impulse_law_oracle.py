@@ -27,14 +27,14 @@ class Answer(NamedTuple):
     compressions: tuple[int, int]  # how many each contact began
 
 
-def integrate(kappa, mu, e1, e2, original_stiffness, rtol=1e-12):
-    """Units m1 = 1, k1 = 1, v0 = -1; unknowns v1, v2 and the forces F1, F2."""
+def integrate(kappa, mu, e1, e2, original_stiffness, rtol=1e-12, least=0.0):
+    """Units m1 = 1, k1 = 1, v0 = -1; unknowns v1, v2 and the forces F1, F2; ends early where all are below `least`."""
     loading, e = (1.0, kappa), (e1, e2)
     k, phase, begun = list(loading), ["compression", "compression"], [1, 1]
     y = np.array([-1.0, 0.0, 0.0, 0.0])
     rates = (lambda y: y[1] - y[0], lambda y: -y[1])
     states = ["S1"]
-    while states[-1] != "S4":
+    while states[-1] != "S4" and np.max(np.abs(y)) > least:
         on = [p != "inactive" for p in phase]
         k1, k2 = (k[i] * on[i] for i in (0, 1))
 

@@ -13,25 +13,30 @@ MOTION = getattr(motion, "py_func", motion)
 COMPRESSING, RESTORING = 1, 2
 
 
+def modal_state(mu, k1, k2, state):
+    """Frequencies, shapes of the rates and forces, and modal coordinates of a state."""
+    omega, phi1, sigma, *shape = modes(mu, k1, k2)
+    d1, v2, F1, F2 = map(float, state)
+    return omega, tuple(shape), *amplitudes(d1, v2, F1 / k1, F2 / k2, phi1, sigma, *shape[2:])
+
+
 def evolve(mu, k1, k2, state, t):
     """States (4, n) at the times t, which may be negative, by the closed form."""
-    omega, phi1, phi2, delta, sigma = modes(mu, k1, k2)
-    a, b = amplitudes(*state, omega, phi1, phi2, delta, sigma)
+    omega, shape, a, b = modal_state(mu, k1, k2, state)
     t = np.asarray(t, dtype=float)
     q = [a[j] * np.cos(omega[j] * t) + b[j] * np.sin(omega[j] * t) for j in (0, 1)]
-    p = [omega[j] * (b[j] * np.cos(omega[j] * t) - a[j] * np.sin(omega[j] * t)) for j in (0, 1)]
-    return np.array(MOTION(q, p, phi1, phi2, delta, sigma))
+    r = [b[j] * np.cos(omega[j] * t) - a[j] * np.sin(omega[j] * t) for j in (0, 1)]
+    return np.array(MOTION(q, r, *shape))
 
 
 def search(mu, k1, k2, state, phases):
     """`first_event` of a state, phases given; and the noise of the four functions."""
-    omega, *shape = modes(mu, k1, k2)
-    a, b = amplitudes(*state, omega, *shape)
+    omega, shape, a, b = modal_state(mu, k1, k2, state)
     signs = (1.0 if phases[0] == COMPRESSING else -1.0, -1.0 if phases[1] == COMPRESSING else 1.0)
     watched = (phases[0] == RESTORING, phases[1] == RESTORING)
     lossy = (1.0, 1.0)  # plastic contacts: every near-miss counts
     return first_event(
-        mu, k1, k2, tuple(map(float, state)), signs, watched, lossy, tuple(shape), omega, a, b
+        mu, k1, k2, tuple(map(float, state)), signs, watched, lossy, shape, omega, a, b, math.inf
     ), signs
 
 
@@ -44,7 +49,7 @@ def test_modes_solve_the_equations_of_motion():
     rng = np.random.default_rng(3)
     for _ in range(200):
         mu, k1, k2 = 10 ** rng.uniform(-4, 4), 10 ** rng.uniform(-4, 4), 10 ** rng.uniform(-4, 4)
-        omega, phi1, phi2, delta, sigma = modes(mu, k1, k2)
+        omega, phi1, sigma, delta, phi2, force1, force2 = modes(mu, k1, k2)
         for j in (0, 1):
             rows = (k1 * (phi1[j] - phi2[j]), k2 * phi2[j] - k1 * (phi1[j] - phi2[j]))
             sizes = (k1 * (abs(phi1[j]) + abs(phi2[j])), (k1 + k2) * abs(phi2[j]) + k1 * abs(phi1[j]))
@@ -55,12 +60,13 @@ def test_modes_solve_the_equations_of_motion():
             assert sigma[j] == pytest.approx(
                 phi1[j] + mu * phi2[j], abs=1e-14 * (abs(phi1[j]) + mu * abs(phi2[j]))
             )
+            assert (force1[j], force2[j]) == (omega[j] * phi1[j], omega[j] * sigma[j])
         assert omega[0] < omega[1]
         state = rng.normal(size=4)
-        a, b = amplitudes(*state, omega, phi1, phi2, delta, sigma)
-        q, p = modal(0.0, omega, a, b)
+        _, _, a, b = modal_state(mu, k1, k2, state)
+        q, r = modal(0.0, omega, a, b)
         scale = np.abs(state).max() * max(1, math.sqrt(max(k1, k2)), math.sqrt(max(mu, 1 / mu)))
-        assert motion(q, p, phi1, phi2, delta, sigma) == pytest.approx(state, abs=1e-12 * scale)
+        assert motion(q, r, delta, phi2, force1, force2) == pytest.approx(state, abs=1e-12 * scale)
 
 
 def test_the_certificate_never_lies():
@@ -69,12 +75,22 @@ def test_the_certificate_never_lies():
     certified = 0
     for _ in range(3000):
         omega, size, phase = rng.uniform(0.1, 3, 2), rng.normal(size=2), rng.uniform(0, 2 * math.pi, 2)
-        h = rng.uniform(0, 2) / omega.max()
+        h = rng.uniform(0, 4) / omega.max()
         t = np.linspace(0, h, 400)
         f = sum(size[j] * np.cos(omega[j] * t + phase[j]) for j in (0, 1))
-        df = [sum(-size[j] * omega[j] * math.sin(omega[j] * x + phase[j]) for j in (0, 1)) for x in (0, h)]
-        C = sum(abs(size[j]) * omega[j] ** 4 for j in (0, 1)) / 288
-        if positive_between(f[0], df[0], f[-1], df[1], h, C):
+        start, end = (
+            tuple(
+                sum(
+                    size[j] * omega[j] ** n * math.cos(omega[j] * x + phase[j] + n * math.pi / 2)
+                    for j in (0, 1)
+                )
+                for n in range(3)
+            )
+            for x in (0, h)
+        )
+        assert (start[0], end[0]) == pytest.approx((f[0], f[-1]), abs=1e-12)
+        C = sum(abs(size[j]) * omega[j] ** 6 for j in (0, 1)) / 28800
+        if f[-1] > 0 and positive_between(start, end, h, C):
             certified += 1
             assert f[1:-1].min() > 0
     assert certified > 500
@@ -128,9 +144,8 @@ def test_a_near_tangency_is_seen(seed, depth):
         assert before == pytest.approx(math.sqrt(-2 * depth / curvature), rel=0.2)
     else:
         assert time > lead
-        omega, *shape = modes(mu, k1, k2)
-        a, b = amplitudes(*start, omega, *shape)
-        amplitude = sum(abs(shape[2][j]) * math.hypot(a[j], b[j]) for j in (0, 1))
+        _, shape, a, b = modal_state(mu, k1, k2, start)
+        amplitude = sum(abs(shape[0][j]) * math.hypot(a[j], b[j]) for j in (0, 1))
         assert margin == pytest.approx(depth / amplitude, rel=1e-3, abs=1e-13)
 
 

@@ -1,0 +1,122 @@
+"""The law of Liu, Zhao and Brogliato beside the model's own: two readings of a repeated compression."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from model import Collision, solve, solve_batch
+from tests.compliant_baselines.impulse_law_oracle import integrate
+
+LZB = "liu-zhao-brogliato"
+
+
+def random_cells(n, seed):
+    rng = np.random.default_rng(seed)
+    return zip(
+        10 ** rng.uniform(-1.5, 1.5, n),
+        10 ** rng.uniform(-1, 1, n),
+        rng.uniform(0.3, 0.98, n),
+        rng.uniform(0.3, 0.98, n),
+        strict=True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("ratio", "v1", "v2"), [(5.0, None, None), (1.0, 0.61485, 0.20654), (0.2, 0.58053, 0.27214)]
+)
+def test_known_numbers(ratio, v1, v2):
+    c = Collision.from_ratios(stiffness_ratio=ratio, mass_ratio=2 / math.sqrt(3), e1=0.9, e2=0.7)
+    there, here = solve(c, impact_law=LZB), solve(c)
+    if v1 is None:
+        assert (there.v1, there.v2, there.states) == (here.v1, here.v2, here.states)
+    else:
+        assert there.v1 == pytest.approx(v1, abs=6e-6)
+        assert there.v2 == pytest.approx(v2, abs=6e-6)
+        assert math.hypot(there.v1 - here.v1, there.v2 - here.v2) > 1e-3
+
+
+def test_against_integration_in_time():
+    repeated = 0
+    for kappa, mu, e1, e2 in random_cells(60, 8):
+        c = Collision.from_ratios(stiffness_ratio=kappa, mass_ratio=mu, e1=e1, e2=e2)
+        o = solve(c, impact_law=LZB, stiffness_ratio_cutoff=math.inf)
+        if o.v1 == 0:  # collapsed, the subject of a test below
+            continue
+        expected = integrate(kappa, mu, e1, e2, original_stiffness=True)
+        repeated += max(expected.compressions) > 1
+        assert o.states == expected.states
+        assert (o.v1, o.v2) == pytest.approx((expected.v1, expected.v2), abs=1e-9)
+    assert repeated >= 40
+
+
+def test_the_laws_part_at_the_second_compression_of_a_contact_that_ended_one():
+    for kappa, mu, e1, e2 in random_cells(200, 9):
+        c = Collision.from_ratios(stiffness_ratio=kappa, mass_ratio=mu, e1=e1, e2=e2)
+        here, there = (solve(c, impact_law=law, path=True) for law in ("jia-mason-erdmann", LZB))
+        repeats = [e for e in here.events if e.kind in ("return", "restart-of-compression")]
+        if not repeats:
+            assert (here.v1, here.v2) == (there.v1, there.v2)
+        else:
+            # the same up to there
+            n = here.events.index(repeats[0]) + 1
+            assert [e.kind for e in here.events[:n]] == [e.kind for e in there.events[:n]]
+            assert [e.impulse1 for e in here.events[:n]] == pytest.approx(
+                [e.impulse1 for e in there.events[:n]], abs=1e-13
+            )
+
+
+def test_energy_and_the_path_under_the_other_law():
+    """Equations (13), (14) along the path: m dv/dI, and F = sqrt(2 k E) as the rate of each impulse in time."""
+    for kappa, mu, e1, e2 in random_cells(40, 10):
+        c = Collision.from_ratios(stiffness_ratio=kappa, mass_ratio=mu, e1=e1, e2=e2)
+        o = solve(c, impact_law=LZB, path=True)
+        assert o.path is not None
+        p = o.path
+        np.testing.assert_allclose(p.impulse1, c.m1 * (p.v1 - p.v1[0]), atol=1e-12)
+        np.testing.assert_allclose(p.impulse2 - p.impulse1, c.m2 * p.v2, atol=1e-12)
+        assert np.all(np.diff(p.time) >= 0)
+        # Impulse over time is a force that the energies bound: a stretch at a wrong stiffness breaks this.
+        for impulse, energy, k, e in ((p.impulse1, p.energy1, c.k1, e1), (p.impulse2, p.energy2, c.k2, e2)):
+            dt = np.diff(p.time)
+            fine = (dt > 0) & np.isfinite(dt)
+            mean = np.diff(impulse)[fine] / dt[fine]
+            force = np.sqrt(2 * k / e**2 * np.maximum(energy[:-1], energy[1:])[fine])
+            assert np.all(mean <= force * (1 + 1e-6) + 1e-9)
+        assert abs(o.diagnostics["energy_residual"]) < 1e-12
+        assert o.v1 >= o.v2 >= 0
+
+
+def test_batch_is_the_same():
+    kappa, mu, e1, e2 = (np.array(x) for x in zip(*random_cells(500, 11), strict=True))
+    b = solve_batch(kappa, mu, e1, e2, impact_law=LZB)
+    for i in range(0, 500, 5):
+        c = Collision.from_ratios(stiffness_ratio=kappa[i], mass_ratio=mu[i], e1=e1[i], e2=e2[i])
+        o = solve(c, impact_law=LZB)
+        assert (b.v1[i], b.v2[i]) == pytest.approx((o.v1, o.v2), abs=1e-14)
+
+
+def test_collapse():
+    """A cycle of states that repeats on a smaller scale for ever: by self-similarity the bodies end at rest."""
+    c = Collision.from_ratios(stiffness_ratio=0.775, mass_ratio=0.165, e1=0.4, e2=0.33)
+    o = solve(c, impact_law=LZB, path=True)
+    assert (o.v1, o.v2, o.status) == (0, 0, "limit")
+    assert "infinitely many events" in o.reason
+    returns = [e for e in o.events if e.kind == "return" and e.contact == 1]
+    factors = np.array([b.v1 / a.v1 for a, b in itertools.pairwise(returns[30:60])])
+    np.testing.assert_allclose(factors, factors[-1], rtol=1e-5)
+    assert 0.1 < factors[-1] < 0.9
+    expected = integrate(0.775, 0.165, 0.4, 0.33, original_stiffness=True, least=1e-3)
+    assert math.hypot(expected.v1, expected.v2) < 2e-3
+    assert solve(c).v1 > 0.01  # stiffening ends the cycle
+
+
+def test_unknown_law():
+    c = Collision.from_ratios(stiffness_ratio=1.0, mass_ratio=1.0, e1=1.0, e2=1.0)
+    with pytest.raises(
+        ValueError, match="impact_law = 'newton'; legal: jia-mason-erdmann, liu-zhao-brogliato"
+    ):
+        solve(c, impact_law="newton")
+    with pytest.raises(ValueError, match="impact_law"):
+        solve_batch(1.0, 1.0, 1.0, 1.0, impact_law="newton")
