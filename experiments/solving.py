@@ -13,11 +13,11 @@ import pyarrow as pa
 
 from compliant_baselines import get_solver
 from compliant_baselines.contract import Settings, Solver
-from experiments.config import Config
+from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE, divergence
 from experiments.grid import GridCell, collision_of
 from experiments.sandbox import Beat
-from experiments.schema import COLUMNS, ROW_SCHEMA
+from experiments.schema import COLUMNS, MEASURES, ROW_SCHEMA
 from model.collision import Collision, Outcome, Status
 
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
@@ -190,7 +190,8 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
         "model_states": " ".join(model.states) or None,
         "model_status": model.status,
         "model_grazing_margin": model.grazing_margin,
-        **divergence(c, model, outcome),
+        # The model's divergence from itself is in no table.
+        **(divergence(c, model, outcome) if name != REFERENCE else dict.fromkeys(MEASURES)),
     }
     if done:
         row |= {

@@ -88,7 +88,9 @@ def test_killed_runs_resume_to_the_same_bytes(tmp_path):
             instant = rng.uniform(0, length)
             try:
                 process.wait(None if undisturbed else instant)
-                length *= 1.0 if undisturbed or attempt else 0.9  # over too soon: the machine is faster by now
+                length *= (
+                    1.0 if undisturbed or attempt else 0.9
+                )  # over too soon: the machine is faster by now
             except subprocess.TimeoutExpired:
                 killed += _kill(process, whom, rng)
             _, error = process.communicate()
