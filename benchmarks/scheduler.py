@@ -43,12 +43,12 @@ def chunk_times(solvers: Sequence[str], n_chunks: int) -> tuple[np.ndarray, byte
     job, cells = Job(config, get_solver), cells_of(config)
     times, data = [], b""
     for chunk in [0, *range(n_chunks)]:
-        start = time.perf_counter()
+        start = time.process_time()
         rows, _ = compute(
             job, cells.cells(range(CHUNK * chunk, CHUNK * (chunk + 1))), {}, beat=lambda word: None
         )
         data = part_bytes(rows)
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     return np.array(times[1:]), data
 
 
@@ -103,19 +103,79 @@ def _nap(seconds: float, data: bytes) -> bytes:
     return data
 
 
-def run_real(client: Any, workers: int, times: Sequence[float], data: bytes) -> float:
-    """Wall time in s of sleeping chunks on a real scheduler, their parts written."""
+def run_real(client: Any, workers: int, times: Sequence[float], data: bytes) -> tuple[float, float]:
+    """Run sleeping chunks on a real scheduler and write their parts.
+
+    Returns
+    -------
+    wall, core : float
+        Wall time, and processor time of this process (which holds the scheduler too), in s.
+    """
     executor = client.get_executor(pure=False)
     with tempfile.TemporaryDirectory() as name:
         folder = RunFolder(Path(name))
         folder.parts.mkdir()
-        start = time.perf_counter()
+        wall, core = time.perf_counter(), time.process_time()
         answers = in_flight(
             lambda seconds: executor.submit(_nap, seconds, data), list(times), lambda: 2 * workers
         )
         for number, answer in enumerate(answers):
             folder.write_part(number, f"{0:032x}", answer)
-        return time.perf_counter() - start
+        return time.perf_counter() - wall, time.process_time() - core
+
+
+def check(console: Console, workers: int, measured: np.ndarray, data: bytes, empty: int) -> float:
+    """Hold the simulation against sleeping workers; returns the core-seconds of service a chunk."""
+    rng = np.random.default_rng(0)
+    table = Table("workers", "chunk (s)", "chunks", "measured (s)", "simulated (s)", "workers busy", "N s/T")
+    with (
+        LocalCluster(
+            n_workers=2, threads_per_worker=workers // 2, dashboard_address="", memory_limit=0
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        run_real(client, workers, [0.0] * 100, data)
+        saturated = [run_real(client, workers, [0.0] * empty, data) for _ in range(3)]
+        service = min(wall for wall, _ in saturated) / empty
+        core = min(core for _, core in saturated) / empty
+        console.print(
+            f"{workers} workers: a chunk takes {1e3 * service:.2f} ms of the scheduler and the main process, "
+            f"{1e3 * core:.2f} ms of them on a processor"
+        )
+        for load in (0.5, 1, 2):
+            # Chunk times scaled so that the workers ask for `load` times what the server gives.
+            want = workers * service / load
+            times = (rng.choice(measured, 2 * workers) / measured.mean() * want).tolist()
+            real, _ = run_real(client, workers, times, data)
+            table.add_row(
+                str(workers),
+                f"{want:.2f}",
+                str(len(times)),
+                f"{real:.2f}",
+                f"{simulate(times, workers, service, 2 * workers):.2f}",
+                f"{sum(times) / workers / real:.0%}",
+                f"{load:g}",
+            )
+    console.print(table)
+    return core
+
+
+def predict(console: Console, measured: np.ndarray, service: dict[int, float]) -> None:
+    """Say which share of their time workers work, by chunk size, in a sweep of 20 chunks a worker."""
+    rng = np.random.default_rng(1)
+    table = Table("workers", "cells a chunk", "chunk (s)", "workers busy", "cells a second")
+    for workers, each in service.items():
+        for size in (1, 4, 16, 64, 256):
+            times = (rng.choice(measured, 20 * workers) * size / CHUNK).tolist()
+            wall = simulate(times, workers, each, 2 * workers)
+            table.add_row(
+                str(workers),
+                str(size),
+                f"{np.mean(times):.3f}",
+                f"{sum(times) / workers / wall:.0%}",
+                f"{size * len(times) / wall:.0f}",
+            )
+    console.print(table)
 
 
 def main() -> None:
@@ -124,48 +184,18 @@ def main() -> None:
     )
     parser.add_argument("--solvers", nargs="+", default=["mujoco", "kelvin-voigt"])
     parser.add_argument("--workers", nargs="+", type=int, default=[100, 1000])
+    parser.add_argument(
+        "--empty", type=int, default=1000, help="chunks of no length by which overheads are measured"
+    )
     asked = parser.parse_args()
     console = Console(width=120)
-    rng = np.random.default_rng(0)
     measured, data = chunk_times(asked.solvers, 12)
-    mean = float(measured.mean())
     console.print(
-        f"chunks of {CHUNK} cells by {', '.join(asked.solvers)}: {mean:.3f} s (from {measured.min():.3f} to "
-        f"{measured.max():.3f}), a part of {len(data)} bytes"
+        f"chunks of {CHUNK} cells by {', '.join(asked.solvers)}: {measured.mean():.3f} s (from "
+        f"{measured.min():.3f} to {measured.max():.3f}, on a processor), a part of {len(data)} bytes"
     )
-    table = Table(
-        "workers", "chunk (s)", "chunks", "measured (s)", "simulated (s)", "workers busy", "limit N s/T"
-    )
-    for workers in asked.workers:
-        with (
-            LocalCluster(
-                n_workers=2, threads_per_worker=workers // 2, dashboard_address="", memory_limit=0
-            ) as cluster,
-            Client(cluster) as client,
-        ):
-            run_real(client, workers, [0.0] * 200, data)
-            empty = 2000
-            service = min(run_real(client, workers, [0.0] * empty, data) for _ in range(2)) / empty
-            console.print(
-                f"{workers} workers: {1e3 * service:.2f} ms a chunk in the scheduler and the main process"
-            )
-            for factor in (0.5, 1, 2, 4):
-                # Scaled so that the workers would want `factor` times what the server gives.
-                want = workers * service / factor
-                n = max(3 * workers, 300)
-                times = (rng.choice(measured, n) / mean * want).tolist()
-                real = run_real(client, workers, times, data)
-                guess = simulate(times, workers, service, 2 * workers)
-                table.add_row(
-                    str(workers),
-                    f"{want:.2f}",
-                    str(n),
-                    f"{real:.2f}",
-                    f"{guess:.2f}",
-                    f"{sum(times) / workers / real:.0%}",
-                    f"{factor:g}",
-                )
-    console.print(table)
+    service = {workers: check(console, workers, measured, data, asked.empty) for workers in asked.workers}
+    predict(console, measured, service)
 
 
 if __name__ == "__main__":

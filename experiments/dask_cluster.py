@@ -8,7 +8,10 @@ project installed in the same versions, but none of the run's files: parts are w
 
 from __future__ import annotations
 
+import logging
 import queue
+import signal
+import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -143,7 +146,9 @@ def _client(scheduler: str, workers: int) -> Iterator[Any]:  # a Client; its cal
         settings = {"distributed.scheduler.allowed-failures": 20}
         with (
             dask_config.set(settings),
-            LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address="") as cluster,
+            _local_cluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address="", silence_logs=logging.ERROR
+            ) as cluster,
             Client(cluster) as client,
         ):
             yield client
@@ -160,6 +165,17 @@ def _client(scheduler: str, workers: int) -> Iterator[Any]:  # a Client; its cal
         yield client
     finally:
         client.close(timeout=2)
+
+
+def _local_cluster(**settings: Any) -> LocalCluster:
+    """Start a cluster whose processes leave Ctrl-C to this one: they inherit that it is ignored."""
+    if threading.current_thread() is not threading.main_thread():
+        return LocalCluster(**settings)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        return LocalCluster(**settings)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _wait_for_worker(client: Any, say: Callable[[str], None]) -> None:
