@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from experiments.axes import MAX_CELLS, Axis, axis_problem, expand_axis
 from experiments.box import Sample, Search
 from experiments.errors import UserError
+from experiments.plain import plain_values, revive
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
 DESIGNS = ("grid", "sample", "cells")
@@ -163,7 +164,7 @@ class Config(_Strict):
 
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
-        plain = _plain(self.model_dump())
+        plain = plain_values(self.model_dump())
         if self.sample is not None or self.cells is not None:
             del plain["grid"]
         return plain
@@ -175,7 +176,7 @@ class Config(_Strict):
         for cosmetic in ("name", "workers", "figure_cell", "grazing_threshold", "cells", "search"):
             del plain[cosmetic]
         if "grid" in plain:
-            plain["grid"] = _plain(self.grid.axes())
+            plain["grid"] = plain_values(self.grid.axes())
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
@@ -253,7 +254,7 @@ def parse_config(
 
 def from_canonical(plain: dict[str, Any], where: str) -> Config:
     """Undo `Config.canonical`."""
-    return parse_config(_revive(plain), where)
+    return parse_config(revive(plain), where)
 
 
 def _one_line(problem: Any, name: Callable[[Sequence[str]], str]) -> str:
@@ -281,15 +282,6 @@ def _one_line(problem: Any, name: Callable[[Sequence[str]], str]) -> str:
     return f"{field} = {value}; legal: {legal}" if location else f"{value}: {problem['msg']}"
 
 
-def _revive(value: object, key: str = "") -> Any:
-    """Undo `_plain`."""
-    if isinstance(value, dict):
-        return {name: _revive(entry, name) for name, entry in value.items()}
-    if isinstance(value, list):
-        return [_revive(entry, key) for entry in value]
-    return math.inf if value == "inf" and key not in ("name", "cells") else value
-
-
 def _fields(annotation: Any) -> dict[str, Any]:
     """Return the fields of a table, optional or not; none of anything else."""
     for each in (annotation, *get_args(annotation)):
@@ -306,13 +298,3 @@ def _hint(word: str, known: list[str]) -> str:
 def _short(value: object, limit: int = 60) -> str:
     text = repr(value)
     return text if len(text) <= limit else text[: limit - 3] + "..."
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, float) and math.isinf(value):
-        return "inf"
-    return value

@@ -29,13 +29,14 @@ from experiments.config import REFERENCE, Config
 from experiments.designs import AXES, unit_points
 from experiments.errors import UserError
 from experiments.executors import available_cores, in_flight, open_executor
+from experiments.folders import open_folder
 from experiments.grid import CellList, GridCell
 from experiments.isolation import Task, run_task
 from experiments.lock import holding
 from experiments.sandbox import Beat, FaultError, Sandbox
 from experiments.schema import COLUMNS, DIVERGENCE_SCHEMA
 from experiments.solving import Job, Resolve, solve_cells, solver_versions
-from experiments.store import MANIFEST, RunFolder, open_folder, part_bytes, read_part, write_json, write_text
+from experiments.store import MANIFEST, RunFolder, part_bytes, read_part, write_json, write_text
 from experiments.streams import table_writer
 from experiments.sweep import Progress, clearly
 

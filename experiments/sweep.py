@@ -23,13 +23,14 @@ from experiments.curves import write_curves
 from experiments.designs import cells_of
 from experiments.errors import InterruptedRunError, UserError
 from experiments.executors import available_cores, in_flight, open_executor
+from experiments.folders import open_folder
 from experiments.grid import Cells
 from experiments.isolation import Report, Task, run_task
 from experiments.lock import holding, running
 from experiments.sandbox import ClosedError
 from experiments.schema import COLUMNS
 from experiments.solving import Job, Resolve, solver_versions
-from experiments.store import FORMAT, MANIFEST, RunFolder, open_folder, write_json
+from experiments.store import FORMAT, MANIFEST, RunFolder, write_json
 
 #: Told how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
