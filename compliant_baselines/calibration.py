@@ -20,10 +20,11 @@ import numpy as np
 
 from compliant_baselines.column import Column
 from compliant_baselines.contract import MappingName, SolverError
+from compliant_baselines.convergence import fitted_order
 from compliant_baselines.engine import EngineSolver
 from compliant_baselines.mapping import Contact
 from compliant_baselines.recording import Run
-from compliant_baselines.trajectory import ALOFT, BROKEN, GOING
+from compliant_baselines.trajectory import BROKEN
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ class ContactResult:
     restitution : float
         Relative velocity after over that before.
     duration : float
-        From touch to the end of the last step with force, in s.
+        From touch to where the force comes to zero, in s; to a fraction of a step (`trajectory.scan`).
     duration_asked : float
         What the zero-force formula says, in s.
     """
@@ -129,31 +130,84 @@ def calibrate(
     ValueError
         For a restitution outside (0, 1].
     """
+    answers = try_contacts(solver, requests, max_steps)
+    for answer in answers:
+        if isinstance(answer, SolverError):
+            raise answer
+    return [answer for answer in answers if isinstance(answer, ContactResult)]
+
+
+def try_contacts(
+    solver: EngineSolver, requests: Sequence[ContactRequest], max_steps: int = 10_000_000
+) -> list[ContactResult | SolverError]:
+    """Ask for single contacts as `calibrate` does; what fails is an error in its place."""
     reason = solver.unavailable()
     if reason is not None:
-        raise SolverError(solver.name, "unavailable", reason)
+        return [SolverError(solver.name, "unavailable", reason)] * len(requests)
     columns = [request.column() for request in requests]
+    answers: list[ContactResult | SolverError | None] = []
     for column in columns:
         refused = solver.refusal(column)
-        if refused is not None:
-            raise SolverError(solver.name, "unrepresentable", refused)
-    runs = solver.run_columns(columns, max_steps)
-    return [_result(solver.name, request, run) for request, run in zip(requests, runs, strict=True)]
+        answers.append(SolverError(solver.name, "unrepresentable", refused) if refused else None)
+    accepted = [i for i, answer in enumerate(answers) if answer is None]
+    for i, run in zip(accepted, solver.run_columns([columns[i] for i in accepted], max_steps), strict=True):
+        try:
+            answers[i] = _result(solver.name, requests[i], run)
+        except SolverError as error:
+            answers[i] = error
+    return [answer for answer in answers if answer is not None]
 
 
 def _result(name: str, request: ContactRequest, run: Run) -> ContactResult:
-    if run.end in (GOING, ALOFT):
-        raise SolverError(name, "timeout", f"{request} is not over after {run.raw.n_steps} steps")
-    if run.end == BROKEN:
-        raise SolverError(name, "crashed", f"{request}: {run.failure or 'velocities are no longer finite'}")
+    if not run.over:
+        status = "crashed" if run.end == BROKEN else "timeout"
+        raise SolverError(name, status, f"{request}: {run.problem()}")
     table = request.contact == "ball-table"
     after = run.v2 if table else run.v1 - run.v2
-    loaded = np.flatnonzero(np.isin(run.raw.state, (1, 2) if table else (1, 3)))
-    ends = np.append(run.raw.start[1:], run.raw.n_steps)
-    steps = int(ends[loaded[-1]]) if loaded.size else 0
     return ContactResult(
         request=request,
         restitution=after / abs(request.v0),
-        duration=steps * run.column.step,
+        duration=run.unloaded[1 if table else 0],
         duration_asked=request.asked().duration,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ContactLimit:
+    """What a contact tends to as the step goes to zero.
+
+    Attributes
+    ----------
+    restitution : float
+        Extrapolated coefficient of restitution.
+    duration : float
+        Extrapolated duration over the one asked for.
+    orders : tuple of float
+        Fitted orders in the step of the differences from what was asked for: of the restitution, of the
+        duration, and of both together (their root of squares). Where the first-order term of one of them
+        changes sign with e, or is missing (MuJoCo at e = 1), its own order is another.
+    """
+
+    restitution: float
+    duration: float
+    orders: tuple[float, float, float]
+
+
+def contact_limit(results: Sequence[ContactResult]) -> ContactLimit:
+    """Extrapolate one contact, asked for at steps each half of the one before, to a step of zero.
+
+    The errors of a single contact are smooth in the step: it is met at the beginning of the first one.
+
+    Parameters
+    ----------
+    results : sequence of ContactResult
+        Three or more, the longest step first.
+    """
+    restitution = np.array([result.restitution for result in results])
+    duration = np.array([result.duration / result.duration_asked for result in results])
+    off1, off2 = restitution - results[0].request.e, duration - 1
+    return ContactLimit(
+        restitution=float(2 * restitution[-1] - restitution[-2]),
+        duration=float(2 * duration[-1] - duration[-2]),
+        orders=(fitted_order(np.abs(off1)), fitted_order(np.abs(off2)), fitted_order(np.hypot(off1, off2))),
     )

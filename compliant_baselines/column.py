@@ -40,6 +40,8 @@ class Column:
         Heights (see the module) in m and velocities in m/s at t = 0.
     step : float
         Time step in s.
+    regularisation : float
+        How many times the engine's least regularisation of contacts, where it has any.
     """
 
     m1: float
@@ -54,6 +56,7 @@ class Column:
     v1: float
     v2: float
     step: float
+    regularisation: float = 1.0
 
     def depth(self, k1: float, k2: float) -> float:
         """Bound the penetrations of this column, in m, given its stiffnesses as the engine has them.

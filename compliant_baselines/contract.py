@@ -28,6 +28,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
+from compliant_baselines.convergence import Convergence
 from model.collision import Collision, Outcome, Status
 
 Scenario = Literal["impact", "drop"]
@@ -75,6 +76,8 @@ class Settings:
         Whether outcomes carry the path.
     stiffness_ratio_cutoff : float
         Of the state-transition model; infinity switches the cut-off off.
+    convergence : Convergence or None
+        Whether engines are also run at shorter steps until their limit is known, and how well.
 
     Raises
     ------
@@ -90,6 +93,7 @@ class Settings:
     min_run: int = 3
     record_path: bool = False
     stiffness_ratio_cutoff: float = 1e5
+    convergence: Convergence | None = None
 
     def __post_init__(self) -> None:
         def require(name: str, legal: bool, legal_range: str) -> None:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
+from math import isnan
 
+from compliant_baselines.certificate import certify
 from compliant_baselines.column import Column, column_of, unrepresentable
 from compliant_baselines.contract import Settings, SolverBase
+from compliant_baselines.convergence import Limit
 from compliant_baselines.recording import Run, states_of
-from compliant_baselines.trajectory import ALOFT, BROKEN, GOING, REST, STUCK
+from compliant_baselines.trajectory import BROKEN, REST, STUCK
 from model.collision import Collision, Outcome
 
 #: Energy an engine may create, over that of B1 before the collision, before its answer counts as
@@ -23,8 +27,12 @@ class EngineSolver(SolverBase):
     Statuses beside `ok`: `unavailable` (the engine is not installed), `unrepresentable` (e_i = 0, k_i = 0 or
     infinite, or what the engine itself cannot take), `timeout` (not over after `max_steps`), `crashed`
     (numbers that are not finite, or the engine's own complaint), `unconverged` (over, but with more energy
-    than it began with: the outcome keeps its numbers).
+    than it began with, or with a limit of small steps that is not known to the tolerance asked for: the
+    outcome keeps its numbers).
     """
+
+    #: How many times as much regularisation of contacts shows what that of the engine does; None: it has none.
+    regularisation_probe: float | None = None
 
     @abstractmethod
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
@@ -52,6 +60,11 @@ class EngineSolver(SolverBase):
         runs = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
         for i, run in zip(columns, runs, strict=True):
             outcomes[i] = outcome_of(self.name, run, settings)
+        if settings.convergence is not None:
+            over = {i: run for i, run in zip(columns, runs, strict=True) if run.over}
+            limits = certify(self, list(over.values()), settings.convergence, settings.max_steps)
+            for i, (limit, reason) in zip(over, limits, strict=True):
+                outcomes[i] = certified(outcomes[i], limit, reason)
         return [outcomes[i] for i in range(len(collisions))]
 
 
@@ -64,17 +77,10 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     weight included, and go with the velocities reported: for a B2 at rest without what it still had.
     """
     column = run.column
-    if run.end in (GOING, ALOFT):
-        reason = f"not over after max_steps = {settings.max_steps} steps of {column.step:.3g} s"
-        if run.end == ALOFT:
-            reason += (
-                f" (after {run.raw.n_steps} both balls are in flight, and meet again only after the last)"
-            )
-        return Outcome.failure(solver, "timeout", reason)
     if run.end == BROKEN:
-        why = run.failure or "velocities are no longer finite"
-        reason = f"after {run.raw.n_steps} steps of {column.step:.3g} s: {why}; a smaller step may help"
-        return Outcome.failure(solver, "crashed", reason)
+        return Outcome.failure(solver, "crashed", f"{run.problem()}; a smaller step may help")
+    if not run.over:
+        return Outcome.failure(solver, "timeout", run.problem())
     runs = states_of(run, settings.min_run)
     gain = run.energy_gain()
     diagnostics = {
@@ -85,10 +91,9 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     }
     if column.gravity:
         diagnostics["gravity_number"] = column.gravity / (abs(column.v1) * column.contact1.omega)
-    v1, v2 = run.v1, run.v2
+    v1, v2 = run.reported
     if run.end in (REST, STUCK):
-        diagnostics["rest_speed"] = v2
-        v1, v2 = (v1 if run.end == REST else 0.0), 0.0
+        diagnostics["rest_speed"] = run.v2
     impulse1, impulse2 = run.impulses(v1, v2)
     created = gain > ENERGY_GAIN_ALLOWED
     return Outcome(
@@ -106,3 +111,26 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
         diagnostics=diagnostics,
         path=run.path(runs) if run.points is not None else None,
     )
+
+
+def certified(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
+    """Add to an outcome the limit of small steps, and why it is not converged, if it is not.
+
+    `diagnostics` gains `v1_limit`, `v2_limit`, `limit_error` and the part of it that is `regularisation` (all
+    in m/s), `order` and `finest_step` (s), see `compliant_baselines.convergence`. The outcome's own numbers
+    stay those of the step it was asked for.
+    """
+    if reason and outcome.status == "ok":
+        outcome = replace(outcome, status="unconverged", reason=reason)
+    if limit is None:
+        return outcome
+    stated = {
+        "v1_limit": limit.v1,
+        "v2_limit": limit.v2,
+        "limit_error": limit.error,
+        "regularisation": limit.regularisation,
+        "finest_step": limit.step,
+        "order": limit.order,
+    }
+    known = {key: value for key, value in stated.items() if not isnan(value)}
+    return replace(outcome, diagnostics={**outcome.diagnostics, **known})

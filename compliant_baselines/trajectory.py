@@ -71,9 +71,36 @@ class ScanParameters(NamedTuple):
     x2_rest: float
 
 
+def new_memory() -> Floats:
+    """Memory of `scan` in which nothing has happened yet."""
+    return np.array([0.0, np.nan, np.nan, 0.0, -1.0, -1.0, np.nan, np.nan, np.nan, np.nan])
+
+
+@numba.njit(cache=True)
+def _remember(memory, contact, loaded, impulse, inverse_mass, h):  # pragma: no cover (compiled)
+    """Note what a contact did in a step; see `scan`."""
+    state, last, before = 4 + contact, 6 + contact, 8 + contact
+    if loaded and memory[state] == 0:
+        memory[0] += impulse * inverse_mass
+    if not loaded and memory[state] == 1:
+        fall = memory[before] - memory[last]
+        beyond = memory[last] / fall if fall > 0 else 0.5
+        memory[1 + contact] = (memory[3] - 1.5 + min(beyond, 1.5)) * h
+    if loaded or memory[state] == 1:
+        memory[state] = 1.0 if loaded else 0.0
+    memory[before] = memory[last]
+    memory[last] = impulse
+
+
 @numba.njit(cache=True)
 def scan(  # pragma: no cover (compiled)
-    v: Floats, x: Floats, before: Floats, p: ScanParameters, left: int, codes: NDArray[np.int8]
+    v: Floats,
+    x: Floats,
+    before: Floats,
+    p: ScanParameters,
+    left: int,
+    codes: NDArray[np.int8],
+    memory: Floats,
 ) -> tuple[int, int]:
     """Go through a stretch of steps until the collision is over.
 
@@ -89,6 +116,18 @@ def scan(  # pragma: no cover (compiled)
         Number of steps that may still be taken after these.
     codes : ndarray of int8, shape (n,)
         Filled with the raw state, 1 to 4, of each step.
+    memory : ndarray, shape (10,)
+        Of the stretches before, `new_memory` before the first. What a caller may want of it:
+
+        * 0: what contacts that began to carry force *again* did in their first step, summed as changes of the
+          relative velocity of their pair in m/s;
+        * 1, 2: when contacts 1 and 2 last ceased to carry force, in s: where the straight line through their
+          mean forces in the last two steps, each counted at the middle of its step, comes to zero. NaN as
+          long as they have not;
+        * 3: number of steps so far.
+
+        The rest is for the next stretch: whether each contact carries force (1, 0, or -1 as long as it never
+        has), and its impulses in the last two steps.
 
     Returns
     -------
@@ -114,6 +153,9 @@ def scan(  # pragma: no cover (compiled)
         loaded1, loaded2 = impulse1 > noise1, impulse2 > noise2
         codes[i] = (1 if loaded2 else 3) if loaded1 else (2 if loaded2 else 4)
         u1, u2 = v1, v2
+        memory[3] += 1
+        _remember(memory, 0, loaded1, impulse1, 1 / p.m1 + 1 / p.m2, p.h)
+        _remember(memory, 1, loaded2, impulse2, 1 / p.m2, p.h)
 
         weightless = p.g == 0
         if not loaded1 and (weightless or x1 >= x2) and v1 >= v2:

@@ -80,6 +80,14 @@ class Grid(_Strict):
         return [int(next(iter(axis.values()))[2]) if isinstance(axis, dict) else len(axis) for axis in axes]
 
 
+class ConvergenceTable(_Strict):
+    """How far engines are followed towards a step of zero, cell by cell."""
+
+    enabled: bool = Field(True, description="true or false")
+    tolerance: float = Field(1e-3, gt=0, le=1, description="greater than 0, at most 1 (of |v0|)")
+    halvings: int = Field(4, ge=2, le=10, description="a whole number from 2 to 10 (of the step)")
+
+
 class Config(_Strict):
     """An experiment: what is computed, by which solvers and how."""
 
@@ -114,6 +122,10 @@ class Config(_Strict):
     sample: Sample | None = Field(None, description="a table: method, n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
     search: Search | None = Field(None, description="a table: solver, measure, and ranges")
+    convergence: ConvergenceTable = Field(
+        default_factory=lambda: ConvergenceTable.model_validate({}),
+        description="a table: enabled, tolerance, halvings",
+    )
     figure_cell: Cell = Field(
         default_factory=lambda: Cell.model_validate({}),
         description="a table: stiffness_ratio, mass_ratio, e1, e2",

@@ -17,6 +17,9 @@ from experiments.box import Box, Sample
 from experiments.config import Config
 from experiments.errors import UserError
 from experiments.grid import CellGrid, CellList, Cells
+from experiments.schema import CELLS_SCHEMA
+from experiments.store import RunFolder
+from experiments.streams import column
 
 AXES = tuple(Box.model_fields)
 
@@ -36,6 +39,15 @@ def cells_of(config: Config) -> Cells:
         _within_double_precision(config, values, config.cells)
         return CellList(config, values)
     return CellGrid(config)
+
+
+def cells_of_run(folder: RunFolder, config: Config) -> Cells:
+    """Return the cells of a finished run; those of a list as its table has them, wherever their file is now."""
+    if config.cells is None:
+        return cells_of(config)
+    path = folder.table_path("cells.parquet", CELLS_SCHEMA)
+    values = np.column_stack([column(path, name)[:: len(config.solvers)] for name in AXES])
+    return CellList(config, values)
 
 
 def draw(sample: Sample) -> NDArray[np.float64]:
@@ -82,7 +94,7 @@ def read_cells(path: Path) -> NDArray[np.float64]:
         )
     if not 1 <= table.num_rows <= MAX_CELLS:
         raise UserError(f"{path}: {table.num_rows} rows; legal: 1 to {MAX_CELLS}")
-    return np.column_stack([_column(path, name, table.column(name)) for name in AXES])
+    return np.column_stack([_checked(path, name, table.column(name)) for name in AXES])
 
 
 def _read(path: Path) -> pa.Table:
@@ -98,7 +110,7 @@ def _read(path: Path) -> pa.Table:
         raise UserError(f"{path}: cannot be read: {detail}; legal: a CSV or Parquet file") from None
 
 
-def _column(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.float64]:
+def _checked(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.float64]:
     if column.null_count:
         row = pc.index(column.is_null(), True).as_py()
         raise UserError(f"{path}: row {row + 1}: {name} is empty; legal: a number")

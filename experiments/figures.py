@@ -13,7 +13,9 @@ from matplotlib.figure import Figure
 from experiments.config import REFERENCE, Config
 from experiments.curve_figures import draw_cell_curves, draw_supplement
 from experiments.curves import CURVES, CURVES_SCHEMA
-from experiments.findings import number
+from experiments.ladder_figures import draw_ladders
+from experiments.ladder_summary import LadderSummary, summarise_ladder
+from experiments.numbers import number
 from experiments.store import RunFolder, write_json
 from experiments.streams import replacing
 from experiments.style import drawing, look
@@ -40,12 +42,15 @@ class Data:
         The compared rows of the divergence table, grazing cells left out; axes by level.
     curves : DataFrame
         The table of curves.
+    ladder : LadderSummary
+        What the divergence of the engines is made of.
     """
 
     config: Config
     levels: dict[str, list[float]]
     regular: Frame
     curves: Frame
+    ladder: LadderSummary
 
     @property
     def solvers(self) -> list[str]:
@@ -70,6 +75,7 @@ def write_figures(folder: RunFolder) -> list[tuple[Path, str]]:
         {axis: sorted(levels.values) for axis, levels in table.levels.items()},
         table.frame(measures, table.compared & ~table.grazing),
         folder.read_table(CURVES, CURVES_SCHEMA).to_pandas(),
+        summarise_ladder(folder, config),
     )
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
@@ -96,6 +102,7 @@ def _figures(data: Data) -> Iterator[tuple[str, Figure, str]]:
         ]
     for name, draw in drawers:
         yield name, *draw(data)
+    yield from draw_ladders(data.ladder)
     yield "impulse-curves", *draw_cell_curves(data.curves, data.config.solvers)
     yield "supplement-1b-2b", *draw_supplement(data.curves)
 

@@ -44,6 +44,19 @@ _OUTCOME = (
     ("duration", "float", "s", "from first touch to the end of the collision"),
     ("gravity_number", "float", "-", "g/(|v0| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity"),
 )
+_CERTIFICATE = (
+    ("v1_limit", "float", "-", "velocity of B1 per |v0|, extrapolated to a step of 0; engines only"),
+    ("v2_limit", "float", "-", "velocity of B2 per |v0|, extrapolated to a step of 0; engines only"),
+    (
+        "limit_error",
+        "float",
+        "-",
+        "estimated error of v1_limit and v2_limit as those of the contacts asked for",
+    ),
+    ("regularisation", "float", "-", "the part of limit_error that no step removes: the engine's own doing"),
+    ("order", "float", "-", "order in the step with which the velocities approach the limit, fitted"),
+    ("finest_step", "float", "s", "the shortest time step that went into the limit"),
+)
 _MEASURES = (
     ("velocity_divergence", "float", "-", "D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2))"),
     ("dv1", "float", "-", "solver minus model, per |v0|"),
@@ -65,11 +78,12 @@ _MODEL = (
 #: What a reader of the files finds documented beside each column.
 COLUMNS = {
     name: (kind, unit, meaning)
-    for name, kind, unit, meaning in (*_PARAMETERS, *_WHO, *_OUTCOME, *_MEASURES, *_MODEL)
+    for name, kind, unit, meaning in (*_PARAMETERS, *_WHO, *_OUTCOME, *_CERTIFICATE, *_MEASURES, *_MODEL)
 }
 PARAMETERS = tuple(row[0] for row in _PARAMETERS)
 MEASURES = tuple(row[0] for row in _MEASURES)
-CELLS = (*PARAMETERS, *(row[0] for row in (*_WHO, *_OUTCOME)))
+CERTIFICATE = tuple(row[0] for row in _CERTIFICATE)
+CELLS = (*PARAMETERS, *(row[0] for row in (*_WHO, *_OUTCOME, *_CERTIFICATE)))
 DIVERGENCE = (
     *PARAMETERS,
     *(row[0] for row in _WHO),

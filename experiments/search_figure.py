@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from experiments.config import Config
-from experiments.findings import number
+from experiments.numbers import number
 from experiments.search import EVALUATIONS, Found
 from experiments.store import RunFolder, write_text
 from experiments.streams import replacing

@@ -13,11 +13,12 @@ import pyarrow as pa
 
 from compliant_baselines import get_solver
 from compliant_baselines.contract import Settings, Solver
+from compliant_baselines.convergence import Convergence
 from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE, divergence
 from experiments.grid import GridCell, collision_of
 from experiments.sandbox import Beat
-from experiments.schema import COLUMNS, MEASURES, ROW_SCHEMA
+from experiments.schema import CERTIFICATE, COLUMNS, MEASURES, ROW_SCHEMA
 from model.collision import Collision, Outcome, Status
 
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
@@ -83,6 +84,9 @@ def settings_of(config: Config) -> Settings:
         min_run=config.min_run,
         record_path=True,
         stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
+        convergence=Convergence(config.convergence.tolerance, config.convergence.halvings)
+        if config.convergence.enabled
+        else None,
     )
 
 
@@ -173,7 +177,8 @@ def gravity_number(config: Config, collision: Collision) -> float:
 
 def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:
     c = cell.collision
-    done = outcome.status in COMPARABLE
+    # A result that is not converged keeps the numbers it came to, but is no measure of anything.
+    done = outcome.status in (*COMPARABLE, "unconverged") and math.isfinite(outcome.v1)
     row: dict[str, Any] = {
         "cell": cell.index,
         "stiffness_ratio": cell.stiffness_ratio,
@@ -187,6 +192,7 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
         "step": outcome.diagnostics.get("step"),
         "n_steps": _whole(outcome.diagnostics.get("n_steps")),
         "duration": outcome.diagnostics.get("duration"),
+        **_certificate(c, outcome),
         "model_states": " ".join(model.states) or None,
         "model_status": model.status,
         "model_grazing_margin": model.grazing_margin,
@@ -205,6 +211,16 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
             "retained_energy": outcome.retained_energy(c),
         }
     return {column: row.get(column) for column in COLUMNS}
+
+
+def _certificate(collision: Collision, outcome: Outcome) -> dict[str, float | None]:
+    """Columns of the convergence certificate; the outcome states them in SI units among its diagnostics."""
+    speed = abs(collision.v0)
+    scale = {"order": 1.0, "finest_step": 1.0}
+    return {
+        name: None if (value := outcome.diagnostics.get(name)) is None else value / scale.get(name, speed)
+        for name in CERTIFICATE
+    }
 
 
 def _whole(value: float | None) -> int | None:

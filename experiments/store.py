@@ -28,7 +28,14 @@ from experiments.streams import blocks, is_temporary, replacing, table_writer
 
 FORMAT = "impact-xval run, format 1"
 MANIFEST = "manifest.json"
-TABLES = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet")
+TABLES = (
+    "cells.parquet",
+    "divergence.parquet",
+    "divergence.csv",
+    "curves.parquet",
+    "ladder.parquet",
+    "ladder.csv",
+)
 
 PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
 

@@ -23,6 +23,7 @@ from experiments.aggregates import (
     worst_rows,
 )
 from experiments.config import REFERENCE, Config
+from experiments.ladder_summary import LadderSummary, summarise_ladder
 from experiments.levels import Levels
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
@@ -70,6 +71,8 @@ class Summary:
         max``.
     n_cells, n_grazing : int
         Cells of the grid, and those of them beside a jump.
+    ladder : LadderSummary
+        What the divergence of the engines is made of.
     """
 
     config: Config
@@ -81,6 +84,7 @@ class Summary:
     between: Frame
     n_cells: int
     n_grazing: int
+    ladder: LadderSummary
 
     @property
     def solvers(self) -> list[str]:
@@ -124,6 +128,7 @@ def summarise(folder: RunFolder) -> Summary:
         between=between(cells, config),
         n_cells=len(margins),
         n_grazing=int((margins < config.grazing_threshold).sum()),
+        ladder=summarise_ladder(folder, config),
     )
 
 

@@ -26,6 +26,7 @@ from experiments.executors import available_cores, in_flight, open_executor
 from experiments.folders import open_folder
 from experiments.grid import Cells
 from experiments.isolation import Report, Task, run_task
+from experiments.ladder_table import write_ladder
 from experiments.lock import holding, running
 from experiments.sandbox import ClosedError
 from experiments.schema import COLUMNS
@@ -191,6 +192,7 @@ class _Run:
     def finish(self) -> None:
         """Write the finished tables and the manifest."""
         self.folder.assemble(self.parts)
+        write_ladder(self.folder.root)
         statuses, digests = self.folder.statuses(), self.folder.digests()
         self._stage("tables")
         session = {

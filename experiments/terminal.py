@@ -21,7 +21,8 @@ from rich.text import Text
 
 from experiments.divergence import COMPARABLE, divergence
 from experiments.document import Table
-from experiments.findings import findings, grazing_table, number, overall_table, status_table
+from experiments.findings import findings, grazing_table, overall_table, status_table
+from experiments.numbers import number
 from experiments.search import Found
 from experiments.status import RunStatus
 from experiments.summary import AXES, SUMMARISED, Summary
@@ -67,12 +68,17 @@ def side_by_side(
 def show_summary(console: Console, summary: Summary) -> None:
     """Print what a run found."""
     for shown in (overall_table(summary), grazing_table(summary), status_table(summary)):
-        print_line(console, "")
-        print_line(console, shown.caption)
-        console.print(_rich(shown))
+        print_table(console, shown)
     print_line(console, "")
     for text in findings(summary):
         print_line(console, text)
+
+
+def print_table(console: Console, table: Table) -> None:
+    """Print a table below its caption."""
+    print_line(console, "")
+    print_line(console, table.caption)
+    console.print(_rich(table))
 
 
 def show_status(console: Console, root: str, status: RunStatus) -> None:
@@ -161,18 +167,18 @@ def _rich(table: Table) -> RichTable:
 
 
 @contextmanager
-def show_progress(console: Console) -> Iterator[Callable[[int, int, str], None]]:
+def show_progress(console: Console, unit: str = "cells") -> Iterator[Callable[[int, int, str], None]]:
     """Show progress: a bar on a terminal, a line for every tenth of the work otherwise."""
     if console.is_terminal:
         columns = (
-            TextColumn("cells"),
+            TextColumn(unit),
             BarColumn(),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
         )
         with Progress(*columns, console=console) as bar:
-            task = bar.add_task("cells", total=None)
+            task = bar.add_task(unit, total=None)
 
             def on_bar(done: int, total: int, line: str) -> None:
                 if line:
@@ -190,7 +196,7 @@ def show_progress(console: Console) -> Iterator[Callable[[int, int, str], None]]
             print_line(console, line)
         elif total and 10 * done // total > said:
             said = 10 * done // total
-            print_line(console, f"{done} of {total} cells after {time.perf_counter() - start:.0f} s")
+            print_line(console, f"{done} of {total} {unit} after {time.perf_counter() - start:.0f} s")
 
     yield on_log
 

@@ -3,6 +3,12 @@
 Shares no code with the package: damping comes in as a number. Contact i is F = max(0, k delta + c delta')
 while delta > 0. Everything is integrated in units in which m1 = k1 = |v0| = 1, so that tolerances mean the
 same for every collision.
+
+With an impedance d, contacts are those of MuJoCo's regularised constraints in continuous time: (1 - d) F_i =
+k_i delta_i + c_i delta_i' - d M_i a_i, with a_i the rate at which contact i separates faster (the chapter
+"Computation" of its documentation, at a constant impedance and with stiffness k_i/M_i and damping c_i/M_i).
+Since a_1 = F1/M1 - F2/m2 and a_2 = (F2 - F1)/m2, that is F1 = L1 + d (M1/m2) F2 and F2 = L2 + d F1, with L_i
+the force without; not for use with gravity.
 """
 
 from __future__ import annotations
@@ -38,6 +44,7 @@ def kelvin_voigt(
     *,
     gravity: float = 0.0,
     until: float | None = None,
+    impedance: float = 0.0,
     rtol: float = 1e-11,
     max_pieces: int = 400,
 ) -> Reference:
@@ -50,6 +57,7 @@ def kelvin_voigt(
     m, kappa, g1, g2 = m2 / m1, k2 / k1, c1 * omega / k1, c2 * omega / k1
     g = gravity / (speed * omega)
     end = np.inf if until is None else until * omega
+    coupling = (impedance / (1 + m), impedance)  # d M1/m2 and d
 
     def laws(y: np.ndarray) -> tuple[float, float, float, float]:
         x1, x2, v1, v2 = y[:4]
@@ -57,17 +65,24 @@ def kelvin_voigt(
         return d1, d2, d1 + g1 * (v2 - v1), kappa * d2 - g2 * v2
 
     def piece(on1: bool, on2: bool):
-        def rhs(_t, y):
+        def forces(y):
             _, _, f1, f2 = laws(y)
             f1, f2 = (f1 if on1 else 0.0), (f2 if on2 else 0.0)
+            if on1 and on2:
+                whole = 1 - coupling[0] * coupling[1]
+                f1, f2 = (f1 + coupling[0] * f2) / whole, (f2 + coupling[1] * f1) / whole
+            return f1, f2
+
+        def rhs(_t, y):
+            f1, f2 = forces(y)
             return [y[2], y[3], f1 - g, (f2 - f1) / m - g, f1, f2]
 
         def watch(index: int, on: bool):
             # An active contact ends when its force falls through zero. An inactive one returns when
             # penetration and would-be force are both there: the smaller of the two rises through zero.
             def event(_t, y):
-                d = laws(y)
-                return d[2 + index] if on else min(d[index], d[2 + index])
+                d, f = laws(y), forces(y)
+                return f[index] if on else min(d[index], d[2 + index] + coupling[index] * f[1 - index])
 
             event.terminal = True
             event.direction = -1 if on else 1

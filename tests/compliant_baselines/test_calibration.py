@@ -47,5 +47,5 @@ def test_requests_that_cannot_be_are_refused(engine):
         calibrate(engine, [ContactRequest("ball-table", 0)])
     with pytest.raises(SolverError, match="unrepresentable"):
         calibrate(engine, [ContactRequest("ball-table", 0.5, k=1e32)])
-    with pytest.raises(SolverError, match=r"timeout: .* not over after 10 steps"):
+    with pytest.raises(SolverError, match=r"timeout: .* not over after max_steps = 10 steps"):
         calibrate(engine, [ContactRequest("ball-table", 0.5)], max_steps=10)

@@ -275,14 +275,16 @@ def test_mujoco_inverse_weights_are_inverse_masses():
 def test_pybullet_heights_follow_from_velocities_and_nothing_drifts_sideways():
     p = pytest.importorskip("pybullet")
 
-    from compliant_baselines import pybullet_drop as pd
+    from compliant_baselines import pybullet_world as pw
 
     column = column_of(
         Collision(m1=1.0, m2=2.0, k1=1e4, k2=3e4, e1=0.7, e2=0.8),
         Settings(scenario="drop", step_fraction=1e-3),
     )
-    with pd._client() as client:
-        b1, b2, x1, x2, _ = pd._build(client, column)
+    with pw.connected() as client:
+        world = pw.World(client)
+        x1, x2, _ = world.prepare(column)
+        b1, b2 = world.balls
         start = [p.getBasePositionAndOrientation(b, client)[0][2] for b in (b1, b2)]
         x = np.array([x1, x2])
         for _ in range(2000):

@@ -13,6 +13,7 @@ from compliant_baselines.trajectory import (
     Runs,
     ScanParameters,
     merge_runs,
+    new_memory,
     scan,
 )
 
@@ -21,9 +22,10 @@ NO_GRAVITY = ScanParameters(h=0.01, g=0.0, m1=1.0, m2=2.0, k1=1.0, k2=1.0, x2_re
 GRAVITY = ScanParameters(h=1e-4, g=10.0, m1=1.0, m2=1.0, k1=1e4, k2=1e4, x2_rest=-1e-3)
 
 
-def look(v, x, before, p, left=10**6):
+def look(v, x, before, p, left=10**6, memory=None):
     codes = np.zeros(len(v), np.int8)
-    steps, end = scan(np.array(v, float), np.array(x, float), np.array(before, float), p, left, codes)
+    memory = new_memory() if memory is None else memory
+    steps, end = scan(np.array(v, float), np.array(x, float), np.array(before, float), p, left, codes, memory)
     return steps, end, codes[:steps].tolist()
 
 

@@ -1,0 +1,179 @@
+"""What the harness adds to bare engine stepping, for the same steps in the same run.
+
+Run as ``python benchmarks/engines.py``. The cells are chunks of the default grid, in the default scenario.
+For each engine one run measures, in CPU time of this process and as the best of several repetitions,
+
+* **bare**: the engine steps the very same columns, built in the same way, for the very same numbers of steps, in
+  calls as long as the engine allows and with nothing read on the way: ``mj_step(model, data, nstep)`` of MuJoCo, one
+  column after the other; ``stepSimulation`` of PyBullet with 256 sub-steps a call. Building is not part of it;
+* **end**: the harness as the steps h/2 and h/4 of a certificate use it: building, stepping, finding the end of the
+  collision to the step, states and impulses, no path;
+* **path**: the same with the path recorded, as the step h uses it;
+* **certified**: `solve_many` with convergence certificates, everything included, over all the steps it takes,
+  beside what a step costs bare.
+
+The numbers to look at are the ratios to bare, a step.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from compliant_baselines import get_solver
+from compliant_baselines.column import Column, column_of
+from compliant_baselines.contract import Settings
+from compliant_baselines.convergence import Convergence
+from compliant_baselines.engine import EngineSolver
+from experiments.config import parse_config
+from experiments.grid import CellGrid
+from model.collision import Collision
+
+
+def cells(chunks: int) -> list[Collision]:
+    """Take chunks of the default grid as a run hands them to a worker, evenly spread over it."""
+    grid = CellGrid(parse_config({}))
+    numbers = np.linspace(0, grid.chunks() - 1, chunks + 2).round().astype(int)[1:-1]
+    return [grid[index].collision for number in numbers for index in grid.chunk(int(number))]
+
+
+def best(run: Callable[[], float], repetitions: int) -> float:
+    """Shortest of several times in s."""
+    return min(run() for _ in range(repetitions))
+
+
+def timed(run: Callable[[], object]) -> float:
+    """CPU time of this process in s; other processes cost it nothing."""
+    start = time.process_time()
+    run()
+    return time.process_time() - start
+
+
+def bare_mujoco(columns: Sequence[Column], steps: Sequence[int]) -> float:
+    """Step every column by mj_step alone."""
+    from mujoco.batch import Batch
+
+    from compliant_baselines import mujoco_drop
+
+    mujoco: Any = import_module("mujoco")
+    spent = 0.0
+    for column, n in zip(columns, steps, strict=True):
+        batch = Batch(mujoco_drop._model(), 1, 1)
+        mujoco_drop._load(batch, [column], n, False)
+        model, data = batch.get_model(0), mujoco.MjData(mujoco_drop._model())
+        data.qpos[:], data.qvel[:] = batch.qpos[0], batch.qvel[0]
+        spent += timed(lambda model=model, data=data, n=n: mujoco.mj_step(model, data, nstep=n))
+    return spent
+
+
+def bare_pybullet(columns: Sequence[Column], steps: Sequence[int], stride: int = 256) -> float:
+    """Step every column by stepSimulation alone, many sub-steps a call."""
+    import pybullet as p
+
+    from compliant_baselines import pybullet_world
+
+    spent = 0.0
+    with pybullet_world.connected() as client:
+        world = pybullet_world.World(client)
+        for column, n in zip(columns, steps, strict=True):
+            world.prepare(column)
+
+            def run(column: Column = column, n: int = n) -> None:
+                p.setPhysicsEngineParameter(
+                    fixedTimeStep=stride * column.step, numSubSteps=stride, physicsClientId=client
+                )
+                for _ in range(n // stride):
+                    p.stepSimulation(client)
+                p.setPhysicsEngineParameter(fixedTimeStep=column.step, numSubSteps=0, physicsClientId=client)
+                for _ in range(n % stride):
+                    p.stepSimulation(client)
+
+            spent += timed(run)
+    return spent
+
+
+def measure(
+    name: str, collisions: Sequence[Collision], scenario: Any, repetitions: int
+) -> list[tuple[str, float, float]]:
+    """Rows of (what, microseconds a step, ratio to bare) of one engine."""
+    solver = get_solver(name)
+    assert isinstance(solver, EngineSolver)
+    settings = Settings(scenario=scenario, record_path=True)
+    bare = {"mujoco": bare_mujoco, "pybullet": bare_pybullet}[name]
+    rows: list[tuple[str, float, float]] = []
+    coarse = [column_of(c, settings) for c in collisions]
+    spent_bare: list[tuple[float, int]] = []
+    for label, halvings, record in (
+        ("path, step h", 0, True),
+        ("end, step h/2", 1, False),
+        ("end, step h/4", 2, False),
+    ):
+        columns = [replace(column, step=column.step / 2**halvings) for column in coarse]
+        runs = solver.run_columns(columns, settings.max_steps * 2**halvings, record)
+        kept = [(column, run.raw.n_steps) for column, run in zip(columns, runs, strict=True) if run.over]
+        columns, steps = [column for column, _ in kept], [n for _, n in kept]
+        limit = settings.max_steps * 2**halvings
+        harness = best(
+            lambda columns=columns, limit=limit, record=record: timed(
+                lambda: solver.run_columns(columns, limit, record)
+            ),
+            repetitions,
+        )
+        alone = best(lambda columns=columns, steps=steps: bare(columns, steps), repetitions)
+        total = sum(steps)
+        spent_bare.append((alone, total))
+        rows.append((f"bare, {label.split(', ')[1]}", alone / total * 1e6, 1.0))
+        rows.append((label, harness / total * 1e6, harness / alone))
+    certified = replace(settings, convergence=Convergence())
+    taken: list[int] = []
+    original = solver.run_columns
+
+    def counting(*arguments: Any, **named: Any) -> Any:
+        runs = original(*arguments, **named)
+        taken.append(sum(run.raw.n_steps for run in runs))
+        return runs
+
+    solver.run_columns = counting  # type: ignore[method-assign]
+    spent = best(
+        lambda: (taken.clear(), timed(lambda: solver.solve_many(collisions, certified)))[1], repetitions
+    )
+    solver.run_columns = original  # type: ignore[method-assign]
+    alone = sum(time for time, _ in spent_bare) / sum(n for _, n in spent_bare)
+    rows.append(("certified, all steps", spent / sum(taken) * 1e6, spent / sum(taken) / alone))
+    return rows
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--chunks", type=int, default=3, help="chunks of 16 cells of the default grid")
+    parser.add_argument("--repetitions", type=int, default=3)
+    parser.add_argument("--scenario", choices=("drop", "impact"), default="drop")
+    arguments = parser.parse_args()
+    console = Console(width=100)
+    console.print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}")
+    collisions = cells(arguments.chunks)
+    table = Table("engine", "what", "us a step", "over bare")
+    for name in ("mujoco", "pybullet"):
+        reason = get_solver(name).unavailable()
+        if reason is not None:
+            console.print(f"{name}: {reason}")
+            continue
+        for what, micro, ratio in measure(name, collisions, arguments.scenario, arguments.repetitions):
+            table.add_row(name, what, f"{micro:.2f}", f"{ratio:.2f}")
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()

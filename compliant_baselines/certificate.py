@@ -1,0 +1,130 @@
+"""Running an engine at shorter and shorter steps until its limit is known: a certificate for each column."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from compliant_baselines.column import Column
+from compliant_baselines.convergence import Convergence, Limit, limit_of
+from compliant_baselines.recording import Run
+
+
+class Runner(Protocol):
+    """What is needed of an engine."""
+
+    #: How many times as much regularisation the engine is run with to see what its own does; None: none.
+    regularisation_probe: float | None
+
+    def run_columns(self, columns: Sequence[Column], max_steps: int) -> list[Run]:
+        """Run every column until its collision is over or `max_steps` steps are taken; in order."""
+        ...
+
+
+@dataclass(slots=True)
+class _Case:
+    """A column on its way to its limit: its runs, from the longest step to the shortest."""
+
+    column: Column
+    runs: list[Run]
+    regularisation: float = 0.0
+    failure: str = ""
+
+    def limit(self) -> Limit | None:
+        if len(self.runs) < 3:
+            return None
+        velocities = np.array([run.reported for run in self.runs])
+        last = self.runs[-1]
+        return limit_of(velocities, last.starts, last.column.step, self.regularisation)
+
+    def refine(self) -> Column:
+        return replace(self.column, step=self.column.step / 2 ** len(self.runs))
+
+    def wants_more(self, convergence: Convergence) -> bool:
+        limit, tolerance = self.limit(), convergence.tolerance * abs(self.column.v1)
+        if self.failure or len(self.runs) > convergence.halvings or limit is None:
+            return False
+        # What regularisation leaves beyond the tolerance no step brings back.
+        return limit.error > tolerance > limit.regularisation
+
+
+def certify(
+    runner: Runner, runs: Sequence[Run], convergence: Convergence, max_steps: int
+) -> list[tuple[Limit | None, str]]:
+    """Find the limits of columns that have been run at the longest step.
+
+    Parameters
+    ----------
+    runner : Runner
+        The engine.
+    runs : sequence of Run
+        Its runs at the step a user would take, all of them over.
+    convergence : Convergence
+        What is wanted.
+    max_steps : int
+        Steps a run at the longest step may take; at shorter ones as many times more.
+
+    Returns
+    -------
+    list of (Limit or None, str)
+        None where shorter steps did not come to an end; and why the limit is not converged, empty if it is.
+    """
+    cases = [_Case(run.column, [run]) for run in runs]
+    factor = runner.regularisation_probe
+    probes = [
+        replace(case.column, regularisation=factor)
+        for case in cases
+        if factor is not None and case.column.mapping == "calibrated"
+    ]
+    halves = [replace(case.column, step=case.column.step / 2**n) for case in cases for n in (1, 2)]
+    # One call for all of them: an engine shares out what it is given.
+    answers = runner.run_columns([*halves, *probes], 4 * max_steps)
+    for i, case in enumerate(cases):
+        for run in answers[2 * i : 2 * i + 2]:
+            _take(case, run)
+    if factor is not None:
+        for case, run in zip(
+            (case for case in cases if case.column.mapping == "calibrated"),
+            answers[2 * len(cases) :],
+            strict=True,
+        ):
+            if run.over:
+                moved = np.subtract(run.reported, case.runs[0].reported)
+                case.regularisation = float(np.abs(moved).max()) / (factor - 1)
+    while going := [case for case in cases if case.wants_more(convergence)]:
+        longest = max_steps * 2 ** max(len(case.runs) for case in going)
+        for case, run in zip(
+            going, runner.run_columns([case.refine() for case in going], longest), strict=True
+        ):
+            _take(case, run)
+    return [(case.limit(), _reason(case, convergence)) for case in cases]
+
+
+def _take(case: _Case, run: Run) -> None:
+    if case.failure:
+        return
+    if run.over:
+        case.runs.append(run)
+    else:
+        case.failure = f"at a step of {run.column.step:.3g} s: {run.problem()}"
+
+
+def _reason(case: _Case, convergence: Convergence) -> str:
+    """Say why the limit does not satisfy; nothing if it does."""
+    limit, speed = case.limit(), abs(case.column.v1)
+    if limit is None:
+        return f"no limit of small steps: {case.failure}"
+    if limit.error <= convergence.tolerance * speed:
+        return ""
+    text = (
+        f"the limit of small steps is known to {limit.error / speed:.1e} of |v0|, beyond the tolerance of "
+        f"{convergence.tolerance:g}"
+    )
+    if limit.regularisation > min(limit.step_error, convergence.tolerance * speed):
+        return (
+            f"{text}: the engine's own regularisation of contacts is {limit.regularisation / speed:.1e} of it"
+        )
+    return f"{text}, at the finest step, {limit.step:.3g} s" + (f" ({case.failure})" if case.failure else "")
