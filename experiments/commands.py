@@ -50,9 +50,8 @@ def run(
     console = make_console()
     try:
         with show_progress(console) as progress:
-            progress(0, 0, _compile_notice())
             folder = sweep.run_sweep(
-                config, root, workers=workers, scheduler=scheduler, resume=resume, progress=progress
+                config, root, workers=workers, scheduler=scheduler, resume=resume, progress=_noticed(progress)
             )
     except InterruptedRunError as stopped:
         words = [
@@ -88,9 +87,8 @@ def search(
     console = make_console()
     try:
         with show_progress(console) as progress:
-            progress(0, 0, _compile_notice())
             found = search_worst(
-                config, root, workers=workers, scheduler=scheduler, resume=resume, progress=progress
+                config, root, workers=workers, scheduler=scheduler, resume=resume, progress=_noticed(progress)
             )
     except InterruptedRunError as stopped:
         words = ["impact-xval", "search", *([str(path)] if path is not None else []), "--out", str(root)]
@@ -240,6 +238,18 @@ def solve(values: dict[str, str], solvers: list[str] | None, *, as_json: bool) -
     for name, outcome in zip(names, outcomes, strict=True):
         if outcome.reason:
             print_line(console, f"{name}: {outcome.status}: {outcome.reason}")
+
+
+def _noticed(progress: sweep.Progress) -> sweep.Progress:
+    """Add the notice of compilation to the first report: by then the input is known to be legal."""
+    notices = [_compile_notice()]
+
+    def report(done: int, total: int, line: str) -> None:
+        if notices:
+            progress(0, 0, notices.pop())
+        progress(done, total, line)
+
+    return report
 
 
 def _compile_notice() -> str:
