@@ -19,6 +19,8 @@ recommendation. It takes zeta from the textbook formula, and
   series, so that equal balls are half as stiff and twice as damped as asked. (Leaving a body unset, the other
   common slip, costs only the engine's default damping of 0.1 N s/m, which is nothing at the stiffness of the
   default grid.)
+* Drake: the same slip, k and the relaxation time c/k as properties of each geometry: half as stiff but, as
+  relaxation times add, damped as asked.
 """
 
 from __future__ import annotations
@@ -270,4 +272,35 @@ def pybullet_bodies(
     upper = PybulletBody(contact1.k, contact1.c)
     table = PybulletBody(contact2.k, contact2.c)
     lower = upper if mapping == "naive" else PybulletBody(PYBULLET_RIGID, 0.0)
+    return upper, lower, table
+
+
+@dataclass(frozen=True, slots=True)
+class DrakeGeometry:
+    """Proximity properties of a geometry under Drake's `kSap`, ("material", ...).
+
+    Attributes
+    ----------
+    stiffness : float
+        "point_contact_stiffness", in N/m.
+    relaxation_time : float
+        "relaxation_time", tau = c/k, in s.
+    """
+
+    stiffness: float
+    relaxation_time: float
+
+    def against(self, other: DrakeGeometry) -> DrakeGeometry:
+        """Combine two geometries as the engine does: stiffness in series, relaxation times added."""
+        series = 1 / (1 / self.stiffness + 1 / other.stiffness)
+        return DrakeGeometry(series, self.relaxation_time + other.relaxation_time)
+
+
+def drake_geometries(
+    contact1: Contact, contact2: Contact, mapping: MappingName = "calibrated"
+) -> tuple[DrakeGeometry, DrakeGeometry, DrakeGeometry]:
+    """Drake's parameters of the upper ball, the lower ball and the table; shared out as `pybullet_bodies` does."""
+    upper = DrakeGeometry(contact1.k, contact1.c / contact1.k)
+    table = DrakeGeometry(contact2.k, contact2.c / contact2.k)
+    lower = upper if mapping == "naive" else DrakeGeometry(PYBULLET_RIGID, 0.0)
     return upper, lower, table

@@ -1,8 +1,9 @@
-"""The primary solver behind the contract that every solver keeps."""
+"""The primary solver, and the second impulse-level model, behind the contract that every solver keeps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 
 from compliant_baselines.contract import Settings, SolverBase
@@ -25,5 +26,26 @@ class StateTransitionSolver(SolverBase):
         """Answer every collision, in order."""
         return [
             solve(c, stiffness_ratio_cutoff=settings.stiffness_ratio_cutoff, path=settings.record_path)
+            for c in collisions
+        ]
+
+
+class LiuZhaoBrogliatoSolver(StateTransitionSolver):
+    """The impact law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the same diagram.
+
+    Bistiffness with energetic restitution, positions frozen, as in the primary model; but every compression runs at the
+    original stiffness (`model.automaton`). It equals the primary model exactly until a contact compresses a second
+    time. `limit` also where the bodies come to rest together after infinitely many events.
+    """
+
+    name = "liu-zhao-brogliato"
+
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+        """Answer every collision, in order."""
+        cutoff, path = settings.stiffness_ratio_cutoff, settings.record_path
+        return [
+            replace(
+                solve(c, stiffness_ratio_cutoff=cutoff, path=path, impact_law=self.name), solver=self.name
+            )
             for c in collisions
         ]

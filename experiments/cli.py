@@ -127,6 +127,143 @@ def calibrate(
 
 
 @app.command()
+def export_scene(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", help="Folder of a finished run, with --cell.")
+    ] = None,
+    cell: Annotated[str | None, typer.Option(metavar="N", help="Number of a cell of that run.")] = None,
+    stiffness_ratio: Annotated[str | None, typer.Option(metavar="R", help="k2/k1, without a run.")] = None,
+    mass_ratio: Annotated[str | None, typer.Option(metavar="R", help="m2/m1, without a run.")] = None,
+    e1: Annotated[str | None, typer.Option(metavar="E", help="Restitution of ball on ball.")] = None,
+    e2: Annotated[str | None, typer.Option(metavar="E", help="Restitution of ball on table.")] = None,
+    solver: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="'mujoco' or 'pybullet'; may be repeated. By default both."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder to write; by default in scenes/.")
+    ] = None,
+    scenario: Annotated[
+        str | None, typer.Option(metavar="NAME", help="'impact' (default) or 'drop'.")
+    ] = None,
+    gravity: Annotated[str | None, typer.Option(metavar="G", help="In m/s^2; for a drop.")] = None,
+    m1: Annotated[str | None, typer.Option(metavar="KG", help="Mass of the upper ball.")] = None,
+    k1: Annotated[str | None, typer.Option(metavar="N/M", help="Stiffness of ball on ball.")] = None,
+    v0: Annotated[str | None, typer.Option(metavar="M/S", help="Velocity of the upper ball.")] = None,
+    step_fraction: Annotated[
+        str | None, typer.Option(metavar="X", help="Time step over the period of the faster contact.")
+    ] = None,
+    mapping: Annotated[
+        str | None, typer.Option(metavar="NAME", help="'calibrated' (default) or 'naive'.")
+    ] = None,
+) -> None:
+    """Write one cell as an MJCF file and as a PyBullet script that run in the engine alone.
+
+    The cell is one of a finished run (DIR --cell N), or given by its ratios. The scripts print their velocities beside
+    the tabulated ones and fail where they differ by more than 1e-12 of the speed.
+    """
+    from experiments import commands
+
+    values = {
+        "stiffness_ratio": stiffness_ratio,
+        "mass_ratio": mass_ratio,
+        "e1": e1,
+        "e2": e2,
+        "scenario": scenario or ("impact" if folder is None else None),
+        "gravity": gravity,
+        "m1": m1,
+        "k1": k1,
+        "v0": v0,
+        "step_fraction": step_fraction,
+        "mapping": mapping,
+    }
+    commands.export_scene(folder, cell, values, solver, out)
+
+
+@app.command()
+def contact(
+    engine: Annotated[str, typer.Option(metavar="NAME", help="'mujoco', 'pybullet' or 'drake'.")],
+    masses: Annotated[
+        tuple[str, str], typer.Option(metavar="KG KG", help="Of the two bodies; inf for a fixed one.")
+    ],
+    restitution: Annotated[str, typer.Option(metavar="E", help="Greater than 0, at most 1.")],
+    stiffness: Annotated[str | None, typer.Option(metavar="N/M", help="Of the contact.")] = None,
+    duration: Annotated[
+        str | None, typer.Option(metavar="S", help="Of the contact; instead of a stiffness.")
+    ] = None,
+    speed: Annotated[str, typer.Option(metavar="M/S", help="Speed of approach.")] = "1",
+    gravity: Annotated[
+        str, typer.Option(metavar="G", help="In m/s^2: also show a drop onto the fixed body under it.")
+    ] = "0",
+    tolerance: Annotated[
+        str, typer.Option(metavar="X", help="Allowed relative error of restitution and duration.")
+    ] = "0.01",
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON object.")] = False,
+) -> None:
+    """Print what to paste into a scene for one contact, and the largest step at which it means what it says.
+
+    Give the two masses, the restitution, and the stiffness or the duration. Beside what was asked stands what
+    verifying drops in the engine gave.
+    """
+    from experiments import contact as command
+
+    values = {
+        "masses": masses,
+        "restitution": restitution,
+        "stiffness": stiffness,
+        "duration": duration,
+        "speed": speed,
+    }
+    command.contact(engine, values, tolerance=tolerance, gravity=gravity, as_json=json)
+
+
+@app.command()
+def doctor(
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SCENE]",
+            help="MJCF file, PyBullet script (run up to its first step), URDF, CONFIG.toml or folder of a run; "
+            "without it, the built-in experiment.",
+        ),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON list, an object a trap.")] = False,
+) -> None:
+    """Look for the traps engines set: contact parameters that are replaced, ignored or not what they seem.
+
+    Exit code 1 if there are any.
+    """
+    from experiments import doctor as command
+
+    command.doctor(scene, as_json=json)
+
+
+@app.command()
+def solvers() -> None:
+    """List the solvers: their versions, where they come from, and why one cannot run here."""
+    from experiments import third_party
+
+    third_party.show_solvers()
+
+
+@app.command()
+def conform(
+    name: Annotated[str, typer.Argument(metavar="SOLVER", help="Name of a solver.")],
+    law: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="What its contacts obey: 'kelvin-voigt', 'hunt-crossley' or 'none' to leave it out.",
+        ),
+    ] = "kelvin-voigt",
+) -> None:
+    """Check whether a solver keeps the contract; for authors of adapters. Exit code 1 if it does not."""
+    from experiments import third_party
+
+    third_party.conform(name, law)
+
+
+@app.command()
 def table(folder: Folder) -> None:
     """Write the summary of a finished run again, and show it."""
     from experiments import commands
@@ -148,6 +285,77 @@ def report(folder: Folder) -> None:
     from experiments import commands
 
     commands.report(folder)
+
+
+@app.command()
+def ladder(
+    folder: Folder,
+    law: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="What if: the dissipation law on the way; kelvin-voigt, kelvin-voigt-anchored, "
+            "kelvin-voigt-textbook or hunt-crossley.",
+        ),
+    ] = "kelvin-voigt",
+    cell: Annotated[str | None, typer.Option(metavar="N", help="Show one cell, from 0.")] = None,
+) -> None:
+    """Show why the engines of a finished run diverge: frozen positions, law, gravity, mapping, time step.
+
+    Another law than kelvin-voigt splits the rung of the dissipation law into what that law would leave and
+    what the choice of the dashpot adds, and writes ladder-NAME.parquet and .csv into the folder.
+    """
+    from experiments import commands, ladder_commands
+
+    ladder_commands.ladder(folder, law, commands.whole("--cell", cell, 0, 10**7))
+
+
+@app.command("map")
+def draw_map(
+    e1: Annotated[str, typer.Option(metavar="E", help="Restitution of ball on ball, above 0, at most 1.")],
+    e2: Annotated[str, typer.Option(metavar="E", help="Restitution of ball on table, above 0, at most 1.")],
+    stiffness_ratio: Annotated[
+        tuple[str, str], typer.Option(metavar="LO HI", help="Least and largest k2/k1; logarithmic.")
+    ] = ("1e-3", "1e3"),
+    mass_ratio: Annotated[
+        tuple[str, str], typer.Option(metavar="LO HI", help="Least and largest m2/m1; logarithmic.")
+    ] = ("0.1", "10"),
+    side: Annotated[str, typer.Option(metavar="N", help="Cells along each side, 2 to 5000.")] = "1000",
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder to write; by default maps/SCENARIO-e1-E-e2-E."),
+    ] = None,
+    scenario: Annotated[str, typer.Option(metavar="NAME", help="'drop', or 'impact' (no gravity).")] = "drop",
+    gravity: Annotated[str, typer.Option(metavar="G", help="In m/s^2; for a drop.")] = "9.81",
+    m1: Annotated[str, typer.Option(metavar="KG", help="Mass of the upper ball; for a drop.")] = "1",
+    k1: Annotated[str, typer.Option(metavar="N/M", help="Stiffness of ball on ball; for a drop.")] = "1e8",
+    v0: Annotated[
+        str, typer.Option(metavar="M/S", help="Velocity of the upper ball, less than 0; for a drop.")
+    ] = "-1",
+    cutoff: Annotated[
+        str,
+        typer.Option(metavar="X", help="Stiffness ratio beyond which the model takes a limit; inf: never."),
+    ] = "1e5",
+) -> None:
+    """Map where each cause of divergence matters that needs no engine, over k2/k1 and m2/m1.
+
+    A million collisions by the model, by its law in real time and by spring and dashpot, all exact, in less than a
+    minute: figures, and map.parquet with one row a cell.
+    """
+    from experiments import commands, plane_commands
+
+    values = {
+        "e1": e1,
+        "e2": e2,
+        "scenario": scenario,
+        "gravity": gravity,
+        "m1": m1,
+        "k1": k1,
+        "v0": v0,
+        "stiffness_ratio_cutoff": cutoff,
+    }
+    cells = commands.whole("--side", side, 2, 5000)
+    plane_commands.draw_map(values, stiffness_ratio, mass_ratio, cells or 1000, out)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -31,7 +31,8 @@ from experiments.terminal import (
 )
 from model.collision import Collision, Outcome
 
-#: Keys of a configuration that the options of ``solve`` spell otherwise.
+#: What decides an impact, and keys of a configuration that the options of ``solve`` spell otherwise.
+_RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
 _OPTIONS = {"stiffness_ratio_cutoff": "--cutoff"}
 
 
@@ -112,6 +113,32 @@ def report(root: Path) -> None:
     from experiments.report import write_report
 
     print_line(make_console(), f"{write_report(finished(root))}")
+
+
+def export_scene(
+    root: Path | None,
+    cell: str | None,
+    values: dict[str, str | None],
+    solvers: list[str] | None,
+    out: Path | None,
+) -> None:
+    """Write one cell, of a run or by its ratios, as files that an engine runs alone."""
+    from experiments import export
+
+    given = {key: value for key, value in values.items() if value is not None}
+    if root is not None:
+        if cell is None or given:
+            raise UserError(f"{root}: a cell of a run is named by --cell N, and by nothing else")
+        export.export_cell(finished(root), cell, solvers, out)
+        return
+    missing = [f"--{key.replace('_', '-')}" for key in _RATIOS if key not in given]
+    if cell is not None or missing:
+        wanted = ", ".join(missing) or "the folder of a run"
+        raise UserError(f"{wanted} missing; legal: DIR --cell N, or the ratios of a collision")
+    names = export.names_of(solvers)
+    config = _one_cell(given)
+    collision = collision_of(config, config.figure_cell)
+    export.export(collision, settings_of(config), names, out or Path("scenes") / "collision")
 
 
 def finished(root: Path) -> RunFolder:
@@ -210,7 +237,7 @@ def _finite(value: float) -> float | None:
 def _one_cell(values: dict[str, str]) -> Config:
     """Make a configuration of the options of ``solve``; errors name the options."""
     data: dict[str, Any] = {key: _number_or_text(text) for key, text in values.items()}
-    cell = {key: data.pop(key) for key in ("stiffness_ratio", "mass_ratio", "e1", "e2")}
+    cell = {key: data.pop(key) for key in _RATIOS}
     data |= {"name": "solve", "figure_cell": cell, "grid": {key: [1.0] for key in cell}}
 
     def option(location: Any) -> str:

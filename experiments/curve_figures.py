@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from experiments.config import REFERENCE
 from experiments.curves import FIGURE_CELL
-from experiments.findings import number
+from experiments.numbers import number
 from experiments.style import drawing, look
 from experiments.summary import Frame
 

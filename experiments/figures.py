@@ -13,7 +13,9 @@ from matplotlib.figure import Figure
 from experiments.config import REFERENCE, Config
 from experiments.curve_figures import draw_cell_curves, draw_supplement
 from experiments.curves import CURVES, CURVES_SCHEMA
-from experiments.findings import number
+from experiments.ladder_figures import draw_ladders
+from experiments.ladder_summary import LadderSummary, summarise_ladder
+from experiments.numbers import number
 from experiments.store import RunFolder, replacing, write_json
 from experiments.style import drawing, look
 from experiments.summary import FULL_PATHS, Frame, load_divergence
@@ -37,11 +39,14 @@ class Data:
         The compared rows of the divergence table, grazing cells left out.
     curves : DataFrame
         The table of curves.
+    ladder : LadderSummary
+        What the divergence of the engines is made of.
     """
 
     config: Config
     regular: Frame
     curves: Frame
+    ladder: LadderSummary
 
     @property
     def solvers(self) -> list[str]:
@@ -64,6 +69,7 @@ def write_figures(folder: RunFolder) -> list[tuple[Path, str]]:
         config,
         table[table.velocity_divergence.notna() & ~table.grazing],
         folder.read_table(CURVES, CURVES_SCHEMA).to_pandas(),
+        summarise_ladder(folder, config),
     )
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
@@ -90,6 +96,7 @@ def _figures(data: Data) -> Iterator[tuple[str, Figure, str]]:
         ]
     for name, draw in drawers:
         yield name, *draw(data)
+    yield from draw_ladders(data.ladder)
     yield "impulse-curves", *draw_cell_curves(data.curves, data.config.solvers)
     yield "supplement-1b-2b", *draw_supplement(data.curves)
 

@@ -9,6 +9,8 @@ from experiments.certificates import certificate_blocks
 from experiments.config import REFERENCE
 from experiments.divergence import COMPARABLE
 from experiments.document import Block, Heading, Paragraph, Table
+from experiments.ladder_document import ladder_findings, ladder_section
+from experiments.numbers import number, percent
 from experiments.summary import AXES, FULL_PATHS, SUMMARISED, Frame, Summary
 
 _CUTS = ("median", "p95", "max")
@@ -29,6 +31,7 @@ def build_document(summary: Summary) -> list[Block]:
         Heading("Where"),
         *(axis_table(summary, axis) for axis in AXES),
         worst_table(summary),
+        *ladder_section(summary.ladder),
         Heading("State paths"),
         path_table(summary),
         Heading("Grazing cells"),
@@ -42,22 +45,11 @@ def build_document(summary: Summary) -> list[Block]:
     ]
 
 
-def number(value: float, digits: int = 3) -> str:
-    """Write a number for a reader; a dash where there is none."""
-    if value is None or math.isnan(value):
-        return "-"
-    return f"{float(f'{value:.{digits}g}'):g}"
-
-
-def percent(share: float) -> str:
-    """Write a share as a percentage; a dash where there is none."""
-    return "-" if math.isnan(share) else f"{100 * share:.1f} %"
-
-
 def findings(summary: Summary) -> list[str]:
     """Say in plain words what the run found, most important first."""
     texts = [text for name in summary.solvers if (text := _finding(summary, name))]
     texts += _closest(summary)
+    texts += ladder_findings(summary.ladder)
     return [*texts, _grazing(summary)] if texts else ["No cell could be compared.", _grazing(summary)]
 
 

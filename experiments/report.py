@@ -8,12 +8,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from experiments.doctor import traps_note
 from experiments.document import Block, Heading, to_latex, to_markdown
 from experiments.figures import CAPTIONS, write_figures
-from experiments.findings import build_document, number
+from experiments.findings import build_document
 from experiments.grid import CellGrid
+from experiments.ladder_document import csv_rows
+from experiments.numbers import number
 from experiments.solving import gravity_number
 from experiments.store import RunFolder, replacing, write_text
 from experiments.summary import Summary, summarise
@@ -32,8 +36,9 @@ def write_tables(folder: RunFolder) -> tuple[Summary, list[Block]]:
     document = build_document(summary)
     write_text(folder.root / "summary.md", to_markdown(document))
     write_text(folder.root / "summary.tex", to_latex(document))
+    statistics = pd.concat([summary.statistics, *csv_rows(summary.ladder)], ignore_index=True)
     with replacing(folder.root / "summary.csv") as temporary:
-        summary.statistics.to_csv(temporary, index=False, lineterminator="\n")
+        statistics.to_csv(temporary, index=False, lineterminator="\n")
     return summary, document
 
 
@@ -58,6 +63,7 @@ def write_report(folder: RunFolder) -> Path:
         figures_after=sections[1] if len(sections) > 1 else len(document),
         config=summary.config,
         gravity_number=number(gravity_number(summary.config, CellGrid(summary.config)[0].collision)),
+        traps=traps_note(summary.config),
         provenance=_provenance(folder.manifest()),
     )
     path = folder.root / "report.html"

@@ -29,7 +29,14 @@ from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, ROW_SCHEMA
 
 FORMAT = "impact-xval run, format 1"
 MANIFEST = "manifest.json"
-TABLES = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet")
+TABLES = (
+    "cells.parquet",
+    "divergence.parquet",
+    "divergence.csv",
+    "curves.parquet",
+    "ladder.parquet",
+    "ladder.csv",
+)
 
 _TEMPORARY = ".tmp-"
 _PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")

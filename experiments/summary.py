@@ -16,6 +16,7 @@ import pandas as pd
 from experiments.certificates import certificates
 from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE
+from experiments.ladder_summary import LadderSummary, summarise_ladder
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
 
@@ -69,6 +70,8 @@ class Summary:
         Convergence certificates by solver (`experiments.certificates`); empty without any.
     n_cells, n_grazing : int
         Cells of the grid, and those of them beside a jump.
+    ladder : LadderSummary
+        What the divergence of the engines is made of.
     """
 
     config: Config
@@ -80,6 +83,7 @@ class Summary:
     certificates: Frame
     n_cells: int
     n_grazing: int
+    ladder: LadderSummary
 
     @property
     def solvers(self) -> list[str]:
@@ -121,6 +125,7 @@ def summarise(folder: RunFolder) -> Summary:
         certificates=certificates(cells, config.solvers),
         n_cells=len(reference),
         n_grazing=int((reference.grazing_margin < config.grazing_threshold).sum()),
+        ladder=summarise_ladder(folder, config),
     )
 
 

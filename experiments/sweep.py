@@ -26,6 +26,7 @@ from experiments.config import REFERENCE, Config
 from experiments.curves import write_curves
 from experiments.errors import UserError
 from experiments.grid import CellGrid
+from experiments.ladder_table import write_ladder
 from experiments.schema import COLUMNS
 from experiments.solving import Report, Resolve, Task, run_task
 from experiments.store import FORMAT, MANIFEST, RunFolder, open_folder, write_json
@@ -133,6 +134,7 @@ def run_sweep(
     except OSError as error:
         raise InterruptedRunError(f"{error.filename or folder.root}: {error.strerror}") from None
     folder.assemble(parts)
+    write_ladder(folder.root)
     session = {
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "workers": workers,

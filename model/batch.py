@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from model.automaton import TOO_MANY_EVENTS, collide
+from model.automaton import LIMIT, TOO_MANY_EVENTS, collide
 from model.compiled import OPTIONS
-from model.solver import MAX_EVENTS, check_cutoff, check_law
+from model.solver import CUTOFF_RAISED, MAX_EVENTS, check_cutoff, check_law
 
 STATUS_NAMES = np.array(["ok", "limit", "limit", "unconverged", "limit"])
 
@@ -31,6 +31,8 @@ class BatchOutcome:
         As in `Outcome`.
     energy_residual : ndarray of float
         Residual of the energy balance per m1 v0^2.
+    cutoff_effect : ndarray of float, or None
+        As in `model.solve`; None unless asked for.
     """
 
     v1: NDArray[np.float64]
@@ -40,6 +42,7 @@ class BatchOutcome:
     n_events: NDArray[np.int32]
     grazing_margin: NDArray[np.float64]
     energy_residual: NDArray[np.float64]
+    cutoff_effect: NDArray[np.float64] | None
 
 
 def solve_batch(
@@ -51,6 +54,7 @@ def solve_batch(
     stiffness_ratio_cutoff: float = 1e5,
     max_events: int = MAX_EVENTS,
     impact_law: str = "jia-mason-erdmann",
+    cutoff_effect: bool = False,
 ) -> BatchOutcome:
     """Solve many collisions at once.
 
@@ -60,6 +64,8 @@ def solve_batch(
         k2/k1 from 0 to infinity, m2/m1 > 0 and finite, e_i from 0 to 1; they broadcast.
     stiffness_ratio_cutoff, max_events, impact_law
         As for `solve`.
+    cutoff_effect : bool
+        Whether to estimate the effect of the cut-off, by solving once more those that used it.
 
     Returns
     -------
@@ -80,6 +86,14 @@ def solve_batch(
     shape = arrays[0].shape
     flat = [np.ravel(a) for a in arrays]
     v1, v2, code, n_states, n_events, margin, residual = _solve_all(*flat, cutoff, max_events, law)  # pyright: ignore
+    effect = None
+    if cutoff_effect:
+        effect = np.zeros(v1.shape)
+        used = np.flatnonzero(code == LIMIT)
+        cells = [a[used] for a in flat]
+        u1, u2, *_ = _solve_all(*cells, cutoff * CUTOFF_RAISED, max_events, law)  # pyright: ignore
+        effect[used] = np.hypot(u1 - v1[used], np.sqrt(cells[1]) * (u2 - v2[used]))
+        effect = effect.reshape(shape)
     return BatchOutcome(
         v1=v1.reshape(shape),
         v2=v2.reshape(shape),
@@ -88,6 +102,7 @@ def solve_batch(
         n_events=n_events.reshape(shape),
         grazing_margin=margin.reshape(shape),
         energy_residual=residual.reshape(shape),
+        cutoff_effect=effect,
     )
 
 

@@ -6,7 +6,16 @@ import math
 
 import numpy as np
 
-from model.automaton import COLLAPSE, DONE, ORIGINAL, PRECISION_LIMIT, STIFFENING, TOO_MANY_EVENTS, collide
+from model.automaton import (
+    COLLAPSE,
+    DONE,
+    LIMIT,
+    ORIGINAL,
+    PRECISION_LIMIT,
+    STIFFENING,
+    TOO_MANY_EVENTS,
+    collide,
+)
 from model.collision import STATES, Collision, Outcome
 from model.path import trace
 
@@ -17,6 +26,9 @@ IMPACT_LAWS = {"jia-mason-erdmann": STIFFENING, "liu-zhao-brogliato": ORIGINAL}
 
 #: Events after which a collision is given up. Reached only with e = 1 (or next to it) at extreme stiffness ratios.
 MAX_EVENTS = 10_000_000
+
+#: The effect of the cut-off is the change of the outcome when it is raised by this factor.
+CUTOFF_RAISED = 1e4
 
 #: Rows of the first try at a log; a collision that needs more is run once more.
 LOG_ROWS = 256
@@ -50,7 +62,9 @@ def solve(
     Returns
     -------
     Outcome
-        Status ``limit`` where a closed-form limit was used, else ``ok``.
+        Status ``limit`` where a closed-form limit was used, else ``ok``. Its ``diagnostics``: ``energy_residual``, of
+        the energy balance per m1 v0^2, and ``cutoff_effect``, by how much (v1, v2) would change if the cut-off were
+        raised by `CUTOFF_RAISED` (kinetic norm per sqrt(m1) abs(v0)).
 
     Raises
     ------
@@ -72,6 +86,12 @@ def solve(
     states = log[:, 0].astype(int)
     sequence = states[np.concatenate([[True], states[1:] != states[:-1]])]
     speed = -collision.v0
+    effect = 0.0
+    if code == LIMIT and math.isfinite(cutoff):
+        u1, u2, *_ = collide(
+            kappa, mu, collision.e1, collision.e2, CUTOFF_RAISED * cutoff, max_events, law, log[:0]
+        )
+        effect = math.hypot(u1 - v1, math.sqrt(mu) * (u2 - v2))
     trail, events = trace(collision, log, law) if path else (None, ())
     return Outcome(
         solver=NAME,
@@ -84,7 +104,10 @@ def solve(
         reason=_reason(collision, cutoff, code),
         grazing_margin=margin,
         n_events=n_events,
-        diagnostics={"energy_residual": 0.5 - loss - 0.5 * (v1 * v1 + mu * v2 * v2)},
+        diagnostics={
+            "energy_residual": 0.5 - loss - 0.5 * (v1 * v1 + mu * v2 * v2),
+            "cutoff_effect": effect,
+        },
         path=trail,
         events=events,
     )

@@ -105,6 +105,8 @@ def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
         "divergence.parquet",
         "divergence.csv",
         "curves.parquet",
+        "ladder.parquet",
+        "ladder.csv",
         "summary.md",
         "summary.csv",
         "summary.tex",

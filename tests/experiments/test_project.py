@@ -50,6 +50,6 @@ def test_continuous_integration_runs_the_test_command_of_the_readme():
 
 def test_every_file_of_a_run_is_in_the_readme():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    tables = ("cells.parquet", "divergence.parquet", "curves.parquet", "summary.md")
+    tables = ("cells.parquet", "divergence.parquet", "curves.parquet", "ladder.parquet", "summary.md")
     for name in (*tables, "manifest.json", "report.html", "figures/", "parts/"):
         assert f"`{name}`" in text

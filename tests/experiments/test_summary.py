@@ -68,7 +68,7 @@ def test_summary_files(hostile):
     write_tables(hostile)
     table = pd.read_csv(hostile.root / "summary.csv")
     assert {"solver", "axis", "value", "measure", "n", "median", "p95", "max"} <= set(table.columns)
-    assert set(table.axis) == {"all", "stiffness_ratio", "mass_ratio", "e1", "e2"}
+    assert set(table.axis) == {"all", "stiffness_ratio", "mass_ratio", "e1", "e2", "stiffness_band"}
     text = (hostile.root / "summary.md").read_text()
     assert "<script>" not in text
     assert "ZeroDivisionError: a bug of the engine \\| here" in text

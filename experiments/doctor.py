@@ -1,0 +1,234 @@
+"""What ``impact-xval doctor`` does: traps in a scene of the user's, or in those of an experiment."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from compliant_baselines import get_solver
+from compliant_baselines.column import column_of, unrepresentable
+from compliant_baselines.diagnosis import Finding
+from compliant_baselines.engine import EngineSolver
+from experiments.config import Config, load_config, parse_config
+from experiments.errors import UserError
+from experiments.grid import CellGrid
+from experiments.solving import settings_of
+from experiments.store import RunFolder
+from experiments.terminal import make_console, print_line
+
+#: Engines whose scenes can be examined.
+EXAMINED = ("mujoco", "pybullet")
+
+#: Cells of an experiment that are examined, evenly spread and the corners among them.
+MOST_CELLS = 200
+
+#: Cells examined for the note in a report.
+IN_REPORT = 40
+
+
+def doctor(what: Path | None, *, as_json: bool) -> None:
+    """Examine a scene or an experiment and print what was found.
+
+    Parameters
+    ----------
+    what : Path, optional
+        MJCF file, PyBullet script, URDF file, configuration or folder of a run; the built-in experiment if there is
+        none.
+    as_json : bool
+        Whether to print a JSON list.
+
+    Raises
+    ------
+    UserError
+        If it cannot be read, or its engine is missing.
+    typer.Exit
+        With code 1, if anything was found.
+    """
+    name, findings = _examine(what)
+    if as_json:
+        rows = [{"trap": f.trap, "where": f.where, "says": f.says} for f in findings]
+        print(json.dumps(rows, indent=2))
+    else:
+        console = make_console()
+        for finding in findings:
+            print_line(console, str(finding))
+        print_line(console, f"{name}: {len(findings) or 'no'} trap{'s' if len(findings) != 1 else ''} found")
+    if findings:
+        raise typer.Exit(1)
+
+
+def _examine(what: Path | None) -> tuple[str, list[Finding]]:
+    if what is None or what.suffix == ".toml" or what.is_dir():
+        config = (
+            parse_config({})
+            if what is None
+            else RunFolder(what).config()
+            if what.is_dir()
+            else load_config(what)
+        )
+        examined, findings = experiment_findings(config)
+        return f"scenes of {config.name!r} ({', '.join(examined) or 'no engine is installed'})", findings
+    if not what.is_file():
+        raise UserError(
+            f"{what}: no such file; legal: an MJCF, URDF, TOML or Python file, or the folder of a run"
+        )
+    kinds = {".xml": _mjcf, ".mjb": _mjcf, ".urdf": _urdf, ".py": _script}
+    if what.suffix not in kinds:
+        raise UserError(
+            f"{what}: legal: .xml or .mjb (MuJoCo), .py or .urdf (PyBullet), .toml, or the folder of a run"
+        )
+    engine = "mujoco" if what.suffix in (".xml", ".mjb") else "pybullet"
+    reason = get_solver(engine).unavailable()
+    if reason is not None:
+        raise UserError(f"{what}: {engine} is unavailable: {reason}")
+    return str(what), kinds[what.suffix](what)
+
+
+def _mjcf(path: Path) -> list[Finding]:
+    from compliant_baselines.diagnose_mujoco import diagnose_mujoco
+
+    mujoco: Any = import_module("mujoco")
+    load = mujoco.MjModel.from_binary_path if path.suffix == ".mjb" else mujoco.MjModel.from_xml_path
+    try:
+        model = load(str(path))
+    except ValueError as error:
+        raise UserError(f"{path}: MuJoCo does not compile it: {error}") from None
+    return diagnose_mujoco(model)
+
+
+def _urdf(path: Path) -> list[Finding]:
+    """Examine a URDF file over a plane of which nothing is set, as `loadURDF` and its examples have it."""
+    import pybullet as p
+
+    from compliant_baselines.diagnose_pybullet import diagnose_pybullet
+
+    client = p.connect(p.DIRECT)
+    try:
+        plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
+        p.createMultiBody(0, plane, physicsClientId=client)
+        try:
+            p.loadURDF(str(path), physicsClientId=client)
+        except p.error as error:
+            raise UserError(f"{path}: PyBullet does not load it: {error}") from None
+        return diagnose_pybullet(client, {})
+    finally:
+        p.disconnect(client)
+
+
+def _script(path: Path) -> list[Finding]:
+    from compliant_baselines.diagnose_pybullet import diagnose_at_first_step
+
+    def run() -> None:
+        with _as_main(path):
+            runpy.run_path(str(path), run_name="__main__")
+
+    try:
+        findings = diagnose_at_first_step(run)
+    except SystemExit as error:
+        raise UserError(f"{path}: it ended with {error} before its first step") from None
+    except Exception as error:
+        raise UserError(f"{path}: before its first step it raised {type(error).__name__}: {error}") from None
+    if findings is None:
+        raise UserError(f"{path}: it ended without a stepSimulation(); nothing to examine")
+    return findings
+
+
+@contextmanager
+def _as_main(path: Path) -> Iterator[None]:
+    """Let a script see its own arguments and find its neighbours, as ``python path`` does."""
+    arguments, paths = sys.argv, sys.path
+    sys.argv, sys.path = [str(path)], [str(path.resolve().parent), *sys.path]
+    try:
+        yield
+    finally:
+        sys.argv, sys.path = arguments, paths
+
+
+def experiment_findings(config: Config, most: int = MOST_CELLS) -> tuple[list[str], list[Finding]]:
+    """Examine the scenes an experiment runs, as its adapters build them.
+
+    Parameters
+    ----------
+    config : Config
+        The experiment.
+    most : int
+        Cells to examine, at most.
+
+    Returns
+    -------
+    examined : list of str
+        The engines among the experiment's solvers that are installed.
+    findings : list of Finding
+        Each trap once for an engine, with the number of cells that have it.
+    """
+    settings, grid = settings_of(config), CellGrid(config)
+    count = min(len(grid), most)
+    indices = sorted({round(i * (len(grid) - 1) / max(1, count - 1)) for i in range(count)})
+    examined: list[str] = []
+    findings: list[Finding] = []
+    for name in EXAMINED:
+        solver = get_solver(name)
+        if name not in config.solvers or solver.unavailable() is not None:
+            continue
+        assert isinstance(solver, EngineSolver)
+        examined.append(name)
+        seen: dict[str, Finding] = {}
+        cells: Counter[str] = Counter()
+        for index in indices:
+            collision = grid[index].collision
+            if unrepresentable(collision) is None:
+                column = column_of(collision, settings)
+                if solver.refusal(column) is None:
+                    found = {f.trap: f for f in _of_column(solver, column)}
+                    seen = {**found, **seen}
+                    cells.update(found.keys())
+        findings += [
+            Finding(
+                trap, f"{name}, {cells[trap]} of {len(indices)} cells examined, for example {f.where}", f.says
+            )
+            for trap, f in seen.items()
+        ]
+    return examined, findings
+
+
+def traps_note(config: Config) -> dict[str, Any]:
+    """Say, for the report of a run, which traps its own scenes hold.
+
+    Returns
+    -------
+    dict
+        ``introduction``, a sentence, and ``found``, a list of them.
+    """
+    looked = "The scenes of this run, as its adapters build them, were examined by impact-xval doctor"
+    try:
+        examined, findings = experiment_findings(config, IN_REPORT)
+    except Exception as error:  # a report must not fail for a note
+        return {"introduction": f"{looked}, which failed: {type(error).__name__}: {error}.", "found": []}
+    if not examined:
+        return {
+            "introduction": "This run has no engine whose scenes could be examined here.",
+            "found": [],
+        }
+    said = f"{looked} ({', '.join(examined)}): " + (f"{len(findings)} traps." if findings else "no traps.")
+    return {"introduction": said, "found": [str(finding) for finding in findings]}
+
+
+def _of_column(solver: EngineSolver, column: Any) -> list[Finding]:
+    if solver.name == "mujoco":
+        from compliant_baselines.diagnose_mujoco import diagnose_mujoco
+        from compliant_baselines.scene_text import mjcf
+
+        mujoco: Any = import_module("mujoco")
+        return diagnose_mujoco(mujoco.MjModel.from_xml_string(mjcf(column)))
+    from compliant_baselines.diagnose_pybullet import diagnose_at_first_step
+
+    return diagnose_at_first_step(lambda: solver.run_columns([column], 1), column=True) or []

@@ -1,0 +1,298 @@
+r"""Why an engine diverges from the model: the difference of final velocities, split into its causes.
+
+Between the state-transition model and an engine stand outcomes that differ from their neighbours in one thing each
+(theory, section 7; docs/ladder.md). The differences of neighbours are the **rungs**; they telescope, so that in every
+cell
+
+    engine - model = frozen positions + dissipation law + gravity + regularisation and mapping + time step
+
+holds for (v1, v2) to rounding, whatever the outcomes in between are. Those in between are computed here, through the
+batch functions of the references, whether or not a run lists them as solvers: exact between events, no time step, at
+1e5 cells a second. Only the engine in the limit of small steps has to come from the engine. Where it was not
+computed, or did not converge, the last two rungs are one, `ENGINE`.
+
+**Sizes.** The size of a rung is its kinetic norm, sqrt(dv1^2 + (m2/m1) dv2^2) per \|v0\|, as D is that of the total.
+Norms do not add: rungs are vectors, and may oppose each other. What does add is their component along the total,
+
+    along_i = <rung_i, total>/D,    <a, b> = a1 b1 + (m2/m1) a2 b2,    sum along_i = D,
+
+and share_i = along_i/D, of which the sum is 1. A negative share is a rung that takes the engine back towards the
+model; a share above 1 one that others take back. Over many cells the share of a rung is sum(along_i)/sum(D): what it
+contributes to the mean D, cells of large D counting for as much as they diverge.
+
+The order of the rungs is part of their meaning, as in every telescoping sum: the dissipation law is changed with
+positions already free, gravity is switched on with the dashpots already in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compliant_baselines.bistiffness import bistiffness_batch
+from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
+from compliant_baselines.reference_solver import ReferenceBatch
+
+Floats = NDArray[np.float64]
+Texts = NDArray[np.str_]
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """One cause.
+
+    Attributes
+    ----------
+    name : str
+        In tables and files.
+    label : str
+        For readers.
+    phrase : str
+        In a sentence about an engine, after "by".
+    before, after : str
+        The two outcomes it is the difference of, after minus before.
+    color : str
+        In figures.
+    """
+
+    name: str
+    label: str
+    phrase: str
+    before: str
+    after: str
+    color: str
+
+
+FROZEN = Rung(
+    "frozen_positions",
+    "frozen positions",
+    "frozen positions",
+    "the state-transition model",
+    "the same impact law in real time, with gaps (bistiffness, no gravity)",
+    "#CC79A7",
+)
+LAW = Rung(
+    "dissipation_law",
+    "dissipation law",
+    "the dissipation law",
+    "bistiffness, no gravity",
+    "spring and dashpot (kelvin-voigt), no gravity",
+    "#009E73",
+)
+CHOICE = Rung(
+    "law_choice",
+    "choice of the dashpot",
+    "the choice of the dashpot",
+    "the alternative law, no gravity",
+    "kelvin-voigt, no gravity",
+    "#F0E442",
+)
+GRAVITY = Rung(
+    "gravity",
+    "gravity",
+    "gravity",
+    "kelvin-voigt, no gravity",
+    "kelvin-voigt in the scenario of the run",
+    "#E69F00",
+)
+MAPPING = Rung(
+    "mapping",
+    "regularisation and mapping",
+    "its regularisation and mapping",
+    "kelvin-voigt in the scenario of the run",
+    "the engine in the limit of small steps",
+    "#0072B2",
+)
+STEP = Rung(
+    "discretisation",
+    "time step",
+    "its time step",
+    "the engine in the limit of small steps",
+    "the engine at the step it was run with",
+    "#D55E00",
+)
+ENGINE = Rung(
+    "engine",
+    "mapping and time step",
+    "its mapping and time step, not separated",
+    "kelvin-voigt in the scenario of the run",
+    "the engine at the step it was run with",
+    "#56B4E9",
+)
+
+#: The rungs in their order; a cell has either the last one or the two before it, and `CHOICE` only where another
+#: law than kelvin-voigt was asked for.
+RUNGS = (FROZEN, LAW, CHOICE, GRAVITY, MAPPING, STEP, ENGINE)
+
+#: The law the engines are mapped to.
+KELVIN_VOIGT = "kelvin-voigt"
+
+#: Laws that "what if" may put in the place of kelvin-voigt, and what answers for them.
+LAWS: Mapping[str, Callable[..., ReferenceBatch]] = {
+    KELVIN_VOIGT: kelvin_voigt_batch,
+    "kelvin-voigt-anchored": lambda *cells: kelvin_voigt_batch(*cells, damping="anchored"),
+    "kelvin-voigt-textbook": lambda *cells: kelvin_voigt_batch(*cells, damping="textbook"),
+    "hunt-crossley": lambda *cells: kelvin_voigt_batch(*cells, damping="hunt-crossley"),
+}
+
+#: Solvers that are rungs themselves, or alternatives to one: no engine, no ladder of their own.
+ENGINE_FREE = frozenset({"state-transition", "bistiffness", "oracle", "liu-zhao-brogliato", *LAWS})
+
+#: D below which there is nothing to split: the accuracy of the references.
+NOTHING = 1e-9
+
+
+def rungs_of(law: str) -> tuple[Rung, ...]:
+    """Return the rungs of a ladder by way of a law, in their order."""
+    return tuple(rung for rung in RUNGS if rung is not CHOICE or law != KELVIN_VOIGT)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Posts:
+    """The outcomes between the rungs that need no engine, for arrays of cells of one shape (n,).
+
+    Attributes
+    ----------
+    bistiffness, kelvin_voigt, scenario : ndarray, shape (n, 2)
+        v1 and v2 per abs(v0): bistiffness and kelvin-voigt without gravity, kelvin-voigt in the scenario; NaN without
+        a result.
+    alternative : ndarray, shape (n, 2), or None
+        The law asked for in the place of kelvin-voigt, without gravity.
+    reason : ndarray of str, shape (n,)
+        Empty where all have a result; else the first that has none, and its status.
+    """
+
+    bistiffness: Floats
+    kelvin_voigt: Floats
+    scenario: Floats
+    alternative: Floats | None
+    reason: Texts
+
+    def take(self, index: NDArray[np.intp]) -> Posts:
+        """Return those of some cells, in the order of `index`."""
+        other = None if self.alternative is None else self.alternative[index]
+        return Posts(
+            self.bistiffness[index], self.kelvin_voigt[index], self.scenario[index], other, self.reason[index]
+        )
+
+
+def posts(
+    stiffness_ratio: Floats,
+    mass_ratio: Floats,
+    e1: Floats,
+    e2: Floats,
+    gravity_number: Floats,
+    law: str = KELVIN_VOIGT,
+) -> Posts:
+    r"""Compute what stands between the model and an engine.
+
+    Parameters
+    ----------
+    stiffness_ratio, mass_ratio, e1, e2 : ndarray, shape (n,)
+        k2/k1, m2/m1 and the coefficients of restitution.
+    gravity_number : ndarray, shape (n,)
+        g/(\|v0\| omega1); 0 without gravity.
+    law : str
+        One of `LAWS`.
+
+    Raises
+    ------
+    ValueError
+        For an unknown law, or an illegal value.
+    """
+    if law not in LAWS:
+        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
+    cells = stiffness_ratio, mass_ratio, e1, e2
+    reason = np.full(np.shape(stiffness_ratio), "", dtype="U80")
+
+    def velocities(name: str, batch: ReferenceBatch) -> Floats:
+        failed = ~np.isin(batch.status, ("ok", "limit")) & (reason == "")
+        reason[failed] = np.char.add(f"{name}: ", batch.status[failed])
+        return np.column_stack([batch.v1, batch.v2])
+
+    bistiffness = velocities("bistiffness", bistiffness_batch(*cells))
+    pair = velocities("kelvin-voigt", kelvin_voigt_batch(*cells))
+    other = None if law == KELVIN_VOIGT else velocities(law, LAWS[law](*cells))
+    scenario = pair
+    if np.any(gravity_number > 0):
+        scenario = velocities("kelvin-voigt with gravity", kelvin_voigt_batch(*cells, gravity_number))
+    return Posts(bistiffness, pair, scenario, other, reason)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Split:
+    """The ladders of n cells.
+
+    Attributes
+    ----------
+    rungs : tuple of Rung
+        Those that were asked for, in order.
+    vectors : ndarray, shape (m, n, 2)
+        dv1 and dv2 of every rung per abs(v0); NaN for a rung that a cell does not have.
+    total : ndarray, shape (n, 2)
+        Engine minus model.
+    norms, along : ndarray, shape (m, n)
+        Kinetic norm of every rung, and its component along the total; `along` is NaN where D is 0.
+    divergence : ndarray, shape (n,)
+        D.
+    """
+
+    rungs: tuple[Rung, ...]
+    vectors: Floats
+    total: Floats
+    norms: Floats
+    along: Floats
+    divergence: Floats
+
+    @property
+    def shares(self) -> Floats:
+        """`along` over D; NaN where D is less than `NOTHING`."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(self.divergence >= NOTHING, self.along / self.divergence, np.nan)
+
+    def dominant(self) -> NDArray[np.intp]:
+        """Index into `rungs` of the one with the largest share in each cell; -1 where there is nothing to split."""
+        shares = np.where(np.isnan(self.shares), -np.inf, self.shares)
+        return np.where(self.divergence >= NOTHING, np.argmax(shares, axis=0), -1)
+
+    def residual(self) -> Floats:
+        """Return the largest component, cell by cell, by which the rungs fail to sum to the total."""
+        return np.abs(np.nansum(self.vectors, axis=0) - self.total).max(axis=1)
+
+
+def split(mass_ratio: Floats, model: Floats, between: Posts, limit: Floats, engine: Floats) -> Split:
+    """Split the difference of an engine from the model into rungs.
+
+    Parameters
+    ----------
+    mass_ratio : ndarray, shape (n,)
+        m2/m1.
+    model, engine : ndarray, shape (n, 2)
+        Final velocities per abs(v0); NaN without a result.
+    between : Posts
+        From `posts`, for the same cells.
+    limit : ndarray, shape (n, 2)
+        The engine in the limit of small steps; NaN where it is not known.
+    """
+    known = ~np.isnan(limit).any(axis=1, keepdims=True)
+    other = between.kelvin_voigt if between.alternative is None else between.alternative
+    steps = [(FROZEN, between.bistiffness - model), (LAW, other - between.bistiffness)]
+    if between.alternative is not None:
+        steps.append((CHOICE, between.kelvin_voigt - other))
+    steps += [
+        (GRAVITY, between.scenario - between.kelvin_voigt),
+        (MAPPING, np.where(known, limit - between.scenario, np.nan)),
+        (STEP, np.where(known, engine - limit, np.nan)),
+        (ENGINE, np.where(known, np.nan, engine - between.scenario)),
+    ]
+    vectors = np.stack([vector for _, vector in steps])
+    total = engine - model
+    weight = np.stack([np.ones_like(mass_ratio), mass_ratio], axis=1)
+    norms = np.sqrt((weight * vectors**2).sum(axis=2))
+    divergence = np.sqrt((weight * total**2).sum(axis=1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        along = (weight * vectors * total).sum(axis=2) / divergence
+    return Split(tuple(rung for rung, _ in steps), vectors, total, norms, along, divergence)

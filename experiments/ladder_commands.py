@@ -1,0 +1,100 @@
+"""What ``impact-xval ladder`` does: the causes of divergence of a finished run, of one cell, or by another law."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from experiments.commands import finished
+from experiments.document import Table
+from experiments.errors import UserError
+from experiments.ladder import KELVIN_VOIGT, LAWS, RUNGS
+from experiments.ladder_document import (
+    alternatives_table,
+    axis_share_table,
+    ladder_findings,
+    norm_table,
+    share_table,
+)
+from experiments.ladder_summary import LadderSummary, statistics_of, summarise_ladder
+from experiments.ladder_table import LADDER, LADDER_SCHEMA, write_ladder
+from experiments.numbers import number, percent
+from experiments.schema import CELLS_SCHEMA
+from experiments.store import RunFolder
+from experiments.terminal import make_console, print_line, print_table
+
+
+def ladder(root: Path, law: str, cell: int | None) -> None:
+    """Show the ladders of a finished run."""
+    if law not in LAWS:
+        raise UserError(f"--law = {law!r}; legal: {', '.join(LAWS)}")
+    folder = finished(root)
+    stem = "ladder" if law == KELVIN_VOIGT else f"ladder-{law}"
+    if law != KELVIN_VOIGT:
+        folder.read_table("cells.parquet", CELLS_SCHEMA)  # what it is made from has to be whole
+        write_ladder(folder.root, law, stem)
+    if cell is None:
+        _show_run(folder, law, stem)
+    else:
+        _show_cell(folder, law, stem, cell)
+    if law != KELVIN_VOIGT:
+        print_line(make_console(), f"{stem}.parquet and {stem}.csv are in {folder.root}")
+
+
+def _show_run(folder: RunFolder, law: str, stem: str) -> None:
+    config = folder.config()
+    if law == KELVIN_VOIGT:
+        found = summarise_ladder(folder, config)
+    else:
+        table = pq.read_table(folder.root / f"{stem}.parquet").to_pandas()
+        found = LadderSummary(statistics_of(table, config), summarise_ladder(folder, config).alternatives)
+    console = make_console()
+    if not found.solvers:
+        print_line(console, "no engine of this run has a result: there is nothing to split")
+        return
+    tables = [share_table(found), norm_table(found), axis_share_table(found, "stiffness_ratio")]
+    if len(found.alternatives):
+        tables.append(alternatives_table(found))
+    for table in tables:
+        print_table(console, table)
+    print_line(console, "")
+    for text in ladder_findings(found):
+        print_line(console, text)
+
+
+def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
+    if law == KELVIN_VOIGT:
+        table = folder.read_table(LADDER, LADDER_SCHEMA)
+    else:
+        table = pq.read_table(folder.root / f"{stem}.parquet")
+    frame = table.to_pandas()
+    rows = frame[frame.cell == cell]
+    if not len(rows):
+        raise UserError(
+            f"--cell = {cell}; legal: a cell with a row of an engine, from 0 to {frame.cell.max()}"
+        )
+    first, console = rows.iloc[0], make_console()
+    names = {"k2/k1": "stiffness_ratio", "m2/m1": "mass_ratio", "e1": "e1", "e2": "e2"}
+    print_line(console, f"cell {cell}: " + ", ".join(f"{k} = {number(first[v])}" for k, v in names.items()))
+    for _, row in rows.iterrows():
+        if np.isnan(row.velocity_divergence):
+            print_line(console, "")
+            print_line(console, f"{row.solver}: {row.status}: {row.reason}")
+            continue
+        lines = [
+            (rung.label, *(_exact(row[f"{rung.name}_{part}"]) for part in ("dv1", "dv2", "norm")),
+             percent(row[f"{rung.name}_share"]))
+            for rung in RUNGS
+            if f"{rung.name}_norm" in row and not np.isnan(row[f"{rung.name}_norm"])
+        ]  # fmt: skip
+        lines.append(("sum", _exact(row.dv1), _exact(row.dv2), _exact(row.velocity_divergence), "100.0 %"))
+        header = ("cause", "dv1/|v0|", "dv2/|v0|", "kinetic norm", "share")
+        print_table(console, Table(row.sentence, header, lines))
+        if isinstance(row.reason, str):
+            print_line(console, f"({row.reason})")
+
+
+def _exact(value: float) -> str:
+    return f"{value:.3e}"

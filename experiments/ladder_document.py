@@ -1,0 +1,186 @@
+"""The ladders of a run as tables and sentences."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from experiments.document import Block, Heading, Paragraph, Table
+from experiments.ladder import RUNGS, Rung
+from experiments.ladder_figures import present
+from experiments.ladder_summary import AXES, BAND, BANDS, Frame, LadderSummary
+from experiments.ladder_table import NO_LIMIT
+from experiments.numbers import number, percent
+
+_LABELS = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
+
+#: Longest table along an axis.
+_ROWS = 40
+
+#: What a reader has to know of every number here; in every caption.
+SHARES = (
+    "The share of a cause is the component of its difference of (v1, v2) along the whole difference, in the kinetic "
+    "norm, over D: signed, and 100 % in sum. Over a region: summed over cells, over the sum of D."
+)
+
+
+def ladder_section(ladder: LadderSummary) -> list[Block]:
+    """Arrange what the divergence is made of; nothing where no engine has a result."""
+    if not ladder.solvers:
+        return []
+    return [
+        Heading("Why they diverge"),
+        Paragraph(
+            "From the model to an engine one thing is changed at a time, and the differences sum to the engine's "
+            "divergence exactly, in every cell: "
+            + "; ".join(f"{rung.label}, {rung.after} minus {rung.before}" for rung in present(ladder))
+            + ". All but what begins or ends with the engine is computed without one."
+        ),
+        share_table(ladder),
+        norm_table(ladder),
+        *(axis_share_table(ladder, axis) for axis in AXES),
+        *([alternatives_table(ladder)] if len(ladder.alternatives) else []),
+    ]
+
+
+def ladder_findings(ladder: LadderSummary) -> list[str]:
+    """Say in plain words which cause carries most, by engine and by region."""
+    return [_finding(ladder, solver) for solver in ladder.solvers] + _what_if(ladder)
+
+
+def _label(name: str) -> str:
+    return next(rung.label for rung in RUNGS if rung.name == name)
+
+
+def _finding(ladder: LadderSummary, solver: str) -> str:
+    whole = ladder.region(solver)
+    ordered = whole.share.sort_values(ascending=False)
+    parts = [f"{percent(share)} {_label(str(name))}" for name, share in ordered.items()]
+    bands = []
+    for edge, band in BANDS.items():
+        region = ladder.region(solver, BAND, edge)
+        if len(region):
+            name = str(region.share.idxmax())
+            bands.append(f"{_label(name)} ({percent(region.share[name])}) at {band}")
+    where = f" The largest cause is {', '.join(bands)}." if len(bands) > 1 else ""
+    detour = float((whole["mean"] * whole.n).sum() / whole.n.max() / whole.total.iloc[0])
+    against = (
+        f" The causes are {number(detour, 2)} times as long as their sum: in part they cancel."
+        if detour > 1.2
+        else ""
+    )
+    doubt = whole.doubt.iloc[0]
+    known = (
+        f" Its limit of small steps is known to {number(doubt, 2)} (median): mapping and time step are told apart to "
+        "within that."
+        if not np.isnan(doubt)
+        else ""
+    )
+    return (
+        f"Of {solver}'s mean D of {number(whole.total.iloc[0])}: {', '.join(parts)}.{where}{against}{known}"
+    )
+
+
+def _what_if(ladder: LadderSummary) -> list[str]:
+    table = ladder.alternatives
+    whole = table[np.isnan(table.value.astype(float))].set_index("law")
+    if len(whole) < 2:
+        return []
+    best = str(whole["median"].idxmin())
+    listed = ", ".join(f"{law} {number(row['median'])}" for law, row in whole.iterrows())
+    return [
+        f"What if the contacts lost energy by another law? Without an engine and without gravity the median D from "
+        f"the model is: {listed}. The smallest is that of {best}."
+    ]
+
+
+def _shares(region: Frame, rungs: list[Rung]) -> list[str]:
+    return [percent(region.share[rung.name]) if rung.name in region.index else "-" for rung in rungs]
+
+
+def share_table(ladder: LadderSummary) -> Table:
+    """Tabulate the share of every rung by engine and by band of k2/k1."""
+    rungs, rows = present(ladder), []
+    for solver in ladder.solvers:
+        for axis, value, label in (("all", np.nan, "all"), *((BAND, e, text) for e, text in BANDS.items())):
+            region = ladder.region(solver, axis, value)
+            if len(region):
+                mean = number(region.total.iloc[0])
+                rows.append((solver, label, str(int(region.n.max())), mean, *_shares(region, rungs)))
+    joined = "engine" in {rung.name for rung in rungs}
+    note = f" Mapping and time step are one cause where there is {NO_LIMIT.removesuffix(' for this cell')}."
+    return Table(
+        f"What the mean D of each engine is made of. {SHARES}{note if joined else ''}",
+        ("engine", "region", "cells", "mean D", *(rung.label for rung in rungs)),
+        rows,
+        text_columns=2,
+    )
+
+
+def norm_table(ladder: LadderSummary) -> Table:
+    """Tabulate how large each rung is by itself."""
+    rows = []
+    for solver in ladder.solvers:
+        for name, row in ladder.region(solver).iterrows():
+            numbers = (number(row[cut]) for cut in ("mean", "median", "p95", "max"))
+            rows.append((solver, _label(str(name)), str(int(row.n)), *numbers, percent(row.dominant)))
+    return Table(
+        "How large each cause is by itself: kinetic norm of its difference of (v1, v2), per |v0|. Norms do not add; "
+        "causes may oppose each other. Last column: cells in which the cause has the largest share.",
+        ("engine", "cause", "cells", "mean", "median", "95th percentile", "maximum", "largest in"),
+        rows,
+        text_columns=2,
+    )
+
+
+def axis_share_table(ladder: LadderSummary, axis: str) -> Table:
+    """Tabulate the shares along one axis of the grid."""
+    rungs, rows = present(ladder), []
+    here = ladder.statistics[ladder.statistics.axis == axis]
+    values = sorted(set(here.value))
+    step = -(-len(values) // _ROWS)
+    for solver in ladder.solvers:
+        for value in values[::step]:
+            region = ladder.region(solver, axis, value)
+            if len(region):
+                mean = number(region.total.iloc[0])
+                rows.append((solver, number(value), mean, *_shares(region, rungs)))
+    note = f" {len(values[::step])} of {len(values)} values; all are in summary.csv." if step > 1 else ""
+    return Table(
+        f"What the mean D is made of, by {_LABELS[axis]}. {SHARES}{note}",
+        ("engine", _LABELS[axis], "mean D", *(rung.label for rung in rungs)),
+        rows,
+        text_columns=1,
+        detail=axis != "stiffness_ratio",
+    )
+
+
+def alternatives_table(ladder: LadderSummary) -> Table:
+    """Tabulate what other laws would do."""
+    rows = []
+    for row in ladder.alternatives.itertuples():
+        region = BANDS.get(row.value, "all")
+        cells = (
+            str(row.n),
+            number(row.median),
+            number(row.p95),
+            number(row.dissipation),
+            percent(row.closer),
+        )
+        rows.append((row.law, region, *cells))
+    return Table(
+        "What if the contacts lost energy by another law: D from the model of each law, exact and without gravity; the "
+        "norm of its difference from bistiffness, which is what its own dissipation adds; and the cells in which it is "
+        "closer to the model than kelvin-voigt.",
+        ("law", "region", "cells", "D, median", "95th percentile", "dissipation, median", "closer"),
+        rows,
+        text_columns=2,
+    )
+
+
+def csv_rows(ladder: LadderSummary) -> Frame:
+    """Return the statistics in the columns of ``summary.csv``: a share and a norm for every rung and region."""
+    table = ladder.statistics.assign(cells="regular")
+    shares = table.assign(measure="share_" + table.rung, mean=table.share)
+    norms = table.assign(measure="norm_" + table.rung)
+    shares[["median", "p95", "max"]] = np.nan
+    return [frame.drop(columns=["rung", "total", "share", "dominant", "doubt"]) for frame in (shares, norms)]

@@ -1,0 +1,282 @@
+"""The table of ladders: one row a cell and engine, made from the finished table of cells, piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+
+from experiments.config import REFERENCE
+from experiments.divergence import COMPARABLE
+from experiments.ladder import (
+    ENGINE,
+    ENGINE_FREE,
+    KELVIN_VOIGT,
+    NOTHING,
+    Floats,
+    Rung,
+    Split,
+    posts,
+    rungs_of,
+    split,
+)
+from experiments.schema import COLUMNS
+from experiments.store import replacing
+
+LADDER, LADDER_CSV = "ladder.parquet", "ladder.csv"
+
+#: Status of an engine's result that changes with its step: it has a ladder, which no statistic counts.
+UNCONVERGED = "unconverged"
+
+#: Why the last two rungs are one.
+NO_LIMIT = "no certified limit of small steps for this cell"
+
+_PARAMETERS = ("cell", "stiffness_ratio", "mass_ratio", "e1", "e2", "gravity_number", "solver")
+_READ = (*_PARAMETERS, "status", "reason", "v0", "v1", "v2", "grazing_margin")
+_LIMIT = ("v1_limit", "v2_limit", "limit_error")
+
+#: Size of a share from which a sentence mentions it beside the largest.
+_MENTIONED = 0.02
+
+#: Rows of the table of cells that are worked on together, about.
+_ROWS = 1 << 17
+
+
+def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
+    return pa.field(name, kind, metadata={"unit": "-", "meaning": meaning})
+
+
+def ladder_schema(rungs: Sequence[Rung]) -> pa.Schema:
+    """Return the Arrow schema of a table of ladders; unit and meaning of each column are in its metadata."""
+    number, text = pa.float64(), pa.string()
+    fields = [
+        _field(name, {"int": pa.int64(), "float": number, "text": text}[COLUMNS[name][0]], COLUMNS[name][2])
+        for name in _PARAMETERS
+    ]
+    fields += [
+        _field(
+            "status",
+            text,
+            "ok; unconverged: the engine's result is; or that of the outcome without which there is no ladder",
+        ),
+        _field("reason", text, "which outcome that is, and why; or why mapping and time step are one rung"),
+        _field("model_grazing_margin", number, "grazing margin of the state-transition model"),
+        _field("velocity_divergence", number, "D, the kinetic norm of (dv1, dv2)"),
+        _field("dv1", number, "engine minus model, per |v0|; the sum of dv1 of the rungs"),
+        _field("dv2", number, "engine minus model, per |v0|; the sum of dv2 of the rungs"),
+    ]
+    for rung in rungs:
+        difference = f"{rung.label}: {rung.after} minus {rung.before}"
+        fields += [
+            _field(f"{rung.name}_dv1", number, f"{difference}; v1 per |v0|"),
+            _field(f"{rung.name}_dv2", number, f"{difference}; v2 per |v0|"),
+            _field(f"{rung.name}_norm", number, f"kinetic norm of ({rung.name}_dv1, {rung.name}_dv2)"),
+            _field(
+                f"{rung.name}_share", number, "component along (dv1, dv2) over D; shares of a row sum to 1"
+            ),
+        ]
+    fields += [
+        _field("limit_error", number, "estimated error of the engine's limit of small steps"),
+        _field("dominant", text, "the rung with the largest share"),
+        _field("sentence", text, "the row in words"),
+    ]
+    return pa.schema(fields)
+
+
+LADDER_SCHEMA = ladder_schema(rungs_of(KELVIN_VOIGT))
+
+
+def write_ladder(root: Path, law: str = KELVIN_VOIGT, stem: str = "ladder") -> None:
+    """Write a table of ladders, as Parquet and CSV, from the table of cells in a folder.
+
+    Parameters
+    ----------
+    root : Path
+        Holds ``cells.parquet``, sorted by cell, and gets ``STEM.parquet`` and ``STEM.csv``.
+    law : str
+        The dissipation law, one of `ladder.LAWS`.
+    stem : str
+        Name of the files.
+    """
+    table = ladder_schema(rungs_of(law))
+    with (
+        replacing(root / f"{stem}.parquet") as binary,
+        replacing(root / f"{stem}.csv") as text,
+        pq.ParquetWriter(binary, table, compression="zstd") as writer,
+        pacsv.CSVWriter(str(text), table) as csv,
+    ):
+        for piece in _pieces(root / "cells.parquet"):
+            rows = ladder_rows(piece, law).cast(table)
+            if len(rows):
+                writer.write_table(rows)
+                csv.write_table(rows)
+
+
+def _pieces(path: Path) -> Iterator[pa.Table]:
+    """Read the table of cells in pieces of whole cells; columns of limits are null where it has none."""
+    with pq.ParquetFile(path) as file:
+        there = set(file.schema_arrow.names)
+        columns = [name for name in (*_READ, *_LIMIT) if name in there]
+        rest: pa.Table | None = None
+        for batch in file.iter_batches(batch_size=_ROWS, columns=columns):
+            piece = pa.Table.from_batches([batch])
+            piece = piece if rest is None else pa.concat_tables([rest, piece])
+            cells = piece["cell"].to_numpy()
+            border = int(np.searchsorted(cells, cells[-1]))  # of the last cell, which may go on
+            rest = piece.slice(border)
+            if border:
+                yield _with_limits(piece.slice(0, border))
+        if rest is not None:
+            yield _with_limits(rest)
+
+
+def _with_limits(table: pa.Table) -> pa.Table:
+    for name in _LIMIT:
+        if name not in table.column_names:
+            table = table.append_column(name, pa.nulls(len(table), pa.float64()))
+    return table
+
+
+def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
+    """Make the ladders of whole cells.
+
+    Parameters
+    ----------
+    cells : Table
+        Rows of the table of cells, sorted by cell; every cell with its row of the model.
+    law : str
+        The dissipation law.
+
+    Returns
+    -------
+    Table
+        One row for each row of an engine, in order.
+    """
+    solvers = cells["solver"].to_numpy(zero_copy_only=False)
+    engines = cells.filter(pa.array(~np.isin(solvers, sorted(ENGINE_FREE))))
+    model = cells.filter(pa.array(solvers == REFERENCE))
+    if not len(engines):
+        return ladder_schema(rungs_of(law)).empty_table()
+    # The references know nothing of engines: one answer a cell.
+    at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
+    kappa, mu, e1, e2 = (_numbers(model, name) for name in ("stiffness_ratio", "mass_ratio", "e1", "e2"))
+    here = posts(kappa, mu, e1, e2, _numbers(model, "gravity_number"), law=law).take(at)
+    reference, engine = _velocities(model, COMPARABLE)[at], _velocities(engines, (*COMPARABLE, UNCONVERGED))
+    limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])
+    # A limit that did not converge is none.
+    limit[engines["status"].to_numpy(zero_copy_only=False) == UNCONVERGED] = np.nan
+    ladders = split(mu[at], reference, here, limit, engine)
+    status, reason = _statuses(engines, model, at, here.reason, ladders)
+    return _table(engines, _numbers(model, "grazing_margin")[at], ladders, status, reason)
+
+
+def _numbers(table: pa.Table, name: str) -> Floats:
+    return table[name].to_numpy(zero_copy_only=False).astype(float)
+
+
+def _velocities(table: pa.Table, statuses: Sequence[str]) -> Floats:
+    """v1 and v2 per abs(v0), shape (n, 2); NaN where the status is none of these."""
+    there = np.isin(table["status"].to_numpy(zero_copy_only=False), statuses)
+    v = (
+        np.column_stack([_numbers(table, "v1"), _numbers(table, "v2")])
+        / np.abs(_numbers(table, "v0"))[:, None]
+    )
+    return np.where(there[:, None], v, np.nan)
+
+
+def _statuses(
+    engines: pa.Table, model: pa.Table, at: Any, unanswered: Any, ladders: Split
+) -> tuple[list[str], list[str | None]]:
+    """Status and reason of every row: the first outcome that is missing, or why two rungs are one."""
+    statuses: list[str] = []
+    reasons: list[str | None] = []
+    names, found = engines["solver"].to_pylist(), engines["status"].to_pylist()
+    why, models = engines["reason"].to_pylist(), model["status"].to_pylist()
+    joined = ~np.isnan(ladders.norms[ladders.rungs.index(ENGINE)])
+    for i, place in enumerate(at.tolist()):
+        if found[i] not in COMPARABLE:
+            status, reason = found[i], f"{names[i]}: {why[i] or found[i]}"
+        elif models[place] not in COMPARABLE:
+            status, reason = models[place], f"{REFERENCE}: {models[place]}"
+        elif unanswered[i]:
+            status, reason = str(unanswered[i]).rpartition(" ")[2], str(unanswered[i])
+        else:
+            status, reason = "ok", NO_LIMIT if joined[i] else None
+        statuses.append(status)
+        reasons.append(reason)
+    return statuses, reasons
+
+
+def _table(engines: pa.Table, margin: Floats, ladders: Split, status: list[str], reason: Any) -> pa.Table:
+    ok = ~np.isnan(ladders.divergence) & np.array([s in ("ok", UNCONVERGED) for s in status])
+    columns: dict[str, Any] = {name: engines[name] for name in _PARAMETERS}
+
+    def numbers(values: Floats) -> pa.Array:
+        return pa.array(values, pa.float64(), mask=~ok | np.isnan(values))
+
+    columns |= {
+        "status": status,
+        "reason": reason,
+        "model_grazing_margin": pa.array(margin, pa.float64(), from_pandas=True),
+        "velocity_divergence": numbers(ladders.divergence),
+        "dv1": numbers(ladders.total[:, 0]),
+        "dv2": numbers(ladders.total[:, 1]),
+    }
+    shares = ladders.shares
+    for i, rung in enumerate(ladders.rungs):
+        columns[f"{rung.name}_dv1"] = numbers(ladders.vectors[i, :, 0])
+        columns[f"{rung.name}_dv2"] = numbers(ladders.vectors[i, :, 1])
+        columns[f"{rung.name}_norm"] = numbers(ladders.norms[i])
+        columns[f"{rung.name}_share"] = numbers(shares[i])
+    names = [rung.name for rung in ladders.rungs]
+    first = np.where(ok, ladders.dominant(), -1)
+    columns["limit_error"] = engines["limit_error"]
+    columns["dominant"] = [names[i] if i >= 0 else None for i in first.tolist()]
+    columns["sentence"] = _sentences(engines["solver"].to_pylist(), ladders, ok, shares)
+    return pa.table(columns, schema=ladder_schema(ladders.rungs))
+
+
+def _sentences(solvers: list[str], ladders: Split, ok: Any, shares: Floats) -> list[str | None]:
+    phrases = [rung.phrase for rung in ladders.rungs]
+    sentences: list[str | None] = []
+    for i, name in enumerate(solvers):
+        found = [
+            (phrase, float(share), float(norm))
+            for phrase, share, norm in zip(phrases, shares[:, i], ladders.norms[:, i], strict=True)
+            if not np.isnan(norm)
+        ]
+        sentences.append(sentence(name, float(ladders.divergence[i]), found) if ok[i] else None)
+    return sentences
+
+
+def sentence(solver: str, divergence: float, rungs: Sequence[tuple[str, float, float]]) -> str:
+    """Say in words which rung carries most of a divergence.
+
+    Parameters
+    ----------
+    solver : str
+        Name of the engine.
+    divergence : float
+        D.
+    rungs : sequence of (str, float, float)
+        Phrase, share and norm of every rung there is.
+    """
+    if divergence < NOTHING:
+        return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."
+    (first, share, norm), *others = sorted(rungs, key=lambda rung: -rung[1])
+    how_much = "most of it" if share > 0.5 else "the largest part of it"
+    text = (
+        f"{solver} ends D = {divergence:.3g} from the model, {how_much} by {first} "
+        f"({100 * share:.3g} %, norm {norm:.3g})"
+    )
+    other = max(others, key=lambda rung: abs(rung[1]))
+    if other[1] <= -_MENTIONED:
+        return f"{text}, taken back in part by {other[0]} ({100 * other[1]:.3g} %, norm {other[2]:.3g})."
+    if other[1] >= _MENTIONED:
+        return f"{text}, then by {other[0]} ({100 * other[1]:.3g} %)."
+    return f"{text}."

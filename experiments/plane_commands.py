@@ -1,0 +1,173 @@
+"""What ``impact-xval map`` does."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.config import Config, parse_config
+from experiments.errors import UserError
+from experiments.figures import CAPTIONS, FORMATS
+from experiments.plane import PATHS, PLANE_SCHEMA, RUNGS, Plane, write_plane
+from experiments.plane_figures import draw_plane
+from experiments.store import replacing, write_json
+from experiments.sweep import solver_versions
+from experiments.terminal import make_console, print_line, show_progress
+
+FORMAT = "impact-xval map, format 1"
+DATA, DESCRIPTION = "map.parquet", "map.json"
+
+
+def draw_map(
+    values: dict[str, Any],
+    stiffness_ratio: tuple[str, str],
+    mass_ratio: tuple[str, str],
+    side: int,
+    out: Path | None,
+) -> None:
+    """Solve and draw a dense map, and write everything into a folder."""
+    start = time.perf_counter()
+    plane, config = _plane(values, stiffness_ratio, mass_ratio, side)
+    root = out if out is not None else Path("maps") / f"{config.scenario}-e1-{plane.e1:g}-e2-{plane.e2:g}"
+    _prepare(root)
+    console = make_console()
+    try:
+        with show_progress(console) as progress:
+            images = write_plane(plane, root / DATA, progress)
+    except KeyboardInterrupt:
+        if not any(root.iterdir()):
+            root.rmdir()
+        raise
+    captions = {}
+    for name, figure, caption in draw_plane(plane, images):
+        for extension in FORMATS:
+            with replacing(root / f"{name}.{extension}") as temporary:
+                metadata = {"CreationDate": None} if extension == "pdf" else None
+                figure.savefig(temporary, format=extension, dpi=200, metadata=metadata)
+        captions[name] = caption
+        print_line(console, f"{root / name}.png: {caption}")
+    write_json(root / CAPTIONS, captions)
+    seconds = time.perf_counter() - start
+    lines = findings(images)
+    write_json(root / DESCRIPTION, _description(plane, config, lines, seconds))
+    for line in lines:
+        print_line(console, line)
+    print_line(console, f"{seconds:.0f} s; {plane.side**2} cells are in {root / DATA}")
+
+
+def findings(images: dict[str, np.ndarray]) -> list[str]:
+    """Say in plain words what a map shows."""
+    there = ~images["failed"]
+    n = int(there.sum())
+    if not n:
+        return ["No cell of the map could be solved."]
+    lines = []
+    for i, rung in enumerate(RUNGS):
+        norm = images[f"{rung.name}_norm"][there]
+        if norm.max() > 0:
+            carries = np.mean(images["dominant"][there] == i)
+            lines.append(
+                f"{rung.label}: more than 0.01 in {100 * np.mean(norm > 0.01):.1f} % of the cells, at most "
+                f"{norm.max():.3g}; the largest cause in {100 * carries:.1f} %."
+            )
+    repeats = images["repeats_norm"][there]
+    lines.append(
+        f"the law of Liu, Zhao and Brogliato: equal to the model to 1e-12 in {100 * np.mean(repeats < 1e-12):.1f} % of "
+        f"the cells, more than 0.01 away in {100 * np.mean(repeats > 0.01):.1f} %, at most {repeats.max():.3g}."
+    )
+    shares = (f"{text} in {100 * np.mean(images['paths'] == code):.1f} %" for code, text in enumerate(PATHS))
+    lines.append("state paths: " + "; ".join(shares) + ".")
+    if n < there.size:
+        lines.append(f"{there.size - n} cells have no result: 'failed' in {DATA}.")
+    return lines
+
+
+def _plane(
+    values: dict[str, Any], stiffness_ratio: tuple[str, str], mass_ratio: tuple[str, str], side: int
+) -> tuple[Plane, Config]:
+    """Make a map of the options; errors name the options."""
+    data: dict[str, Any] = {key: _number(text) for key, text in values.items()}
+    e1, e2 = data.pop("e1"), data.pop("e2")
+    cell = {"e1": e1, "e2": e2}
+    data |= {
+        "name": "map",
+        "figure_cell": cell,
+        "grid": {key: [1.0] for key in ("stiffness_ratio", "mass_ratio")},
+    }
+    names = {"stiffness_ratio_cutoff": "--cutoff"}
+
+    def option(location: Any) -> str:
+        key: str = location[-1] if location else ""
+        return names.get(key, "--" + key.replace("_", "-"))
+
+    config = parse_config(data, where="", name=option)
+    for name, e in (("--e1", config.figure_cell.e1), ("--e2", config.figure_cell.e2)):
+        if e == 0:
+            raise UserError(f"{name} = 0.0; legal: greater than 0, at most 1 (no dashpot gives 0)")
+    gravity = 0.0
+    if config.scenario == "drop":
+        gravity = config.gravity / (abs(config.v0) * math.sqrt(config.k1 / config.m1))
+    plane = Plane(
+        e1=config.figure_cell.e1,
+        e2=config.figure_cell.e2,
+        stiffness_ratio=_span("--stiffness-ratio", stiffness_ratio),
+        mass_ratio=_span("--mass-ratio", mass_ratio),
+        side=side,
+        gravity=gravity,
+        stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
+    )
+    return plane, config
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _span(option: str, ends: tuple[str, str]) -> tuple[float, float]:
+    low, high = map(_number, ends)
+    if isinstance(low, str) or isinstance(high, str) or not 1e-12 <= low < high <= 1e12:
+        raise UserError(
+            f"{option} = {ends[0]} {ends[1]}; legal: two numbers from 1e-12 to 1e12, the first smaller"
+        )
+    return low, high
+
+
+def _prepare(root: Path) -> None:
+    """Create the folder; one that holds anything is refused."""
+    if root.exists() and (not root.is_dir() or any(root.iterdir())):
+        raise UserError(f"--out {root}: not empty; legal: a new or empty folder")
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
+
+
+def _description(plane: Plane, config: Config, lines: list[str], seconds: float) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "e1": plane.e1,
+        "e2": plane.e2,
+        "stiffness_ratio": {
+            "from": plane.stiffness_ratio[0],
+            "to": plane.stiffness_ratio[1],
+            "spacing": "log",
+        },
+        "mass_ratio": {"from": plane.mass_ratio[0], "to": plane.mass_ratio[1], "spacing": "log"},
+        "cells_along_a_side": plane.side,
+        "scenario": config.scenario,
+        "gravity_over_v0_sqrt_k1_m1": plane.gravity,
+        "stiffness_ratio_cutoff": "inf"
+        if math.isinf(plane.stiffness_ratio_cutoff)
+        else plane.stiffness_ratio_cutoff,
+        "version": solver_versions(parse_config({"solvers": ["bistiffness"]}))["impact-xval"],
+        "columns": {field.name: field.metadata[b"meaning"].decode() for field in PLANE_SCHEMA},
+        "findings": lines,
+        "wall_time_s": round(seconds, 3),
+    }

@@ -1,0 +1,62 @@
+"""What ``impact-xval solvers`` and ``impact-xval conform`` do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import typer
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from compliant_baselines import conformance, get_solver
+from compliant_baselines.plugins import ThirdPartySolver
+from compliant_baselines.registry import origins
+from experiments.config import solvers_problem
+from experiments.errors import UserError
+from experiments.terminal import make_console, print_line
+
+
+def show_solvers() -> None:
+    """Print a line for every solver that is known."""
+    shown = RichTable(box=None, pad_edge=False)
+    for title in ("solver", "version", "from", ""):
+        shown.add_column(title)
+    for name, origin in origins().items():
+        solver = get_solver(name)
+        reason = solver.unavailable()
+        said = "" if reason is None else f"unavailable: {reason}"
+        shown.add_row(*(Text(word) for word in (name, solver.version() or "-", origin, said)))
+    make_console().print(shown)
+
+
+def conform(name: str, law: Any) -> None:
+    """Run the conformance checks on a solver and print what each found.
+
+    Raises
+    ------
+    UserError
+        If there is no such solver or law, or it cannot run here.
+    typer.Exit
+        With code 1, if a check failed.
+    """
+    problem = solvers_problem([name])
+    if problem:
+        raise UserError(problem)
+    if law not in conformance.LAWS:
+        raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
+    solver = get_solver(name)
+    reason = solver.unavailable()
+    if reason is not None:
+        raise UserError(f"{name}: unavailable: {reason}")
+    if isinstance(solver, ThirdPartySolver) and solver.solver is not None:
+        solver = solver.solver  # the checks are of the solver itself, not of what keeps it from doing harm
+    console, failed = make_console(), 0
+    for check, problem in conformance.conform(solver, law):
+        failed += bool(problem)
+        words = check.__name__.replace("_", " ")
+        print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
+    if failed:
+        print_line(
+            console, f"{failed} of the checks failed; the contract is in compliant_baselines/contract.py"
+        )
+        raise typer.Exit(1)

@@ -1,0 +1,347 @@
+"""The ladder: it closes, each rung is the difference it says, and what is said of it is so."""
+
+import math
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from compliant_baselines import get_solver
+from compliant_baselines.contract import Settings
+from experiments import ladder_table
+from experiments.cli import main
+from experiments.config import parse_config
+from experiments.grid import CellGrid
+from experiments.ladder import KELVIN_VOIGT, LAWS, RUNGS, posts, rungs_of, split
+from experiments.ladder_document import ladder_findings
+from experiments.ladder_summary import BAND, statistics_of, summarise_ladder
+from experiments.ladder_table import LADDER_SCHEMA, NO_LIMIT, ladder_rows, sentence, write_ladder
+from experiments.schema import CELLS_SCHEMA
+from experiments.summary import summarise
+from experiments.sweep import run_sweep
+from model import solve_batch
+from tests.experiments import fakes
+
+MU = 2 / math.sqrt(3)
+GRID = {
+    "stiffness_ratio": [0.05, 1.0, 40.0],
+    "mass_ratio": [0.5, MU],
+    "e1": [0.5, 0.9, 1.0],
+    "e2": [0.7, 1.0],
+}
+
+
+@pytest.fixture(scope="module", params=["impact", "drop"])
+def run(request, tmp_path_factory):
+    config = parse_config(
+        {"name": "l", "scenario": request.param, "k1": 1e6, "solvers": ["mujoco", "pybullet"], "grid": GRID}
+    )
+    return run_sweep(config, tmp_path_factory.mktemp("ladder") / "a", workers=1, resolve=fakes.shifted)
+
+
+def table_of(folder):
+    return folder.read_table("ladder.parquet", LADDER_SCHEMA).to_pandas()
+
+
+def cells_of(n, seed):
+    rng = np.random.default_rng(seed)
+    return [
+        10 ** rng.uniform(-2, 2, n),
+        10 ** rng.uniform(-1, 1, n),
+        rng.uniform(0.3, 1, n),
+        rng.uniform(0.3, 1, n),
+    ]
+
+
+def vectors(table, law=KELVIN_VOIGT):
+    rungs = rungs_of(law)
+    return np.stack([table[[f"{r.name}_dv1", f"{r.name}_dv2"]].to_numpy(dtype=float) for r in rungs])
+
+
+def test_rungs_sum_to_the_divergence_that_the_run_measured(run):
+    table = table_of(run)
+    measured = pq.read_table(run.root / "divergence.parquet").to_pandas()
+    measured = measured[measured.solver.isin(["mujoco", "pybullet"])].reset_index()
+    ok = table.status == "ok"
+    assert list(ok) == list(measured.velocity_divergence.notna())
+    total = np.nansum(vectors(table), axis=0)[ok]
+    assert np.abs(total - measured[["dv1", "dv2"]].to_numpy(dtype=float)[ok]).max() < 1e-12
+    np.testing.assert_allclose(
+        table.velocity_divergence[ok].astype(float),
+        measured.velocity_divergence[ok].astype(float),
+        atol=1e-15,
+    )
+    shares = table[[f"{r.name}_share" for r in rungs_of(KELVIN_VOIGT)]].astype(float).sum(axis=1)[ok]
+    np.testing.assert_allclose(shares, 1, atol=1e-9)
+
+
+def test_each_rung_is_the_difference_of_the_solvers_it_names(run):
+    config, table = run.config(), table_of(run)
+    drop = Settings(scenario=config.scenario, gravity=config.gravity)
+    grid = CellGrid(config)
+    for row in table[table.solver == "mujoco"].itertuples():
+        c = grid[row.cell].collision
+        at = {
+            "model": get_solver("state-transition").solve(c),
+            "stiff": get_solver("bistiffness").solve(c, Settings()),
+            "dashpot": get_solver("kelvin-voigt").solve(c, Settings()),
+            "drop": get_solver("kelvin-voigt").solve(c, drop),
+        }
+        for name, before, after in (
+            ("frozen_positions", "model", "stiff"),
+            ("dissipation_law", "stiff", "dashpot"),
+            ("gravity", "dashpot", "drop"),
+        ):
+            for v in ("v1", "v2"):
+                difference = getattr(at[after], v) - getattr(at[before], v)
+                assert getattr(row, f"{name}_d{v}") == pytest.approx(difference, abs=1e-10)
+        assert row.engine_dv1 == pytest.approx(at["model"].v1 + 0.01 - at["drop"].v1, abs=1e-10)
+    gravity = table.gravity_norm[table.status == "ok"]
+    assert (gravity == 0).all() if config.scenario == "impact" else (gravity > 1e-6).all()
+
+
+def test_published_numbers():
+    cells = [np.array([x]) for x in (1.0, MU, 0.9, 0.7)]
+    model, between = solve_batch(*cells), posts(*cells, np.zeros(1))
+    here = np.array([[model.v1[0], model.v2[0]]])
+    ladder = split(cells[1], here, between, np.full((1, 2), np.nan), here)
+    first_two = ladder.vectors[0] + ladder.vectors[1]
+    expected = (0.65159996 - 0.61394941925041, 0.31646952 - 0.20971952034697)
+    np.testing.assert_allclose(first_two[0], expected, atol=6e-9)
+
+
+@pytest.mark.parametrize("ratio", [4, 5, 10, 40, 100])
+def test_elastic_without_return_leaves_the_engine_alone(ratio):
+    cells = [np.array([x]) for x in (float(ratio), MU, 1.0, 1.0)]
+    model = solve_batch(*cells)
+    here = np.column_stack([model.v1, model.v2])
+    ladder = split(
+        cells[1], here, posts(*cells, np.zeros(1)), np.full((1, 2), np.nan), here + np.array([[0.02, -0.01]])
+    )
+    assert ladder.norms[:3].max() < 1e-11
+    assert ladder.rungs[ladder.dominant()[0]].name == "engine"
+    assert ladder.shares[-1, 0] == pytest.approx(1, abs=1e-9)
+
+
+def test_closes_for_any_outcomes_in_between():
+    cells = cells_of(1500, 3)
+    model, rng = solve_batch(*cells), np.random.default_rng(4)
+    engine = rng.normal(size=(1500, 2))
+    limit = np.where(rng.uniform(size=(1500, 1)) < 0.5, engine + 1e-3, np.nan)
+    for law in LAWS:
+        between = posts(*cells, np.full(1500, 0.05), law=law)
+        assert set(between.reason) == {""}
+        ladder = split(cells[1], np.column_stack([model.v1, model.v2]), between, limit, engine)
+        assert ladder.residual().max() < 1e-14
+        np.testing.assert_allclose(np.nansum(ladder.along, axis=0), ladder.divergence, rtol=1e-12)
+        # a component is no longer than its vector
+        assert np.all(
+            np.abs(ladder.along) <= ladder.norms * (1 + 1e-12) + 1e-15, where=~np.isnan(ladder.along)
+        )
+
+
+def test_gravity_goes_away_at_first_order():
+    cells = [np.array([x]) for x in (1.0, MU, 0.9, 0.7)]
+    numbers = 10.0 ** -np.arange(3, 7)
+    steps = [posts(*cells, np.array([g])) for g in numbers]
+    norms = [np.abs(p.scenario - p.kelvin_voigt).max() for p in steps]
+    slopes = np.diff(np.log10(norms)) / np.diff(np.log10(numbers))
+    np.testing.assert_allclose(slopes, 1, atol=0.03)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_only_the_last_rung_depends_on_the_step_and_it_goes_away_with_it(engine, tmp_path):
+    if get_solver(engine).unavailable():
+        pytest.skip("not installed")
+    found = []
+    for fraction in (8e-3, 4e-3, 2e-3):
+        config = parse_config(
+            {
+                "scenario": "impact",
+                "solvers": [engine],
+                "step_fraction": fraction,
+                "grid": {"stiffness_ratio": [1.0, 10.0], "mass_ratio": [MU], "e1": [0.9], "e2": [0.5, 0.7]},
+            }
+        )
+        found.append(table_of(run_sweep(config, tmp_path / f"{fraction}", workers=1)))
+    for name in ("frozen_positions_norm", "dissipation_law_norm", "gravity_norm"):
+        assert np.ptp([t[name].to_numpy() for t in found], axis=0).max() == 0
+    norms = np.array([t.discretisation_norm.to_numpy() for t in found])
+    slopes = -np.diff(np.log2(norms), axis=0)
+    assert np.all((slopes > 0.75) & (slopes < 1.25)), slopes
+    # the limit of small steps is one, whatever step it was sought from
+    mapping = np.array([t.mapping_norm.to_numpy() for t in found])
+    assert np.all(np.ptp(mapping, axis=0) < 0.1 * norms[-1])
+
+
+def with_limits(cells, solvers):
+    """The table of cells with a limit for some solvers, 1e-3 from their result."""
+    frame = cells.to_pandas()
+    known = frame.solver.isin(solvers) & frame.v1.notna()
+    for name, shift in (("v1", 1e-3), ("v2", -2e-3)):
+        frame[f"{name}_limit"] = (frame[name] / frame.v0.abs() + shift).where(known)
+    frame["limit_error"] = np.where(known, 1e-5, np.nan)
+    return pa.Table.from_pandas(frame, preserve_index=False)
+
+
+def test_a_certified_limit_splits_the_last_rung(run):
+    cells = with_limits(run.read_table("cells.parquet", CELLS_SCHEMA), ["mujoco"])
+    table = ladder_rows(cells).to_pandas()
+    mine = table[(table.solver == "mujoco") & (table.status == "ok")]
+    joined = table_of(run)
+    joined = joined[(joined.solver == "mujoco") & (joined.status == "ok")]
+    np.testing.assert_allclose(mine.discretisation_dv1, -1e-3, atol=1e-14)
+    np.testing.assert_allclose(mine.discretisation_dv2, 2e-3, atol=1e-14)
+    np.testing.assert_allclose(mine.mapping_dv1 + mine.discretisation_dv1, joined.engine_dv1, atol=1e-14)
+    assert mine.engine_norm.isna().all()
+    assert mine.reason.isna().all()
+    assert (mine.limit_error == 1e-5).all()
+    assert set(joined.reason) == {NO_LIMIT}
+    assert joined.mapping_norm.isna().all()
+    assert np.abs(np.nansum(vectors(mine), axis=0) - mine[["dv1", "dv2"]].to_numpy()).max() < 1e-14
+
+
+def test_an_unconverged_engine_has_a_joined_rung_that_no_statistic_counts(run):
+    frame = with_limits(run.read_table("cells.parquet", CELLS_SCHEMA), ["mujoco"]).to_pandas()
+    shaky = (frame.solver == "mujoco") & (frame.stiffness_ratio == 1.0) & (frame.status == "ok")
+    frame.loc[shaky, ["status", "reason"]] = ["unconverged", "differs from its limit by 0.1"]
+    table = ladder_rows(pa.Table.from_pandas(frame, preserve_index=False)).to_pandas()
+    rows = table[table.status == "unconverged"]
+    assert len(rows) == shaky.sum() > 0
+    assert rows.engine_norm.notna().all()
+    assert rows.mapping_norm.isna().all()
+    assert set(rows.reason) == {"mujoco: differs from its limit by 0.1"}
+    assert np.abs(np.nansum(vectors(rows), axis=0) - rows[["dv1", "dv2"]].to_numpy()).max() < 1e-14
+    counted = statistics_of(table, run.config())
+    counted = counted[(counted.axis == "stiffness_ratio") & (counted.value == 1.0)]
+    assert (
+        counted.n.sum()
+        == 5 * (table[(table.stiffness_ratio == 1.0) & (table.solver == "mujoco")].status == "ok").sum()
+    )
+
+
+def test_pieces_make_no_difference(run, tmp_path, monkeypatch):
+    (tmp_path / "cells.parquet").write_bytes((run.root / "cells.parquet").read_bytes())
+    monkeypatch.setattr(ladder_table, "_ROWS", 7)
+    write_ladder(tmp_path)
+    # the numbers of a cell do not depend on the cells beside it; nor does the order
+    assert pq.read_table(tmp_path / "ladder.parquet").equals(pq.read_table(run.root / "ladder.parquet"))
+    assert (tmp_path / "ladder.csv").read_bytes() == (run.root / "ladder.csv").read_bytes()
+
+
+def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
+    grid = {"stiffness_ratio": [0, 1.0], "mass_ratio": [1.0], "e1": [0.0, 0.5, 0.9], "e2": [0.7]}
+    config = parse_config({"scenario": "impact", "solvers": ["mujoco", "pybullet"], "grid": grid})
+    folder = run_sweep(config, tmp_path / "a", workers=1, resolve=fakes.crashing)
+    table = table_of(folder).set_index(["solver", "stiffness_ratio", "e1"]).sort_index()
+    assert table.loc[("pybullet", 1.0, 0.9)].status == "unavailable"
+    assert "no wheel" in table.loc[("pybullet", 1.0, 0.9)].reason
+    assert table.loc[("mujoco", 1.0, 0.5)].status == "crashed"
+    assert table.loc[("mujoco", 1.0, 0.0)].status == "unrepresentable"  # the fake answers, no reference does
+    assert table.loc[("mujoco", 1.0, 0.0)].reason == "bistiffness: unrepresentable"
+    assert table.loc[("mujoco", 1.0, 0.9)].status == "ok"
+    failed = table[table.status != "ok"]
+    assert failed[["velocity_divergence", "frozen_positions_norm", "sentence"]].isna().all(axis=None)
+    assert failed.reason.notna().all()
+    found = summarise_ladder(folder, config)
+    assert found.solvers == ["mujoco"]
+    assert len(ladder_findings(found)) == 2
+
+
+def test_a_run_without_engines_has_an_empty_ladder(tmp_path):
+    config = parse_config({"solvers": ["bistiffness"], "grid": {**GRID, "e1": [0.9], "e2": [0.7]}})
+    folder = run_sweep(config, tmp_path / "a", workers=1)
+    assert len(table_of(folder)) == 0
+    assert summarise_ladder(folder, config).solvers == []
+    assert main(["ladder", str(folder.root)]) == 0
+
+
+def test_shares_of_a_region_are_of_its_sum_of_d(run):
+    config, table = run.config(), table_of(run)
+    found = summarise_ladder(run, config)
+    here = table[(table.solver == "mujoco") & (table.stiffness_ratio == 0.05)]
+    here = here[~(here.model_grazing_margin < config.grazing_threshold)]
+    region = found.region("mujoco", BAND, 0.0)
+    # component along the total, from the vectors themselves
+    weight = np.column_stack([np.ones(len(here)), here.mass_ratio])
+    total = here[["dv1", "dv2"]].to_numpy()
+    d = np.sqrt((weight * total**2).sum(axis=1))
+    for name in region.index:
+        vector = here[[f"{name}_dv1", f"{name}_dv2"]].to_numpy()
+        along = (weight * vector * total).sum(axis=1) / d
+        assert region.share[name] == pytest.approx(along.sum() / d.sum(), abs=1e-12)
+    assert region.share.sum() == pytest.approx(1, abs=1e-12)
+    assert region.total.iloc[0] == pytest.approx(d.mean(), rel=1e-12)
+    for (_, axis, value), part in found.statistics.groupby(["solver", "axis", "value"], dropna=False):
+        assert part.share.sum() == pytest.approx(1, abs=1e-9), (axis, value)
+
+
+def test_what_if_is_the_distance_of_the_other_laws(run):
+    found = summarise_ladder(run, run.config()).alternatives
+    whole = found[found.value.isna()].set_index("law")
+    assert list(whole.index) == list(LAWS)
+    assert whole.closer[KELVIN_VOIGT] == 0
+    # with e = 1 in half of the cells no dashpot acts
+    distances = []
+    for cell in CellGrid(run.config()):
+        c = cell.collision
+        model, other = (get_solver(n).solve(c) for n in ("state-transition", "hunt-crossley"))
+        distances.append(math.hypot(other.v1 - model.v1, math.sqrt(c.mass_ratio) * (other.v2 - model.v2)))
+    assert whole["median"]["hunt-crossley"] == pytest.approx(np.median(distances), abs=1e-9)
+
+
+def test_the_summary_says_it_by_engine_and_by_region(run):
+    summary = summarise(run)
+    (text,) = [t for t in ladder_findings(summary.ladder) if "mujoco's mean D" in t]
+    for part in ("frozen positions", "dissipation law", "k2/k1 < 0.1", "k2/k1 > 10"):
+        assert part in text
+    rows = statistics_of(table_of(run), run.config())
+    assert set(rows.axis) == {"all", BAND, "stiffness_ratio", "mass_ratio", "e1", "e2"}
+
+
+@pytest.mark.parametrize(
+    ("rungs", "expected"),
+    [
+        (
+            [("a", 0.9, 0.09), ("b", 0.1, 0.01)],
+            "D = 0.1 from the model, most of it by a (90 %, norm 0.09), then by b",
+        ),
+        (
+            [("a", 5.0, 0.5), ("b", -4.0, 0.4)],
+            "by a (500 %, norm 0.5), taken back in part by b (-400 %, norm 0.4).",
+        ),
+        ([("a", 0.995, 0.1), ("b", 0.005, 0.001)], "most of it by a (99.5 %, norm 0.1)."),
+        ([("a", 0.4, 0.1), ("b", 0.3, 0.1), ("c", 0.3, 0.1)], "the largest part of it by a (40 %"),
+    ],
+)
+def test_sentences(rungs, expected):
+    assert expected in sentence("engine", 0.1, rungs)
+    assert "nothing to split" in sentence("engine", 1e-12, rungs)
+
+
+def test_every_rung_begins_where_another_ends():
+    for law in LAWS:
+        rungs = rungs_of(law)
+        assert len({r.name for r in rungs}) == len(rungs) <= len(RUNGS)
+    with pytest.raises(ValueError, match="law = 'newton'; legal: kelvin-voigt, "):
+        posts(*cells_of(1, 1), np.zeros(1), law="newton")
+
+
+def test_the_command_shows_a_run_a_cell_and_a_what_if(run, capsys):
+    assert main(["ladder", str(run.root)]) == 0
+    assert "What the mean D of each engine is made of" in capsys.readouterr().out
+    assert main(["ladder", str(run.root), "--cell", "0", "--law", "kelvin-voigt-anchored"]) == 0
+    out = capsys.readouterr().out
+    assert "choice of the dashpot" in out
+    assert "ladder-kelvin-voigt-anchored.parquet" in out
+    table = pq.read_table(run.root / "ladder-kelvin-voigt-anchored.parquet").to_pandas()
+    total = np.nansum(vectors(table, "kelvin-voigt-anchored"), axis=0)
+    ok = table.status == "ok"
+    assert np.abs(total - table[["dv1", "dv2"]].to_numpy())[ok].max() < 1e-12
+    for wrong, message in (
+        (["--cell", "999"], "--cell = 999"),
+        (["--law", "x"], "--law = 'x'; legal: kelvin"),
+    ):
+        assert main(["ladder", str(run.root), *wrong]) == 2
+        assert message in capsys.readouterr().err
