@@ -88,9 +88,15 @@ class DrakeSolver(EngineSolver):
         return None
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
-        """Run every column until its collision is over or `max_steps` steps are taken; in order."""
+        """Run every column until its collision is over or `max_steps` steps are taken; in order.
+
+        A column at too short a step is not run, and its run says why: who shortens steps may not ask `refusal`.
+        """
         with quiet():
-            return [_run(column, max_steps, record_path) for column in columns]
+            return [
+                not_run(column, max_steps, reason) if reason else run(column, max_steps, record_path)
+                for column, reason in zip(columns, map(self.refusal, columns), strict=True)
+            ]
 
 
 class Scene(NamedTuple):
@@ -223,7 +229,13 @@ def follow(scene: Scene, column: Column, max_steps: int, record_path: bool) -> R
     return recorder.finish()
 
 
-def _run(column: Column, max_steps: int, record_path: bool) -> Run:
+def not_run(column: Column, max_steps: int, reason: str) -> Run:
+    """Give the run of a column that was refused."""
+    return Recorder(column, column.x1, column.x2, column.contact2.k, max_steps, False).finish(reason)
+
+
+def run(column: Column, max_steps: int, record_path: bool) -> Run:
+    """Run one column in discrete time, whatever its step."""
     bodies = drake_geometries(column.contact1, column.contact2, column.mapping)
     upper, lower, table = bodies
     k1, k2 = upper.against(lower).stiffness, lower.against(table).stiffness
