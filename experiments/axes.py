@@ -46,7 +46,7 @@ def axis_problem(name: str, axis: Any) -> str | None:
     if len(axis) > MAX_VALUES:
         return f"a list of {len(axis)} values; legal: 1 to {MAX_VALUES}"
     for value in axis:
-        problem = _value_problem(name, value)
+        problem = value_problem(name, value)
         if problem:
             return problem
     seen: set[float] = set()
@@ -65,7 +65,7 @@ def _range_problem(name: str, axis: dict[str, Any]) -> str | None:
     if not isinstance(triple, list) or len(triple) != 3:
         return f"{shown}; legal: {{{kind} = [lo, hi, n]}}"
     lo, hi, count = triple
-    problem = _value_problem(name, lo) or _value_problem(name, hi)
+    problem = value_problem(name, lo) or value_problem(name, hi)
     if problem:
         return problem
     if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= MAX_VALUES:
@@ -80,7 +80,8 @@ def _range_problem(name: str, axis: dict[str, Any]) -> str | None:
     return None
 
 
-def _value_problem(name: str, value: Any) -> str | None:
+def value_problem(name: str, value: Any) -> str | None:
+    """Say what is wrong with one value of an axis, or return None."""
     inside, legal = _RANGES[name]
     if isinstance(value, bool) or not isinstance(value, int | float):
         return f"{_short(value)} is not a number; legal: {legal}"

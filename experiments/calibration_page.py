@@ -15,7 +15,8 @@ from experiments.document import Block, Heading, Paragraph, Table, to_markdown
 from experiments.errors import UserError
 from experiments.figures import FORMATS
 from experiments.findings import number
-from experiments.store import replacing, write_text
+from experiments.store import write_text
+from experiments.streams import replacing
 from experiments.style import drawing, look
 
 #: Errors are drawn no smaller than this.

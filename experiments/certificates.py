@@ -6,10 +6,14 @@ engines were asked for, solved by other means.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 
 from experiments.divergence import COMPARABLE
 from experiments.document import Block, Heading, Paragraph, Table
@@ -22,6 +26,30 @@ HONEST = 3.0
 
 #: A pandas DataFrame or Series; annotations are too wide to check code against.
 Frame = Any
+
+
+_COLUMNS = [
+    "cell",
+    "solver",
+    "status",
+    "v0",
+    "v1",
+    "v2",
+    "v1_limit",
+    "v2_limit",
+    "limit_error",
+    "order",
+    "regularisation",
+]
+
+
+def certificate_rows(cells: Path, solvers: list[str]) -> Frame:
+    """Read the rows that `certificates` needs from a table of cells: those with a limit, and those of `ASKED`."""
+    limits = pq.read_table(cells, columns=_COLUMNS, filters=pc.field("v1_limit").is_valid())
+    if len(limits) and ASKED in solvers:
+        asked = pq.read_table(cells, columns=_COLUMNS, filters=pc.field("solver") == ASKED)
+        limits = pa.concat_tables([limits, asked])
+    return limits.to_pandas()
 
 
 def certificates(cells: Frame, solvers: list[str]) -> Frame:

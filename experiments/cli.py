@@ -50,11 +50,63 @@ def run(
         str | None, typer.Option(metavar="N", help="Processes; by default one for every core.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run that is in the folder.")] = False,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Run on a Dask cluster: the address of its scheduler, or 'local' for one here.",
+        ),
+    ] = None,
 ) -> None:
-    """Run an experiment over its grid: tables, summary, figures and a report in one folder."""
+    """Run an experiment over its cells: tables, summary, figures and a report in one folder."""
     from experiments import commands
 
-    commands.run(config, out, commands.whole("--workers", workers, 1, 4096), resume)
+    commands.run(config, out, commands.whole("--workers", workers, 1, 4096), resume, scheduler)
+
+
+@app.command()
+def search(
+    config: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[CONFIG.toml]", help="The experiment, with a table [search]; by default built in."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder to write; by default runs/NAME-search.")
+    ] = None,
+    solver: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The solver, in place of the file's.")
+    ] = None,
+    workers: Annotated[
+        str | None, typer.Option(metavar="N", help="Processes; by default one for every core.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue the search that is in the folder.")
+    ] = False,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Search on a Dask cluster: its scheduler, or 'local' for one here."
+        ),
+    ] = None,
+) -> None:
+    """Search a box of parameters for the worst divergence of a solver from the model."""
+    from experiments import commands
+
+    number = commands.whole("--workers", workers, 1, 4096)
+    commands.search(config, out, solver, number, resume, scheduler)
+
+
+@app.command()
+def status(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, finished or not.")],
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON object.")] = False,
+) -> None:
+    """Say what a run has done, what failed and why, and how fast it goes; also while it runs."""
+    from experiments import commands
+
+    commands.status(folder, as_json=json)
 
 
 @app.command()

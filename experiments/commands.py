@@ -7,6 +7,7 @@ import math
 import re
 import shlex
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ import typer
 
 from compliant_baselines import get_solver, solver_names
 from experiments import sweep
-from experiments.config import REFERENCE, Config, load_config, parse_config, solvers_problem
-from experiments.errors import UserError
+from experiments.config import REFERENCE, Config, from_canonical, load_config, parse_config, solvers_problem
+from experiments.errors import InterruptedRunError, UserError
 from experiments.grid import collision_of
 from experiments.solving import answer, settings_of
+from experiments.status import status_of
 from experiments.store import RunFolder
 from experiments.summary import Summary
 from experiments.terminal import (
@@ -25,7 +27,9 @@ from experiments.terminal import (
     make_console,
     print_line,
     print_table,
+    show_found,
     show_progress,
+    show_status,
     show_summary,
     side_by_side,
 )
@@ -36,7 +40,9 @@ _RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
 _OPTIONS = {"stiffness_ratio_cutoff": "--cutoff"}
 
 
-def run(path: Path | None, out: Path | None, workers: int | None, resume: bool) -> None:
+def run(
+    path: Path | None, out: Path | None, workers: int | None, resume: bool, scheduler: str | None = None
+) -> None:
     """Run an experiment and write everything a run writes."""
     start = time.perf_counter()
     config = load_config(path) if path is not None else parse_config({}, "built-in experiment")
@@ -44,9 +50,10 @@ def run(path: Path | None, out: Path | None, workers: int | None, resume: bool) 
     console = make_console()
     try:
         with show_progress(console) as progress:
-            progress(0, 0, _compile_notice())
-            folder = sweep.run_sweep(config, root, workers=workers, resume=resume, progress=progress)
-    except sweep.InterruptedRunError as stopped:
+            folder = sweep.run_sweep(
+                config, root, workers=workers, scheduler=scheduler, resume=resume, progress=_noticed(progress)
+            )
+    except InterruptedRunError as stopped:
         words = [
             "impact-xval",
             "run",
@@ -55,11 +62,60 @@ def run(path: Path | None, out: Path | None, workers: int | None, resume: bool) 
             str(root),
             "--resume",
         ]
+        words += ["--scheduler", scheduler] if scheduler is not None else []
         error_line(f"{stopped}; finished parts are kept; to continue: {shlex.join(words)}")
         raise typer.Exit(1) from None
     summary = _write_all(folder)
     show_summary(console, summary)
     print_line(console, f"{time.perf_counter() - start:.0f} s; everything is in {folder.root}")
+
+
+def search(
+    path: Path | None,
+    out: Path | None,
+    solver: str | None,
+    workers: int | None,
+    resume: bool,
+    scheduler: str | None,
+) -> None:
+    """Search a box for the worst divergence and show it."""
+    from experiments.search import search_worst
+
+    config = load_config(path) if path is not None else parse_config({}, "built-in search")
+    config = _with_search_solver(config, solver)
+    root = out if out is not None else Path("runs") / f"{_slug(config.name)}-search"
+    console = make_console()
+    try:
+        with show_progress(console) as progress:
+            found = search_worst(
+                config, root, workers=workers, scheduler=scheduler, resume=resume, progress=_noticed(progress)
+            )
+    except InterruptedRunError as stopped:
+        words = ["impact-xval", "search", *([str(path)] if path is not None else []), "--out", str(root)]
+        words += ["--solver", solver] if solver is not None else []
+        words += ["--scheduler", scheduler] if scheduler is not None else []
+        error_line(
+            f"{stopped}; finished generations are kept; to continue: {shlex.join([*words, '--resume'])}"
+        )
+        raise typer.Exit(1) from None
+    show_found(console, found)
+    print_line(console, f"evaluations.parquet, worst.csv and search.png are in {root}")
+
+
+def _with_search_solver(config: Config, solver: str | None) -> Config:
+    table = config.search.model_dump() if config.search is not None else {}
+    if solver is not None:
+        table["solver"] = solver
+    return from_canonical(config.canonical() | {"search": table}, "--solver")
+
+
+def status(root: Path, *, as_json: bool) -> None:
+    """Print how far a run is."""
+    found = status_of(root)
+    if as_json:
+        print(json.dumps(asdict(found), indent=2, allow_nan=False))
+        return
+    show_status(make_console(), str(root), found)
 
 
 def calibrate(names: list[str] | None, root: Path) -> None:
@@ -182,6 +238,18 @@ def solve(values: dict[str, str], solvers: list[str] | None, *, as_json: bool) -
     for name, outcome in zip(names, outcomes, strict=True):
         if outcome.reason:
             print_line(console, f"{name}: {outcome.status}: {outcome.reason}")
+
+
+def _noticed(progress: sweep.Progress) -> sweep.Progress:
+    """Add the notice of compilation to the first report: by then the input is known to be legal."""
+    notices = [_compile_notice()]
+
+    def report(done: int, total: int, line: str) -> None:
+        if notices:
+            progress(0, 0, notices.pop())
+        progress(done, total, line)
+
+    return report
 
 
 def _compile_notice() -> str:

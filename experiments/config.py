@@ -13,12 +13,17 @@ import math
 import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from experiments.axes import MAX_CELLS, Axis, axis_problem, expand_axis
+from experiments.box import Sample, Search
 from experiments.errors import UserError
+from experiments.plain import plain_values, revive
+
+#: What says which cells are computed; an experiment has one of them, without any the built-in grid.
+DESIGNS = ("grid", "sample", "cells")
 
 #: The solver every other one is compared with; part of every run.
 REFERENCE = "state-transition"
@@ -106,9 +111,17 @@ class Config(_Strict):
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
     stiffness_ratio_cutoff: float = Field(1e5, gt=1, description="greater than 1, up to inf")
     grazing_threshold: float = Field(1e-5, ge=0, le=1, description="from 0 to 1")
-    chunk_size: int = Field(16, ge=1, le=100_000, description="a whole number from 1 to 100000 (cells)")
+    cell_timeout: float = Field(
+        300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"
+    )
+    chunk_size: int | None = Field(
+        None, ge=1, le=100_000, description="a whole number from 1 to 100000 (cells)"
+    )
     workers: int | None = Field(None, ge=1, le=4096, description="a whole number from 1 to 4096")
     grid: Grid = Field(default_factory=lambda: Grid.model_validate({}), description="a table of axes")
+    sample: Sample | None = Field(None, description="a table: method, n, seed and ranges")
+    cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
+    search: Search | None = Field(None, description="a table: solver, measure, and ranges")
     convergence: ConvergenceTable = Field(
         default_factory=lambda: ConvergenceTable.model_validate({}),
         description="a table: enabled, tolerance, halvings",
@@ -136,8 +149,10 @@ class Config(_Strict):
 
     @model_validator(mode="after")
     def _within_double_precision(self) -> Config:
+        boxes = [box.ends() for box in (self.sample, self.search) if box is not None]
         for name, base in (("stiffness_ratio", self.k1), ("mass_ratio", self.m1)):
-            for ratio in (*self.grid.axes()[name], getattr(self.figure_cell, name)):
+            ratios = [*self.grid.axes()[name], getattr(self.figure_cell, name)]
+            for ratio in (*ratios, *(end for ends in boxes for end in ends[name])):
                 product = ratio * base
                 if 0 < ratio < math.inf and not 0 < product < math.inf:
                     raise ValueError(
@@ -146,16 +161,34 @@ class Config(_Strict):
                     )
         return self
 
+    @model_validator(mode="after")
+    def _one_design(self) -> Config:
+        given = [
+            name for name in DESIGNS if name in self.model_fields_set and getattr(self, name) is not None
+        ]
+        if len(given) > 1:
+            raise ValueError(f"{' and '.join(given)} are given; legal: one of {', '.join(DESIGNS)}")
+        if self.search is not None:
+            problem = solvers_problem([self.search.solver])
+            if problem or self.search.solver == REFERENCE:
+                raise ValueError(f"search.solver = {problem or 'the model itself; legal: another solver'}")
+        return self
+
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
-        return _plain(self.model_dump())
+        plain = plain_values(self.model_dump())
+        if self.sample is not None or self.cells is not None:
+            del plain["grid"]
+        return plain
 
     def identity(self) -> str:
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""
         plain = self.canonical()
-        for cosmetic in ("name", "workers", "figure_cell", "grazing_threshold"):
+        # The cells of a list are part of the identity of each chunk, wherever their file lies.
+        for cosmetic in ("name", "workers", "figure_cell", "grazing_threshold", "cells", "search"):
             del plain[cosmetic]
-        plain["grid"] = _plain(self.grid.axes())
+        if "grid" in plain:
+            plain["grid"] = plain_values(self.grid.axes())
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
@@ -181,7 +214,11 @@ def load_config(path: Path | str) -> Config:
         If the file cannot be read or holds anything illegal; one line with file, field, value and legal
         range.
     """
-    return parse_config(read_toml(path), where=str(path))
+    path = Path(path)
+    data = read_toml(path)
+    if isinstance(data.get("cells"), str) and data["cells"]:
+        data["cells"] = str(path.parent / data["cells"])  # beside the file that names it
+    return parse_config(data, where=str(path))
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:
@@ -241,14 +278,6 @@ def parse_config(
 
 def from_canonical(plain: dict[str, Any], where: str) -> Config:
     """Undo `Config.canonical`."""
-
-    def revive(value: object, key: str = "") -> Any:
-        if isinstance(value, dict):
-            return {name: revive(entry, name) for name, entry in value.items()}
-        if isinstance(value, list):
-            return [revive(entry, key) for entry in value]
-        return math.inf if value == "inf" and key != "name" else value
-
     return parse_config(revive(plain), where)
 
 
@@ -256,7 +285,7 @@ def _one_line(problem: Any, name: Callable[[Sequence[str]], str]) -> str:
     """Turn one of pydantic's findings into ``field = value; legal: range``."""
     location = [str(part) for part in problem["loc"]]
     known_part = [
-        part for part in location if part not in ("list[float]", "dict[str,list[union[int,float]]]")
+        part for part in location if part not in ("list[float]", "dict[str,list[union[int,float]]]", "float")
     ]
     field = name(known_part)
     fields: dict[str, Any] = Config.model_fields
@@ -265,17 +294,24 @@ def _one_line(problem: Any, name: Callable[[Sequence[str]], str]) -> str:
         if part not in fields:
             break
         legal = fields[part].description or ""
-        annotation = fields[part].annotation
-        fields = annotation.model_fields if hasattr(annotation, "model_fields") else {}
+        fields = _fields(fields[part].annotation)
     value = _short(problem["input"])
     if problem["type"] == "extra_forbidden":
         table = Config.model_fields[location[0]].annotation if len(location) > 1 else Config
-        known = list(table.model_fields)  # type: ignore[union-attr]
+        known = list(_fields(table))
         return f"{field} = {value}: unknown key{_hint(location[-1], known)}; legal: {', '.join(known)}"
     if problem["type"] == "value_error":
         text = str(problem["ctx"]["error"])
         return f"{field} = {text}" if location and field != "grid" else f"{field}: {text}".removeprefix(": ")
     return f"{field} = {value}; legal: {legal}" if location else f"{value}: {problem['msg']}"
+
+
+def _fields(annotation: Any) -> dict[str, Any]:
+    """Return the fields of a table, optional or not; none of anything else."""
+    for each in (annotation, *get_args(annotation)):
+        if hasattr(each, "model_fields"):
+            return each.model_fields
+    return {}
 
 
 def _hint(word: str, known: list[str]) -> str:
@@ -286,13 +322,3 @@ def _hint(word: str, known: list[str]) -> str:
 def _short(value: object, limit: int = 60) -> str:
     text = repr(value)
     return text if len(text) <= limit else text[: limit - 3] + "..."
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, float) and math.isinf(value):
-        return "inf"
-    return value

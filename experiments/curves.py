@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Any
 
@@ -12,8 +13,10 @@ import pyarrow.parquet as pq
 from experiments.config import REFERENCE, Cell, Config
 from experiments.divergence import COMPARABLE
 from experiments.grid import collision_of
-from experiments.solving import Resolve, answer, settings_of
-from experiments.store import RunFolder, replacing
+from experiments.sandbox import Beat, FaultError, Sandbox
+from experiments.solving import Job, answer, settings_of
+from experiments.store import RunFolder
+from experiments.streams import replacing
 from model.collision import Collision, Outcome
 
 #: Parameters (44) of the main paper, inferred from the supplement, at the ratios of its figures 1(b) and
@@ -44,19 +47,43 @@ CURVES_SCHEMA = pa.schema(
 )
 
 
-def write_curves(config: Config, folder: RunFolder, resolve: Resolve) -> None:
-    """Solve the cells of the figures and keep their curves."""
+def write_curves(config: Config, folder: RunFolder, executor: Any) -> None:
+    """Solve the cells of the figures, in sandboxes, and keep their curves.
+
+    Parameters
+    ----------
+    config : Config
+    folder : RunFolder
+    executor
+        One of `experiments.executors`.
+    """
     wanted = [(FIGURE_CELL, config.figure_cell, list(config.solvers))]
     wanted += [(label, cell, [REFERENCE]) for label, cell in SUPPLEMENT.items()]
+    calls = [
+        (label, cell, name, executor.submit(_solve, name, collision_of(config, cell), config.cell_timeout))
+        for label, cell, solvers in wanted
+        for name in solvers
+    ]
     tables = [CURVES_SCHEMA.empty_table()]
-    for label, cell, solvers in wanted:
-        collision = collision_of(config, cell)
-        for name in solvers:
-            outcome = answer(resolve(name), [collision], settings_of(config))[0]
-            if outcome.status in COMPARABLE and outcome.path is not None:
-                tables.append(_curve(label, cell, collision, name, outcome))
+    for label, cell, name, future in calls:
+        outcome = future.result()
+        if outcome is not None and outcome.status in COMPARABLE and outcome.path is not None:
+            tables.append(_curve(label, cell, collision_of(config, cell), name, outcome))
     with replacing(folder.root / CURVES) as temporary:
         pq.write_table(pa.concat_tables(tables), temporary, compression="zstd")
+
+
+def _solve(sandbox: Sandbox, name: str, collision: Collision, patience: float) -> Outcome | None:
+    """Answer a cell in a sandbox; None if the solver crashed or hung, twice."""
+    for _ in range(2):
+        with contextlib.suppress(FaultError):
+            return sandbox.call(_answer, name, collision, patience=patience)
+    return None
+
+
+def _answer(job: Job, name: str, collision: Collision, *, beat: Beat) -> Outcome:
+    beat(name)
+    return answer(job.resolve(name), [collision], settings_of(job.config))[0]
 
 
 def _curve(label: str, cell: Cell, collision: Collision, name: str, outcome: Outcome) -> pa.Table:

@@ -19,8 +19,9 @@ from compliant_baselines.column import column_of, unrepresentable
 from compliant_baselines.diagnosis import Finding
 from compliant_baselines.engine import EngineSolver
 from experiments.config import Config, load_config, parse_config
+from experiments.designs import cells_of
 from experiments.errors import UserError
-from experiments.grid import CellGrid
+from experiments.grid import Cells
 from experiments.solving import settings_of
 from experiments.store import RunFolder
 from experiments.terminal import make_console, print_line
@@ -153,7 +154,9 @@ def _as_main(path: Path) -> Iterator[None]:
         sys.argv, sys.path = arguments, paths
 
 
-def experiment_findings(config: Config, most: int = MOST_CELLS) -> tuple[list[str], list[Finding]]:
+def experiment_findings(
+    config: Config, most: int = MOST_CELLS, cells: Cells | None = None
+) -> tuple[list[str], list[Finding]]:
     """Examine the scenes an experiment runs, as its adapters build them.
 
     Parameters
@@ -162,6 +165,8 @@ def experiment_findings(config: Config, most: int = MOST_CELLS) -> tuple[list[st
         The experiment.
     most : int
         Cells to examine, at most.
+    cells : Cells, optional
+        Those of the experiment; by default they are made of its configuration.
 
     Returns
     -------
@@ -170,7 +175,7 @@ def experiment_findings(config: Config, most: int = MOST_CELLS) -> tuple[list[st
     findings : list of Finding
         Each trap once for an engine, with the number of cells that have it.
     """
-    settings, grid = settings_of(config), CellGrid(config)
+    settings, grid = settings_of(config), cells_of(config) if cells is None else cells
     count = min(len(grid), most)
     indices = sorted({round(i * (len(grid) - 1) / max(1, count - 1)) for i in range(count)})
     examined: list[str] = []
@@ -182,7 +187,7 @@ def experiment_findings(config: Config, most: int = MOST_CELLS) -> tuple[list[st
         assert isinstance(solver, EngineSolver)
         examined.append(name)
         seen: dict[str, Finding] = {}
-        cells: Counter[str] = Counter()
+        counts: Counter[str] = Counter()
         for index in indices:
             collision = grid[index].collision
             if unrepresentable(collision) is None:
@@ -190,17 +195,19 @@ def experiment_findings(config: Config, most: int = MOST_CELLS) -> tuple[list[st
                 if solver.refusal(column) is None:
                     found = {f.trap: f for f in _of_column(solver, column)}
                     seen = {**found, **seen}
-                    cells.update(found.keys())
+                    counts.update(found.keys())
         findings += [
             Finding(
-                trap, f"{name}, {cells[trap]} of {len(indices)} cells examined, for example {f.where}", f.says
+                trap,
+                f"{name}, {counts[trap]} of {len(indices)} cells examined, for example {f.where}",
+                f.says,
             )
             for trap, f in seen.items()
         ]
     return examined, findings
 
 
-def traps_note(config: Config) -> dict[str, Any]:
+def traps_note(config: Config, cells: Cells | None = None) -> dict[str, Any]:
     """Say, for the report of a run, which traps its own scenes hold.
 
     Returns
@@ -210,7 +217,7 @@ def traps_note(config: Config) -> dict[str, Any]:
     """
     looked = "The scenes of this run, as its adapters build them, were examined by impact-xval doctor"
     try:
-        examined, findings = experiment_findings(config, IN_REPORT)
+        examined, findings = experiment_findings(config, IN_REPORT, cells)
     except Exception as error:  # a report must not fail for a note
         return {"introduction": f"{looked}, which failed: {type(error).__name__}: {error}.", "found": []}
     if not examined:

@@ -10,8 +10,8 @@ from compliant_baselines.column import column_of, unrepresentable
 from compliant_baselines.contract import Settings
 from compliant_baselines.engine import EngineSolver, outcome_of
 from compliant_baselines.scene_text import EXPORTABLE, scene_files
+from experiments.designs import cells_of_run
 from experiments.errors import UserError
-from experiments.grid import CellGrid
 from experiments.solving import settings_of
 from experiments.store import RunFolder, write_text
 from experiments.terminal import make_console, print_line
@@ -30,7 +30,7 @@ def export_cell(root: RunFolder, cell: str, solvers: list[str] | None, out: Path
         If there is no such cell, or the engine gives no result for it.
     """
     config = root.config()
-    grid = CellGrid(config)
+    grid = cells_of_run(root, config)
     try:
         index = int(cell)
     except ValueError:
@@ -139,10 +139,10 @@ def _against(table: tuple[float, float] | None, v1: float, v2: float, speed: flo
 
 
 def _tabulated(root: RunFolder, index: int) -> dict[str, tuple[float, float]]:
-    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
 
     from experiments.schema import CELLS_SCHEMA
 
-    table = root.read_table("cells.parquet", CELLS_SCHEMA)
-    rows = table.filter(pc.field("cell") == index).select(["solver", "v1", "v2"]).to_pylist()
+    path = root.table_path("cells.parquet", CELLS_SCHEMA)
+    rows = pq.read_table(path, columns=["solver", "v1", "v2"], filters=[("cell", "==", index)]).to_pylist()
     return {row["solver"]: (row["v1"], row["v2"]) for row in rows if row["v1"] is not None}

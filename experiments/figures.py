@@ -16,7 +16,8 @@ from experiments.curves import CURVES, CURVES_SCHEMA
 from experiments.ladder_figures import draw_ladders
 from experiments.ladder_summary import LadderSummary, summarise_ladder
 from experiments.numbers import number
-from experiments.store import RunFolder, replacing, write_json
+from experiments.store import RunFolder, write_json
+from experiments.streams import replacing
 from experiments.style import drawing, look
 from experiments.summary import FULL_PATHS, Frame, load_divergence
 
@@ -35,8 +36,10 @@ class Data:
     Attributes
     ----------
     config : Config
+    levels : dict of list
+        Values of every axis, rising.
     regular : DataFrame
-        The compared rows of the divergence table, grazing cells left out.
+        The compared rows of the divergence table, grazing cells left out; axes by level.
     curves : DataFrame
         The table of curves.
     ladder : LadderSummary
@@ -44,6 +47,7 @@ class Data:
     """
 
     config: Config
+    levels: dict[str, list[float]]
     regular: Frame
     curves: Frame
     ladder: LadderSummary
@@ -65,9 +69,11 @@ def write_figures(folder: RunFolder) -> list[tuple[Path, str]]:
     """
     config = folder.config()
     table = load_divergence(folder, config)
+    measures = ("velocity_divergence", "dretained_energy", FULL_PATHS)
     data = Data(
         config,
-        table[table.velocity_divergence.notna() & ~table.grazing],
+        {axis: sorted(levels.values) for axis, levels in table.levels.items()},
+        table.frame(measures, table.compared & ~table.grazing),
         folder.read_table(CURVES, CURVES_SCHEMA).to_pandas(),
         summarise_ladder(folder, config),
     )
@@ -114,7 +120,7 @@ def _stiffness_axis(ax: Any, values: list[float]) -> np.ndarray:
 
 
 def _sorted_axis(data: Data, axis: str) -> list[float]:
-    return sorted(data.config.grid.axes()[axis])
+    return data.levels[axis]
 
 
 def _divergence_by_stiffness(data: Data) -> tuple[Figure, str]:

@@ -73,7 +73,7 @@ def _finding(summary: Summary, name: str) -> str:
     worst = summary.worst[summary.worst.solver == name].iloc[0]
     medians = {
         value: summary.get(name, "velocity_divergence", "stiffness_ratio", value)["median"]
-        for value in summary.config.grid.axes()["stiffness_ratio"]
+        for value in summary.levels["stiffness_ratio"].values
     }
     medians = {value: median for value, median in medians.items() if not math.isnan(median)}
     low, high = min(medians, key=lambda v: medians[v]), max(medians, key=lambda v: medians[v])
@@ -141,10 +141,13 @@ def overall_table(summary: Summary) -> Table:
 
 def _shown(summary: Summary, axis: str) -> tuple[list[float], str]:
     """Values of an axis that tables show, and what a caption says where that is not all of them."""
-    values = summary.config.grid.axes()[axis]
-    step = -(-len(values) // _ROWS)
-    note = f" ({len(values[::step])} of {len(values)} values; all are in summary.csv)" if step > 1 else ""
-    return values[::step], note
+    levels = summary.levels[axis]
+    step = -(-len(levels.values) // _ROWS)
+    shown = levels.values[::step]
+    note = f" ({len(shown)} of {len(levels.values)} values; all are in summary.csv)" if step > 1 else ""
+    if levels.edges is not None:
+        note += f" (in bins of {AXES[axis]}, named by their middle)"
+    return shown, note
 
 
 def axis_table(summary: Summary, axis: str) -> Table:

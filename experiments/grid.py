@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from experiments.config import Cell, Config
 from model.collision import Collision
+
+#: Cells of a chunk, and the number of chunks from which they become larger instead of more.
+_CHUNK = 16
+_MOST_CHUNKS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,43 +39,97 @@ class GridCell:
     collision: Collision
 
 
-class CellGrid:
-    """The cells of a configuration, in the order of its axes; the last axis (e2) varies fastest.
+class Cells(ABC):
+    """The cells of an experiment, in order; a cell is made when it is asked for."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+
+    @abstractmethod
+    def __len__(self) -> int: ...
+
+    @abstractmethod
+    def ratios(self, indices: range) -> NDArray[np.float64]:
+        """Stiffness ratio, mass ratio, e1 and e2 of some cells, shape (n, 4)."""
+
+    def __getitem__(self, index: int) -> GridCell:
+        if not 0 <= index < len(self):
+            raise IndexError(f"cell {index} of {len(self)}")
+        return self.cells(range(index, index + 1))[0]
+
+    def __iter__(self) -> Iterator[GridCell]:
+        return (self[index] for index in range(len(self)))
+
+    def cells(self, indices: range) -> list[GridCell]:
+        """Make some cells."""
+        made = []
+        for index, values in zip(indices, self.ratios(indices).tolist(), strict=True):
+            stiffness_ratio, mass_ratio, e1, e2 = values
+            cell = Cell(stiffness_ratio=stiffness_ratio, mass_ratio=mass_ratio, e1=e1, e2=e2)
+            made.append(GridCell(index, stiffness_ratio, mass_ratio, collision_of(self._config, cell)))
+        return made
+
+    def digest(self, indices: range) -> str:
+        """SHA-256 of the parameters of some cells, to the last bit."""
+        data = self.ratios(indices).astype("<f8").tobytes()
+        return hashlib.sha256(f"{indices.start} ".encode() + data).hexdigest()
+
+    @property
+    def chunk_size(self) -> int:
+        """Cells of a chunk: as configured, or 16, or more where there would be more than 10 000 chunks."""
+        return self._config.chunk_size or max(_CHUNK, -(-len(self) // _MOST_CHUNKS))
+
+    def chunks(self) -> int:
+        """Return the number of chunks."""
+        return -(-len(self) // self.chunk_size)
+
+    def chunk(self, number: int) -> range:
+        """Return the indices of the cells of a chunk."""
+        size = self.chunk_size
+        return range(number * size, min((number + 1) * size, len(self)))
+
+
+class CellGrid(Cells):
+    """The cells of a grid, in the order of its axes; the last axis (e2) varies fastest.
 
     Stiffness ratios vary slowest, so that neighbouring cells need about the same number of steps and an
     engine that runs them side by side wastes little.
     """
 
     def __init__(self, config: Config) -> None:
-        self._config = config
-        self._axes = list(config.grid.axes().values())
+        super().__init__(config)
+        self._axes = [np.array(axis) for axis in config.grid.axes().values()]
+        self._shape = tuple(len(axis) for axis in self._axes)
 
     def __len__(self) -> int:
-        return math.prod(len(axis) for axis in self._axes)
+        return math.prod(self._shape)
 
-    def __getitem__(self, index: int) -> GridCell:
-        if not 0 <= index < len(self):
-            raise IndexError(f"cell {index} of {len(self)}")
-        values: list[float] = []
-        rest = index
-        for axis in reversed(self._axes):
-            rest, position = divmod(rest, len(axis))
-            values.append(axis[position])
-        e2, e1, mass_ratio, stiffness_ratio = values
-        cell = Cell(stiffness_ratio=stiffness_ratio, mass_ratio=mass_ratio, e1=e1, e2=e2)
-        return GridCell(index, stiffness_ratio, mass_ratio, collision_of(self._config, cell))
+    def ratios(self, indices: range) -> NDArray[np.float64]:
+        """Stiffness ratio, mass ratio, e1 and e2 of some cells, shape (n, 4)."""
+        places = np.unravel_index(np.arange(indices.start, indices.stop), self._shape)
+        return np.column_stack([axis[place] for axis, place in zip(self._axes, places, strict=True)])
 
-    def __iter__(self) -> Iterator[GridCell]:
-        return (self[index] for index in range(len(self)))
 
-    def chunks(self) -> int:
-        """Return the number of chunks of `Config.chunk_size` cells."""
-        return -(-len(self) // self._config.chunk_size)
+class CellList(Cells):
+    """Cells in any order.
 
-    def chunk(self, number: int) -> range:
-        """Return the indices of the cells of a chunk."""
-        size = self._config.chunk_size
-        return range(number * size, min((number + 1) * size, len(self)))
+    Parameters
+    ----------
+    config : Config
+    values : ndarray, shape (n, 4)
+        Stiffness ratio, mass ratio, e1, e2.
+    """
+
+    def __init__(self, config: Config, values: NDArray[np.float64]) -> None:
+        super().__init__(config)
+        self._values = values
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def ratios(self, indices: range) -> NDArray[np.float64]:
+        """Stiffness ratio, mass ratio, e1 and e2 of some cells, shape (n, 4)."""
+        return self._values[indices.start : indices.stop]
 
 
 def collision_of(config: Config, cell: Cell) -> Collision:

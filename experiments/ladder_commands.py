@@ -33,7 +33,7 @@ def ladder(root: Path, law: str, cell: int | None) -> None:
     folder = finished(root)
     stem = "ladder" if law == KELVIN_VOIGT else f"ladder-{law}"
     if law != KELVIN_VOIGT:
-        folder.read_table("cells.parquet", CELLS_SCHEMA)  # what it is made from has to be whole
+        folder.table_path("cells.parquet", CELLS_SCHEMA)  # what it is made from has to be whole
         write_ladder(folder.root, law, stem)
     if cell is None:
         _show_run(folder, law, stem)
@@ -65,16 +65,12 @@ def _show_run(folder: RunFolder, law: str, stem: str) -> None:
 
 
 def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
-    if law == KELVIN_VOIGT:
-        table = folder.read_table(LADDER, LADDER_SCHEMA)
-    else:
-        table = pq.read_table(folder.root / f"{stem}.parquet")
-    frame = table.to_pandas()
-    rows = frame[frame.cell == cell]
+    path = folder.root / f"{stem}.parquet"
+    path = folder.table_path(LADDER, LADDER_SCHEMA) if law == KELVIN_VOIGT else path
+    rows = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
     if not len(rows):
-        raise UserError(
-            f"--cell = {cell}; legal: a cell with a row of an engine, from 0 to {frame.cell.max()}"
-        )
+        last = folder.manifest()["cells"] - 1
+        raise UserError(f"--cell = {cell}; legal: a cell with a row of an engine, from 0 to {last}")
     first, console = rows.iloc[0], make_console()
     names = {"k2/k1": "stiffness_ratio", "m2/m1": "mass_ratio", "e1": "e1", "e2": "e2"}
     print_line(console, f"cell {cell}: " + ", ".join(f"{k} = {number(first[v])}" for k, v in names.items()))

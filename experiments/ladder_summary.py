@@ -18,6 +18,7 @@ from compliant_baselines.bistiffness import bistiffness_batch
 from experiments.config import REFERENCE, Config
 from experiments.ladder import ENGINE_FREE, KELVIN_VOIGT, LAWS, MAPPING, RUNGS
 from experiments.ladder_table import LADDER, LADDER_SCHEMA
+from experiments.levels import Levels, levels_of
 from experiments.store import RunFolder
 
 #: A pandas DataFrame or Series; see `summary.Frame`.
@@ -75,7 +76,18 @@ def band_of(stiffness_ratio: Any) -> Any:
 
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     """Compute the statistics of the ladders of a finished run."""
-    table = folder.read_table(LADDER, LADDER_SCHEMA).drop_columns(["sentence"]).to_pandas()
+    path = folder.table_path(LADDER, LADDER_SCHEMA)
+    needed = ("solver", "status", "model_grazing_margin", "velocity_divergence", "limit_error", "dominant")
+    measured = (f"{rung.name}_{part}" for rung in RUNGS for part in ("norm", "share"))
+    names = [name for name in (*needed, *AXES, *measured) if name in LADDER_SCHEMA.names]
+    table = pq.read_table(path, columns=names, read_dictionary=["solver", "status", "dominant"]).to_pandas(
+        split_blocks=True, self_destruct=True
+    )
+    if config.sample is not None or config.cells is not None:  # scattered cells: grouped by bins
+        for axis in AXES:
+            x = table[axis].to_numpy()
+            levels = levels_of(x) if len(x) else Levels([])
+            table[axis] = np.array(levels.values)[levels.codes(x)]
     return LadderSummary(statistics_of(table, config), _alternatives(folder, config))
 
 

@@ -26,7 +26,7 @@ from experiments.ladder import (
     split,
 )
 from experiments.schema import COLUMNS
-from experiments.store import replacing
+from experiments.streams import blocks, replacing
 
 LADDER, LADDER_CSV = "ladder.parquet", "ladder.csv"
 
@@ -42,9 +42,6 @@ _LIMIT = ("v1_limit", "v2_limit", "limit_error")
 
 #: Size of a share from which a sentence mentions it beside the largest.
 _MENTIONED = 0.02
-
-#: Rows of the table of cells that are worked on together, about.
-_ROWS = 1 << 17
 
 
 def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
@@ -119,20 +116,8 @@ def write_ladder(root: Path, law: str = KELVIN_VOIGT, stem: str = "ladder") -> N
 
 def _pieces(path: Path) -> Iterator[pa.Table]:
     """Read the table of cells in pieces of whole cells; columns of limits are null where it has none."""
-    with pq.ParquetFile(path) as file:
-        there = set(file.schema_arrow.names)
-        columns = [name for name in (*_READ, *_LIMIT) if name in there]
-        rest: pa.Table | None = None
-        for batch in file.iter_batches(batch_size=_ROWS, columns=columns):
-            piece = pa.Table.from_batches([batch])
-            piece = piece if rest is None else pa.concat_tables([rest, piece])
-            cells = piece["cell"].to_numpy()
-            border = int(np.searchsorted(cells, cells[-1]))  # of the last cell, which may go on
-            rest = piece.slice(border)
-            if border:
-                yield _with_limits(piece.slice(0, border))
-        if rest is not None:
-            yield _with_limits(rest)
+    there = set(pq.read_schema(path).names)
+    return map(_with_limits, blocks(path, [name for name in (*_READ, *_LIMIT) if name in there]))
 
 
 def _with_limits(table: pa.Table) -> pa.Table:

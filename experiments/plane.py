@@ -21,7 +21,7 @@ from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
 from compliant_baselines.reference_solver import ReferenceBatch
 from compliant_baselines.state_paths import model_paths
 from experiments.ladder import FROZEN, GRAVITY, LAW, NOTHING, Floats
-from experiments.store import replacing
+from experiments.streams import replacing
 from model import solve_batch
 
 #: Cells solved together.

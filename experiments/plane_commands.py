@@ -14,7 +14,8 @@ from experiments.errors import UserError
 from experiments.figures import CAPTIONS, FORMATS
 from experiments.plane import PATHS, PLANE_SCHEMA, RUNGS, Plane, write_plane
 from experiments.plane_figures import draw_plane
-from experiments.store import replacing, write_json
+from experiments.store import write_json
+from experiments.streams import replacing
 from experiments.sweep import solver_versions
 from experiments.terminal import make_console, print_line, show_progress
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,15 +12,15 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from experiments.designs import cells_of_run
 from experiments.doctor import traps_note
 from experiments.document import Block, Heading, to_latex, to_markdown
 from experiments.figures import CAPTIONS, write_figures
 from experiments.findings import build_document
-from experiments.grid import CellGrid
 from experiments.ladder_document import csv_rows
 from experiments.numbers import number
-from experiments.solving import gravity_number
-from experiments.store import RunFolder, replacing, write_text
+from experiments.store import RunFolder, write_text
+from experiments.streams import blocks, replacing
 from experiments.summary import Summary, summarise
 
 
@@ -62,13 +63,19 @@ def write_report(folder: RunFolder) -> Path:
         figures=_figures(folder),
         figures_after=sections[1] if len(sections) > 1 else len(document),
         config=summary.config,
-        gravity_number=number(gravity_number(summary.config, CellGrid(summary.config)[0].collision)),
-        traps=traps_note(summary.config),
+        gravity_number=number(_gravity_number(folder)),
+        traps=traps_note(summary.config, cells_of_run(folder, summary.config)),
         provenance=_provenance(folder.manifest()),
     )
     path = folder.root / "report.html"
     write_text(path, page)
     return path
+
+
+def _gravity_number(folder: RunFolder) -> float:
+    """Of the first cell."""
+    first = next(blocks(folder.root / "cells.parquet", ["gravity_number"], whole_cells=False), None)
+    return math.nan if first is None else first.column(0)[0].as_py()
 
 
 def _figures(folder: RunFolder) -> list[dict[str, str]]:

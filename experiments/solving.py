@@ -1,68 +1,76 @@
-"""A chunk of cells by every solver, as rows; what a worker process does."""
+"""A batch of cells by every solver, as rows; what a worker process does."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from importlib.metadata import version
 from typing import Any
 
+import pyarrow as pa
+
+from compliant_baselines import get_solver
 from compliant_baselines.contract import Settings, Solver
 from compliant_baselines.convergence import Convergence
-from experiments.config import Config
+from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE, divergence
-from experiments.grid import CellGrid, GridCell
-from experiments.schema import CERTIFICATE, COLUMNS
-from experiments.store import RunFolder
-from model.collision import Collision, Outcome
+from experiments.grid import GridCell, collision_of
+from experiments.sandbox import Beat
+from experiments.schema import CERTIFICATE, COLUMNS, MEASURES, ROW_SCHEMA
+from model.collision import Collision, Outcome, Status
 
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
 Resolve = Callable[[str], Solver]
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
-    """One chunk to be computed and written as a part."""
-
-    number: int
-    identity: str
-    config: Config
-    root: Path
-    resolve: Resolve
+#: What is known of the solvers that cannot answer these cells: status and reason by name.
+Failures = dict[str, tuple[Status, str]]
+Seconds = dict[str, float]
+Versions = dict[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """What came of a task.
+class Job:
+    """What every process of a run is told once.
 
     Attributes
     ----------
-    number : int
-        Number of the chunk.
-    part : Path
-        Where its rows are.
-    seconds : dict
-        Time spent by solver.
-    statuses : dict
-        Count by (solver, status).
+    config : Config
+        The experiment.
+    resolve : callable
+        Finds a solver by its name.
     """
 
-    number: int
-    part: Path
-    seconds: dict[str, float]
-    statuses: dict[tuple[str, str], int]
+    config: Config
+    resolve: Resolve
 
 
-def run_task(task: Task) -> Report:
-    """Compute a chunk and write it as a part."""
-    grid = CellGrid(task.config)
-    cells = [grid[index] for index in grid.chunk(task.number)]
-    rows, seconds = solve_cells(task.config, cells, task.resolve)
-    part = RunFolder(task.root).write_part(task.number, task.identity, rows)
-    return Report(task.number, part, seconds, dict(Counter((row["solver"], row["status"]) for row in rows)))
+def prepare(job: Job, *, beat: Beat) -> Versions:
+    """Make a process ready: solve a cell by every solver, so that all is imported and compiled."""
+    versions = solver_versions(job.config, job.resolve)
+    cell = GridCell(0, 1.0, 1.0, collision_of(job.config, job.config.figure_cell))
+    solve_cells(job.config, [cell], job.resolve, beat=beat)
+    return versions
+
+
+def compute(
+    job: Job, cells: Sequence[GridCell], failures: Failures, *, beat: Beat
+) -> tuple[pa.Table, Seconds]:
+    """Solve cells as `solve_cells` does; the rows as a table."""
+    rows, seconds = solve_cells(job.config, cells, job.resolve, failures, beat)
+    return pa.Table.from_pylist(rows, schema=ROW_SCHEMA), seconds
+
+
+def solver_versions(config: Config, resolve: Resolve = get_solver) -> Versions:
+    """Versions of the project and of every solver; why not, for one that is unavailable."""
+    versions = {"impact-xval": version("impact-xval")}
+    for name in config.solvers:
+        solver = resolve(name)
+        reason = solver.unavailable()
+        versions[name] = solver.version() if reason is None else f"unavailable: {reason}"
+    return versions
 
 
 def settings_of(config: Config) -> Settings:
@@ -83,7 +91,11 @@ def settings_of(config: Config) -> Settings:
 
 
 def solve_cells(
-    config: Config, cells: Sequence[GridCell], resolve: Resolve
+    config: Config,
+    cells: Sequence[GridCell],
+    resolve: Resolve,
+    failures: Failures | None = None,
+    beat: Beat = lambda word: None,
 ) -> tuple[list[dict[str, Any]], dict[str, float]]:
     """Solve cells by every solver of an experiment.
 
@@ -95,6 +107,10 @@ def solve_cells(
         The cells.
     resolve : callable
         Finds a solver by its name.
+    failures : dict, optional
+        Solvers that are not to be asked, and the status and reason of their rows.
+    beat : callable
+        Told the name of each solver before it is asked.
 
     Returns
     -------
@@ -111,7 +127,11 @@ def solve_cells(
     seconds: dict[str, float] = {}
     for name in config.solvers:
         start = time.perf_counter()
-        outcomes = answer(resolve(name), collisions, settings)
+        beat(name)
+        if failures and name in failures:
+            outcomes = [Outcome.failure(name, *failures[name])] * len(cells)
+        else:
+            outcomes = answer(resolve(name), collisions, settings)
         references = references or outcomes
         # Paths are needed for the measures only; of all solvers but the reference they are dropped here.
         by_solver.append(
@@ -176,7 +196,8 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
         "model_states": " ".join(model.states) or None,
         "model_status": model.status,
         "model_grazing_margin": model.grazing_margin,
-        **divergence(c, model, outcome),
+        # The model's divergence from itself is in no table.
+        **(divergence(c, model, outcome) if name != REFERENCE else dict.fromkeys(MEASURES)),
     }
     if done:
         row |= {

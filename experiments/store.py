@@ -7,13 +7,10 @@ that is stale, truncated or altered is recognised without trusting it.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
 import re
-import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,7 +22,9 @@ import pyarrow.parquet as pq
 
 from experiments.config import REFERENCE, Config, from_canonical
 from experiments.errors import UserError
+from experiments.lock import LOCK
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, ROW_SCHEMA
+from experiments.streams import blocks, is_temporary, replacing, table_writer
 
 FORMAT = "impact-xval run, format 1"
 MANIFEST = "manifest.json"
@@ -38,23 +37,7 @@ TABLES = (
     "ladder.csv",
 )
 
-_TEMPORARY = ".tmp-"
-_PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
-#: Rows of one row group of the finished tables.
-_GROUP = 65_536
-
-
-@contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary path beside `path` that takes its place when the block ends without an error."""
-    temporary = path.with_name(f"{_TEMPORARY}{os.getpid()}-{path.name}")
-    try:
-        yield temporary
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -70,24 +53,48 @@ def write_json(path: Path, value: Any) -> None:
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """The folder of a run."""
+    """The folder of a run.
+
+    Attributes
+    ----------
+    root : Path
+    format : str
+        What its manifest must say it is.
+    """
 
     root: Path
+    format: str = FORMAT
 
     @property
     def parts(self) -> Path:
         """Folder of the parts."""
         return self.root / "parts"
 
-    def write_part(self, number: int, identity: str, rows: list[dict[str, Any]]) -> Path:
-        """Write the rows of a chunk, under a name that tells what they are and that they are whole."""
-        sink = pa.BufferOutputStream()
-        pq.write_table(pa.Table.from_pylist(rows, schema=ROW_SCHEMA), sink, compression="zstd")
-        data = sink.getvalue().to_pybytes()
+    def write_part(self, number: int, identity: str, data: bytes) -> Path:
+        """Write a part, under a name that tells what it is and what it holds.
+
+        It need not be on the disk when this returns: a part that a power cut emptied is recognised by its name.
+        """
         path = self.parts / f"{number:06d}-{identity}-{hashlib.sha256(data).hexdigest()}.parquet"
-        with replacing(path) as temporary:
+        with replacing(path, sync=False) as temporary:
             temporary.write_bytes(data)
         return path
+
+    def discard(self) -> None:
+        """Remove the folder if nothing was kept in it: what was asked for was refused."""
+        names = {path.name for path in self.root.iterdir()}
+        if names <= {"parts", LOCK} and not any(self.parts.iterdir()):
+            (self.root / LOCK).unlink(missing_ok=True)
+            self.parts.rmdir()
+            self.root.rmdir()
+
+    def find_part(self, number: int, identity: str) -> Path | None:
+        """Find one part that is whole, by what it is."""
+        for path in sorted(self.parts.glob(f"{number:06d}-{identity}-*.parquet")):
+            match = PART.fullmatch(path.name)
+            if match is not None and _problem(path, match[3]) == "":
+                return path
+        return None
 
     def find_parts(self, identities: Iterable[str]) -> tuple[dict[int, Path], list[str]]:
         """Find the parts that are whole and belong to this run; remove the others.
@@ -108,19 +115,21 @@ class RunFolder:
         parts: dict[int, Path] = {}
         findings: list[str] = []
         for path in sorted(self.parts.iterdir()) if self.parts.is_dir() else []:
-            if path.name.startswith(_TEMPORARY):
+            if is_temporary(path.name):
                 path.unlink()
-            match = _PART.fullmatch(path.name)
+            match = PART.fullmatch(path.name)
             if match is None:
                 continue
             number, identity, digest = int(match[1]), match[2], match[3]
-            if expected.get(number) != identity:
+            if number in parts:
+                problem = "is there twice"
+            elif expected.get(number) != identity:
                 problem = "belongs to another configuration or version"
-            elif _digest(path) != digest:
-                problem = "is damaged"
-            else:
+            elif (problem := _problem(path, digest)) == "":
                 parts[number] = path
                 continue
+            if path.is_dir():
+                raise UserError(f"{path}: is a folder; legal: a part that a run wrote, or nothing")
             findings.append(f"part {number} {problem}: computed again")
             path.unlink()
         return parts, findings
@@ -128,13 +137,13 @@ class RunFolder:
     def assemble(self, parts: dict[int, Path]) -> None:
         """Write the finished tables from the parts, in the order of the cells, one part at a time."""
         with (
-            _table(self.root / "cells.parquet", CELLS_SCHEMA) as cells,
-            _table(self.root / "divergence.parquet", DIVERGENCE_SCHEMA) as divergence,
+            table_writer(self.root / "cells.parquet", CELLS_SCHEMA) as cells,
+            table_writer(self.root / "divergence.parquet", DIVERGENCE_SCHEMA) as divergence,
             replacing(self.root / "divergence.csv") as text,
             pacsv.CSVWriter(str(text), DIVERGENCE_SCHEMA) as csv,
         ):
             for number in sorted(parts):
-                rows = pq.read_table(parts[number], schema=ROW_SCHEMA)
+                rows = read_part(parts[number])
                 cells.add(rows)
                 compared = rows.filter(pc.field("solver") != REFERENCE)
                 divergence.add(compared)
@@ -142,13 +151,7 @@ class RunFolder:
 
     def statuses(self) -> dict[str, dict[str, int]]:
         """Count of every status by solver."""
-        table = pq.read_table(self.root / "cells.parquet", columns=["solver", "status"])
-        counts: dict[str, dict[str, int]] = {}
-        for row in (
-            table.group_by(["solver", "status"], use_threads=False).aggregate([([], "count_all")]).to_pylist()
-        ):
-            counts.setdefault(row["solver"], {})[row["status"]] = row["count_all"]
-        return counts
+        return count_statuses(blocks(self.root / "cells.parquet", ["solver", "status"], whole_cells=False))
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of every finished table."""
@@ -171,8 +174,8 @@ class RunFolder:
             raise UserError(f"{path}: cannot be read: {error.strerror}") from None
         except (ValueError, RecursionError):
             raise UserError(f"{path}: damaged, not JSON; legal: the manifest of a run") from None
-        if not isinstance(value, dict) or value.get("format") != FORMAT:
-            raise UserError(f"{path}: not the manifest of a run ({FORMAT})")
+        if not isinstance(value, dict) or value.get("format") != self.format:
+            raise UserError(f"{path}: not the manifest of a run ({self.format})")
         return value
 
     def config(self) -> Config:
@@ -182,8 +185,8 @@ class RunFolder:
             raise UserError(f"{self.root / MANIFEST}: configuration is missing; legal: the manifest of a run")
         return from_canonical(configuration, str(self.root / MANIFEST))
 
-    def read_table(self, name: str, schema: pa.Schema) -> pa.Table:
-        """Read a finished table.
+    def table_path(self, name: str, schema: pa.Schema) -> Path:
+        """Return the path of a finished table, after a look at whether it is what was written.
 
         Raises
         ------
@@ -191,113 +194,71 @@ class RunFolder:
             If it is missing, damaged or has other columns.
         """
         path = self.root / name
+        again = "impact-xval run --resume writes it again"
         recorded = self.manifest().get("files")
         try:
             if isinstance(recorded, dict) and recorded.get(name) != _digest(path):
-                raise UserError(
-                    f"{path}: altered since it was written; impact-xval run --resume writes it again"
-                )
-            table = pq.read_table(path)
+                raise UserError(f"{path}: altered since it was written; {again}")
+            names = pq.read_schema(path).names
         except FileNotFoundError:
             raise UserError(
                 f"{path}: no such file; finish the run first (impact-xval run --resume)"
             ) from None
         except (OSError, pa.ArrowException):
-            raise UserError(
-                f"{path}: damaged, not Parquet; impact-xval run --resume writes it again"
-            ) from None
-        if table.schema.names != schema.names:
-            raise UserError(
-                f"{path}: has other columns than a run writes; impact-xval run --resume writes it again"
-            )
-        return table
+            raise UserError(f"{path}: damaged, not Parquet; {again}") from None
+        if names != schema.names:
+            raise UserError(f"{path}: has other columns than a run writes; {again}")
+        return path
+
+    def read_table(self, name: str, schema: pa.Schema) -> pa.Table:
+        """Read a finished table whole; for small ones."""
+        return pq.read_table(self.table_path(name, schema))
 
 
-def open_folder(root: Path, *, resume: bool) -> tuple[RunFolder, bool]:
-    """Check that a run may write to a folder, and create it.
+def part_bytes(rows: pa.Table) -> bytes:
+    """Return the rows of a chunk as the content of a part, without what is the same in every part."""
+    bare = pa.schema([pa.field(field.name, field.type) for field in rows.schema])
+    sink = pa.BufferOutputStream()
+    pq.write_table(
+        rows.combine_chunks().cast(bare), sink, compression="zstd", write_statistics=False, store_schema=False
+    )
+    return sink.getvalue().to_pybytes()
 
-    Parameters
-    ----------
-    root : Path
-        The folder.
-    resume : bool
-        Whether a run that is there may be continued.
 
-    Returns
-    -------
-    folder : RunFolder
-    continued : bool
-        Whether a run is there.
+def read_part(source: Path | bytes) -> pa.Table:
+    """Read the rows of a part, from its file or its content.
 
     Raises
     ------
     UserError
-        If the folder holds something else, holds a run and `resume` is false, or cannot be written to.
+        If it does not hold the rows of a chunk, whatever its name says.
     """
-    folder = RunFolder(root)
-    existed = root.exists()
     try:
-        entries = sorted(entry.name for entry in root.iterdir()) if existed else []
-        continued = MANIFEST in entries
-        # What a run leaves that was killed before its first line of work.
-        started = folder.parts.is_dir() and not any(folder.parts.iterdir())
-    except NotADirectoryError:
-        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
-    except OSError as error:
-        raise UserError(f"--out {root}: cannot be read: {error.strerror}") from None
-    foreign = [name for name in entries if not (name.startswith(_TEMPORARY) or (started and name == "parts"))]
-    if continued:
-        folder.manifest()
-        if not resume:
-            raise UserError(
-                f"--out {root}: already holds a run; add --resume to continue it, or name another folder"
-            )
-    elif foreign:
-        raise UserError(f"--out {root}: not empty ({foreign[0]}) and not a run; legal: a new or empty folder")
+        with pq.ParquetFile(pa.BufferReader(source) if isinstance(source, bytes) else source) as file:
+            return file.read().cast(ROW_SCHEMA)
+    except (pa.ArrowException, ValueError):
+        raise UserError(f"{source!s:.200}: not a part of a run; legal: remove it, and --resume") from None
+
+
+def count_statuses(tables: Iterable[pa.Table]) -> dict[str, dict[str, int]]:
+    """Count every status by solver over tables with these two columns."""
+    counts: dict[str, dict[str, int]] = {}
+    for table in tables:
+        grouped = table.group_by(["solver", "status"], use_threads=False).aggregate([([], "count_all")])
+        for row in grouped.to_pylist():
+            of_solver = counts.setdefault(row["solver"], {})
+            of_solver[row["status"]] = of_solver.get(row["status"], 0) + row["count_all"]
+    return counts
+
+
+def _problem(path: Path, digest: str) -> str:
+    """Say why a part cannot be used, "" if it can."""
     try:
-        folder.parts.mkdir(parents=True, exist_ok=True)
-        for directory in (root, folder.parts):
-            tempfile.TemporaryFile(dir=directory).close()
+        return "" if _digest(path) == digest else "is damaged"
     except OSError as error:
-        if not existed:
-            with contextlib.suppress(OSError):
-                folder.parts.rmdir()
-                root.rmdir()
-        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
-    return folder, continued
+        return f"cannot be read ({error.strerror})"
 
 
 def _digest(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-class _Groups:
-    """Pieces of any size, written as row groups of one size."""
-
-    def __init__(self, writer: pq.ParquetWriter, schema: pa.Schema) -> None:
-        self._writer, self._schema = writer, schema
-        self._pending = schema.empty_table()
-
-    def add(self, rows: pa.Table) -> None:
-        rows = rows.select(self._schema.names).cast(self._schema)
-        self._pending = pa.concat_tables([self._pending, rows])
-        if len(self._pending) >= _GROUP:
-            self.flush(len(self._pending) // _GROUP * _GROUP)
-
-    def flush(self, end: int) -> None:
-        if end:
-            self._writer.write_table(self._pending.slice(0, end).combine_chunks(), row_group_size=_GROUP)
-        self._pending = self._pending.slice(end)
-
-    def __len__(self) -> int:
-        return len(self._pending)
-
-
-@contextlib.contextmanager
-def _table(path: Path, schema: pa.Schema) -> Iterator[_Groups]:
-    """Write a Parquet table piece by piece; its row groups do not depend on the pieces."""
-    with replacing(path) as temporary, pq.ParquetWriter(temporary, schema, compression="zstd") as writer:
-        groups = _Groups(writer, schema)
-        yield groups
-        groups.flush(len(groups))

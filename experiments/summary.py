@@ -8,24 +8,29 @@ physics.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from experiments.certificates import certificates
+from experiments.aggregates import (
+    AXES,
+    FULL_PATHS,
+    Compared,
+    Frame,
+    between,
+    reasons_of,
+    statistics,
+    worst_rows,
+)
+from experiments.certificates import certificate_rows, certificates
 from experiments.config import REFERENCE, Config
-from experiments.divergence import COMPARABLE
 from experiments.ladder_summary import LadderSummary, summarise_ladder
+from experiments.levels import Levels
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
+from experiments.streams import blocks, codes, column
 
-#: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
-#: either.
-Frame = Any
-
-#: Axes of the grid and how a reader knows them.
-AXES = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
+__all__ = ["AXES", "FULL_PATHS", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
 
 #: Measures that are summarised, by their size, and how a reader knows them.
 SUMMARISED = {
@@ -39,9 +44,6 @@ SUMMARISED = {
     "states_edit_distance": "path edits",
 }
 
-#: Whether the state paths are equal, where the model followed its own to the end; null elsewhere.
-FULL_PATHS = "states_equal_without_limit"
-
 _SHARES = ("states_equal", FULL_PATHS)
 _WORST = 5
 
@@ -54,6 +56,8 @@ class Summary:
     ----------
     config : Config
         The experiment.
+    levels : dict of Levels
+        Values by which the statistics are grouped, by axis.
     statistics : DataFrame
         ``solver, cells ("all", "regular" or "grazing"), axis ("all" or an axis), value, measure, n, mean,
         median, p95, max``; measures are taken by size, those of `_SHARES` have only a mean.
@@ -75,6 +79,7 @@ class Summary:
     """
 
     config: Config
+    levels: dict[str, Levels]
     statistics: Frame
     worst: Frame
     statuses: Frame
@@ -109,94 +114,34 @@ class Summary:
 
 
 def summarise(folder: RunFolder) -> Summary:
-    """Compute the statistics of a finished run from its stored tables."""
+    """Compute the statistics of a finished run from its stored tables, whatever their size."""
     config = folder.config()
-    cells = folder.read_table("cells.parquet", CELLS_SCHEMA).to_pandas()
+    cells = folder.table_path("cells.parquet", CELLS_SCHEMA)
     table = load_divergence(folder, config)
-    compared = table[table.velocity_divergence.notna()]
-    reference = cells[cells.solver == REFERENCE]
+    margins = column(cells, "grazing_margin")[codes(cells, "solver", [REFERENCE]) == 0]
     return Summary(
         config=config,
-        statistics=_statistics(compared),
-        worst=_worst(compared, config),
-        statuses=_statuses(cells, config),
-        reasons=_reasons(cells),
-        between=_between(cells, config),
-        certificates=certificates(cells, config.solvers),
-        n_cells=len(reference),
-        n_grazing=int((reference.grazing_margin < config.grazing_threshold).sum()),
+        levels=table.levels,
+        statistics=statistics(table, tuple(SUMMARISED), _SHARES),
+        worst=worst_rows(table, _WORST),
+        statuses=_statuses(folder, config),
+        reasons=pd.DataFrame(
+            reasons_of(blocks(cells, ["solver", "status", "reason"], whole_cells=False)),
+            columns=["solver", "status", "reason", "n"],
+        ),
+        between=between(cells, config),
+        n_cells=len(margins),
+        n_grazing=int((margins < config.grazing_threshold).sum()),
+        certificates=certificates(certificate_rows(cells, config.solvers), config.solvers),
         ladder=summarise_ladder(folder, config),
     )
 
 
-def load_divergence(folder: RunFolder, config: Config) -> Frame:
-    """Read the table of divergence, with columns ``grazing`` and `FULL_PATHS` beside it."""
-    table = folder.read_table("divergence.parquet", DIVERGENCE_SCHEMA).to_pandas()
-    table["states_equal"] = table["states_equal"].astype("boolean")
-    # Where the model took a limit, its path ends there: it cannot equal one that was followed to the end.
-    table[FULL_PATHS] = table["states_equal"].where(table.model_status == "ok")
-    table["grazing"] = table.model_grazing_margin < config.grazing_threshold
-    return table
+def load_divergence(folder: RunFolder, config: Config) -> Compared:
+    """Read the table of divergence, column by column as it is needed."""
+    return Compared.of(folder.table_path("divergence.parquet", DIVERGENCE_SCHEMA), config)
 
 
-def _statistics(compared: Frame) -> Frame:
-    frames = []
-    parts = {"all": compared, "regular": compared[~compared.grazing], "grazing": compared[compared.grazing]}
-    for label, part in parts.items():
-        for axis in ("all", *AXES) if label == "regular" else ("all",):
-            keys = ["solver"] if axis == "all" else ["solver", axis]
-            for measure in (*SUMMARISED, *_SHARES):
-                sizes = part[measure].astype(float).abs()
-                grouped = sizes.groupby([part[key] for key in keys])
-                frame = pd.DataFrame({"n": grouped.count(), "mean": grouped.mean()})
-                if measure not in _SHARES:
-                    frame["median"] = grouped.median()
-                    frame["p95"] = grouped.quantile(0.95)
-                    frame["max"] = grouped.max()
-                frame = frame.reset_index().rename(columns={axis: "value"})
-                frames.append(frame.assign(cells=label, axis=axis, measure=measure))
-    columns = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
-    filled = [
-        frame.reindex(columns=columns).astype({"value": float, "median": float})
-        for frame in frames
-        if len(frame)
-    ]
-    return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=columns)
-
-
-def _worst(compared: Frame, config: Config) -> Frame:
-    regular = compared[~compared.grazing].sort_values(
-        ["velocity_divergence", "cell"], ascending=[False, True]
-    )
-    picked = [regular[regular.solver == name].head(_WORST) for name in config.solvers if name != REFERENCE]
-    return pd.concat(picked, ignore_index=True) if picked else regular
-
-
-def _statuses(cells: Frame, config: Config) -> Frame:
-    counts = cells.groupby(["solver", "status"]).size().unstack(fill_value=0)
-    return counts.reindex(config.solvers, fill_value=0)
-
-
-def _reasons(cells: Frame) -> Frame:
-    failed = cells[~cells.status.isin(COMPARABLE)]
-    counted = failed.groupby(["solver", "status", "reason"]).size().rename("n").reset_index()
-    return counted.sort_values(["n", "solver", "reason"], ascending=[False, True, True], ignore_index=True)
-
-
-def _between(cells: Frame, config: Config) -> Frame:
-    """D between compliant solvers: near zero where they share what makes them differ from the model."""
-    names = [name for name in config.solvers if name != REFERENCE]
-    solved = cells[cells.status.isin(COMPARABLE)]
-    scaled = solved.assign(
-        u1=solved.v1 / solved.v0.abs(), u2=np.sqrt(solved.mass_ratio) * solved.v2 / solved.v0.abs()
-    )
-    u1 = scaled.pivot(index="cell", columns="solver", values="u1")
-    u2 = scaled.pivot(index="cell", columns="solver", values="u2")
-    rows = []
-    names = [name for name in names if name in u1]
-    for i, name in enumerate(names):
-        for other in names[i + 1 :]:
-            d = np.hypot(u1[name] - u1[other], u2[name] - u2[other]).dropna()
-            if len(d):
-                rows.append((name, other, len(d), d.median(), d.quantile(0.95), d.max()))
-    return pd.DataFrame(rows, columns=["solver", "other", "n", "median", "p95", "max"])
+def _statuses(folder: RunFolder, config: Config) -> Frame:
+    counts = pd.DataFrame.from_dict(folder.statuses(), orient="index").fillna(0).astype(int)
+    return counts.reindex(index=config.solvers, columns=sorted(counts.columns), fill_value=0)

@@ -1,20 +1,16 @@
-"""The main job: all cells by all solvers, on all cores, to be continued wherever it was stopped."""
+"""The main job: all cells by all solvers, wherever there are workers, to be continued wherever it was stopped."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import json
-import multiprocessing
 import os
 import platform
-import signal
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -24,19 +20,21 @@ from typing import Any
 from compliant_baselines import get_solver
 from experiments.config import REFERENCE, Config
 from experiments.curves import write_curves
-from experiments.errors import UserError
-from experiments.grid import CellGrid
+from experiments.designs import cells_of
+from experiments.errors import InterruptedRunError, UserError
+from experiments.executors import available_cores, in_flight, open_executor
+from experiments.folders import open_folder
+from experiments.grid import Cells
+from experiments.isolation import Report, Task, run_task
 from experiments.ladder_table import write_ladder
+from experiments.lock import holding, running
+from experiments.sandbox import ClosedError
 from experiments.schema import COLUMNS
-from experiments.solving import Report, Resolve, Task, run_task
-from experiments.store import FORMAT, MANIFEST, RunFolder, open_folder, write_json
+from experiments.solving import Job, Resolve, solver_versions
+from experiments.store import FORMAT, MANIFEST, RunFolder, write_json
 
 #: Told how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
-
-
-class InterruptedRunError(Exception):
-    """The run was stopped before its end; what is done is kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,20 +42,25 @@ class Plan:
     """What a run will do: its chunks and the identity of each."""
 
     config: Config
+    cells: Cells
     versions: dict[str, str]
     identities: list[str]
 
     @classmethod
-    def of(cls, config: Config, resolve: Resolve) -> Plan:
+    def of(cls, config: Config, cells: Cells, resolve: Resolve) -> Plan:
         """Plan a run; the identity of a chunk is a hash of configuration, versions and cells."""
         versions = solver_versions(config, resolve)
-        grid = CellGrid(config)
         common = json.dumps([config.identity(), versions, list(COLUMNS)], sort_keys=True)
         identities = [
-            hashlib.sha256(f"{common} cells {cells.start} to {cells.stop}".encode()).hexdigest()[:32]
-            for cells in map(grid.chunk, range(grid.chunks()))
+            hashlib.sha256(f"{common} cells {cells.digest(cells.chunk(n))}".encode()).hexdigest()[:32]
+            for n in range(cells.chunks())
         ]
-        return cls(config, versions, identities)
+        return cls(config, cells, versions, identities)
+
+    def task(self, number: int) -> Task:
+        """Make the task of a chunk."""
+        chunk = self.cells.cells(self.cells.chunk(number))
+        return Task(number, chunk, self.config.cell_timeout)
 
 
 def run_sweep(
@@ -65,7 +68,9 @@ def run_sweep(
     root: Path,
     *,
     workers: int | None = None,
+    scheduler: str | None = None,
     resume: bool = False,
+    isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
     resolve: Resolve = get_solver,
 ) -> RunFolder:
@@ -78,14 +83,18 @@ def run_sweep(
     root : Path
         The folder; new, empty, or with `resume` the folder of the same experiment.
     workers : int, optional
-        Number of processes; by default that of the configuration, else one for every core. One worker is this
-        process itself. No result depends on it.
+        Number of processes on this machine; by default that of the configuration, else one for every core. No
+        result depends on it.
+    scheduler : str, optional
+        Address of a Dask scheduler, or ``local`` for a Dask cluster on this machine; by default no Dask.
     resume : bool
         Continue from the parts that are there.
+    isolate : bool
+        False runs the solvers in this process, one chunk after the other: a solver that crashes ends the run.
     progress : callable
         Called after every chunk.
     resolve : callable
-        Finds a solver by its name.
+        Finds a solver by its name; at the top level of a module.
 
     Returns
     -------
@@ -94,78 +103,140 @@ def run_sweep(
     Raises
     ------
     UserError
-        If the folder cannot be used.
+        If the folder cannot be used, or a worker has other versions of the solvers.
     InterruptedRunError
-        On Ctrl-C or the death of a worker; finished parts are kept.
+        On Ctrl-C, a full disk or a lost cluster; finished parts are kept.
     """
-    started = time.perf_counter()
-    workers = workers or config.workers or available_cores()
+    owner = running(root)
+    if owner is not None:
+        raise UserError(
+            f"--out {root}: another run writes there ({owner}); legal: wait for it, or another folder"
+        )
+    cells = cells_of(config)
     folder, continued = open_folder(root, resume=resume)
-    if continued:
-        _same_experiment(folder, config)
-    plan = Plan.of(config, resolve)
-    parts, findings = folder.find_parts(plan.identities)
-    for finding in findings:
-        progress(0, 0, finding)
-    history = folder.manifest().get("sessions", []) if continued else []
-    manifest = _manifest(plan, history)
-    write_json(folder.root / MANIFEST, manifest)
-
-    grid = CellGrid(config)
-    done = sum(len(grid.chunk(number)) for number in parts)
-    reused = len(parts)
-    if continued:
-        progress(done, len(grid), f"resumed: {reused} of {len(plan.identities)} parts are there and whole")
-    todo = [n for n in range(grid.chunks()) if n not in parts]
-    tasks = (Task(number, plan.identities[number], config, folder.root, resolve) for number in todo)
-    seconds: Counter[str] = Counter()
-    try:
-        with _executor(min(workers, max(1, len(todo)))) as executor:
-            for report in _complete(executor, tasks, in_flight=2 * workers):
-                parts[report.number] = report.part
-                seconds.update(report.seconds)
-                done += len(grid.chunk(report.number))
-                progress(done, len(grid), "")
-        write_curves(config, folder, resolve)
-    except KeyboardInterrupt:
-        raise InterruptedRunError("interrupted") from None
-    except BrokenProcessPool:
-        raise InterruptedRunError("a worker process died (out of memory, or an engine crashed)") from None
-    except OSError as error:
-        raise InterruptedRunError(f"{error.filename or folder.root}: {error.strerror}") from None
-    folder.assemble(parts)
-    write_ladder(folder.root)
-    session = {
-        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-        "workers": workers,
-        "parts_reused": reused,
-        "parts_computed": len(todo),
-        "wall_time_s": round(time.perf_counter() - started, 3),
-        "solver_time_s": {name: round(value, 3) for name, value in seconds.items()},
-    }
-    manifest |= {
-        "state": "complete",
-        "statuses": folder.statuses(),
-        "files": folder.digests(),
-        "sessions": [*history, session],
-    }
-    write_json(folder.root / MANIFEST, manifest)
+    with clearly(folder), holding(root) as line:
+        progress(0, 0, line)
+        workers = workers or config.workers or available_cores()
+        run = _Run(config, cells, folder, continued, workers, scheduler or "this machine")
+        say = functools.partial(progress, 0, 0)
+        with open_executor(
+            Job(config, resolve), min(workers, cells.chunks()), scheduler, say, isolate=isolate
+        ) as executor:
+            run.solve(executor, Plan.of(config, cells, resolve), progress)
+        run.finish()
     return folder
 
 
-def available_cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+class _Run:
+    """A session of a run: what it was asked, and what it has done."""
+
+    def __init__(
+        self, config: Config, cells: Cells, folder: RunFolder, continued: bool, workers: int, where: str
+    ) -> None:
+        self.config, self.cells, self.folder, self.workers = config, cells, folder, workers
+        self.started = self.stamp = time.perf_counter()
+        self.continued = continued
+        if continued:
+            _same_experiment(folder, config)
+        self.history: list[Any] = folder.manifest().get("sessions", []) if continued else []
+        self.parts: dict[int, Path] = {}
+        self.reused = 0
+        self.where = where
+        self.stages: dict[str, float] = {}
+        self.seconds: Counter[str] = Counter()
+        self.faults = 0
+
+    def solve(self, executor: Any, plan: Plan, progress: Progress) -> None:
+        """Compute the parts that are not there, and the curves."""
+        self.plan = plan
+        self.parts, findings = self.folder.find_parts(plan.identities)
+        for finding in findings:
+            progress(0, 0, finding)
+        self.manifest = _manifest(plan, self.history)
+        write_json(self.folder.root / MANIFEST, self.manifest)
+        done = sum(len(self.cells.chunk(number)) for number in self.parts)
+        self.reused = len(self.parts)
+        if self.continued:
+            progress(
+                done,
+                len(self.cells),
+                f"resumed: {self.reused} of {len(plan.identities)} parts are there and whole",
+            )
+        self._stage("start")
+        todo = (plan.task(n) for n in range(self.cells.chunks()) if n not in self.parts)
+        reports = in_flight(
+            lambda task: executor.submit(run_task, task), todo, lambda: max(2, 2 * executor.workers)
+        )
+        for report in reports:
+            self._keep(report)
+            done += len(self.cells.chunk(report.number))
+            progress(done, len(self.cells), "")
+        self._stage("solve")
+        write_curves(self.config, self.folder, executor)
+        self._stage("curves")
+
+    def _keep(self, report: Report) -> None:
+        if report.versions is not None and report.versions != self.plan.versions:
+            differing = sorted(
+                name for name, here in self.plan.versions.items() if report.versions.get(name) != here
+            )
+            there = ", ".join(f"{name} {report.versions.get(name)}" for name in differing)
+            here = ", ".join(f"{name} {self.plan.versions[name]}" for name in differing)
+            raise UserError(f"a worker has {there}, this process {here}; legal: the same versions everywhere")
+        self.parts[report.number] = self.folder.write_part(
+            report.number, self.plan.identities[report.number], report.data
+        )
+        self.seconds.update(report.seconds)
+        self.faults += report.faults
+
+    def finish(self) -> None:
+        """Write the finished tables and the manifest."""
+        self.folder.assemble(self.parts)
+        write_ladder(self.folder.root)
+        statuses, digests = self.folder.statuses(), self.folder.digests()
+        self._stage("tables")
+        session = {
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            "where": self.where,
+            "workers": self.workers,
+            "parts_reused": self.reused,
+            "parts_computed": len(self.parts) - self.reused,
+            "processes_lost": self.faults,
+            "wall_time_s": round(time.perf_counter() - self.started, 3),
+            "stages_s": self.stages,
+            "solver_time_s": {name: round(value, 3) for name, value in self.seconds.items()},
+        }
+        self.manifest |= {
+            "state": "complete",
+            "statuses": statuses,
+            "files": digests,
+            "sessions": [*self.history, session],
+        }
+        write_json(self.folder.root / MANIFEST, self.manifest)
+
+    def _stage(self, name: str) -> None:
+        now = time.perf_counter()
+        self.stages[name] = round(now - self.stamp, 3)
+        self.stamp = now
 
 
-def solver_versions(config: Config, resolve: Resolve = get_solver) -> dict[str, str]:
-    """Versions of the project and of every solver; why not, for one that is unavailable."""
-    versions = {"impact-xval": version("impact-xval")}
-    for name in config.solvers:
-        solver = resolve(name)
-        reason = solver.unavailable()
-        versions[name] = solver.version() if reason is None else f"unavailable: {reason}"
-    return versions
+@contextlib.contextmanager
+def clearly(folder: RunFolder) -> Iterator[None]:
+    """Turn what can end a run from outside into one line."""
+    try:
+        yield
+    except UserError:
+        with contextlib.suppress(OSError):
+            folder.discard()
+        raise
+    except (KeyboardInterrupt, ClosedError):
+        raise InterruptedRunError("interrupted") from None
+    except OSError as error:
+        if not folder.root.is_dir():
+            raise InterruptedRunError(f"{folder.root}: the folder is gone") from None
+        where = error.filename or folder.root
+        what = os.strerror(error.errno) if error.errno else str(error)
+        raise InterruptedRunError(f"{where}: {what}") from None
 
 
 def _same_experiment(folder: RunFolder, config: Config) -> None:
@@ -173,9 +244,12 @@ def _same_experiment(folder: RunFolder, config: Config) -> None:
     if stored.identity() == config.identity():
         return
     old, new = stored.canonical(), config.canonical()
-    differing = [key for key in old if old[key] != new[key] and key not in ("name", "workers", "figure_cell")]
+    keys = [key for key in {**old, **new} if key not in ("name", "workers", "figure_cell", "cells", "search")]
+    differing = [key for key in keys if old.get(key) != new.get(key)]
     detail = (
-        f"{differing[0]} = {old[differing[0]]} there, {new[differing[0]]} now" if differing else "other axes"
+        f"{differing[0]} = {old.get(differing[0])} there, {new.get(differing[0])} now"
+        if differing
+        else "other axes"
     )
     raise UserError(f"--resume {folder.root}: holds a run of another configuration: {detail}")
 
@@ -184,8 +258,10 @@ def _manifest(plan: Plan, history: list[Any]) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "state": "running",
+        "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
         "name": plan.config.name,
-        "cells": len(CellGrid(plan.config)),
+        "cells": len(plan.cells),
+        "chunks": len(plan.identities),
         "reference": REFERENCE,
         "configuration": plan.config.canonical(),
         "identity": plan.config.identity(),
@@ -198,63 +274,12 @@ def _manifest(plan: Plan, history: list[Any]) -> dict[str, Any]:
             "cores": available_cores(),
             "python": platform.python_version(),
         },
-        "seeds": "none: nothing in a run is random",
+        "seeds": _seeds(plan.config),
         "sessions": history,
     }
 
 
-def _complete(executor: Executor, tasks: Iterator[Task], in_flight: int) -> Iterator[Report]:
-    """Yield reports as they come, with a bounded number of tasks handed out."""
-    pending: set[Future[Report]] = set()
-    for task in tasks:
-        pending.add(executor.submit(run_task, task))
-        if len(pending) >= in_flight:
-            finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-            yield from (future.result() for future in finished)
-    while pending:
-        finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-        yield from (future.result() for future in finished)
-
-
-class _InProcess(Executor):
-    """One worker: this process."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-@contextlib.contextmanager
-def _executor(workers: int) -> Iterator[Executor]:
-    if workers == 1:
-        yield _InProcess()
-        return
-    # Spawned, not forked: engines and compiled code hold threads and handles that do not survive a fork.
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker)
-    before = set(multiprocessing.active_children())
-    try:
-        yield executor
-    except BaseException:
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
-        executor.shutdown(wait=True, cancel_futures=True)
-        raise
-    executor.shutdown()
-
-
-def _start_worker() -> None:
-    """Leave Ctrl-C to the main process, and end when it is gone (a killed parent tells nobody)."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-
-
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
+def _seeds(config: Config) -> str:
+    if config.sample is not None:
+        return f"{config.sample.seed}, of the cells; nothing else in a run is random"
+    return "none: nothing in a run is random"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 
 from rich.console import Console
 from rich.progress import (
@@ -20,9 +21,15 @@ from rich.text import Text
 
 from experiments.divergence import COMPARABLE, divergence
 from experiments.document import Table
-from experiments.findings import findings, grazing_table, number, overall_table, status_table
-from experiments.summary import Summary
+from experiments.findings import findings, grazing_table, overall_table, status_table
+from experiments.numbers import number
+from experiments.search import Found
+from experiments.status import RunStatus
+from experiments.summary import AXES, SUMMARISED, Summary
 from model.collision import Collision, Outcome
+
+#: Reasons that `show_status` prints.
+_REASONS = 12
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
@@ -72,6 +79,82 @@ def print_table(console: Console, table: Table) -> None:
     print_line(console, "")
     print_line(console, table.caption)
     console.print(_rich(table))
+
+
+def show_status(console: Console, root: str, status: RunStatus) -> None:
+    """Print how far a run is."""
+    share = status.cells_done / status.cells if status.cells else 1.0
+    rate = f"; {number(status.rate)} cells/s" if status.rate else ""
+    left = f", about {_duration(status.seconds_left)} left" if status.seconds_left is not None else ""
+    who = f" ({status.owner})" if status.owner else ""
+    print_line(console, f"{root}: {status.state}{who}")
+    print_line(
+        console,
+        f"{status.cells_done} of {status.cells} cells ({100 * share:.1f} %), "
+        f"{status.parts_done} of {status.parts} parts{rate}{left}",
+    )
+    if status.parts_damaged:
+        print_line(console, f"{status.parts_damaged} parts are damaged; --resume computes them again")
+    names = sorted({name for counts in status.statuses.values() for name in counts})
+    rows = [
+        (solver, *(str(counts.get(name, 0)) for name in names)) for solver, counts in status.statuses.items()
+    ]
+    if rows:
+        console.print(_rich(Table("", ("solver", *names), rows)))
+    if status.reasons:
+        shown = [(solver, state, reason, str(n)) for solver, state, reason, n in status.reasons[:_REASONS]]
+        console.print(_rich(Table("", ("solver", "status", "reason", "cells"), shown, text_columns=3)))
+        if len(status.reasons) > _REASONS:
+            print_line(console, f"and {len(status.reasons) - _REASONS} reasons more")
+    if status.state == "stopped":
+        print_line(
+            console, f"to continue: impact-xval run --out {root} --resume, with the same configuration"
+        )
+
+
+def show_found(console: Console, found: Found) -> None:
+    """Print what a search found."""
+    measure = found.search.measure
+    print_line(
+        console,
+        f"{found.search.solver}: {found.evaluated} cells evaluated; {found.grazing} beside a jump of the model and "
+        f"{found.failed} without a result do not count",
+    )
+    if not found.rows:
+        print_line(console, "no cell counts: nothing was found")
+        return
+    header = ("cell", *AXES.values(), SUMMARISED[measure], "model's path", "solver's path")
+    rows = [
+        (
+            str(row["cell"]),
+            *(f"{row[axis]:.6g}" for axis in AXES),
+            number(abs(row[measure]), 6),
+            _short_path(row["model_states"]),
+            _short_path(row["states"]),
+        )
+        for row in found.rows
+    ]
+    console.print(_rich(Table("", header, rows, text_columns=0)))
+    steps = ", ".join(
+        f"{number(entry['value'], 6) if entry['value'] is not None else entry['status']} at "
+        f"{number(entry['step_fraction'])}"
+        for entry in found.confirmed
+    )
+    print_line(console, f"the worst again, by step over the contact period: {steps}")
+
+
+def _short_path(states: str | None) -> str:
+    """Cut a long state path in its middle."""
+    names = (states or "-").split()
+    return (
+        " ".join(names)
+        if len(names) <= 8
+        else " ".join([*names[:4], f"({len(names) - 6} more)", *names[-2:]])
+    )
+
+
+def _duration(seconds: float) -> str:
+    return str(timedelta(seconds=round(seconds)))
 
 
 def _rich(table: Table) -> RichTable:

@@ -114,6 +114,17 @@ def sureness(results: Results) -> list[str]:
     return texts
 
 
+def _costly(results: Results) -> str:
+    """Say which engines had less."""
+    named = [name for name in results.solvers if name in subjects.COSTLY]
+    if not named:
+        return ""
+    return (
+        f" {listed(named)}, whose steps cost ten times as much, had a third of the steps, a decade less of "
+        "contrast, and one coarser map."
+    )
+
+
 def method(results: Results) -> list[str]:
     """Say how it was done."""
     c = results.config
@@ -130,7 +141,8 @@ def method(results: Results) -> list[str]:
         f"{short(c.engine_contrast[1])} (plastic: {short(c.engine_plastic_contrast[0])} to "
         f"{short(c.engine_plastic_contrast[1])}). Engines run at steps of 1/{c.steps}, 1/{2 * c.steps} and "
         f"1/{4 * c.steps} of the period of the stiffer contact and are extrapolated to none by Richardson's "
-        f"table; the next term of that table is their error, with at least {short(subjects.LEAST_ERROR)}.",
+        f"table; the next term of that table is their error, with at least {short(subjects.LEAST_ERROR)}."
+        + _costly(results),
         f"Verdicts. The rate is the Theil-Sen slope of ln D over ln contrast in the last {c.fit_decades:g} "
         f"decades ({c.engine_fit_decades:g} for engines) above {judging.FLOOR_ERRORS:g} errors of the "
         "solver, with its 95 % interval. The limit is that of v = L + A x^-s by least squares. A point "

@@ -183,7 +183,7 @@ def run_hypothesis(
             for case in CASES:
                 answers[one.name, case.key] = Answers.join([f.result() for f in pieces[one.name, case.key]])
             kappa, masses = axes(config.map, one)
-            for e1, e2 in config.map.restitutions:
+            for e1, e2 in map_restitutions(config, one):
                 joined = Answers.join([f.result() for f in pieces[one.name, f"map {e1} {e2}"]])
                 maps.append(error_map(one.name, e1, e2, kappa, masses, joined))
         mechanisms, motions = [], {}
@@ -230,6 +230,11 @@ def contrasts(config: HypothesisConfig, case: Case, one: Subject) -> Floats:
     return np.logspace(math.log10(low), math.log10(high), round(decades * per_decade) + 1)
 
 
+def map_restitutions(config: HypothesisConfig, one: Subject) -> list[tuple[float, float]]:
+    """Return the restitutions e1, e2 of the maps of a solver."""
+    return config.map.restitutions[: 1 if one.costly else None]
+
+
 def _hand_out(
     config: HypothesisConfig,
     stepped: list[Subject],
@@ -243,7 +248,7 @@ def _hand_out(
             ratios = ratios_of(case, points[case.key], contrasts(config, case, one))
             asked.append((one.name, case.key, one.ask, ratios))
         kappa, masses = axes(config.map, one)
-        for e1, e2 in config.map.restitutions:
+        for e1, e2 in map_restitutions(config, one):
             asked.append((one.name, f"map {e1} {e2}", one.ask, map_ratios(kappa, masses, e1, e2)))
     pieces: list[tuple[float, tuple[str, str], int, Ask, Floats]] = []
     for name, key, ask, ratios in asked:

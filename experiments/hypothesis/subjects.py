@@ -37,8 +37,8 @@ MAX_EVENTS = 300_000
 #: contacts differ by so much from springs and dashpots (`compliant_baselines.mapping`).
 LEAST_ERROR = 1e-4
 
-#: Engines whose step costs ten times that of the others: they run at half as many steps in a period, over a decade less
-#: of contrast, and on a map of half the size.
+#: Engines whose step costs ten times that of the others: they run at a third of the steps in a period, over a decade
+#: less of contrast, and on one map of half the size.
 COSTLY = ("drake",)
 
 #: Rounding of an exact solver's velocities, per abs(v0).
@@ -224,7 +224,7 @@ def subject(name: str, steps: int) -> Subject:
     if name in _EXACT:
         return Subject(name, "exact", _EXACT[name], name)
     costly = name in COSTLY
-    fraction = (2 if costly else 1) / steps
+    fraction = (3 if costly else 1) / steps
     settings = Settings(step_fraction=fraction, stiffness_ratio_cutoff=math.inf, max_steps=50_000_000)
     solver: Solver = get_solver(name)
     if isinstance(solver, EngineSolver):

@@ -2,9 +2,6 @@
 
 import dataclasses
 import math
-import os
-import signal
-from pathlib import Path
 
 from compliant_baselines import get_solver
 from compliant_baselines.contract import SolverBase
@@ -62,20 +59,6 @@ class Losing(Shifted):
         return super().solve_many(collisions, settings)[1:]
 
 
-class Killing(Shifted):
-    """Ends its process, hard, at the third call; a file counts the calls."""
-
-    counter: Path
-
-    def solve_many(self, collisions, settings):
-        counter = Path(os.environ["FAKE_COUNTER"])
-        calls = len(counter.read_text()) if counter.exists() else 0
-        counter.write_text("x" * (calls + 1))
-        if calls == 2:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().solve_many(collisions, settings)
-
-
 class Interrupting(Shifted):
     """Behaves as if Ctrl-C were pressed at the first stiffness ratio above 1."""
 
@@ -106,10 +89,6 @@ def lying(name):
 
 def losing(name):
     return _resolver(Losing)(name)
-
-
-def killing(name):
-    return _resolver(Killing)(name)
 
 
 def interrupting(name):

@@ -113,6 +113,7 @@ def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
         "figures",
         "report.html",
         "parts",
+        ".lock",
     }
     assert main(["run", "my.toml"]) == 2
     assert "already holds a run; add --resume" in capsys.readouterr().err

@@ -32,7 +32,9 @@ HOSTILE = "<script>alert(1)</script> 100% of $x_1^2$ & {a} \\input{b} | #1 ~ `c`
 @pytest.fixture(scope="module")
 def hostile(tmp_path_factory):
     config = parse_config(SMALL | {"name": HOSTILE, "grazing_threshold": 0.05})
-    return run_sweep(config, tmp_path_factory.mktemp("hostile") / "run", workers=1, resolve=fakes.crashing)
+    return run_sweep(
+        config, tmp_path_factory.mktemp("hostile") / "run", isolate=False, resolve=fakes.crashing
+    )
 
 
 def test_statistics_are_those_of_the_table(hostile):
@@ -146,7 +148,7 @@ def test_report_is_one_safe_page(hostile):
 )
 def test_odd_grids_have_all_their_figures(grid, tmp_path):
     config = parse_config(SMALL | {"grid": SMALL["grid"] | grid, "grazing_threshold": 0.0})
-    folder = run_sweep(config, tmp_path / "a", workers=1, resolve=fakes.shifted)
+    folder = run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     assert len(write_figures(folder)) >= 5
     write_tables(folder)
     write_report(folder)
@@ -156,7 +158,7 @@ def test_long_axes_are_tabulated_in_part(tmp_path):
     config = parse_config(
         SMALL | {"grid": {"stiffness_ratio": {"log": [0.5, 2, 90]}, "mass_ratio": [1], "e1": [0.9]}}
     )
-    folder = run_sweep(config, tmp_path / "a", workers=1, resolve=fakes.shifted)
+    folder = run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     tables = [block for block in build_document(summarise(folder)) if isinstance(block, Table)]
     by_stiffness = next(table for table in tables if table.caption.startswith("D by k2/k1"))
     assert len(by_stiffness.rows) <= 40

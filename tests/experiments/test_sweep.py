@@ -12,10 +12,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.config import parse_config
-from experiments.errors import UserError
+from experiments.errors import InterruptedRunError, UserError
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, MEASURES
 from experiments.store import TABLES
-from experiments.sweep import InterruptedRunError, run_sweep
+from experiments.sweep import run_sweep
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
 
@@ -25,7 +25,7 @@ def _tables(root):
 
 
 def test_the_tables_are_long_and_tidy(small, tmp_path):
-    folder = run_sweep(small, tmp_path / "a", workers=1, resolve=fakes.shifted)
+    folder = run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     cells = pq.read_table(tmp_path / "a/cells.parquet")
     assert cells.schema.equals(CELLS_SCHEMA)
     assert cells.schema.field("v1").metadata[b"unit"] == b"m/s"
@@ -54,7 +54,7 @@ def test_the_tables_are_long_and_tidy(small, tmp_path):
 
 
 def test_an_unavailable_solver_is_rows_with_its_reason(small, tmp_path):
-    run_sweep(small, tmp_path / "a", workers=1, resolve=fakes.shifted)
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     rows = [
         r for r in pq.read_table(tmp_path / "a/divergence.parquet").to_pylist() if r["solver"] == "pybullet"
     ]
@@ -64,7 +64,7 @@ def test_an_unavailable_solver_is_rows_with_its_reason(small, tmp_path):
 
 
 def test_a_crash_costs_only_its_cells(small, tmp_path):
-    run_sweep(small, tmp_path / "a", workers=1, resolve=fakes.crashing)
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.crashing)
     rows = [r for r in pq.read_table(tmp_path / "a/cells.parquet").to_pylist() if r["solver"] == "mujoco"]
     assert {(row["e1"], row["status"]) for row in rows} == {(0.5, "crashed"), (0.9, "ok")}
     crashed = next(row for row in rows if row["status"] == "crashed")
@@ -73,14 +73,14 @@ def test_a_crash_costs_only_its_cells(small, tmp_path):
 
 
 def test_a_result_that_is_no_number_is_never_silent(small, tmp_path):
-    run_sweep(small, tmp_path / "a", workers=1, resolve=fakes.lying)
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.lying)
     rows = [r for r in pq.read_table(tmp_path / "a/cells.parquet").to_pylist() if r["solver"] == "mujoco"]
     assert {row["status"] for row in rows} == {"crashed"}
     assert "nan" in rows[0]["reason"]
 
 
 def test_missing_outcomes_are_noticed(small, tmp_path):
-    run_sweep(small, tmp_path / "a", workers=1, resolve=fakes.losing)
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.losing)
     rows = [r for r in pq.read_table(tmp_path / "a/cells.parquet").to_pylist() if r["solver"] == "mujoco"]
     assert {(r["status"], r["reason"]) for r in rows} == {
         ("crashed", "RuntimeError: 0 outcomes for 1 collisions")
@@ -91,7 +91,7 @@ def test_limits_are_rows_not_errors(tmp_path):
     config = parse_config(
         SMALL | {"solvers": ["mujoco"], "grid": {"stiffness_ratio": [0, float("inf")], "e1": [0, 1]}}
     )
-    run_sweep(config, tmp_path / "a", workers=1)
+    run_sweep(config, tmp_path / "a", isolate=False)
     rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
     assert {row["status"] for row in rows if row["solver"] == "state-transition"} == {"limit"}
     refused = [row for row in rows if row["solver"] == "mujoco"]
@@ -100,16 +100,16 @@ def test_limits_are_rows_not_errors(tmp_path):
 
 
 def test_resume_after_an_interruption_gives_the_same_bytes(small, tmp_path):
-    run_sweep(small, tmp_path / "whole", workers=1, resolve=fakes.shifted)
+    run_sweep(small, tmp_path / "whole", isolate=False, resolve=fakes.shifted)
     with pytest.raises(InterruptedRunError):
-        run_sweep(small, tmp_path / "cut", workers=1, resolve=fakes.interrupting)
+        run_sweep(small, tmp_path / "cut", isolate=False, resolve=fakes.interrupting)
     assert len(list((tmp_path / "cut/parts").iterdir())) == 2
     assert not (tmp_path / "cut/cells.parquet").exists()
     said = []
     run_sweep(
         small,
         tmp_path / "cut",
-        workers=1,
+        isolate=False,
         resume=True,
         resolve=fakes.shifted,
         progress=lambda done, total, line: said.append(line),
@@ -120,7 +120,7 @@ def test_resume_after_an_interruption_gives_the_same_bytes(small, tmp_path):
 
 @pytest.mark.parametrize("harm", ["truncate", "alter", "delete"])
 def test_a_damaged_part_is_computed_again_and_said_so(small, tmp_path, harm):
-    run_sweep(small, tmp_path / "a", workers=1, resolve=fakes.shifted)
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     before = _tables(tmp_path / "a")
     part = sorted((tmp_path / "a/parts").iterdir())[1]
     data = part.read_bytes()
@@ -134,6 +134,7 @@ def test_a_damaged_part_is_computed_again_and_said_so(small, tmp_path, harm):
         small,
         tmp_path / "a",
         resume=True,
+        isolate=False,
         resolve=fakes.shifted,
         progress=lambda d, t, line: said.append(line),
     )
@@ -143,22 +144,22 @@ def test_a_damaged_part_is_computed_again_and_said_so(small, tmp_path, harm):
 
 
 def test_resume_refuses_another_configuration(small, tmp_path):
-    run_sweep(small, tmp_path / "a", workers=1, resolve=fakes.shifted)
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     other = parse_config(SMALL | {"step_fraction": 1e-2})
     with pytest.raises(UserError, match=r"step_fraction = 0.001 there, 0.01 now"):
-        run_sweep(other, tmp_path / "a", resume=True, resolve=fakes.shifted)
+        run_sweep(other, tmp_path / "a", resume=True, isolate=False, resolve=fakes.shifted)
     with pytest.raises(UserError, match="already holds a run; add --resume"):
-        run_sweep(small, tmp_path / "a", resolve=fakes.shifted)
+        run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
 
 
 def test_a_new_version_makes_parts_stale(small, tmp_path, monkeypatch):
-    run_sweep(small, tmp_path / "a", workers=1, resolve=fakes.shifted)
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     monkeypatch.setattr(fakes.Shifted, "version", lambda self: "shifted 2")
     said = []
     run_sweep(
         small,
         tmp_path / "a",
-        workers=1,
+        isolate=False,
         resume=True,
         resolve=fakes.shifted,
         progress=lambda d, t, line: said.append(line),
@@ -173,16 +174,6 @@ def test_the_number_of_workers_changes_no_byte(tmp_path):
         run_sweep(config, tmp_path / str(workers), workers=workers)
     assert _tables(tmp_path / "1") == _tables(tmp_path / "2")
     assert not multiprocessing.active_children()
-
-
-@pytest.mark.slow
-def test_a_killed_worker_ends_the_run_and_keeps_its_parts(small, tmp_path, monkeypatch):
-    monkeypatch.setenv("FAKE_COUNTER", str(tmp_path / "calls"))
-    with pytest.raises(InterruptedRunError, match="a worker process died"):
-        run_sweep(small, tmp_path / "a", workers=2, resolve=fakes.killing)
-    run_sweep(small, tmp_path / "whole", workers=1, resolve=fakes.shifted)
-    run_sweep(small, tmp_path / "a", workers=2, resume=True, resolve=fakes.shifted)
-    assert _tables(tmp_path / "a") == _tables(tmp_path / "whole")
 
 
 @pytest.mark.slow

@@ -1,0 +1,168 @@
+"""What sweeps cost: cells of each solver, workers, and a million cells.
+
+``python benchmarks/sweeps.py costs``
+    Core-seconds a cell by solver: all that a worker does for it (solving, path, measures, rows), over the
+    built-in experiment's box, Sobol points; best of several repetitions. Ends with core-hours for 1e6 and 1e8
+    cells.
+``python benchmarks/sweeps.py scaling``
+    One and two workers, as processes and on a local Dask cluster, on an engine sweep: wall time from the first
+    task to the last part (what starts the processes is shown beside it) and the ratio; best of several.
+``python benchmarks/sweeps.py million [--largest N]``
+    Engine-free solvers, 1e4, 1e5 and 1e6 cells on all cores, each in a process of its own: wall time a cell of
+    solving and of writing tables and summary, and the peak memory of the main process.
+
+Times are wall times; run them on a machine that does nothing else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from compliant_baselines import get_solver, solver_names
+from experiments.config import REFERENCE, Config, parse_config
+from experiments.designs import cells_of
+from experiments.report import write_tables
+from experiments.solving import Job, compute
+from experiments.sweep import run_sweep
+
+ENGINE_FREE = ["bistiffness", "kelvin-voigt"]
+
+
+def costs(repetitions: int) -> None:
+    """Measure core-seconds a cell by solver."""
+    names = [name for name in solver_names() if get_solver(name).unavailable() is None]
+    best: dict[str, float] = {}
+    for name in names:
+        config = parse_config({"solvers": [name], "sample": {"n": 64}})
+        cells = cells_of(config).cells(range(64))
+        job = Job(config, get_solver)
+        compute(job, cells, {}, beat=lambda word: None)
+        for _ in range(repetitions):
+            start = time.process_time()
+            compute(job, cells, {}, beat=lambda word: None)
+            best[name] = min(best.get(name, math.inf), (time.process_time() - start) / 64)
+    # Every solver was run beside the model, with which it is compared.
+    best = {name: value - (best[REFERENCE] if name != REFERENCE else 0.0) for name, value in best.items()}
+    table = Table("solver", "ms a cell", "core-hours for 1e6 cells", "core-hours for 1e8 cells")
+    for name in names:
+        hours = best[name] * 1e6 / 3600
+        table.add_row(name, f"{1e3 * best[name]:.2f}", f"{hours:.2f}", f"{100 * hours:.0f}")
+    Console().print(table)
+
+
+def scaling(repetitions: int, cells: int) -> None:
+    """Compare one worker with two."""
+    config = parse_config({"solvers": ["mujoco"], "chunk_size": 16, "sample": {"n": cells, "seed": 1}})
+    table = Table("executor", "workers", "start (s)", "solve (s)", "whole run (s)", "one over this")
+    for scheduler in (None, "local"):
+        first = 0.0
+        for workers in (1, 2):
+            runs = [_stages(config, workers, scheduler) for _ in range(repetitions)]
+            stages = min(runs, key=lambda run: run["solve"])
+            first = first or stages["solve"]
+            table.add_row(
+                (scheduler and "Dask") or "processes",
+                str(workers),
+                f"{stages['start']:.2f}",
+                f"{stages['solve']:.2f}",
+                f"{stages['whole']:.2f}",
+                f"{first / stages['solve']:.2f}",
+            )
+    Console().print(f"mujoco and the model, {cells} cells, best of {repetitions}")
+    Console().print(table)
+
+
+def _stages(config: Config, workers: int, scheduler: str | None) -> dict[str, float]:
+    with tempfile.TemporaryDirectory() as name:
+        root = Path(name) / "run"
+        folder = run_sweep(config, root, workers=workers, scheduler=scheduler)
+        session = folder.manifest()["sessions"][-1]
+        return {**session["stages_s"], "whole": session["wall_time_s"]}
+
+
+def million(largest: int) -> None:
+    """Measure cost a cell and memory at 1e4, 1e5 and 1e6 cells."""
+    table = Table("cells", "solve", "tables, summary", "wall", "over 1e4", "core", "over 1e4", "peak memory")
+    table.caption = "ms a cell; core: time of all processes, less that of a run of 32 cells"
+    start = _one(32)["core"]
+    walls, cores = [], []
+    for cells in (10_000, 100_000, 1_000_000):
+        if cells > largest:
+            break
+        found = _one(cells)
+        walls.append(1e3 * (found["solve"] + found["tables"]) / cells)
+        cores.append(1e3 * (found["core"] - start) / cells)
+        table.add_row(
+            str(cells),
+            f"{1e3 * found['solve'] / cells:.3f}",
+            f"{1e3 * found['tables'] / cells:.3f}",
+            f"{walls[-1]:.3f}",
+            f"{walls[-1] / walls[0]:.3f}",
+            f"{cores[-1]:.3f}",
+            f"{cores[-1] / cores[0]:.3f}",
+            f"{found['peak'] / 1e6:.0f} MB",
+        )
+        Console().print(table)
+
+
+def _one(cells: int) -> dict[str, float]:
+    """Run one size in a process of its own, so that its peak memory is its own."""
+    command = [sys.executable, __file__, "one", "--cells", str(cells)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def one(cells: int) -> None:
+    """Run one size and print its stages in s, and the peak memory of the main process in bytes."""
+    config = parse_config({"solvers": ENGINE_FREE, "scenario": "impact", "sample": {"n": cells}})
+    root = Path(tempfile.mkdtemp()) / "run"
+    try:
+        folder = run_sweep(config, root)
+        start = time.perf_counter()
+        write_tables(folder)
+        stages = folder.manifest()["sessions"][-1]["stages_s"]
+        main, workers = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+        found = {
+            "solve": stages["solve"],
+            "tables": stages["tables"] + time.perf_counter() - start,
+            "core": main.ru_utime + main.ru_stime + workers.ru_utime + workers.ru_stime,
+            "peak": 1024 * main.ru_maxrss,
+        }
+        print(json.dumps(found))
+    finally:
+        shutil.rmtree(root.parent)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=["costs", "scaling", "million", "one"])
+    parser.add_argument("--repetitions", type=int, default=3)
+    parser.add_argument("--cells", type=int, default=1024)
+    parser.add_argument("--largest", type=int, default=1_000_000)
+    asked = parser.parse_args()
+    if asked.what == "costs":
+        costs(asked.repetitions)
+    elif asked.what == "scaling":
+        scaling(asked.repetitions, asked.cells)
+    elif asked.what == "million":
+        million(asked.largest)
+    else:
+        one(asked.cells)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,45 @@
+"""Solvers that crash or hang their process on chosen cells, in every way a process can end."""
+
+import ctypes
+import os
+import signal
+import time
+
+from compliant_baselines import get_solver
+from tests.experiments.fakes import Missing, Shifted
+
+#: Values of e1 that make a cell fatal, by what happens.
+SEGFAULT, HANG, ABORT, LEAVE, KILLED = 0.901, 0.902, 0.903, 0.904, 0.905
+
+
+class Faulty(Shifted):
+    """The model's answer, 0.01 m/s faster, where it lives to give one."""
+
+    def solve_many(self, collisions, settings):
+        for c in collisions:
+            if c.e1 == SEGFAULT:
+                ctypes.string_at(0)
+            elif c.e1 == HANG:
+                while True:
+                    time.sleep(1)
+            elif c.e1 == ABORT:
+                os.abort()
+            elif c.e1 == LEAVE:
+                os._exit(3)
+            elif c.e1 == KILLED:
+                os.kill(os.getpid(), signal.SIGKILL)
+        return super().solve_many(collisions, settings)
+
+
+def faulty(name):
+    return Faulty() if name == "mujoco" else Missing() if name == "pybullet" else get_solver(name)
+
+
+class FaultyModel(Faulty):
+    """The reference itself, that dies."""
+
+    name = "state-transition"
+
+
+def faulty_model(name):
+    return FaultyModel() if name == "state-transition" else get_solver(name)

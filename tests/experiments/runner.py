@@ -1,0 +1,26 @@
+"""``python -m tests.experiments.runner CONFIG OUT [--workers N] [--scheduler ADDRESS]``: a run without its figures.
+
+A run that is in the folder is continued.
+"""
+
+import argparse
+from pathlib import Path
+
+from experiments.config import load_config
+from experiments.sweep import run_sweep
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("config", type=Path)
+    parser.add_argument("root", type=Path)
+    parser.add_argument("--workers", type=int)
+    parser.add_argument("--scheduler")
+    asked = parser.parse_args()
+    run_sweep(
+        load_config(asked.config),
+        asked.root,
+        workers=asked.workers,
+        scheduler=asked.scheduler,
+        resume=(asked.root / "manifest.json").exists(),
+        progress=lambda done, total, line: print(line, flush=True) if line else None,
+    )
