@@ -44,7 +44,7 @@ COS_WINDOW, SIN_WINDOW = cos(WINDOW), sin(WINDOW)
 SHORTEST_WINDOW = 1e-9
 
 #: Windows shorter than this (in radians of the fast mode) are not looked through for pairs of near-misses.
-SHORTEST_WAVE = 0.1
+SHORTEST_WAVE = 1.0
 
 #: The envelope is tried when the fast mode is at least this much faster than the slow one.
 ENVELOPE_RATIO = 6.0
@@ -111,8 +111,8 @@ def near_miss(h, start, end):
 @inlined
 def two_extrema(h, start, end):
     """Whether a function may turn twice inside a window: seen from either end, its slope tends to zero and beyond."""
-    turning = (abs(start[1]) < h * abs(start[2])) & (abs(end[1]) < h * abs(end[2]))
-    return (start[1] * end[1] > 0) & (start[1] * start[2] < 0) & (end[1] * end[2] > 0) & turning
+    here, there = start[1] * (start[1] + h * start[2]), end[1] * (end[1] - h * end[2])
+    return (start[1] * end[1] > 0) & (here < 0) & (there < 0)
 
 
 @inlined

@@ -64,7 +64,7 @@ def test_a_urdf_file_over_a_plane_of_which_nothing_is_set(tmp_path, capsys):
 def test_an_experiment_and_the_built_in_one(tmp_path, capsys, monkeypatch):
     from experiments import doctor
 
-    monkeypatch.setattr(doctor.experiment_findings, "__defaults__", (20,))
+    monkeypatch.setattr(doctor.experiment_findings, "__defaults__", (20, None))
     assert main(["doctor"]) == 0
     assert "scenes of 'default' (mujoco" in capsys.readouterr().out
     config = tmp_path / "naive.toml"

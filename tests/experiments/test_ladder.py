@@ -9,7 +9,7 @@ import pytest
 
 from compliant_baselines import get_solver
 from compliant_baselines.contract import Settings
-from experiments import ladder_table
+from experiments import streams
 from experiments.cli import main
 from experiments.config import parse_config
 from experiments.grid import CellGrid
@@ -223,7 +223,7 @@ def test_an_unconverged_engine_has_a_joined_rung_that_no_statistic_counts(run):
 
 def test_pieces_make_no_difference(run, tmp_path, monkeypatch):
     (tmp_path / "cells.parquet").write_bytes((run.root / "cells.parquet").read_bytes())
-    monkeypatch.setattr(ladder_table, "_ROWS", 7)
+    monkeypatch.setattr(streams, "GROUP", 7)
     write_ladder(tmp_path)
     # the numbers of a cell do not depend on the cells beside it; nor does the order
     assert pq.read_table(tmp_path / "ladder.parquet").equals(pq.read_table(run.root / "ladder.parquet"))

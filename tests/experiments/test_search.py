@@ -103,7 +103,8 @@ def test_a_solver_without_results_is_an_empty_search(tmp_path):
     found = search_worst(
         _config(solver="pybullet", generations=2), tmp_path / "a", isolate=False, resolve=fakes.shifted
     )
-    assert (found.evaluated, found.failed, found.rows, found.confirmed) == (72, 72, [], [])
+    assert (found.rows, found.confirmed) == ([], [])
+    assert found.failed == found.evaluated >= 48  # it may stop early: no cell is better than another
     assert (tmp_path / "a/worst.csv").read_text() == "stiffness_ratio,mass_ratio,e1,e2\n"
     assert (tmp_path / "a/search.png").exists()
 
