@@ -188,7 +188,8 @@ def grow(console: Console, options: argparse.Namespace) -> None:
         n = 10**power
         cells = random_cells(n, options.seed)
         outcome = solve_batch(*cells)
-        size = cells.nbytes + sum(getattr(outcome, name).nbytes for name in outcome.__dataclass_fields__)
+        arrays = (getattr(outcome, name) for name in outcome.__dataclass_fields__)
+        size = cells.nbytes + sum(array.nbytes for array in arrays if array is not None)
         spent = best_time(lambda cells=cells: solve_batch(*cells), 1 if n > 10**6 else options.repeats)
         table.add_row(f"{n:,}", f"{spent:.2e}", f"{n / spent:,.0f}", f"{size / 1e6:,.1f}")
         del cells, outcome
