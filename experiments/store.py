@@ -236,7 +236,7 @@ def read_part(source: Path | bytes) -> pa.Table:
     """
     try:
         with pq.ParquetFile(pa.BufferReader(source) if isinstance(source, bytes) else source) as file:
-            return file.read().cast(ROW_SCHEMA)
+            return file.read(use_threads=False).cast(ROW_SCHEMA)
     except (pa.ArrowException, ValueError):
         raise UserError(f"{source!s:.200}: not a part of a run; legal: remove it, and --resume") from None
 
