@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,8 @@ TABLES = (
     "ladder.csv",
 )
 
+#: Rows that are joined together, at least.
+_PIECE = 8192
 PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
 
 
@@ -142,8 +144,7 @@ class RunFolder:
             replacing(self.root / "divergence.csv") as text,
             pacsv.CSVWriter(str(text), DIVERGENCE_SCHEMA) as csv,
         ):
-            for number in sorted(parts):
-                rows = read_part(parts[number])
+            for rows in _pieces(parts[number] for number in sorted(parts)):
                 cells.add(rows)
                 compared = rows.filter(pc.field("solver") != REFERENCE)
                 divergence.add(compared)
@@ -235,7 +236,7 @@ def read_part(source: Path | bytes) -> pa.Table:
     """
     try:
         with pq.ParquetFile(pa.BufferReader(source) if isinstance(source, bytes) else source) as file:
-            return file.read().cast(ROW_SCHEMA)
+            return file.read(use_threads=False).cast(ROW_SCHEMA)
     except (pa.ArrowException, ValueError):
         raise UserError(f"{source!s:.200}: not a part of a run; legal: remove it, and --resume") from None
 
@@ -249,6 +250,18 @@ def count_statuses(tables: Iterable[pa.Table]) -> dict[str, dict[str, int]]:
             of_solver = counts.setdefault(row["solver"], {})
             of_solver[row["status"]] = of_solver.get(row["status"], 0) + row["count_all"]
     return counts
+
+
+def _pieces(parts: Iterable[Path]) -> Iterator[pa.Table]:
+    """Read parts, several at a time: what is done with a table costs more for its columns than for its rows."""
+    tables: list[pa.Table] = []
+    for part in parts:
+        tables.append(read_part(part))
+        if sum(map(len, tables)) >= _PIECE:
+            yield pa.concat_tables(tables)
+            tables = []
+    if tables:
+        yield pa.concat_tables(tables)
 
 
 def _problem(path: Path, digest: str) -> str:
