@@ -3,13 +3,10 @@
 In S1 up to four functions of time are watched, each positive until its event: the compression rate of a contact in
 compression (falls through zero: compression ends), its negative in restitution (compression restarts), and the force
 of a contact in restitution (falls to zero: restitution ends). Each is a sum of two sinusoids with known amplitudes, so
-that its sixth derivative is bounded by a known C. Two facts make the search both quick and safe:
+that its derivatives are bounded by known numbers. Two facts make the search both quick and safe:
 
-* **Certificate.** Let H be the quintic that takes the values, slopes and second derivatives of f at both ends of an
-  interval of length h. Then f(x h) >= H(x h) - C h^6 x^3 (1 - x)^3/720, and since x^3 (1 - x)^3 <= (B2 + B3)/40 in
-  Bernstein polynomials of degree five, f is positive inside the interval if the Bernstein coefficients of H satisfy
-  b0, b1, b4, b5 >= 0 and b2, b3 > C h^6/28800 (`positive_between`). The ends themselves may be zeros: the event that
-  began the stretch, and the root that will end it.
+* **Certificate.** The values, slopes and second derivatives of a function at both ends of a window prove it positive
+  inside (`model.certificates`).
 * **Envelope.** f is at least its slow sinusoid less the amplitude of its fast one, and the time at which that
   difference first comes near zero is known in closed form (`envelope_time`). It steps over thousands of fast
   oscillations that are too weak to matter.
@@ -28,6 +25,7 @@ from __future__ import annotations
 
 from math import cos, inf, sin, sqrt
 
+from model.certificates import leaves_zero, near_miss, positive_between, time_above_zero, two_extrema
 from model.compiled import inlined
 from model.motion import modal, motion, turn
 from model.roots import EPSILON, NEAR, envelope_time, extremum_between, root_before
@@ -55,38 +53,6 @@ STAKE = 1e-6
 
 
 @inlined
-def positive_between(start, end, h, C):
-    """Certify f > 0 inside an interval of length h, given (f, f', f'') at its ends and its sixth derivative's bound.
-
-    C is that bound divided by 28800. The end may be a zero, and is taken for one where rounding makes it negative.
-    """
-    # One comparison, for branches that cannot be foretold cost more than all of this.
-    reserve = C * (h * h * h) * (h * h * h)
-    last = max(end[0], 0.0)
-    step0, step1 = 0.2 * h * start[1], -0.2 * h * end[1]
-    bend = 0.05 * h * h
-    ends = min(min(start[0], start[0] + step0), last + step1)
-    middle = min(start[0] + 2 * step0 + bend * start[2], last + 2 * step1 + bend * end[2])
-    return (ends >= 0) & (middle > reserve)
-
-
-@inlined
-def time_above_zero(start, B, w1):
-    """How long a function is positive that leaves zero with start[1] > 0, or with start[1] = 0 and start[2] > 0.
-
-    With abs(f'') <= B it is so up to t = 2 f'/B. Where its slope vanishes (contact 2 when the collision begins) its
-    third derivative does as well, and with a fourth one within B w1^2 it is positive up to t^2 = 12 f''/(B w1^2).
-    """
-    return 0.99 * (2 * start[1] / B if start[1] > 0 else sqrt(12 * start[2] / B) / w1)
-
-
-@inlined
-def leaves_zero(h, start, B, w1):
-    """Whether h is below `time_above_zero`, without its division."""
-    return (B * h < 1.98 * start[1]) | ((start[1] == 0) & (B * (w1 * h) * (w1 * h) < 11.7 * start[2]))
-
-
-@inlined
 def jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M):
     """(f, f', f'') of the four watched functions in a state: both rates with their signs, both forces."""
     s1, s2 = signs
@@ -101,18 +67,21 @@ def jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M):
 
 
 @inlined
-def near_miss(h, start, end):
-    """Magnitude of an extremum inside a window, by a parabola; infinite if there is none."""
-    spread = start[1] - end[1]
-    value = abs(start[0] + 0.5 * h * start[1] * start[1] / spread)
-    return value if start[1] * end[1] < 0 else inf
+def behind(below, h, end):
+    """How far before the end of a window of length h a function that is negative there vanished, by Newton's step."""
+    back = end[0] / end[1]
+    back = back if (end[1] < 0) & (back < h) else 0.5 * h
+    return back if below else -1.0
 
 
 @inlined
-def two_extrema(h, start, end):
-    """Whether a function may turn twice inside a window: seen from either end, its slope tends to zero and beyond."""
-    here, there = start[1] * (start[1] + h * start[2]), end[1] * (end[1] - h * end[2])
-    return (start[1] * end[1] > 0) & (here < 0) & (there < 0)
+def pick(is0, is1, is2, x0, x1, x2, x3):
+    """Return the jet that a flag chooses, the last if none is set; without a branch, for none could be foretold."""
+    return (
+        x0[0] if is0 else (x1[0] if is1 else (x2[0] if is2 else x3[0])),
+        x0[1] if is0 else (x1[1] if is1 else (x2[1] if is2 else x3[1])),
+        x0[2] if is0 else (x1[2] if is1 else (x2[2] if is2 else x3[2])),
+    )
 
 
 @inlined
@@ -199,19 +168,32 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b, m
         below2, below3 = (g2[0] < -z2) & watched[0], (g3[0] < -z3) & watched[1]
 
         if below0 | below1 | below2 | below3:
-            high, u, v = h, a, b
-            if below0:
-                chased, c, start, end, noise = 0, (s1 * delta[0], s1 * delta[1]), f0, g0, z0
-                low = time_above_zero(f0, B0, w1) if fresh0 else 0.0
-            elif below1:
-                chased, c, start, end, noise = 1, (s2 * phi2[0], s2 * phi2[1]), f1, g1, z1
-                low = time_above_zero(f1, B1, w1) if fresh1 else 0.0
-            elif below2:
-                chased, c, start, end, noise, low = 2, force1, f2, g2, z2, 0.0
-                u, v = b, (-a[0], -a[1])
-            else:
-                chased, c, start, end, noise, low = 3, force2, f3, g3, z3, 0.0
-                u, v = b, (-a[0], -a[1])
+            # The one that seems to have vanished first, for its root spares those of the others.
+            high = h
+            back0, back1, back2, back3 = (
+                behind(below0, h, g0),
+                behind(below1, h, g1),
+                behind(below2, h, g2),
+                behind(below3, h, g3),
+            )
+            farthest = max(max(back0, back1), max(back2, back3))
+            is0, is1, is2 = back0 == farthest, back1 == farthest, back2 == farthest
+            rate = is0 | is1  # a force is a sum of r_j, and has for r_j what a rate has for q_j
+            chased = 0 if is0 else (1 if is1 else (2 if is2 else 3))
+            low = 0.0
+            if fresh0 & is0:
+                low = time_above_zero(f0, B0, w1)
+            if fresh1 & is1 & (not is0):
+                low = time_above_zero(f1, B1, w1)
+            c = (
+                s1 * delta[0] if is0 else (s2 * phi2[0] if is1 else (force1[0] if is2 else force2[0])),
+                s1 * delta[1] if is0 else (s2 * phi2[1] if is1 else (force1[1] if is2 else force2[1])),
+            )
+            start = pick(is0, is1, is2, f0, f1, f2, f3)
+            end = pick(is0, is1, is2, g0, g1, g2, g3)
+            noise = z0 if is0 else (z1 if is1 else (z2 if is2 else z3))
+            u = (a[0] if rate else b[0], a[1] if rate else b[1])
+            v = (b[0] if rate else -a[0], b[1] if rate else -a[1])
             h, u, v = root_before(c, t, h, low, start, end, noise, omega, u, v)
             q, r = ((-v[0], -v[1]), u) if chased > 1 else (u, v)
             continue

@@ -114,7 +114,8 @@ def test_the_mutant_conforms_unchanged():
 
 
 @pytest.mark.parametrize("kind", MUTANTS)
-def test_every_way_of_breaking_the_contract_is_caught(kind):
+def test_every_way_of_breaking_the_contract_is_caught(kind, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where one of them leaves a trace
     body, caught_by = MUTANTS[kind]
     found = problems(type("Broken", (Mutant,), dict(body))())
     assert caught_by in found, found

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from model import Collision, solve
-from model.events import first_event, positive_between
+from model.certificates import positive_between
+from model.events import first_event
 from model.motion import amplitudes, modal, modes, motion, single_contact
 
 MOTION = getattr(motion, "py_func", motion)
