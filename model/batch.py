@@ -23,8 +23,8 @@ class BatchOutcome:
     ----------
     v1, v2 : ndarray of float
         Final velocities per \|v0\|; NaN where `status` is ``unconverged``.
-    status : ndarray of str
-        ``ok``, ``limit`` or ``unconverged``.
+    code : ndarray of uint8
+        How each collision ended, as `model.automaton` counts it; `status` names it.
     n_states, n_events : ndarray of int32
         Length of the state sequence (S4 included) and number of events.
     grazing_margin : ndarray of float
@@ -37,12 +37,17 @@ class BatchOutcome:
 
     v1: NDArray[np.float64]
     v2: NDArray[np.float64]
-    status: NDArray[np.str_]
+    code: NDArray[np.uint8]
     n_states: NDArray[np.int32]
     n_events: NDArray[np.int32]
     grazing_margin: NDArray[np.float64]
     energy_residual: NDArray[np.float64]
     cutoff_effect: NDArray[np.float64] | None
+
+    @property
+    def status(self) -> NDArray[np.str_]:
+        """``ok``, ``limit`` or ``unconverged``; made when asked for, for it takes more room than all the rest."""
+        return STATUS_NAMES[self.code]
 
 
 def solve_batch(
@@ -97,7 +102,7 @@ def solve_batch(
     return BatchOutcome(
         v1=v1.reshape(shape),
         v2=v2.reshape(shape),
-        status=STATUS_NAMES[code].reshape(shape),
+        code=code.reshape(shape),
         n_states=n_states.reshape(shape),
         n_events=n_events.reshape(shape),
         grazing_margin=margin.reshape(shape),
@@ -111,8 +116,9 @@ def _checked(name: str, values: ArrayLike, low: float, high: float, legal: str) 
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{name} = {values!r}: not an array of numbers; legal: {legal}") from None
-    bad = ~((array >= low) & (array <= high))
-    if np.any(bad):
+    # NaN makes both extremes NaN, and no comparison with it is true.
+    if array.size and not (array.min() >= low and array.max() <= high):
+        bad = ~((array >= low) & (array <= high))
         raise ValueError(f"{name} = {float(array[bad].flat[0])!r}; legal: {legal}")
     return array
 

@@ -52,8 +52,7 @@ def predicted_root(h, start, end):
 def step_to_root(x0, x1, y0, y1, w0, w1):
     """Step from a point to a root nearby of f = x_0 + x_1, f' = y_0 + y_1, x_j'' = w_j x_j.
 
-    Householder's step of third order, bettered by one of Halley's on the Taylor polynomial of degree seven. Exact to
-    rounding where it is shorter than `SERIES`.
+    Householder's step of third order, bettered by one of Newton's on the Taylor polynomial of degree seven.
     """
     f, df = x0 + x1, y0 + y1
     w00, w11 = w0 * w0, w1 * w1
@@ -65,8 +64,7 @@ def step_to_root(x0, x1, y0, y1, w0, w1):
     s2 = s * s
     g = ((f + s * df) + s2 * (c2 + s * c3)) + s2 * s2 * ((c4 + s * c5) + s2 * (c6 + s * c7))
     dg = (df + s * 2 * c2) + s2 * ((3 * c3 + s * 4 * c4) + s2 * (5 * c5 + s * 6 * c6))
-    ddg = (2 * c2 + s * 6 * c3) + s2 * (12 * c4 + s * 20 * c5)
-    return s - 2 * g * dg / (2 * dg * dg - g * ddg)
+    return s - g / dg
 
 
 @inlined
