@@ -62,6 +62,8 @@ def main() -> None:
         for name, count in zip(*np.unique(b.status, return_counts=True), strict=True):
             statuses[str(name)] = statuses.get(str(name), 0) + int(count)
         worst["not finite"] += int(np.sum(~np.isfinite(b.v1) | ~np.isfinite(b.v2)))
+        for i in np.flatnonzero(b.status == "unconverged"):
+            print(f"unconverged: {', '.join(repr(float(x[i])) for x in (kappa, mu, e1, e2))}", flush=True)
         worst["v1 < v2"] += int(np.sum(b.v1 < b.v2))
         worst["v2 < 0"] += int(np.sum(b.v2 < 0))
         worst["energy gained"] = max(worst["energy gained"], float(np.max(b.v1**2 + mu * b.v2**2 - 1)))

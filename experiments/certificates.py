@@ -6,17 +6,17 @@ engines were asked for, solved by other means.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from experiments.divergence import COMPARABLE
 from experiments.document import Block, Heading, Paragraph, Table
+from experiments.streams import selected
 
 #: The solver whose contacts the engines are asked for.
 ASKED = "kelvin-voigt"
@@ -28,31 +28,11 @@ HONEST = 3.0
 Frame = Any
 
 
-_COLUMNS = [
-    "cell",
-    "solver",
-    "status",
-    "v0",
-    "v1",
-    "v2",
-    "v1_limit",
-    "v2_limit",
-    "limit_error",
-    "order",
-    "regularisation",
-]
+_ENDS = ("cell", "solver", "status", "v0", "v1", "v2")
+_LIMIT = ("v1_limit", "v2_limit", "limit_error", "order", "regularisation")
 
 
-def certificate_rows(cells: Path, solvers: list[str]) -> Frame:
-    """Read the rows that `certificates` needs from a table of cells: those with a limit, and those of `ASKED`."""
-    limits = pq.read_table(cells, columns=_COLUMNS, filters=pc.field("v1_limit").is_valid())
-    if len(limits) and ASKED in solvers:
-        asked = pq.read_table(cells, columns=_COLUMNS, filters=pc.field("solver") == ASKED)
-        limits = pa.concat_tables([limits, asked])
-    return limits.to_pandas()
-
-
-def certificates(cells: Frame, solvers: list[str]) -> Frame:
+def certificates(path: Path, solvers: list[str]) -> Frame:
     """Compute a row for every solver with certificates, from the table of cells.
 
     Columns: ``solver``; ``n`` certificates, ``converged`` of them; ``order``, the median; ``error_median``,
@@ -62,9 +42,9 @@ def certificates(cells: Frame, solvers: list[str]) -> Frame:
     of them that are at most `HONEST` times the estimate. Everything per abs(v0), the larger of both balls.
     """
     rows = []
-    asked = cells[(cells.solver == ASKED) & cells.status.isin(COMPARABLE)].set_index("cell")
+    asked = _rows(path, _ENDS, (pc.field("solver") == ASKED) & pc.field("status").isin(list(COMPARABLE)))
     for name in solvers:
-        found = cells[(cells.solver == name) & cells.v1_limit.notna()].set_index("cell")
+        found = _rows(path, _ENDS + _LIMIT, (pc.field("solver") == name) & pc.field("v1_limit").is_valid())
         if not len(found):
             continue
         good = found[found.status.isin(COMPARABLE)]
@@ -80,6 +60,10 @@ def certificates(cells: Frame, solvers: list[str]) -> Frame:
         row |= _cuts("asked", error) | {"honest": honest.mean() if len(error) else np.nan}
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def _rows(path: Path, columns: Sequence[str], keep: pc.Expression) -> Frame:
+    return selected(path, columns, keep).to_pandas(split_blocks=True, self_destruct=True).set_index("cell")
 
 
 def _larger(first: Frame, second: Frame) -> Frame:

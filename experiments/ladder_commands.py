@@ -18,7 +18,7 @@ from experiments.ladder_document import (
     norm_table,
     share_table,
 )
-from experiments.ladder_summary import LadderSummary, statistics_of, summarise_ladder
+from experiments.ladder_summary import LadderSummary, ladder_statistics, summarise_ladder
 from experiments.ladder_table import LADDER, LADDER_SCHEMA, write_ladder
 from experiments.numbers import number, percent
 from experiments.schema import CELLS_SCHEMA
@@ -48,8 +48,8 @@ def _show_run(folder: RunFolder, law: str, stem: str) -> None:
     if law == KELVIN_VOIGT:
         found = summarise_ladder(folder, config)
     else:
-        table = pq.read_table(folder.root / f"{stem}.parquet").to_pandas()
-        found = LadderSummary(statistics_of(table, config), summarise_ladder(folder, config).alternatives)
+        statistics = ladder_statistics(folder.root / f"{stem}.parquet", config)
+        found = LadderSummary(statistics, summarise_ladder(folder, config).alternatives)
     console = make_console()
     if not found.solvers:
         print_line(console, "no engine of this run has a result: there is nothing to split")

@@ -7,19 +7,22 @@ shares of an engine and region sum to 1. Grazing cells are left out, as in the r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from compliant_baselines.bistiffness import bistiffness_batch
 from experiments.config import REFERENCE, Config
-from experiments.ladder import ENGINE_FREE, KELVIN_VOIGT, LAWS, MAPPING, RUNGS
+from experiments.ladder import ENGINE_FREE, KELVIN_VOIGT, LAWS, MAPPING, RUNGS, Floats
 from experiments.ladder_table import LADDER, LADDER_SCHEMA
-from experiments.levels import Levels, levels_of
+from experiments.levels import levels_of
 from experiments.store import RunFolder
+from experiments.streams import codes, column
 
 #: A pandas DataFrame or Series; see `summary.Frame`.
 Frame = Any
@@ -29,6 +32,11 @@ AXES = ("stiffness_ratio", "mass_ratio", "e1", "e2")
 #: Regions of k2/k1, by their lower edge: what is much softer, comparable, much stiffer is the table.
 BAND = "stiffness_band"
 BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
+
+_STATISTICS = [
+    *("solver", "axis", "value", "rung", "n", "total", "share", "mean", "median", "p95", "max"),
+    *("dominant", "doubt"),
+]
 
 #: Largest run whose cells are asked "what if" for a summary: some ten seconds.
 MOST_ALTERNATIVES = 200_000
@@ -77,72 +85,81 @@ def band_of(stiffness_ratio: Any) -> Any:
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     """Compute the statistics of the ladders of a finished run."""
     path = folder.table_path(LADDER, LADDER_SCHEMA)
-    needed = ("solver", "status", "model_grazing_margin", "velocity_divergence", "limit_error", "dominant")
-    measured = (f"{rung.name}_{part}" for rung in RUNGS for part in ("norm", "share"))
-    names = [name for name in (*needed, *AXES, *measured) if name in LADDER_SCHEMA.names]
-    table = pq.read_table(path, columns=names, read_dictionary=["solver", "status", "dominant"]).to_pandas(
-        split_blocks=True, self_destruct=True
-    )
-    if config.sample is not None or config.cells is not None:  # scattered cells: grouped by bins
-        for axis in AXES:
-            x = table[axis].to_numpy()
-            levels = levels_of(x) if len(x) else Levels([])
-            table[axis] = np.array(levels.values)[levels.codes(x)]
-    return LadderSummary(statistics_of(table, config), _alternatives(folder, config))
+    return LadderSummary(ladder_statistics(path, config), _alternatives(folder, config))
 
 
-def statistics_of(table: Frame, config: Config) -> Frame:
-    """Compute `LadderSummary.statistics` from a table of ladders."""
-    table = table[(table.status == "ok") & ~(table.model_grazing_margin < config.grazing_threshold)]
-    table = table.assign(**{BAND: band_of(table.stiffness_ratio)})
-    frames = [
-        _region_statistics(part, solver, axis, value)
-        for solver in config.solvers
-        if solver not in ENGINE_FREE
-        for axis in ("all", BAND, *AXES)
-        for value, part in _regions(table[table.solver == solver], axis)
-    ]
-    columns = ["solver", "axis", "value", "rung", "n", "total", "share", "mean", "median", "p95", "max"]
-    columns += ["dominant", "doubt"]
-    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=columns)
+def ladder_statistics(path: Path, config: Config) -> Frame:
+    """Compute `LadderSummary.statistics` from a table of ladders of any size, a column in memory at a time."""
+    frames = [_engine_statistics(path, name, config) for name in config.solvers if name not in ENGINE_FREE]
+    frames = [frame for frame in frames if len(frame)]
+    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=_STATISTICS)
 
 
-def _regions(table: Frame, axis: str) -> list[tuple[float, Frame]]:
-    if not len(table):
-        return []
-    if axis == "all":
-        return [(np.nan, table)]
-    return [(float(value), part) for value, part in table.groupby(axis)]
-
-
-def _region_statistics(part: Frame, solver: str, axis: str, value: float) -> Frame:
-    total = part.velocity_divergence.sum()
-    rows = []
-    for rung in RUNGS:
-        if f"{rung.name}_norm" not in part:
-            continue
-        norm = part[f"{rung.name}_norm"].dropna()
-        if not len(norm):
-            continue
-        along = (part[f"{rung.name}_share"] * part.velocity_divergence).sum()
-        rows.append(
+def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
+    rows = (codes(path, "solver", [solver]) == 0) & (codes(path, "status", ["ok"]) == 0)
+    rows &= ~(column(path, "model_grazing_margin") < config.grazing_threshold)
+    if not np.any(rows):
+        return pd.DataFrame()
+    there = set(pq.read_schema(path).names)
+    rungs = [rung for rung in RUNGS if f"{rung.name}_norm" in there]
+    regions = _regions(path, rows, config)
+    total = column(path, "velocity_divergence")[rows]
+    dominant = codes(path, "dominant", [rung.name for rung in rungs])[rows]
+    apart = ~np.isnan(column(path, f"{MAPPING.name}_norm")[rows])
+    doubt = np.where(apart, column(path, "limit_error")[rows], np.nan)
+    frames = []
+    for i, rung in enumerate(rungs):
+        values = pd.DataFrame(
             {
-                "solver": solver,
-                "axis": axis,
-                "value": value,
-                "rung": rung.name,
-                "n": len(norm),
-                "total": total / len(part),
-                "share": along / total if total else np.nan,
-                "mean": norm.mean(),
-                "median": norm.median(),
-                "p95": norm.quantile(0.95),
-                "max": norm.max(),
-                "dominant": float((part.dominant == rung.name).mean()),
-                "doubt": part.limit_error[part[f"{MAPPING.name}_norm"].notna()].median(),
+                "norm": column(path, f"{rung.name}_norm")[rows],
+                "along": column(path, f"{rung.name}_share")[rows] * total,
+                "total": total,
+                "dominant": dominant == i,
+                "doubt": doubt,
             }
         )
-    return pd.DataFrame(rows)
+        for axis, region in regions.items():
+            frames.append(_by_region(values, region).assign(solver=solver, axis=axis, rung=rung.name))
+    statistics = pd.concat(frames, ignore_index=True)
+    order = {name: i for i, name in enumerate(regions)}
+    # by axis, then by value, then by rung, as they came
+    statistics = statistics.sort_values("value", kind="stable").sort_values(
+        "axis", kind="stable", key=lambda names: names.map(order)
+    )
+    statistics.loc[statistics.axis == "all", "value"] = np.nan
+    return statistics[statistics.n > 0][_STATISTICS]
+
+
+def _regions(path: Path, rows: NDArray[np.bool_], config: Config) -> dict[str, Floats]:
+    """By axis, the value by which every row is grouped."""
+    scattered = config.sample is not None or config.cells is not None
+    regions = {"all": np.zeros(int(rows.sum()))}
+    for axis in AXES:
+        x = column(path, axis)[rows]
+        if axis == "stiffness_ratio":
+            regions[BAND] = band_of(x)
+        levels = levels_of(x) if scattered else None
+        regions[axis] = x if levels is None else np.array(levels.values)[levels.codes(x)]
+    return regions
+
+
+def _by_region(values: Frame, region: Floats) -> Frame:
+    groups = values.groupby(region)
+    norm = groups["norm"]
+    sums = groups[["total", "along"]].sum()
+    return pd.DataFrame(
+        {
+            "n": norm.count(),
+            "total": sums.total / groups.size(),
+            "share": sums.along / sums.total.where(sums.total > 0),
+            "mean": norm.mean(),
+            "median": norm.median(),
+            "p95": norm.quantile(0.95),
+            "max": norm.max(),
+            "dominant": groups["dominant"].mean(),
+            "doubt": groups["doubt"].median(),
+        }
+    ).reset_index(names="value")
 
 
 def _alternatives(folder: RunFolder, config: Config) -> Frame:

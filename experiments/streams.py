@@ -128,6 +128,31 @@ def blocks(
         yield rest
 
 
+def selected(path: Path, columns: Sequence[str], keep: pc.Expression) -> pa.Table:
+    """Read the rows for which a condition holds; text as dictionaries, which take a byte or two a row.
+
+    Parameters
+    ----------
+    path : Path
+        A Parquet table.
+    columns : sequence of str
+        Columns to read, those of the condition among them.
+    keep : pyarrow.compute.Expression
+        The condition.
+    """
+    pieces = [pq.read_schema(path).empty_table().select(list(columns))]
+    pieces += [block.filter(keep) for block in blocks(path, columns, whole_cells=False)]
+    table = pa.concat_tables(map(_encoded, pieces))
+    return table.unify_dictionaries()
+
+
+def _encoded(table: pa.Table) -> pa.Table:
+    for i, field in enumerate(table.schema):
+        if pa.types.is_string(field.type):
+            table = table.set_column(i, field.name, table.column(i).dictionary_encode())
+    return table
+
+
 def derive(
     source: Path,
     target: Path,

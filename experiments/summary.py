@@ -22,7 +22,7 @@ from experiments.aggregates import (
     statistics,
     worst_rows,
 )
-from experiments.certificates import certificate_rows, certificates
+from experiments.certificates import certificates
 from experiments.config import REFERENCE, Config
 from experiments.ladder_summary import LadderSummary, summarise_ladder
 from experiments.levels import Levels
@@ -132,7 +132,7 @@ def summarise(folder: RunFolder) -> Summary:
         between=between(cells, config),
         n_cells=len(margins),
         n_grazing=int((margins < config.grazing_threshold).sum()),
-        certificates=certificates(certificate_rows(cells, config.solvers), config.solvers),
+        certificates=certificates(cells, config.solvers),
         ladder=summarise_ladder(folder, config),
     )
 

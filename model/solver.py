@@ -24,8 +24,9 @@ NAME = "state-transition"
 #: Impact laws by name (`model.automaton`).
 IMPACT_LAWS = {"jia-mason-erdmann": STIFFENING, "liu-zhao-brogliato": ORIGINAL}
 
-#: Events after which a collision is given up. Reached only with e = 1 (or next to it) at extreme stiffness ratios.
-MAX_EVENTS = 10_000_000
+#: Events after which a collision is given up, half a minute. At extreme stiffness ratios there are some 50/(1 - e) of
+#: them, for e of the contact that oscillates, or as many as the modes' frequencies are apart if that is fewer.
+MAX_EVENTS = 100_000_000
 
 #: The effect of the cut-off is the change of the outcome when it is raised by this factor.
 CUTOFF_RAISED = 1e4

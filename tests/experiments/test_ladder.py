@@ -15,7 +15,7 @@ from experiments.config import parse_config
 from experiments.grid import CellGrid
 from experiments.ladder import KELVIN_VOIGT, LAWS, RUNGS, posts, rungs_of, split
 from experiments.ladder_document import ladder_findings
-from experiments.ladder_summary import BAND, statistics_of, summarise_ladder
+from experiments.ladder_summary import BAND, ladder_statistics, summarise_ladder
 from experiments.ladder_table import LADDER_SCHEMA, NO_LIMIT, ladder_rows, sentence, write_ladder
 from experiments.schema import CELLS_SCHEMA
 from experiments.summary import summarise
@@ -202,7 +202,7 @@ def test_a_certified_limit_splits_the_last_rung(run):
     assert np.abs(np.nansum(vectors(mine), axis=0) - mine[["dv1", "dv2"]].to_numpy()).max() < 1e-14
 
 
-def test_an_unconverged_engine_has_a_joined_rung_that_no_statistic_counts(run):
+def test_an_unconverged_engine_has_a_joined_rung_that_no_statistic_counts(run, tmp_path):
     frame = with_limits(run.read_table("cells.parquet", CELLS_SCHEMA), ["mujoco"]).to_pandas()
     shaky = (frame.solver == "mujoco") & (frame.stiffness_ratio == 1.0) & (frame.status == "ok")
     frame.loc[shaky, ["status", "reason"]] = ["unconverged", "differs from its limit by 0.1"]
@@ -213,7 +213,8 @@ def test_an_unconverged_engine_has_a_joined_rung_that_no_statistic_counts(run):
     assert rows.mapping_norm.isna().all()
     assert set(rows.reason) == {"mujoco: differs from its limit by 0.1"}
     assert np.abs(np.nansum(vectors(rows), axis=0) - rows[["dv1", "dv2"]].to_numpy()).max() < 1e-14
-    counted = statistics_of(table, run.config())
+    pq.write_table(pa.Table.from_pandas(table, LADDER_SCHEMA), tmp_path / "ladder.parquet")
+    counted = ladder_statistics(tmp_path / "ladder.parquet", run.config())
     counted = counted[(counted.axis == "stiffness_ratio") & (counted.value == 1.0)]
     assert (
         counted.n.sum()
@@ -296,7 +297,7 @@ def test_the_summary_says_it_by_engine_and_by_region(run):
     (text,) = [t for t in ladder_findings(summary.ladder) if "mujoco's mean D" in t]
     for part in ("frozen positions", "dissipation law", "k2/k1 < 0.1", "k2/k1 > 10"):
         assert part in text
-    rows = statistics_of(table_of(run), run.config())
+    rows = ladder_statistics(run.root / "ladder.parquet", run.config())
     assert set(rows.axis) == {"all", BAND, "stiffness_ratio", "mass_ratio", "e1", "e2"}
 
 
