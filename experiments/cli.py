@@ -140,7 +140,7 @@ def solve(
     Velocities are per |v0| and impulses per m1 |v0|. Without gravity they depend on the four ratios only;
     masses, stiffness and velocity matter to a drop.
     """
-    from experiments import commands
+    from experiments import collision_commands
 
     values = {
         "stiffness_ratio": stiffness_ratio,
@@ -156,7 +156,7 @@ def solve(
         "mapping": mapping,
         "stiffness_ratio_cutoff": cutoff,
     }
-    commands.solve(values, solver, as_json=json)
+    collision_commands.solve(values, solver, as_json=json)
 
 
 @app.command()
@@ -237,7 +237,7 @@ def export_scene(
     The cell is one of a finished run (DIR --cell N), or given by its ratios. The scripts print their velocities beside
     the tabulated ones and fail where they differ by more than 1e-12 of the speed.
     """
-    from experiments import commands
+    from experiments import collision_commands
 
     values = {
         "stiffness_ratio": stiffness_ratio,
@@ -252,7 +252,7 @@ def export_scene(
         "step_fraction": step_fraction,
         "mapping": mapping,
     }
-    commands.export_scene(folder, cell, values, solver, out)
+    collision_commands.export_scene(folder, cell, values, solver, out)
 
 
 @app.command()

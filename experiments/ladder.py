@@ -79,7 +79,7 @@ LAW = Rung(
     "dissipation law",
     "the dissipation law",
     "bistiffness, no gravity",
-    "spring and dashpot (kelvin-voigt), no gravity",
+    "the law the engine was asked for (spring and dashpot, kelvin-voigt), no gravity",
     "#009E73",
 )
 CHOICE = Rung(
@@ -127,8 +127,11 @@ ENGINE = Rung(
 #: law than kelvin-voigt was asked for.
 RUNGS = (FROZEN, LAW, CHOICE, GRAVITY, MAPPING, STEP, ENGINE)
 
-#: The law the engines are mapped to.
+#: The law the engines are mapped to; where a rung says kelvin-voigt, those of `OTHER_LAWS` have their own.
 KELVIN_VOIGT = "kelvin-voigt"
+
+#: Engines that are asked for another law.
+OTHER_LAWS = {"drake-hunt-crossley": "hunt-crossley"}
 
 #: Laws that "what if" may put in the place of kelvin-voigt, and what answers for them.
 LAWS: Mapping[str, Callable[..., ReferenceBatch]] = {
@@ -156,17 +159,17 @@ class Posts:
 
     Attributes
     ----------
-    bistiffness, kelvin_voigt, scenario : ndarray, shape (n, 2)
-        v1 and v2 per abs(v0): bistiffness and kelvin-voigt without gravity, kelvin-voigt in the scenario; NaN without
-        a result.
+    bistiffness, compliant, scenario : ndarray, shape (n, 2)
+        v1 and v2 per abs(v0): bistiffness and the engine's law (kelvin-voigt) without gravity, that law in the
+        scenario; NaN without a result.
     alternative : ndarray, shape (n, 2), or None
-        The law asked for in the place of kelvin-voigt, without gravity.
+        What is asked about in the place of the engine's law, without gravity.
     reason : ndarray of str, shape (n,)
         Empty where all have a result; else the first that has none, and its status.
     """
 
     bistiffness: Floats
-    kelvin_voigt: Floats
+    compliant: Floats
     scenario: Floats
     alternative: Floats | None
     reason: Texts
@@ -175,7 +178,7 @@ class Posts:
         """Return those of some cells, in the order of `index`."""
         other = None if self.alternative is None else self.alternative[index]
         return Posts(
-            self.bistiffness[index], self.kelvin_voigt[index], self.scenario[index], other, self.reason[index]
+            self.bistiffness[index], self.compliant[index], self.scenario[index], other, self.reason[index]
         )
 
 
@@ -186,6 +189,7 @@ def posts(
     e2: Floats,
     gravity_number: Floats,
     law: str = KELVIN_VOIGT,
+    obeyed: str = KELVIN_VOIGT,
 ) -> Posts:
     r"""Compute what stands between the model and an engine.
 
@@ -196,15 +200,18 @@ def posts(
     gravity_number : ndarray, shape (n,)
         g/(\|v0\| omega1); 0 without gravity.
     law : str
-        One of `LAWS`.
+        One of `LAWS`: what is asked about.
+    obeyed : str
+        One of `LAWS`: what the engine was asked for.
 
     Raises
     ------
     ValueError
         For an unknown law, or an illegal value.
     """
-    if law not in LAWS:
-        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
+    for name, value in (("law", law), ("obeyed", obeyed)):
+        if value not in LAWS:
+            raise ValueError(f"{name} = {value!r}; legal: {', '.join(LAWS)}")
     cells = stiffness_ratio, mass_ratio, e1, e2
     reason = np.full(np.shape(stiffness_ratio), "", dtype="U80")
 
@@ -214,12 +221,12 @@ def posts(
         return np.column_stack([batch.v1, batch.v2])
 
     bistiffness = velocities("bistiffness", bistiffness_batch(*cells))
-    pair = velocities("kelvin-voigt", kelvin_voigt_batch(*cells))
+    compliant = velocities(obeyed, LAWS[obeyed](*cells))
     other = None if law == KELVIN_VOIGT else velocities(law, LAWS[law](*cells))
-    scenario = pair
+    scenario = compliant
     if np.any(gravity_number > 0):
-        scenario = velocities("kelvin-voigt with gravity", kelvin_voigt_batch(*cells, gravity_number))
-    return Posts(bistiffness, pair, scenario, other, reason)
+        scenario = velocities(f"{obeyed} with gravity", LAWS[obeyed](*cells, gravity_number))
+    return Posts(bistiffness, compliant, scenario, other, reason)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -278,12 +285,12 @@ def split(mass_ratio: Floats, model: Floats, between: Posts, limit: Floats, engi
         The engine in the limit of small steps; NaN where it is not known.
     """
     known = ~np.isnan(limit).any(axis=1, keepdims=True)
-    other = between.kelvin_voigt if between.alternative is None else between.alternative
+    other = between.compliant if between.alternative is None else between.alternative
     steps = [(FROZEN, between.bistiffness - model), (LAW, other - between.bistiffness)]
     if between.alternative is not None:
-        steps.append((CHOICE, between.kelvin_voigt - other))
+        steps.append((CHOICE, between.compliant - other))
     steps += [
-        (GRAVITY, between.scenario - between.kelvin_voigt),
+        (GRAVITY, between.scenario - between.compliant),
         (MAPPING, np.where(known, limit - between.scenario, np.nan)),
         (STEP, np.where(known, engine - limit, np.nan)),
         (ENGINE, np.where(known, np.nan, engine - between.scenario)),

@@ -18,6 +18,7 @@ from experiments.ladder import (
     ENGINE_FREE,
     KELVIN_VOIGT,
     NOTHING,
+    OTHER_LAWS,
     Floats,
     Rung,
     Split,
@@ -147,10 +148,23 @@ def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
     model = cells.filter(pa.array(solvers == REFERENCE))
     if not len(engines):
         return ladder_schema(rungs_of(law)).empty_table()
+    asked = np.array([OTHER_LAWS.get(name, KELVIN_VOIGT) for name in engines["solver"].to_pylist()])
+    laws = list(dict.fromkeys(asked.tolist()))
+    groups = [np.flatnonzero(asked == obeyed) for obeyed in laws]
+    tables = [
+        _ladders(engines.take(rows), model, law, obeyed) for rows, obeyed in zip(groups, laws, strict=True)
+    ]
+    return (
+        tables[0] if len(tables) == 1 else pa.concat_tables(tables).take(np.argsort(np.concatenate(groups)))
+    )
+
+
+def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Table:
+    """Make the ladders of engines that were asked for one law."""
     # The references know nothing of engines: one answer a cell.
     at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
     kappa, mu, e1, e2 = (_numbers(model, name) for name in ("stiffness_ratio", "mass_ratio", "e1", "e2"))
-    here = posts(kappa, mu, e1, e2, _numbers(model, "gravity_number"), law=law).take(at)
+    here = posts(kappa, mu, e1, e2, _numbers(model, "gravity_number"), law, obeyed).take(at)
     reference, engine = _velocities(model, COMPARABLE)[at], _velocities(engines, (*COMPARABLE, UNCONVERGED))
     limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])
     # A limit that did not converge is none.

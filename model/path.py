@@ -29,7 +29,8 @@ from model.automaton import (
     STIFFENING,
 )
 from model.collision import STATES, Collision, Event, Path
-from model.motion import amplitudes, modes, motion
+from model.compiled import compiled
+from model.motion import amplitudes, modal, modes, motion
 
 #: Points per half period of the fastest sinusoid of a stretch.
 POINTS = 48
@@ -154,19 +155,27 @@ def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Pat
 
 def _both_contacts(collision: Collision, row: Row) -> Stretch:
     """S1: the two modes, over the duration that the search for the first event found."""
-    mu = collision.mass_ratio
-    omega, phi1, sigma, delta, phi2, force1, force2 = modes(mu, row.k1, row.k2)
-    F1, F2 = sqrt(2 * row.k1 * row.E1), sqrt(2 * row.k2 * row.E2)
-    a, b = amplitudes(row.d1, row.v2, F1 / row.k1, F2 / row.k2, phi1, sigma, force1, force2)
-    n = min(MOST_POINTS, 3 + ceil(POINTS * omega[1] * row.duration / pi))
-    t = np.linspace(0, row.duration, n)
-    q = tuple(a[j] * np.cos(omega[j] * t) + b[j] * np.sin(omega[j] * t) for j in (0, 1))
-    r = tuple(b[j] * np.cos(omega[j] * t) - a[j] * np.sin(omega[j] * t) for j in (0, 1))
-    d1, v2, f1, f2 = motion.py_func(q, r, delta, phi2, force1, force2)
-    unit = sqrt(collision.m1 / collision.k1)
-    return Stretch(
-        1, row.phase1, row.phase2, d1, v2, f1 * f1 / (2 * row.k1), f2 * f2 / (2 * row.k2), t * unit
+    t, d1, v2, E1, E2 = _points(
+        collision.mass_ratio, row.k1, row.k2, row.d1, row.v2, row.E1, row.E2, row.duration
     )
+    unit = sqrt(collision.m1 / collision.k1)
+    return Stretch(1, row.phase1, row.phase2, d1, v2, E1, E2, t * unit)
+
+
+@compiled
+def _points(mu, k1, k2, d1, v2, E1, E2, duration):
+    """Rows t, d1, v2, E1, E2 at the points of a stretch of S1; shape (5, n)."""
+    omega, phi1, sigma, delta, phi2, force1, force2 = modes(mu, k1, k2)
+    a, b = amplitudes(d1, v2, sqrt(2 * E1 / k1), sqrt(2 * E2 / k2), phi1, sigma, force1, force2)
+    n = min(MOST_POINTS, 3 + ceil(POINTS * omega[1] * duration / pi))
+    out = np.empty((5, n))
+    for i in range(n):
+        t = duration * i / (n - 1)
+        q, r = modal(t, omega, a, b)
+        rate, v, f1, f2 = motion(q, r, delta, phi2, force1, force2)
+        out[0, i], out[1, i], out[2, i] = t, rate, v
+        out[3, i], out[4, i] = f1 * f1 / (2 * k1), f2 * f2 / (2 * k2)
+    return out
 
 
 def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) -> tuple[list[Stretch], int]:

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from compliant_baselines import solver_names
-from experiments import commands
+from experiments import collision_commands
 from experiments.cli import main
 from tests.experiments import fakes
 
@@ -53,7 +53,7 @@ def test_solve_takes_an_infinite_ratio_and_shows_refusals(capsys):
 
 
 def test_solve_shows_solvers_side_by_side(capsys, monkeypatch):
-    monkeypatch.setattr(commands, "get_solver", fakes.shifted)
+    monkeypatch.setattr(collision_commands, "get_solver", fakes.shifted)
     assert (
         main(["solve", *CELL, "--solver", "pybullet", "--solver", "state-transition", "--solver", "mujoco"])
         == 0
