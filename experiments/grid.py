@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.config import Cell, Config
+from experiments.ladder import ENGINE_FREE
 from model.collision import Collision
 
 #: Cells of a chunk, and the number of chunks from which they become larger instead of more.
 _CHUNK = 16
+_QUICK_CHUNK = 128
 _MOST_CHUNKS = 10_000
 
 
@@ -76,8 +78,15 @@ class Cells(ABC):
 
     @property
     def chunk_size(self) -> int:
-        """Cells of a chunk: as configured, or 16, or more where there would be more than 10 000 chunks."""
-        return self._config.chunk_size or max(_CHUNK, -(-len(self) // _MOST_CHUNKS))
+        """Cells of a chunk, about half a second of work: as configured, or 16 if an engine is among the solvers.
+
+        Without one they are up to 128; and always so many that there are at most 10 000 chunks.
+        """
+        if self._config.chunk_size is not None:
+            return self._config.chunk_size
+        quick = ENGINE_FREE.issuperset(self._config.solvers)
+        usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64)) if quick else _CHUNK
+        return max(usual, -(-len(self) // _MOST_CHUNKS))
 
     def chunks(self) -> int:
         """Return the number of chunks."""

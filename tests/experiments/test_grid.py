@@ -3,6 +3,7 @@ import math
 import pytest
 
 from experiments.config import REFERENCE, Config, from_canonical, load_config, parse_config
+from experiments.designs import cells_of
 from experiments.grid import CellGrid
 
 
@@ -64,6 +65,22 @@ def test_chunks_cover_every_cell_once():
     config = parse_config({"chunk_size": 7, "grid": {"stiffness_ratio": [1, 2, 3]}})
     grid = CellGrid(config)
     assert [i for n in range(grid.chunks()) for i in grid.chunk(n)] == list(range(len(grid)))
+
+
+@pytest.mark.parametrize(
+    ("solvers", "cells", "size"),
+    [
+        (["mujoco"], 1000, 16),
+        (["bistiffness"], 1000, 16),
+        (["bistiffness", "kelvin-voigt"], 10_000, 128),
+        (["bistiffness", "mujoco"], 10_000, 16),
+        (["bistiffness"], 2_000_000, 200),
+        (["mujoco"], 1_000_000, 100),
+    ],
+)
+def test_a_chunk_is_about_as_much_work_whatever_the_solvers(solvers, cells, size):
+    config = parse_config({"solvers": solvers, "sample": {"n": cells, "method": "random"}})
+    assert cells_of(config).chunk_size == size
 
 
 def test_the_reference_leads_whatever_is_listed():
