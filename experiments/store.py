@@ -99,7 +99,7 @@ class RunFolder:
         return None
 
     def find_parts(self, identities: Iterable[str]) -> tuple[dict[int, Path], list[str]]:
-        """Find the parts that are whole and belong to this run; remove the others.
+        """Find the parts that are whole and belong to this run; remove the others, and what was half-written anywhere.
 
         Parameters
         ----------
@@ -116,9 +116,10 @@ class RunFolder:
         expected = dict(enumerate(identities))
         parts: dict[int, Path] = {}
         findings: list[str] = []
+        for path in sorted(self.root.rglob("*")):
+            if is_temporary(path.name) and path.is_file():
+                path.unlink()  # its writer was killed
         for path in sorted(self.parts.iterdir()) if self.parts.is_dir() else []:
-            if is_temporary(path.name):
-                path.unlink()
             match = PART.fullmatch(path.name)
             if match is None:
                 continue

@@ -143,6 +143,20 @@ def test_a_damaged_part_is_computed_again_and_said_so(small, tmp_path, harm):
     assert _tables(tmp_path / "a") == before
 
 
+def test_what_a_killed_run_left_half_written_is_removed(small, tmp_path):
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    before = _tables(tmp_path / "a")
+    (tmp_path / "a/figures").mkdir()
+    left = [
+        tmp_path / "a" / name for name in (".tmp-7-ladder.csv", "parts/.tmp-7-x", "figures/.tmp-7-map.png")
+    ]
+    for path in left:
+        path.write_text("half")
+    run_sweep(small, tmp_path / "a", resume=True, isolate=False, resolve=fakes.shifted)
+    assert not any(path.exists() for path in left)
+    assert _tables(tmp_path / "a") == before
+
+
 def test_resume_refuses_another_configuration(small, tmp_path):
     run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     other = parse_config(SMALL | {"step_fraction": 1e-2})
