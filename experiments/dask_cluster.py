@@ -8,6 +8,7 @@ project installed in the same versions, but none of the run's files: parts are w
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import queue
 import signal
@@ -49,11 +50,16 @@ class SandboxPlugin(WorkerPlugin):
         self._make_sandbox = make_sandbox
 
     def setup(self, worker: Any) -> None:
-        """Make the sandboxes; their processes are started when they are first needed."""
+        """Start the sandboxes, without keeping the worker waiting; each is idle from when it is prepared."""
         self.sandboxes = [self._make_sandbox() for _ in range(worker.state.nthreads)]
         self.idle = queue.SimpleQueue()
         for sandbox in self.sandboxes:
-            self.idle.put(sandbox)
+            threading.Thread(target=self._start, args=(sandbox,), daemon=True).start()
+
+    def _start(self, sandbox: Sandbox) -> None:
+        with contextlib.suppress(Exception):  # whoever calls it next meets what there is to meet
+            sandbox.start()
+        self.idle.put(sandbox)
 
     def teardown(self, worker: Any) -> None:
         """End the processes, whatever they do."""

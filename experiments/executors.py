@@ -66,6 +66,9 @@ class _Here:
     def __init__(self, context: Any) -> None:
         self._context = context
 
+    def start(self) -> None:
+        """There is nothing to start."""
+
     def call(self, function: Callable[..., Any], *arguments: Any, patience: float) -> Any:
         return function(self._context, *arguments, beat=lambda word: None)
 

@@ -162,6 +162,8 @@ class _Run:
                 len(self.cells),
                 f"resumed: {self.reused} of {len(plan.identities)} parts are there and whole",
             )
+        if len(self.parts) < self.cells.chunks():
+            executor.submit(_ready).result()
         self._stage("start")
         todo = (plan.task(n) for n in range(self.cells.chunks()) if n not in self.parts)
         reports = in_flight(
@@ -237,6 +239,11 @@ def clearly(folder: RunFolder) -> Iterator[None]:
         where = error.filename or folder.root
         what = os.strerror(error.errno) if error.errno else str(error)
         raise InterruptedRunError(f"{where}: {what}") from None
+
+
+def _ready(sandbox: Any) -> None:
+    """Wait for the first sandbox there is: what comes before is the start of a run, what follows its work."""
+    sandbox.start()
 
 
 def _same_experiment(folder: RunFolder, config: Config) -> None:
