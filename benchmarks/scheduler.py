@@ -165,7 +165,7 @@ def predict(console: Console, measured: np.ndarray, service: dict[int, float]) -
     rng = np.random.default_rng(1)
     table = Table("workers", "cells a chunk", "chunk (s)", "workers busy", "cells a second")
     for workers, each in service.items():
-        for size in (1, 4, 16, 64, 256):
+        for size in (1, 4, 16, 32, 64, 256):
             times = (rng.choice(measured, 20 * workers) * size / CHUNK).tolist()
             wall = simulate(times, workers, each, 2 * workers)
             table.add_row(
