@@ -72,6 +72,19 @@ def test_links_between_pages_lead_somewhere():
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_sections_that_docstrings_cite_are_there():
+    found = []
+    for folder in ("model", "compliant_baselines", "experiments", "tests", "benchmarks"):
+        for file in (ROOT / folder).rglob("*.py"):
+            # The citation of a page may be wrapped.
+            text = re.sub(r"\s*\n[ #]*", " ", file.read_text(encoding="utf-8"))
+            found += [(file.name, *cited) for cited in re.findall(r"docs/([a-z-]+\.md), section (\d+)", text)]
+    assert found
+    for name, page, number in found:
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        assert re.search(rf"^## {number}\. ", text, re.M), (name, page, number)
+
+
 def test_the_worked_example_of_the_mapping_page_is_what_the_mapping_gives():
     text = (ROOT / "docs/mapping.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (.*) \|$", text.split("<!-- worked example -->\n")[1].split("\n\n")[0], re.M)
