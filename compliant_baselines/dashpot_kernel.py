@@ -1,7 +1,7 @@
 """One collision of the column with contacts of spring and dashpot, event by event.
 
 Contact i pushes with F_i = max(0, k_i p_i + D_i) while its bodies overlap, p_i > 0, without memory: that is
-what an engine computes step by step (theory, section 7). The dashpot's share D_i is one of two laws:
+what an engine computes step by step (docs/theory.md, section 7). The dashpot's share D_i is one of two laws:
 
 * `LINEAR`, Kelvin and Voigt: D = c p';
 * `PRODUCT`, Hunt and Crossley on a linear spring: D = a k p p'.

@@ -10,8 +10,8 @@ follows it exactly. What c_i is made from has a name:
 | kelvin-voigt-textbook | `textbook` | as `pair`, zeta from the textbook | likewise |
 | hunt-crossley | `hunt-crossley` | F = k1 delta (1 + a delta'), a = A(e1)/\\|v0\\| | likewise with e2 |
 
-zeta is the damping ratio that gives e to a contact that ends at zero force (theory, section 7; the default)
-or the textbook's -ln e/sqrt(pi^2 + ln^2 e). In `pair` the mass is that of the two bodies of the contact, as
+zeta is the damping ratio that gives e to a contact that ends at zero force (docs/theory.md, section 7; the
+default) or the textbook's -ln e/sqrt(pi^2 + ln^2 e). In `pair` the mass is that of the two bodies of the contact, as
 if no third took part; `anchored` is the other extreme for contact 1, exact where B2 stays pressed on the
 table. For a, and what it means that it depends on a speed, see `compliant_baselines.restitution_laws`.
 

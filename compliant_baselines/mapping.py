@@ -2,8 +2,8 @@
 
 The chain has three links, each a closed form of its own:
 
-1. e -> zeta, the damping ratio of a Kelvin-Voigt contact that may push but not pull (theory, section 7;
-   Schwager and Poeschel, Granular Matter 9:465, 2007, their equations for the contact that ends when its
+1. e -> zeta, the damping ratio of a Kelvin-Voigt contact that may push but not pull (docs/theory.md,
+   section 7; Schwager and Poeschel, Granular Matter 9:465, 2007, their equations for the contact that ends when its
    force is zero);
 2. zeta -> c = 2 zeta sqrt(k M), with M the reduced mass of the *pair*, as if no third body took part;
 3. (k, c) -> the engine's own numbers.
@@ -57,8 +57,8 @@ def contact_time(zeta: float) -> float:
     """Duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M); dimensionless.
 
     With w = sqrt(abs(1 - zeta^2)): 2 atan2(w, zeta)/w below zeta = 1, 2 there, and 2 asinh(w)/w above. These
-    are theory's atan2(2 zeta w, 2 zeta^2 - 1)/w and ln((zeta + w)/(zeta - w))/w by the double-angle formulas;
-    written so, nothing cancels near zeta = 1.
+    are atan2(2 zeta w, 2 zeta^2 - 1)/w and ln((zeta + w)/(zeta - w))/w of docs/theory.md, section 7, by the
+    double-angle formulas; written so, nothing cancels near zeta = 1.
 
     Parameters
     ----------

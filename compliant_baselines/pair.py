@@ -1,8 +1,8 @@
 """Two bodies and the contact asked for between them: restitution, and stiffness or duration.
 
 The contact is Kelvin and Voigt's, F = max(0, k delta + c delta'), between two bodies of which nothing else acts
-on either while it lasts. Then (theory, section 7; Schwager and Poeschel, Granular Matter 9:465, 2007), with M the
-reduced mass, omega = sqrt(k/M) and zeta the damping ratio that gives e,
+on either while it lasts. Then (docs/theory.md, section 7; Schwager and Poeschel, Granular Matter 9:465, 2007), with M
+the reduced mass, omega = sqrt(k/M) and zeta the damping ratio that gives e,
 
 * it lasts T = contact_time(zeta)/omega, so that k = M (contact_time(zeta)/T)^2 for a duration asked for;
 * it goes in by |v| sqrt(e)/omega at most: delta peaks after exactly half of T, and decays by sqrt(e) until then.

@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 @njit(cache=True, error_model="numpy")
 def _damping_ratio(e):
-    """Damping ratio zeta with exp(-zeta T(zeta)) = e (theory, section 7), T the duration of the contact."""
+    """Damping ratio zeta with exp(-zeta T(zeta)) = e (docs/theory.md, section 7), T the duration of the contact."""
     loss = -log(e)
     if not 0 < loss < inf:
         return 0.0 if loss == 0 else np.nan

@@ -1,7 +1,7 @@
 """Motion between events as Taylor polynomials.
 
-Between events a column of two contacts obeys linear equations (theory, section 1), here with dashpots and
-gravity:
+Between events a column of two contacts obeys linear equations (docs/theory.md, section 1), here with dashpots
+and gravity:
 
     p1' = d1     d1' = F2/m2 - F1/M          F1 = k1 p1 + c1 d1
     p2' = -v2    v2' = (F2 - F1)/m2 - g      F2 = k2 p2 - c2 v2

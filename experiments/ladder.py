@@ -1,8 +1,8 @@
 r"""Why an engine diverges from the model: the difference of final velocities, split into its causes.
 
 Between the state-transition model and an engine stand outcomes that differ from their neighbours in one thing each
-(theory, section 7; docs/ladder.md). The differences of neighbours are the **rungs**; they telescope, so that in every
-cell
+(docs/theory.md, section 7; docs/ladder.md). The differences of neighbours are the **rungs**; they telescope, so that in
+every cell
 
     engine - model = frozen positions + dissipation law + gravity + regularisation and mapping + time step
 

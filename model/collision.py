@@ -198,9 +198,9 @@ class Outcome:
     reason : str
         One sentence where the status is not ``"ok"``.
     grazing_margin : float or None
-        How near the collision came to a jump of the model's outcome (theory, section 6): the smallest compression
-        rate, relative to its own amplitude, at which a compression nearly ended, or nearly did not. Infinity if
-        nothing of the kind happened, None if not computed.
+        How near the collision came to a jump of the model's outcome (docs/theory.md, section 6): the smallest
+        compression rate, relative to its own amplitude, at which a compression nearly ended, or nearly did not.
+        Infinity if nothing of the kind happened, None if not computed.
     n_events : int
         Number of events.
     diagnostics : mapping of str to float

@@ -42,7 +42,7 @@ def test_the_model_behind_the_contract_is_the_model():
     settings = Settings(stiffness_ratio_cutoff=math.inf, record_path=True)
     outcome = solver.solve(CELL, settings)
     assert outcome.solver == "state-transition"
-    # theory, section 6
+    # docs/theory.md, section 6
     assert (outcome.v1, outcome.v2) == (
         pytest.approx(0.61394941925041, abs=1e-12),
         pytest.approx(0.20971952034697, abs=1e-12),

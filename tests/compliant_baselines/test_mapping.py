@@ -22,7 +22,7 @@ from model.collision import Collision
 
 
 def theory_restitution(zeta):
-    """The formulas of docs/theory, section 7, as they are printed."""
+    """The formulas of docs/theory.md, section 7, as they are printed."""
     if zeta == 1:
         return math.exp(-2)
     w = math.sqrt(abs(1 - zeta**2))

@@ -1,11 +1,22 @@
-"""The project itself: style, types, and that the README says what is so."""
+"""The project itself: style, types, and that the README and the pages say what is so."""
 
+import math
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from compliant_baselines.mapping import (
+    contacts,
+    damping_ratio,
+    drake_geometries,
+    mujoco_contact,
+    restitution,
+    textbook_damping_ratio,
+)
+from model import Collision
 
 ROOT = Path(__file__).parents[2]
 
@@ -53,3 +64,48 @@ def test_every_file_of_a_run_is_in_the_readme():
     tables = ("cells.parquet", "divergence.parquet", "curves.parquet", "ladder.parquet", "summary.md")
     for name in (*tables, "manifest.json", "report.html", "figures/", "parts/"):
         assert f"`{name}`" in text
+
+
+def test_links_between_pages_lead_somewhere():
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_sections_that_docstrings_cite_are_there():
+    found = []
+    for folder in ("model", "compliant_baselines", "experiments", "tests", "benchmarks"):
+        for file in (ROOT / folder).rglob("*.py"):
+            # The citation of a page may be wrapped.
+            text = re.sub(r"\s*\n[ #]*", " ", file.read_text(encoding="utf-8"))
+            found += [(file.name, *cited) for cited in re.findall(r"docs/([a-z-]+\.md), section (\d+)", text)]
+    assert found
+    for name, page, number in found:
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        assert re.search(rf"^## {number}\. ", text, re.M), (name, page, number)
+
+
+def test_the_worked_example_of_the_mapping_page_is_what_the_mapping_gives():
+    text = (ROOT / "docs/mapping.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.*) \|$", text.split("<!-- worked example -->\n")[1].split("\n\n")[0], re.M)
+    table = {name: cells for name, *cells in (row.split(" | ") for row in rows[1:])}
+    pair = contacts(Collision(1.0, 2 / math.sqrt(3), 1e8, 1e8, 0.9, 0.7))
+
+    def words(*values):
+        return " ".join(repr(float(f"{value:.12g}")) for value in values)
+
+    upper, _, support = drake_geometries(*pair)
+    for i, (c, e, drake) in enumerate(zip(pair, (0.9, 0.7), (upper, support), strict=True)):
+        textbook = textbook_damping_ratio(e)
+        expected = {
+            "M, kg": f"{c.mass:.6g}",
+            "ζ": f"{damping_ratio(e):.6g}",
+            "c, N s/m": f"{c.c:.6g}",
+            "period 2 π sqrt(M/k), s": f"{c.period:.6g}",
+            "duration, s": f"{c.duration:.6g}",
+            "MuJoCo `solref`": words(*mujoco_contact(c).solref),
+            "PyBullet stiffness, damping": words(c.k, c.c),
+            "Drake relaxation time, s": words(drake.relaxation_time),
+            "textbook ζ, and the e it has": f"{textbook:.6g}, {restitution(textbook):.6g}",
+        }
+        assert {name: table[name][i] for name in expected} == expected
