@@ -34,6 +34,19 @@ def test_supplement_3_2_prints_0_45203_for_an_infinitely_stiff_ball_ball_contact
     assert misprinted == pytest.approx(0.45591, abs=0.5e-5, rel=0)
 
 
+def test_equation_10_of_the_supplement_needs_what_the_impulse_was_worth_when_the_balls_united():
+    """Its E2 is zero at the end of the collision; with parameters (44) the supplement quotes 0.45203 for it."""
+    mu, e1, e2 = MASS_RATIO, 0.9, 0.7
+    v11, v21, at_union = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu), e1 * mu
+    e22 = (e2**2 * v21**2 - v11**2) * mu / 2  # balance of B2 in S2, past the end of compression
+    # E22 + (f(I2) - offset)/(1 + m2) = 0 with f(I) = I - I^2/2, solved for v = (I2 - 1)/(1 + m2)
+    corrected, printed = (
+        math.sqrt(1 - 2 * (offset - e22 * (1 + mu))) / (1 + mu) for offset in (at_union - at_union**2 / 2, 0)
+    )
+    assert corrected == pytest.approx(0.45203, abs=0.5e-5, rel=0)
+    assert printed == pytest.approx(0.6476, abs=0.5e-4, rel=0)
+
+
 @pytest.mark.parametrize(
     ("stiffness_ratio", "printed", "bears"),
     [
