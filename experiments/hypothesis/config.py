@@ -129,6 +129,9 @@ class HypothesisConfig(_Strict):
         le=2000,
         description="a whole number from 20 to 2000 (steps in a period of the stiffer contact)",
     )
+    cell_timeout: float = Field(
+        300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"
+    )
     workers: int | None = Field(None, ge=1, le=4096, description="a whole number from 1 to 4096")
     map: MapConfig = Field(
         default_factory=lambda: MapConfig.model_validate({}),

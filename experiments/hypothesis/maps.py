@@ -31,6 +31,8 @@ class ErrorMap:
         Distance D of the solver's outcome from the closed form of the nearer limit; NaN without a result.
     uncertainty : ndarray, shape (n, m)
         Of the solver itself.
+    status, reason : ndarray of str, shape (n, m)
+        Of its answer.
     """
 
     solver: str
@@ -40,6 +42,8 @@ class ErrorMap:
     mass_ratio: Floats
     error: Floats
     uncertainty: Floats
+    status: NDArray[np.str_]
+    reason: NDArray[np.str_]
 
 
 def axes(config: MapConfig, subject: Subject) -> tuple[Floats, Floats]:
@@ -80,7 +84,17 @@ def error_map(solver: str, e1: float, e2: float, kappa: Floats, masses: Floats, 
     error = np.sqrt(np.square(answers.v1 - v1) + m * np.square(answers.v2 - v2))
     error[~np.isin(answers.status, ("ok", "limit"))] = math.nan
     shape = (kappa.size, masses.size)
-    return ErrorMap(solver, e1, e2, kappa, masses, error.reshape(shape), answers.error.reshape(shape))
+    return ErrorMap(
+        solver,
+        e1,
+        e2,
+        kappa,
+        masses,
+        error.reshape(shape),
+        answers.error.reshape(shape),
+        answers.status.reshape(shape),
+        answers.reason.reshape(shape),
+    )
 
 
 def contrast_needed(found: ErrorMap, mass_ratio: float, level: float, *, soft_table: bool) -> float:

@@ -91,6 +91,7 @@ WRONG_TYPES = {
     "fit_decades = '4'": ("fit_decades = '4'", "from 1 to 8"),
     "engine_fit_decades = true": ("engine_fit_decades = True", "from 1 to 8"),
     "steps = 100.0": ("steps = 100.0", "a whole number from 20 to 2000"),
+    "cell_timeout = 'long'": ("cell_timeout = 'long'", "greater than 0, at most 1e6 (s of wall time)"),
     "workers = true": ("workers = True", "a whole number from 1 to 4096"),
     "map = 3": ("map = 3", "a table: size, engine_size, stiffness_ratio"),
     "map.size = '61'": ("map.size = '61'", "a whole number from 4 to 400"),
@@ -206,7 +207,7 @@ def test_the_numbers_of_the_page_are_those_of_the_tables(done):
 
 def test_too_short_a_range_is_undecided_in_every_solver():
     config = parse({**tomllib.loads(SMALL), "contrast": [10, 1e3], "plastic_contrast": [10, 1e3]}, "test")
-    verdicts = class_frame(run_hypothesis(config, workers=1))
+    verdicts = class_frame(run_hypothesis(config, isolate=False))
     assert set(verdicts.verdict) == {"undecided"}
     assert verdicts.reason.str.contains("extend the range of contrasts").all()
 
