@@ -6,20 +6,17 @@ names the file, the field, the value and what is legal (`load_config`, which rai
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import math
-import tomllib
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from experiments.axes import MAX_CELLS, Axis, axis_problem, expand_axis
 from experiments.box import Sample, Search
-from experiments.errors import UserError
+from experiments.config_errors import FieldName, dotted, hint, read_toml, validated
 from experiments.plain import plain_values, revive
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
@@ -199,7 +196,7 @@ def solvers_problem(names: list[str]) -> str | None:
     known = list(solver_names(on_request=True))
     for name in names:
         if name not in known:
-            return f"{name!r} is not a solver{_hint(name, known)}; legal: {', '.join(known)}"
+            return f"{name!r} is not a solver{hint(name, known)}; legal: {', '.join(known)}"
         if names.count(name) > 1:
             return f"{name!r} is listed more than once; legal: each solver once"
     return None if names else f"[] is empty; legal: one or more of {', '.join(known)}"
@@ -221,37 +218,7 @@ def load_config(path: Path | str) -> Config:
     return parse_config(data, where=str(path))
 
 
-def read_toml(path: Path | str) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises
-    ------
-    UserError
-        If it cannot be read; one line that says why.
-    """
-    path = Path(path)
-    try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file; legal: a TOML file") from None
-    except IsADirectoryError:
-        raise UserError(f"{path}: is a directory; legal: a TOML file") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path}: not UTF-8 (byte {error.start}); legal: a TOML file in UTF-8") from None
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(f"{path}: not TOML: {error}") from None
-    except (RecursionError, ValueError):
-        # The parser recurses into nested brackets, and Python caps the digits of a whole number.
-        raise UserError(
-            f"{path}: not TOML that can be read: nested too deeply, or a number too long"
-        ) from None
-
-
-def parse_config(
-    data: dict[str, Any], where: str = "configuration", name: Callable[[Sequence[str]], str] = ".".join
-) -> Config:
+def parse_config(data: dict[str, Any], where: str = "configuration", name: FieldName = dotted) -> Config:
     """Validate an experiment given as plain values.
 
     Parameters
@@ -261,64 +228,16 @@ def parse_config(
     where : str
         What an error begins with; the empty text leaves it out.
     name : callable
-        How an error names the field at a path of keys.
+        How an error names a field.
 
     Raises
     ------
     UserError
         If anything is illegal.
     """
-    try:
-        return Config.model_validate(data)
-    except ValidationError as error:
-        problems = error.errors(include_url=False)
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise UserError(f"{where}: {_one_line(problems[0], name)}{more}".removeprefix(": ")) from None
+    return validated(Config, data, where, name)
 
 
 def from_canonical(plain: dict[str, Any], where: str) -> Config:
     """Undo `Config.canonical`."""
     return parse_config(revive(plain), where)
-
-
-def _one_line(problem: Any, name: Callable[[Sequence[str]], str]) -> str:
-    """Turn one of pydantic's findings into ``field = value; legal: range``."""
-    location = [str(part) for part in problem["loc"]]
-    known_part = [
-        part for part in location if part not in ("list[float]", "dict[str,list[union[int,float]]]", "float")
-    ]
-    field = name(known_part)
-    fields: dict[str, Any] = Config.model_fields
-    legal = ""
-    for part in location:
-        if part not in fields:
-            break
-        legal = fields[part].description or ""
-        fields = _fields(fields[part].annotation)
-    value = _short(problem["input"])
-    if problem["type"] == "extra_forbidden":
-        table = Config.model_fields[location[0]].annotation if len(location) > 1 else Config
-        known = list(_fields(table))
-        return f"{field} = {value}: unknown key{_hint(location[-1], known)}; legal: {', '.join(known)}"
-    if problem["type"] == "value_error":
-        text = str(problem["ctx"]["error"])
-        return f"{field} = {text}" if location and field != "grid" else f"{field}: {text}".removeprefix(": ")
-    return f"{field} = {value}; legal: {legal}" if location else f"{value}: {problem['msg']}"
-
-
-def _fields(annotation: Any) -> dict[str, Any]:
-    """Return the fields of a table, optional or not; none of anything else."""
-    for each in (annotation, *get_args(annotation)):
-        if hasattr(each, "model_fields"):
-            return each.model_fields
-    return {}
-
-
-def _hint(word: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(word, known, n=1)
-    return f" (did you mean {close[0]!r}?)" if close else ""
-
-
-def _short(value: object, limit: int = 60) -> str:
-    text = repr(value)
-    return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -13,13 +13,13 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from experiments.findings import number
 from experiments.hypothesis.cases import CASES, LOSSY, pair_class
 from experiments.hypothesis.mechanism import POINTS
 from experiments.hypothesis.ringing import second_end_share
 from experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
 from experiments.hypothesis.series import Series
-from experiments.store import replacing
+from experiments.numbers import number
+from experiments.streams import replacing
 from experiments.style import Look, drawing, look
 
 FORMATS = ("png", "pdf")
@@ -32,6 +32,7 @@ _LOOKS = {
     "kelvin-voigt-anchored": Look("#56B4E9", "<", "--"),
     "kelvin-voigt-textbook": Look("#8C8C8C", "x", (0, (1, 1))),
     "hunt-crossley": Look("#7A4B1E", "P", "-"),
+    "liu-zhao-brogliato": Look("#5D3A9B", "*", (0, (3, 1))),
 }
 _X = {"k1/k2": "k1/k2", "k2/k1": "k2/k1", "1/e1^2": "1/e1$^2$", "1/e2^2": "1/e2$^2$"}
 #: Within 1, 5, 20 %, and beyond.
@@ -146,6 +147,7 @@ def _slope(ax: Any, results: Results, series: Series, median: np.ndarray, color:
 
 def _relative_motion(results: Results) -> tuple[Figure, str]:
     titles = {case.key: case.title for case in CASES}
+    kinds = {series.subject.name: series.subject.kind for series in results.series}
     with drawing(10.0, 5.4) as figure:
         axes = figure.subplots(2, len(DRAWN))
         handles: dict[str, Any] = {}
@@ -154,7 +156,7 @@ def _relative_motion(results: Results) -> tuple[Figure, str]:
                 if case != key or name in ("kelvin-voigt-textbook", "kelvin-voigt-anchored"):
                     continue
                 style = _look(results, name)
-                engine = name not in ("state-transition", "bistiffness", "kelvin-voigt", "hunt-crossley")
+                engine = kinds[name] == "stepped"
                 width = 2.4 if name == "state-transition" else 1.2
                 keep = slice(None, None, max(1, motion.time.size // 4000)) if engine else slice(None)
                 for ax, what in ((axes[0, column], motion.rate), (axes[1, column], motion.separation)):
@@ -167,7 +169,7 @@ def _relative_motion(results: Results) -> tuple[Figure, str]:
                         zorder=1 if name == "state-transition" else 2,
                     )
                 handles.setdefault(name, line)
-                if name in ("state-transition", "bistiffness") and motion.joined:
+                if name in ("state-transition", "bistiffness") and motion.joined is not None:
                     axes[1, column].plot(
                         motion.time[motion.joined], motion.separation[motion.joined], "o", color=style.color
                     )

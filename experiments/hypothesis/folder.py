@@ -16,6 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from compliant_baselines import get_solver
 from experiments.document import Block, Heading, Table, escape_markdown, to_latex, to_markdown
 from experiments.errors import UserError
+from experiments.executors import available_cores
 from experiments.hypothesis.figures import Picture, write_figures
 from experiments.hypothesis.page import Part, build_page
 from experiments.hypothesis.run import Results
@@ -27,8 +28,8 @@ from experiments.hypothesis.tables import (
     outcome_frame,
     point_frame,
 )
-from experiments.store import replacing, write_json, write_text
-from experiments.sweep import available_cores
+from experiments.store import write_json, write_text
+from experiments.streams import replacing
 
 PAGE = "hypothesis.md"
 

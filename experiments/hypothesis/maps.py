@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.hypothesis.cases import nearer_limit
 from experiments.hypothesis.config import MapConfig
 from experiments.hypothesis.subjects import Answers, Subject
 
@@ -31,6 +32,8 @@ class ErrorMap:
         Distance D of the solver's outcome from the closed form of the nearer limit; NaN without a result.
     uncertainty : ndarray, shape (n, m)
         Of the solver itself.
+    status, reason : ndarray of str, shape (n, m)
+        Of its answer.
     """
 
     solver: str
@@ -40,6 +43,8 @@ class ErrorMap:
     mass_ratio: Floats
     error: Floats
     uncertainty: Floats
+    status: NDArray[np.str_]
+    reason: NDArray[np.str_]
 
 
 def axes(config: MapConfig, subject: Subject) -> tuple[Floats, Floats]:
@@ -54,19 +59,6 @@ def axes(config: MapConfig, subject: Subject) -> tuple[Floats, Floats]:
     return kappa, masses
 
 
-def hypothesis_everywhere(kappa: Floats, mu: Floats, e1: float, e2: float) -> tuple[Floats, Floats]:
-    """Give the closed form of the nearer limit, in arrays: k2/k1 = 0 below 1 (supplement, 3.2), above it infinity."""
-    v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
-    early = e2 * np.sqrt(1 + mu * e1**2) / (1 + mu)
-    late = np.sqrt((e1 * mu - 1) ** 2 + mu * e2**2 * (1 + e1) ** 2) / (1 + mu) ** 1.5
-    apart = (v11 >= 0) & (-e2 * v21 <= v11)
-    united = np.where(v11 < 0, early, late)
-    soft_table = kappa < 1
-    v1 = np.where(soft_table, np.where(apart, v11, united), e1)
-    v2 = np.where(soft_table, np.where(apart, -e2 * v21, united), 0.0)
-    return v1, v2
-
-
 def map_ratios(kappa: Floats, masses: Floats, e1: float, e2: float) -> Floats:
     """Return k2/k1, m2/m1, e1, e2 of every cell, the mass ratio varying fastest, shape (4, n m)."""
     k, m = (a.ravel() for a in np.meshgrid(kappa, masses, indexing="ij"))
@@ -76,11 +68,21 @@ def map_ratios(kappa: Floats, masses: Floats, e1: float, e2: float) -> Floats:
 def error_map(solver: str, e1: float, e2: float, kappa: Floats, masses: Floats, answers: Answers) -> ErrorMap:
     """Turn the answers to `map_ratios` into a map."""
     k, m = map_ratios(kappa, masses, e1, e2)[:2]
-    v1, v2 = hypothesis_everywhere(k, m, e1, e2)
+    v1, v2 = nearer_limit(k, m, e1, e2)
     error = np.sqrt(np.square(answers.v1 - v1) + m * np.square(answers.v2 - v2))
     error[~np.isin(answers.status, ("ok", "limit"))] = math.nan
     shape = (kappa.size, masses.size)
-    return ErrorMap(solver, e1, e2, kappa, masses, error.reshape(shape), answers.error.reshape(shape))
+    return ErrorMap(
+        solver,
+        e1,
+        e2,
+        kappa,
+        masses,
+        error.reshape(shape),
+        answers.error.reshape(shape),
+        answers.status.reshape(shape),
+        answers.reason.reshape(shape),
+    )
 
 
 def contrast_needed(found: ErrorMap, mass_ratio: float, level: float, *, soft_table: bool) -> float:

@@ -17,7 +17,7 @@ from compliant_baselines import get_solver
 from compliant_baselines.contract import Settings
 from compliant_baselines.engine import EngineSolver
 from experiments.hypothesis.cases import BY_KEY, Case, Point
-from experiments.solving import answer
+from experiments.solving import Resolve, answer
 from model import Collision
 from model.collision import Path
 
@@ -192,11 +192,13 @@ def _crossing(motion: Motion, index: int) -> float:
     return float(motion.time[index])
 
 
-def observe(solver_name: str, case_key: str, contrast: float) -> tuple[Mechanism, Motion | None]:
+def observe(
+    solver_name: str, case_key: str, contrast: float, resolve: Resolve = get_solver
+) -> tuple[Mechanism, Motion | None]:
     """Solve the point of a case at a contrast with its path, and measure it."""
     case = BY_KEY[case_key]
     collision = Collision.from_ratios(*POINTS[case_key].ratios(case, contrast))
-    solver = get_solver(solver_name)
+    solver = resolve(solver_name)
     settings = Settings(record_path=True, stiffness_ratio_cutoff=math.inf, max_steps=50_000_000)
     if isinstance(solver, EngineSolver):
         settings = replace(settings, step_fraction=1 / ENGINE_STEPS)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
+from experiments.aggregates import Frame
 from experiments.document import Block, Heading, Paragraph, Table
-from experiments.findings import number
 from experiments.hypothesis import mechanism, prose, prose_sure, prose_why
 from experiments.hypothesis.cases import CASES
 from experiments.hypothesis.figures import Picture
 from experiments.hypothesis.run import Results
 from experiments.hypothesis.tables import class_frame, need_frame, overview_table, rate_text, short
-from experiments.summary import Frame
+from experiments.numbers import number
 
 Part = Block | Picture
 

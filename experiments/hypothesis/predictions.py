@@ -28,7 +28,7 @@ from scipy.optimize import brentq
 
 from compliant_baselines.mapping import damping_ratio, restitution, textbook_damping_ratio
 from compliant_baselines.restitution_laws import hunt_crossley_coefficients
-from experiments.hypothesis.cases import Case, Point
+from experiments.hypothesis.cases import Case, Point, after_first_impact
 from experiments.hypothesis.hard_contact import Table, hard_ball_ball
 
 #: Families with a law to predict from.
@@ -143,7 +143,7 @@ def predict(case: Case, point: Point, family: str) -> Prediction | None:
         case "zero-apart" | "zero-early" | "zero-late":
             pair = mu / (1 + mu)
             e1 = law.ball_ball(pair, 1.0)
-            v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
+            v11, v21 = after_first_impact(mu, e1)
             u2 = -law.ball_table(mu, -v21) * v21
             if v11 >= 0:
                 if u2 <= v11:

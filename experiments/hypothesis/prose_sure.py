@@ -6,13 +6,13 @@ from collections import Counter
 
 import numpy as np
 
-from experiments.findings import percent
 from experiments.hypothesis import design, judging, subjects
 from experiments.hypothesis.maps import LEVELS, share_within
 from experiments.hypothesis.run import Results
 from experiments.hypothesis.tables import short
 from experiments.hypothesis.verdicts import REFUTING_SHARE
 from experiments.hypothesis.words import listed
+from experiments.numbers import percent
 
 
 def stiff_enough(results: Results) -> list[str]:

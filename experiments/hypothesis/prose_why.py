@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from experiments.findings import number, percent
+from experiments.aggregates import Frame
 from experiments.hypothesis import hard_contact, ringing
 from experiments.hypothesis.cases import BY_KEY, CASES, Case
 from experiments.hypothesis.mechanism import POINTS
@@ -21,7 +21,7 @@ from experiments.hypothesis.words import (
     span,
     verdict_of,
 )
-from experiments.summary import Frame
+from experiments.numbers import number, percent
 from model import Collision, solve
 
 

@@ -7,29 +7,24 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, as_completed
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compliant_baselines import get_solver
+from experiments.executors import available_cores
 from experiments.hypothesis.cases import CASES, Case, Point
 from experiments.hypothesis.config import HypothesisConfig
 from experiments.hypothesis.design import draw
+from experiments.hypothesis.isolation import Job, ask, follow, open_executor
 from experiments.hypothesis.maps import ErrorMap, axes, error_map, map_ratios
-from experiments.hypothesis.mechanism import (
-    CONTRASTS,
-    ENGINE_CONTRASTS,
-    POINTS,
-    Mechanism,
-    Motion,
-    observe,
-)
-from experiments.hypothesis.pool import pool
+from experiments.hypothesis.mechanism import CONTRASTS, ENGINE_CONTRASTS, POINTS, Mechanism, Motion
 from experiments.hypothesis.ringing import Branches, count_branches
 from experiments.hypothesis.series import Series, examine, ratios_of
-from experiments.hypothesis.subjects import Answers, Ask, Subject, subject
+from experiments.hypothesis.subjects import Answers, Subject, subject
 from experiments.hypothesis.verdicts import CaseResult
-from experiments.sweep import available_cores
+from experiments.solving import Resolve
 
 Floats = NDArray[np.float64]
 
@@ -62,6 +57,7 @@ class Results:
     branches : list of Branches
         Of the model where it has no limit.
     maps : list of ErrorMap
+        Those of engines last.
     control : dict
         By engine: distances of its outcomes from the exact column of its own law, all limits together.
     unavailable : dict
@@ -96,7 +92,9 @@ def run_hypothesis(
     config: HypothesisConfig,
     *,
     workers: int | None = None,
+    isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
+    resolve: Resolve = get_solver,
 ) -> Results:
     """Test the hypothesis.
 
@@ -105,8 +103,12 @@ def run_hypothesis(
     config : HypothesisConfig
     workers : int, optional
         Processes for engines; by default that of the configuration, else one for every core. No result depends on it.
+    isolate : bool
+        False asks all solvers in this process, one after the other: one that crashes ends the run.
     progress : callable
         Called after every piece of work.
+    resolve : callable
+        Finds a solver by its name; at the top level of a module.
 
     Returns
     -------
@@ -116,28 +118,28 @@ def run_hypothesis(
     seconds: dict[str, float] = {}
     subjects, unavailable = [], {}
     for name in config.solvers:
-        reason = get_solver(name).unavailable()
+        reason = resolve(name).unavailable()
         if reason is None:
-            subjects.append(subject(name, config.steps))
+            subjects.append(subject(name, config.steps, resolve))
         else:
             unavailable[name] = reason
             progress(0, 0, f"{name} is left out: {reason}")
     points = {case.key: (*draw(case, config.points, config.seed), *config.given(case.key)) for case in CASES}
-    stepped = [one for one in subjects if one.kind == "stepped"]
-    others = [one for one in subjects if one.kind != "stepped"]
+    handed = [one for one in subjects if one.kind != "exact"]
+    exact = [one for one in subjects if one.kind == "exact"]
 
-    with pool(workers) as submit:
-        pieces = _hand_out(config, stepped, points, submit)
+    with open_executor(Job(tuple(subjects), resolve), workers, isolate=isolate) as executor:
+        pieces = _hand_out(config, handed, points, executor)
         observed = [
-            submit(observe, name.name, key, contrast)
-            for name in subjects
+            executor.submit(follow, one.name, key, contrast, config.cell_timeout)
+            for one in subjects
             for key in POINTS
-            for contrast in (ENGINE_CONTRASTS if name.kind == "stepped" else CONTRASTS)
+            for contrast in (ENGINE_CONTRASTS if one.kind == "stepped" else CONTRASTS)
         ]
         work = [future for piece in pieces.values() for future in piece] + observed
-        exact = [(case, one) for case in CASES for one in others]
-        maps_asked = [(one, e) for one in others for e in config.map.restitutions]
-        total = len(work) + 2 * len(exact) + len(maps_asked)
+        series_asked = [(case, one) for case in CASES for one in exact]
+        maps_asked = [(one, e) for one in exact for e in map_restitutions(config, one)]
+        total = len(work) + 2 * len(series_asked) + len(maps_asked)
         done = 0
 
         def advance(line: str = "") -> None:
@@ -149,25 +151,23 @@ def run_hypothesis(
         start = time.perf_counter()
         answers: dict[tuple[str, str], Answers] = {}
         redrawn: dict[tuple[str, str, str], str] = {}
-        for case, one in exact:
+        for case, one in series_asked:
             contrast = contrasts(config, case, one)
             answers[one.name, case.key] = one.ask(*ratios_of(case, points[case.key], contrast))
             advance()
-        for case, one in exact:
-            if one.kind == "exact":
-                again = tuple(draw(case, config.points, config.seed + 1))
-                contrast = contrasts(config, case, one)
-                series = Series(one, case, again, contrast, one.ask(*ratios_of(case, again, contrast)))
-                found = examine(series, config.fit_decades)
-                for group in (found.whole, *found.classes):
-                    redrawn[one.name, case.key, group.name] = group.verdict
+        for case, one in series_asked:
+            again = tuple(draw(case, config.points, config.seed + 1))
+            contrast = contrasts(config, case, one)
+            series = Series(one, case, again, contrast, one.ask(*ratios_of(case, again, contrast)))
+            found = examine(series, config.fit_decades)
+            for group in (found.whole, *found.classes):
+                redrawn[one.name, case.key, group.name] = group.verdict
             advance()
-        maps: list[ErrorMap] = []
+        maps: dict[tuple[str, float, float], ErrorMap] = {}
         for one, (e1, e2) in maps_asked:
             kappa, masses = axes(config.map, one)
-            maps.append(
-                error_map(one.name, e1, e2, kappa, masses, one.ask(*map_ratios(kappa, masses, e1, e2)))
-            )
+            found = one.ask(*map_ratios(kappa, masses, e1, e2))
+            maps[one.name, e1, e2] = error_map(one.name, e1, e2, kappa, masses, found)
             advance()
         branches = [
             count_branches(point, config.seed)
@@ -179,13 +179,13 @@ def run_hypothesis(
         for future in as_completed(pending):
             future.result()
             progress(done + sum(f.done() for f in work), total, "")
-        for one in stepped:
+        for one in handed:
             for case in CASES:
                 answers[one.name, case.key] = Answers.join([f.result() for f in pieces[one.name, case.key]])
             kappa, masses = axes(config.map, one)
             for e1, e2 in map_restitutions(config, one):
                 joined = Answers.join([f.result() for f in pieces[one.name, f"map {e1} {e2}"]])
-                maps.append(error_map(one.name, e1, e2, kappa, masses, joined))
+                maps[one.name, e1, e2] = error_map(one.name, e1, e2, kappa, masses, joined)
         mechanisms, motions = [], {}
         for future in observed:
             mechanism, motion = future.result()
@@ -210,8 +210,8 @@ def run_hypothesis(
         mechanisms,
         motions,
         branches,
-        maps,
-        _control(stepped, points, config, answers),
+        _in_order(subjects, maps),
+        _control(subjects, points, config, answers),
         unavailable,
         seconds,
     )
@@ -237,40 +237,46 @@ def map_restitutions(config: HypothesisConfig, one: Subject) -> list[tuple[float
 
 def _hand_out(
     config: HypothesisConfig,
-    stepped: list[Subject],
+    handed: list[Subject],
     points: dict[str, tuple[Point, ...]],
-    submit: Callable[..., Future],
+    executor: Any,
 ) -> dict[tuple[str, str], list[Future[Answers]]]:
     """Hand out the work of the engines, in pieces of cells in order; the long ones first."""
-    asked: list[tuple[str, str, Ask, Floats]] = []
-    for one in stepped:
+    asked: list[tuple[Subject, str, Floats]] = []
+    for one in handed:
         for case in CASES:
-            ratios = ratios_of(case, points[case.key], contrasts(config, case, one))
-            asked.append((one.name, case.key, one.ask, ratios))
+            asked.append((one, case.key, ratios_of(case, points[case.key], contrasts(config, case, one))))
         kappa, masses = axes(config.map, one)
         for e1, e2 in map_restitutions(config, one):
-            asked.append((one.name, f"map {e1} {e2}", one.ask, map_ratios(kappa, masses, e1, e2)))
-    pieces: list[tuple[float, tuple[str, str], int, Ask, Floats]] = []
-    for name, key, ask, ratios in asked:
+            asked.append((one, f"map {e1} {e2}", map_ratios(kappa, masses, e1, e2)))
+    pieces: list[tuple[float, Subject, str, int, Floats]] = []
+    for one, key, ratios in asked:
         for first in range(0, ratios.shape[1], _PIECE):
             part = ratios[:, first : first + _PIECE]
             steps = float(np.sum(np.sqrt(np.maximum(part[0], 1 / part[0]))))
-            pieces.append((steps, (name, key), first, ask, part))
-    handed: dict[tuple[str, str], dict[int, Future]] = {}
-    for _, key, first, ask, part in sorted(pieces, key=lambda piece: -piece[0]):
-        handed.setdefault(key, {})[first] = submit(ask, *part)
-    return {key: [futures[first] for first in sorted(futures)] for key, futures in handed.items()}
+            pieces.append((steps, one, key, first, part))
+    futures: dict[tuple[str, str], dict[int, Future[Answers]]] = {}
+    for _, one, key, first, part in sorted(pieces, key=lambda piece: -piece[0]):
+        future = executor.submit(ask, one.ask, part, config.cell_timeout)
+        futures.setdefault((one.name, key), {})[first] = future
+    return {key: [by_first[first] for first in sorted(by_first)] for key, by_first in futures.items()}
+
+
+def _in_order(subjects: list[Subject], maps: dict[tuple[str, float, float], ErrorMap]) -> list[ErrorMap]:
+    """List the maps by solver, those of the engines last; of each in the order of its restitutions."""
+    ordered = sorted(subjects, key=lambda one: one.kind == "stepped")
+    return [found for one in ordered for (name, _, _), found in maps.items() if name == one.name]
 
 
 def _control(
-    stepped: list[Subject],
+    subjects: list[Subject],
     points: dict[str, tuple[Point, ...]],
     config: HypothesisConfig,
     answers: dict[tuple[str, str], Answers],
 ) -> dict[str, Floats]:
     """Distance of every outcome of an engine from the exact Kelvin-Voigt column: rows k2/k1, distance, own error."""
     found: dict[str, Floats] = {}
-    for one in (one for one in stepped if one.family == "kelvin-voigt"):
+    for one in (one for one in subjects if one.kind == "stepped" and one.family == "kelvin-voigt"):
         rows = []
         for case in CASES:
             ratios = ratios_of(case, points[case.key], contrasts(config, case, one))

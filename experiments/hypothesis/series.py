@@ -52,6 +52,15 @@ class Series:
         grazing = done & (self.rows("grazing_margin") * scale < GRAZING)
         return done & ~grazing, grazing
 
+    def without_result(self, i: int) -> str:
+        """Say how many outcomes of a point are no results, by status, and why the first is none; empty if all are."""
+        row, reasons = self.rows("status")[i], self.rows("reason")[i]
+        found = []
+        for status in dict.fromkeys(row[~np.isin(row, ("ok", "limit"))]):
+            which = np.flatnonzero(row == status)
+            found.append(f"{which.size} of {row.size} {status}: {reasons[which[0]]}")
+        return "; ".join(found)
+
     def distances(self) -> Floats:
         """Distance of every outcome from the closed form, shape (n, m); NaN without a result."""
         forms = np.array([closed_form(self.case, point) for point in self.points])
@@ -92,7 +101,7 @@ def examine(series: Series, decades: float) -> CaseResult:
                 predict(series.case, point, series.subject.family),
                 form,
                 int(grazing[i].sum()),
-                series.answers.reason,
+                series.without_result(i),
             )
         )
     return gather(series.subject.name, series.subject.kind, series.case, results, decades, shiftable)

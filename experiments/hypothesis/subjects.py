@@ -2,9 +2,12 @@
 
 Three kinds, told apart by how exact their answer is:
 
-* `exact`: the model and the engine-free references, compiled and without a step; their error is rounding;
+* `exact`: the model and the engine-free references, compiled and without a step; their error is rounding, and they
+  are asked where the caller is;
 * `stepped`: engines. Each collision is run at three steps, h, h/2 and h/4, and extrapolated to none.
 * `single`: any other solver of the registry, asked cell by cell; taken as exact.
+
+What is not of this project can crash or hang: the last two are asked in sandboxes (`isolation`).
 """
 
 from __future__ import annotations
@@ -20,11 +23,12 @@ from numpy.typing import NDArray
 
 from compliant_baselines import get_solver, solver_names
 from compliant_baselines.bistiffness import bistiffness_batch
-from compliant_baselines.contract import Settings, Solver
+from compliant_baselines.contract import Settings
 from compliant_baselines.engine import EngineSolver
 from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
-from experiments.solving import answer
+from experiments.solving import Resolve, answer
 from model import Collision, solve_batch
+from model.collision import Status
 
 Floats = NDArray[np.float64]
 Kind = Literal["exact", "stepped", "single"]
@@ -58,8 +62,8 @@ class Answers:
         As of an `Outcome`.
     grazing_margin : ndarray, shape (n,)
         Of the model; infinite for others.
-    reason : tuple of str
-        The first reason of every status that is no result.
+    reason : ndarray of str, shape (n,)
+        As of an `Outcome`; never empty where the status is no result.
     """
 
     v1: Floats
@@ -67,24 +71,18 @@ class Answers:
     error: Floats
     status: NDArray[np.str_]
     grazing_margin: Floats
-    reason: tuple[str, ...] = ()
+    reason: NDArray[np.str_]
 
     @classmethod
     def join(cls, parts: Sequence[Answers]) -> Answers:
         """Join answers end to end."""
-        reasons = dict.fromkeys(reason for part in parts for reason in part.reason)
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__))
 
-        def joined(name: str) -> NDArray:
-            return np.concatenate([getattr(part, name) for part in parts])
-
-        return cls(
-            joined("v1"),
-            joined("v2"),
-            joined("error"),
-            joined("status"),
-            joined("grazing_margin"),
-            tuple(reasons),
-        )
+    @classmethod
+    def failure(cls, status: Status, reason: str) -> Answers:
+        """Answer one collision by why it has no result."""
+        none = np.array([math.nan])
+        return cls(none, none, none, np.array([status]), np.array([math.inf]), np.array([reason]))
 
 
 #: Gives the answers to arrays k2/k1, m2/m1, e1, e2 of one shape (n,).
@@ -129,16 +127,17 @@ def model_batch(
         max_events=MAX_EVENTS,
         impact_law=impact_law,
     )
-    gave_up = (f"not over after {MAX_EVENTS} events",) if np.any(batch.status == "unconverged") else ()
+    gave_up = np.where(batch.status == "unconverged", f"not over after {MAX_EVENTS} events", "")
     error = ROUNDING + np.abs(batch.energy_residual)
     return Answers(batch.v1, batch.v2, error, batch.status, batch.grazing_margin, gave_up)
 
 
 def _reference(batch: Callable[..., Any], kappa: Floats, mu: Floats, e1: Floats, e2: Floats) -> Answers:
     found = batch(kappa, mu, e1, e2)
-    lost = tuple(f"{s}: see the table of solvers" for s in sorted(set(found.status) - {"ok", "limit"}))
+    reason = np.where(found.status == "timeout", "not over after the most stretches a reference follows", "")
+    reason = np.where(found.status == "unrepresentable", "the law has no such contact", reason)
     n = kappa.size
-    return Answers(found.v1, found.v2, np.full(n, ROUNDING), found.status, np.full(n, math.inf), lost)
+    return Answers(found.v1, found.v2, np.full(n, ROUNDING), found.status, np.full(n, math.inf), reason)
 
 
 _EXACT: dict[str, Ask] = {
@@ -153,25 +152,24 @@ _EXACT: dict[str, Ask] = {
 
 
 def asked_one_by_one(
-    name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
+    resolve: Resolve, name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
 ) -> Answers:
     """Ask a solver of the registry, collision by collision, as given in the settings."""
     collisions = [Collision.from_ratios(*map(float, row)) for row in zip(kappa, mu, e1, e2, strict=True)]
-    outcomes = answer(get_solver(name), collisions, settings)
+    outcomes = answer(resolve(name), collisions, settings)
     margins = [math.inf if o.grazing_margin is None else o.grazing_margin for o in outcomes]
-    reasons = dict.fromkeys(f"{o.status}: {o.reason}" for o in outcomes if o.status not in ("ok", "limit"))
     return Answers(
         np.array([o.v1 for o in outcomes]),
         np.array([o.v2 for o in outcomes]),
         np.full(len(outcomes), ROUNDING),
         np.array([o.status for o in outcomes], dtype=np.str_),
         np.array(margins),
-        tuple(reasons),
+        np.array([o.reason for o in outcomes], dtype=np.str_),
     )
 
 
 def at_vanishing_step(
-    name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
+    resolve: Resolve, name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
 ) -> Answers:
     """Ask an engine at the steps h, h/2, h/4, and extrapolate.
 
@@ -182,7 +180,7 @@ def at_vanishing_step(
     """
     fractions = [settings.step_fraction / 2**level for level in range(3)]
     runs = [
-        asked_one_by_one(name, replace(settings, step_fraction=fraction), kappa, mu, e1, e2)
+        asked_one_by_one(resolve, name, replace(settings, step_fraction=fraction), kappa, mu, e1, e2)
         for fraction in fractions
     ]
 
@@ -195,14 +193,13 @@ def at_vanishing_step(
     second = np.hypot(change1, np.sqrt(mu) * change2)
     first = np.hypot(runs[2].v1 - runs[1].v1, np.sqrt(mu) * (runs[2].v2 - runs[1].v2))
     error = second * np.minimum(1, 2 * second / np.maximum(first, 1e-300)) + LEAST_ERROR
-    status = runs[2].status.copy()
+    status, reason = runs[2].status, runs[2].reason
     for run in runs[:2]:
         failed = ~np.isin(run.status, ("ok", "limit"))
-        status[failed] = run.status[failed]
+        status, reason = np.where(failed, run.status, status), np.where(failed, run.reason, reason)
     bad = ~np.isin(status, ("ok", "limit"))
     v1[bad] = v2[bad] = error[bad] = np.nan
-    reasons = tuple(dict.fromkeys(reason for run in runs for reason in run.reason))
-    return Answers(v1, v2, error, status, np.full(kappa.size, math.inf), reasons)
+    return Answers(v1, v2, error, status, np.full(kappa.size, math.inf), reason)
 
 
 def default_names() -> list[str]:
@@ -211,7 +208,7 @@ def default_names() -> list[str]:
     return [name for name in solver_names(on_request=True) if name in usual or name in _EXACT]
 
 
-def subject(name: str, steps: int) -> Subject:
+def subject(name: str, steps: int, resolve: Resolve = get_solver) -> Subject:
     """Make a subject of a solver.
 
     Parameters
@@ -220,14 +217,16 @@ def subject(name: str, steps: int) -> Subject:
         Of the registry.
     steps : int
         Steps in a period of the stiffer contact at the longest of an engine's three steps.
+    resolve : callable
+        Finds the solver, here and in every process it is sent to; at the top level of a module.
     """
     if name in _EXACT:
         return Subject(name, "exact", _EXACT[name], name)
     costly = name in COSTLY
     fraction = (3 if costly else 1) / steps
     settings = Settings(step_fraction=fraction, stiffness_ratio_cutoff=math.inf, max_steps=50_000_000)
-    solver: Solver = get_solver(name)
+    solver = resolve(name)
     if isinstance(solver, EngineSolver):
         family = "kelvin-voigt" if name in solver_names() else "none"
-        return Subject(name, "stepped", partial(at_vanishing_step, name, settings), family, costly)
-    return Subject(name, "single", partial(asked_one_by_one, name, settings), name)
+        return Subject(name, "stepped", partial(at_vanishing_step, resolve, name, settings), family, costly)
+    return Subject(name, "single", partial(asked_one_by_one, resolve, name, settings), name)

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from experiments.document import Table
-from experiments.findings import number
 from experiments.hypothesis.cases import CASES, pair_class
 from experiments.hypothesis.maps import LEVELS, contrast_needed, share_within
 from experiments.hypothesis.run import Results
 from experiments.hypothesis.verdicts import CaseResult, Group
+from experiments.numbers import number
 
 #: Mass ratios of the table of contrasts that are needed.
 MASSES = (0.2, 0.5, 1.0, 2.0, 5.0)
@@ -137,6 +137,7 @@ def point_frame(results: Results) -> pd.DataFrame:
                     "missed_prediction": p.missed,
                     "grazing_left_out": p.grazing,
                     "reason": j.reason,
+                    "without_result": p.without_result,
                 }
             )
     return pd.DataFrame(rows)
@@ -163,6 +164,7 @@ def outcome_frame(results: Results) -> pd.DataFrame:
                     "error": series.answers.error,
                     "distance": series.distances().ravel(),
                     "status": series.answers.status,
+                    "reason": series.answers.reason,
                     "used": usable.ravel(),
                     "grazing": grazing.ravel(),
                 }
@@ -187,6 +189,8 @@ def map_frame(results: Results) -> pd.DataFrame:
             "mass_ratio": masses.ravel(),
             "error": one.error.ravel(),
             "uncertainty": one.uncertainty.ravel(),
+            "status": one.status.ravel(),
+            "reason": one.reason.ravel(),
         }
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)

@@ -45,8 +45,8 @@ class PointResult:
     closed_form : tuple of float
     grazing : int
         Outcomes left out because they lie beside a grazing jump.
-    reasons : tuple of str
-        Of outcomes without a result.
+    without_result : str
+        How many outcomes have no result, by status, and why the first of them has none; empty if all have one.
     """
 
     point: Point
@@ -55,24 +55,16 @@ class PointResult:
     prediction: Prediction | None
     closed_form: tuple[float, float]
     grazing: int
-    reasons: tuple[str, ...]
-
-    @property
-    def predicted_offset(self) -> float:
-        """Distance of the prediction from the closed form; NaN without one."""
-        if self.prediction is None:
-            return math.nan
-        return self._from(self.closed_form, (self.prediction.v1, self.prediction.v2))
+    without_result: str
 
     @property
     def missed(self) -> float:
         """Distance of the extrapolated limit from the prediction; NaN without either."""
         if self.prediction is None:
             return math.nan
-        return self._from(self.judgement.limit, (self.prediction.v1, self.prediction.v2))
-
-    def _from(self, a: tuple[float, float], b: tuple[float, float]) -> float:
-        return math.hypot(a[0] - b[0], math.sqrt(self.point.mass_ratio) * (a[1] - b[1]))
+        v1, v2 = self.judgement.limit
+        dv1, dv2 = v1 - self.prediction.v1, v2 - self.prediction.v2
+        return math.hypot(dv1, math.sqrt(self.point.mass_ratio) * dv2)
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,9 +47,79 @@ BAD = {
     "an unknown key": ("contrasts = [1, 2]", ["contrasts", "unknown key", "contrast"]),
     "an unknown key of the map": ("[map]\nsise = 3", ["map.sise", "unknown key", "size"]),
     "a map without 1": ("[map]\nstiffness_ratio = [2, 10]", ["map.stiffness_ratio", "lo < 1 < hi"]),
+    "a misspelt key": ("point = []\nstep = 50", ["step = 50: unknown key", "did you mean 'steps'?"]),
+    "a misspelt key of a point": (
+        "[[point]]\ncase = 'infinity'\nmas_ratio = 1.0\nmass_ratio = 1.0",
+        [
+            "point[1].mas_ratio",
+            "did you mean 'mass_ratio'?",
+            "legal: case, mass_ratio, e1, e2, stiffness_ratio",
+        ],
+    ),
+    "a map of engines beyond them": (
+        "[map]\nengine_stiffness_ratio = [1e-9, 1e3]",
+        ["map.engine_stiffness_ratio = [1e-09, 1000.0]", "1e-6 <= lo < 1 < hi <= 1e6"],
+    ),
+    "a restitution too small": (
+        "[map]\nrestitutions = [[0.9, 0.7], [0.9, 0.0]]",
+        ["map.restitutions[2][2] = 0.0", "1 to 6 pairs [e1, e2], from 0.02 to 1"],
+    ),
+    "two mistakes": ("points = 3\nsteps = 3", ["points = 3", "and 1 more"]),
     "no file": (None, ["no such file"]),
+    "an unknown key with the name of a type": ("float = 3", ["float = 3: unknown key"]),
     "no TOML": ("points =", ["not TOML"]),
 }
+
+
+#: A value of the wrong type by field, and how an error names field and value, and begins with what is legal.
+WRONG_TYPES = {
+    "seed = 1.0": ("seed = 1.0", "a whole number from 0 to 2^32"),
+    "points = '24'": ("points = '24'", "a whole number from 6 to 500"),
+    "points = true": ("points = True", "a whole number from 6 to 500"),
+    "solvers = 'mujoco'": ("solvers = 'mujoco'", "a list of names"),
+    "solvers = [1]": ("solvers[1] = 1", "a list of names"),
+    "contrast = 10": ("contrast = 10", "[lo, hi] with 1 < lo < hi <= 1e10"),
+    "contrast = [10]": ("contrast", "[lo, hi] with 1 < lo < hi <= 1e10"),
+    "contrast = [10, 100, 1000]": ("contrast = [10, 100, 1000]", "[lo, hi] with 1 < lo < hi <= 1e10"),
+    "contrast = [10, true]": ("contrast[2] = True", "[lo, hi] with 1 < lo < hi <= 1e10"),
+    "contrast = [10, nan]": ("contrast = [10.0, nan]", "[lo, hi] with 1 < lo < hi <= 1e10"),
+    "plastic_contrast = 'wide'": ("plastic_contrast = 'wide'", "[lo, hi] with 1 < lo < hi <= 1e16"),
+    "engine_contrast = ['10', 100]": ("engine_contrast[1] = '10'", "[lo, hi] with 1 < lo < hi <= 1e6"),
+    "engine_plastic_contrast = {lo = 2}": ("engine_plastic_contrast = {'lo': 2}", "[lo, hi] with 1 < lo"),
+    "per_decade = 8.0": ("per_decade = 8.0", "a whole number from 4 to 64"),
+    "engine_per_decade = '2'": ("engine_per_decade = '2'", "a whole number from 2 to 16"),
+    "fit_decades = '4'": ("fit_decades = '4'", "from 1 to 8"),
+    "engine_fit_decades = true": ("engine_fit_decades = True", "from 1 to 8"),
+    "steps = 100.0": ("steps = 100.0", "a whole number from 20 to 2000"),
+    "cell_timeout = 'long'": ("cell_timeout = 'long'", "greater than 0, at most 1e6 (s of wall time)"),
+    "workers = true": ("workers = True", "a whole number from 1 to 4096"),
+    "map = 3": ("map = 3", "a table: size, engine_size, stiffness_ratio"),
+    "map.size = '61'": ("map.size = '61'", "a whole number from 4 to 400"),
+    "map.engine_size = 13.0": ("map.engine_size = 13.0", "a whole number from 3 to 60"),
+    "map.stiffness_ratio = 'all'": ("map.stiffness_ratio = 'all'", "0 < lo < 1 < hi <= 1e12 (k2/k1)"),
+    "map.engine_stiffness_ratio = 1": ("map.engine_stiffness_ratio = 1", "1e-6 <= lo < 1 < hi <= 1e6"),
+    "map.mass_ratio = [true, 2]": ("map.mass_ratio[1] = True", "0 < lo < hi <= 1e12 (m2/m1)"),
+    "map.restitutions = [0.9, 0.7]": ("map.restitutions[1] = 0.9", "a list of 1 to 6 pairs [e1, e2]"),
+    "map.restitutions = [[0.9, '0.7']]": ("map.restitutions[1][2] = '0.7'", "a list of 1 to 6 pairs"),
+    "point = 1": ("point = 1", "a list of tables: case, mass_ratio, e1, e2"),
+    "point = [{case = 1, mass_ratio = 1.0}]": ("point[1].case = 1", "zero-apart, zero-early"),
+    "point = [{case = 'infinity', mass_ratio = '1'}]": ("point[1].mass_ratio = '1'", "a finite number > 0"),
+    "point = [{case = 'infinity', mass_ratio = 1, e1 = true}]": ("point[1].e1 = True", "from 0.02 to 1"),
+}
+
+
+@pytest.mark.parametrize("text", WRONG_TYPES)
+def test_a_wrong_type_is_named_with_its_value_and_what_is_legal(text, tmp_path, capsys):
+    (tmp_path / "h.toml").write_text(text)
+    out = tmp_path / "out"
+    assert main(["hypothesis", str(tmp_path / "h.toml"), "--out", str(out)]) == 2
+    captured = capsys.readouterr()
+    named, legal = WRONG_TYPES[text]
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert f"h.toml: {named}" in captured.err
+    assert f"legal: {legal}" in captured.err or f"legal: [lo, hi] with {legal}" in captured.err
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -137,7 +207,7 @@ def test_the_numbers_of_the_page_are_those_of_the_tables(done):
 
 def test_too_short_a_range_is_undecided_in_every_solver():
     config = parse({**tomllib.loads(SMALL), "contrast": [10, 1e3], "plastic_contrast": [10, 1e3]}, "test")
-    verdicts = class_frame(run_hypothesis(config, workers=1))
+    verdicts = class_frame(run_hypothesis(config, isolate=False))
     assert set(verdicts.verdict) == {"undecided"}
     assert verdicts.reason.str.contains("extend the range of contrasts").all()
 

@@ -24,9 +24,8 @@ def planted(departure, kind="exact", error=1e-13, case=CASE, points=POINTS, cont
         forms = np.repeat([closed_form(case, point) for point in points], n, axis=0)
         off = np.concatenate([departure(contrast, i) for i in range(len(points))])
         full = np.full(kappa.size, math.inf)
-        return Answers(
-            forms[:, 0] + off, forms[:, 1], np.full(kappa.size, error), np.full(kappa.size, "ok"), full
-        )
+        ok, nothing = np.full(kappa.size, "ok"), np.full(kappa.size, "")
+        return Answers(forms[:, 0] + off, forms[:, 1], np.full(kappa.size, error), ok, full, nothing)
 
     subject = Subject("planted", kind, ask, "none")
     answers = ask(*ratios_of(case, points, contrast))
@@ -145,9 +144,9 @@ def test_grazing_outcomes_are_left_out_and_counted():
     v1, v2 = closed_form(CASE, POINTS[0])
     off = 0.1 / contrast
     off[-1] = 0.5
-    answers = Answers(
-        v1 + off, np.full_like(off, v2), np.full_like(off, 1e-13), np.full(off.size, "ok"), margin
-    )
+    ok, nothing = np.full(off.size, "ok"), np.full(off.size, "")
+    error = np.full_like(off, 1e-13)
+    answers = Answers(v1 + off, np.full_like(off, v2), error, ok, margin, nothing)
     subject = Subject("planted", "exact", lambda *_: answers, "none")
     found = examine(Series(subject, CASE, POINTS[:1], contrast, answers), 4.0)
     assert found.points[0].grazing == 1

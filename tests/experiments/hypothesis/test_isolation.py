@@ -1,0 +1,117 @@
+"""A solver that crashes or hangs costs the collisions it does so at, with a status and a reason, and nothing else."""
+
+import math
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compliant_baselines import get_solver
+from experiments.hypothesis.config import parse
+from experiments.hypothesis.isolation import ask
+from experiments.hypothesis.run import run_hypothesis
+from experiments.hypothesis.subjects import Answers
+from experiments.hypothesis.tables import map_frame, mechanism_frame, outcome_frame, point_frame
+from experiments.sandbox import Sandbox
+from tests.experiments import faulty
+
+
+def prepare(context, *, beat):
+    """Import this module, by being found in it: what a call imports counts as its time."""
+
+
+def mortal(kappa, mu, e1, e2):
+    """Answer kappa and mu, and hang at one value of e1."""
+    if faulty.HANG in e1:
+        time.sleep(60)
+    n = kappa.size
+    ok, margin = np.full(n, "ok"), np.full(n, math.inf)
+    return Answers(kappa, mu, np.zeros(n), ok, margin, np.full(n, ""))
+
+
+def dead_at_first(kappa, mu, e1, e2):
+    """Die once, as of a full memory."""
+    died = Path(os.environ["IMPACT_XVAL_DIED"])
+    if not died.exists():
+        died.touch()
+        os.abort()
+    return mortal(kappa, mu, e1, e2)
+
+
+class Fragile(faulty.Faulty):
+    """Dies of some values of e1, and of one trajectory."""
+
+    def solve_many(self, collisions, settings):
+        if settings.record_path and any(c.k2 > 5e4 * c.k1 for c in collisions):
+            os.abort()
+        return super().solve_many(collisions, settings)
+
+
+def fragile(name):
+    return Fragile() if name == "mujoco" else get_solver(name)
+
+
+@pytest.fixture
+def sandbox():
+    made = Sandbox(None, prepare)
+    yield made
+    made.close()
+
+
+def ratios(*e1):
+    n = len(e1)
+    return np.array([np.arange(1.0, n + 1), np.arange(11.0, n + 11), e1, np.full(n, 0.7)])
+
+
+def test_the_collisions_at_fault_are_named_and_the_others_answered(sandbox):
+    found = ask(sandbox, mortal, ratios(0.5, faulty.HANG, 0.6), 1.0)
+    assert found.status.tolist() == ["ok", "timeout", "ok"]
+    assert found.reason.tolist() == ["", "no answer within 1 s; its process was ended", ""]
+    assert found.v1[[0, 2]].tolist() == [1, 3]
+    assert found.v2[[0, 2]].tolist() == [11, 13]
+    assert np.isnan([found.v1[1], found.v2[1], found.error[1]]).all()
+
+
+def test_one_death_may_have_been_anybodys(sandbox, tmp_path, monkeypatch):
+    monkeypatch.setenv("IMPACT_XVAL_DIED", str(tmp_path / "died"))
+    found = ask(sandbox, dead_at_first, ratios(0.5, 0.6), 20.0)
+    assert (tmp_path / "died").exists()
+    assert found.status.tolist() == ["ok", "ok"]
+
+
+def test_a_run_survives_and_every_table_says_what_failed_and_why():
+    """The range of contrasts is too short for two: one collision a point."""
+    config = parse(
+        {
+            "points": 6,
+            "solvers": ["mujoco"],
+            "contrast": [10, 11],
+            "plastic_contrast": [10, 11],
+            "map": {"size": 4, "stiffness_ratio": [0.1, 10], "restitutions": [[0.9, 0.7]]},
+            "point": [{"case": "zero-late", "mass_ratio": 2.0, "e1": faulty.SEGFAULT, "e2": 0.7}],
+        },
+        "test",
+    )
+    results = run_hypothesis(config, workers=1, resolve=fragile)
+    outcomes = outcome_frame(results)
+    assert len(outcomes) == 6 * 6 + 1
+    lost = outcomes[~outcomes.status.isin(["ok", "limit"])]
+    assert lost[["case", "e1", "status", "reason"]].to_numpy().tolist() == [
+        ["zero-late", faulty.SEGFAULT, "crashed", "its process died: SIGSEGV"]
+    ]
+    assert lost.v1.isna().all()
+    points = point_frame(results)
+    said = points[points.without_result != ""]
+    assert said[["case", "e1", "verdict", "without_result"]].to_numpy().tolist() == [
+        ["zero-late", faulty.SEGFAULT, "undecided", "1 of 1 crashed: its process died: SIGSEGV"]
+    ]
+    motions = mechanism_frame(results)
+    dead = motions[~motions.status.isin(["ok", "limit"])]
+    assert dead[["case", "contrast", "status", "reason"]].to_numpy().tolist() == [
+        ["infinity", 1e5, "crashed", "its process died: SIGABRT"]
+    ]
+    maps = map_frame(results)
+    assert maps.status.isin(["ok", "limit"]).all()
+    assert maps.error.notna().all()

@@ -1,0 +1,114 @@
+"""Maps of where the hypothesis is good enough, and the closed forms they are measured from."""
+
+import math
+
+import numpy as np
+import pytest
+
+from experiments.hypothesis.cases import BY_KEY, Point, after_first_impact, closed_form, nearer_limit
+from experiments.hypothesis.maps import ErrorMap, contrast_needed, error_map, map_ratios, share_within
+from experiments.hypothesis.subjects import Answers
+from model import solve_batch
+
+#: Away from e1 = 1, where the model has no limit, and from the borders of the regimes, which it reaches slowly.
+MASSES, RESTITUTIONS = (0.2, 0.5, 1.6, 3.0, 8.0), ((0.9, 0.7), (0.5, 0.9), (0.8, 0.2))
+
+
+@pytest.mark.parametrize("kappa", [1e-9, 1e9])
+@pytest.mark.parametrize(("e1", "e2"), RESTITUTIONS)
+def test_the_closed_form_is_where_the_model_goes(kappa, e1, e2):
+    """At a finite ratio, its cut-off off: no closed form is asked."""
+    mu = np.array(MASSES)
+    model = solve_batch(kappa, mu, e1, e2, stiffness_ratio_cutoff=math.inf)
+    assert set(model.status) <= {"ok", "limit"}
+    v1, v2 = nearer_limit(kappa, mu, e1, e2)
+    assert model.v1 == pytest.approx(v1, abs=1e-7)
+    assert model.v2 == pytest.approx(v2, abs=1e-7)
+
+
+def test_the_closed_form_keeps_what_an_elastic_column_keeps():
+    mu = np.geomspace(0.01, 100, 41)
+    for kappa in (0.0, math.inf):
+        v1, v2 = nearer_limit(kappa, mu, 1.0, 1.0)
+        assert v1**2 + mu * v2**2 == pytest.approx(1, abs=1e-14)
+        assert np.all((v1 >= v2) & (v2 >= 0))
+
+
+def test_the_closed_form_has_the_value_that_is_printed():
+    assert nearer_limit(0.0, 2 / math.sqrt(3), 0.9, 0.7)[0] == pytest.approx(0.45203, abs=1e-5)
+
+
+@pytest.mark.parametrize("e1", [0.3, 0.9, 1.0])
+def test_the_regimes_meet_at_their_borders(e1):
+    for border, e2 in ((1 / e1, 0.7), ((1 + 0.7 * (1 + e1)) / e1, 0.7)):
+        below, above = (np.array(nearer_limit(0.0, border * (1 + d), e1, e2)) for d in (-1e-12, 1e-12))
+        assert below == pytest.approx(above, abs=1e-10)
+
+
+def test_the_sides_and_the_regimes_are_told_apart_cell_by_cell():
+    """One regime each, written out from the supplement: apart, early, late, and rigid table."""
+    kappa, mu = np.array([0.5, 0.5, 0.5, 2.0]), np.array([8.0, 0.5, 1.2, 1.2])
+    v1, v2 = nearer_limit(kappa, mu, 0.9, 0.7)
+    v11, v21 = after_first_impact(8.0, 0.9)
+    assert (v11, v21) == pytest.approx((6.2 / 9, -1.9 / 9))
+    early = 0.7 * math.sqrt(1 + 0.5 * 0.81) / 1.5
+    late = math.sqrt(0.08**2 + 1.2 * 0.49 * 1.9**2) / 2.2**1.5
+    assert v1 == pytest.approx([6.2 / 9, early, late, 0.9], abs=1e-14)
+    assert v2 == pytest.approx([0.7 * 1.9 / 9, early, late, 0.0], abs=1e-14)
+    for i, key in enumerate(("zero-apart", "zero-early", "zero-late", "infinity")):
+        form = closed_form(BY_KEY[key], Point(float(mu[i]), 0.9, 0.7))
+        assert form == pytest.approx((v1[i], v2[i]), abs=1e-14)
+
+
+#: A map of two mass ratios: the error falls with the contrast, but for a hump at k2/k1 = 100 of the second.
+KAPPA = np.array([1e-3, 1e-2, 1e-1, 1e1, 1e2, 1e3])
+ERROR = np.array([[0.001, 0.3], [0.01, 0.3], [0.1, 0.3], [0.1, 0.1], [0.01, 0.5], [math.nan, 0.01]])
+
+
+def a_map(error=ERROR):
+    words = np.where(np.isnan(error), "crashed", "ok")
+    masses = np.array([0.5, 2.0])
+    return ErrorMap("planted", 0.9, 0.7, KAPPA, masses, error, 0 * error, words, np.full(error.shape, ""))
+
+
+@pytest.mark.parametrize(
+    ("mass", "level", "soft_table", "contrast"),
+    [
+        (0.5, 0.1, True, 1e1),
+        (0.5, 0.05, True, 1e2),
+        (0.6, 0.005, True, 1e3),
+        (0.5, 0.0001, True, math.inf),
+        (2.0, 0.05, True, math.inf),
+        (1.9, 0.05, False, 1e3),
+        (2.0, 0.2, False, 1e3),  # good at 10, not at 100: only what holds to the end counts
+        (0.5, 0.2, False, math.inf),  # the last cell has no result: nothing is known of it
+    ],
+)
+def test_contrast_needed_holds_to_the_end_of_the_map(mass, level, soft_table, contrast):
+    assert contrast_needed(a_map(), mass, level, soft_table=soft_table) == pytest.approx(contrast)
+
+
+def test_share_within_counts_the_cells_with_a_result():
+    assert share_within(a_map(), 0.1, soft_table=True) == 3 / 6
+    assert share_within(a_map(), 0.1, soft_table=False) == 4 / 5
+    assert share_within(a_map(), 1e-9, soft_table=False) == 0
+    assert math.isnan(share_within(a_map(np.full((6, 2), math.nan)), 0.1, soft_table=True))
+
+
+def test_a_map_measures_the_distance_and_says_why_where_there_is_none():
+    kappa, masses = np.array([0.1, 10.0]), np.array([0.5, 3.0])
+    k, mu = map_ratios(kappa, masses, 0.9, 0.7)[:2]
+    assert k.tolist() == [0.1, 0.1, 10, 10]
+    assert mu.tolist() == [0.5, 3, 0.5, 3]
+    v1, v2 = nearer_limit(k, mu, 0.9, 0.7)
+    status = np.array(["ok", "limit", "crashed", "ok"])
+    reason = np.array(["", "", "its process died: SIGSEGV", ""])
+    margin = np.full(4, math.inf)
+    found = error_map(
+        "planted", 0.9, 0.7, kappa, masses, Answers(v1 + 0.3, v2 + 0.4, 0 * v1, status, margin, reason)
+    )
+    expected = np.sqrt(0.09 + masses * 0.16)
+    assert found.error[0] == pytest.approx(expected)
+    assert math.isnan(found.error[1, 0])
+    assert found.error[1, 1] == pytest.approx(expected[1])
+    assert (found.status[1, 0], found.reason[1, 0]) == ("crashed", "its process died: SIGSEGV")
