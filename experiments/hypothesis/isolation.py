@@ -1,8 +1,8 @@
 """The work of solvers in sandboxes: what crashes or hangs its process is an answer with a status, for itself alone.
 
-Collisions are asked for one at a time. Where the process dies of one, or is silent for longer than `cell_timeout`, it
-is asked for once more in a new process: one death may have been anybody's (a full memory, an operator). The second is
-the solver's: status ``crashed`` or ``timeout``, with the reason.
+Collisions are asked for together. Where the process dies of them, or is silent for longer than `cell_timeout`, they
+are halved until one is left, which is asked for once more in a new process: one death may have been anybody's (a full
+memory, an operator). The second is the solver's: status ``crashed`` or ``timeout``, with the reason.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def open_executor(job: Job, workers: int, *, isolate: bool) -> Iterator[SandboxE
 
 
 def ask(sandbox: Sandbox, function: Ask, ratios: Floats, patience: float) -> Answers:
-    """Ask for collisions one by one.
+    """Ask for collisions, and for fewer of them where that fails.
 
     Parameters
     ----------
@@ -65,20 +65,23 @@ def ask(sandbox: Sandbox, function: Ask, ratios: Floats, patience: float) -> Ans
     ratios : ndarray, shape (4, n)
         k2/k1, m2/m1, e1, e2.
     patience : float
-        Seconds that a collision may take, at all its steps.
+        Seconds that they may take together, at all their steps; more, and they are asked for in halves.
 
     Returns
     -------
     Answers
         Of all n.
     """
-    answers = []
-    for one in ratios.T:
-        try:
-            answers.append(_call(sandbox, _ask, function, one[:, None], patience=patience))
-        except FaultError as fault:
-            answers.append(Answers.failure(fault.status, fault.reason))
-    return Answers.join(answers)
+    n = ratios.shape[1]
+    try:
+        if n > 1:
+            return sandbox.call(_ask, function, ratios, patience=patience)
+        return _call(sandbox, _ask, function, ratios, patience=patience)
+    except FaultError as fault:
+        if n == 1:
+            return Answers.failure(fault.status, fault.reason)
+    halves = ratios[:, : n // 2], ratios[:, n // 2 :]
+    return Answers.join([ask(sandbox, function, half, patience) for half in halves])
 
 
 def follow(
