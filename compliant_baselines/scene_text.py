@@ -20,9 +20,10 @@ from compliant_baselines import mujoco_drop
 from compliant_baselines.column import Column
 from compliant_baselines.engine import EngineSolver
 from compliant_baselines.recording import Run
+from compliant_baselines.registry import exportable_names
 
 #: Engines that can be exported.
-EXPORTABLE = ("mujoco", "pybullet")
+EXPORTABLE = exportable_names()
 
 
 def scene_files(solver: EngineSolver, column: Column, max_steps: int) -> tuple[Run, dict[str, str]]:
