@@ -127,6 +127,8 @@ def paste(engine: str, contact: Contact, step: float) -> tuple[Parameters, str]:
     ------
     SolverError
         If the engine cannot take the numbers.
+    ValueError
+        If no such engine is known here.
     """
     if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
