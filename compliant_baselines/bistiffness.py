@@ -20,14 +20,18 @@ from numba import njit, prange
 from numpy.typing import ArrayLike
 
 from compliant_baselines.bistiffness_kernel import COMPRESSION, RESTITUTION, collide
+from compliant_baselines.piecewise import LOG_WIDTH, OPEN
+from compliant_baselines.reference_path import KernelLaw
 from compliant_baselines.reference_solver import (
     MAX_STEPS,
     Floats,
+    Followed,
     ReferenceBatch,
     ReferenceSolver,
     batch_of,
-    cells,
+    scaled_inputs,
 )
+from compliant_baselines.taylor import LINEAR
 from model.collision import Collision
 
 #: Ratio from which a contact counts as rigid (`bistiffness_kernel`). It moves velocities by about 1e-3 of its
@@ -53,7 +57,7 @@ def bistiffness_batch(
         k2/k1, m2/m1 and the coefficients of restitution; they broadcast. e_i = 0 and k2/k1 = 0 or infinity
         give the status ``unrepresentable``.
     gravity_number : array_like
-        g/(\\|v0\\| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 is the scenario `impact`, above it is a
+        g/(\|v0\| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 is the scenario `impact`, above it is a
         `drop`.
     rigid_ratio : float
         Where a contact counts as rigid; greater than 1.
@@ -71,8 +75,9 @@ def bistiffness_batch(
     """
     if not rigid_ratio > 1:
         raise ValueError(f"rigid_ratio = {rigid_ratio!r}; legal: greater than 1, up to inf")
-    shape, (kappa, mu, first, second, g) = cells(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
-    return batch_of(shape, mu, g, _follow_all(kappa, mu, first, second, g, float(rigid_ratio), max_steps))
+    shape, (kappa, mu, first, second, g) = scaled_inputs(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
+    results = _follow_all(kappa, mu, first, second, g, float(rigid_ratio), max_steps)
+    return batch_of(shape, mu, g, Followed(*results))
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -82,7 +87,7 @@ def _follow_all(kappa, mu, e1, e2, g, rigid_ratio, max_steps):
     end, sequence = np.full(n, -1, np.int8), np.zeros(n, np.uint64)
     n_states, n_events, n_steps = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32)
     limited = np.zeros(n, np.bool_)
-    no_log = np.empty((0, 11))
+    no_log = np.empty((0, LOG_WIDTH))
     for i in prange(n):
         if 0 < kappa[i] < np.inf and e1[i] > 0 and e2[i] > 0:
             result = collide(kappa[i], mu[i], e1[i], e2[i], g[i], rigid_ratio, max_steps, no_log)
@@ -92,15 +97,15 @@ def _follow_all(kappa, mu, e1, e2, g, rigid_ratio, max_steps):
 
 
 class BistiffnessSolver(ReferenceSolver):
-    """The bistiffness law; `diagnostics` also holds `returns` of a contact and `repeats` of a compression."""
+    """The bistiffness law."""
 
     name = "bistiffness"
 
-    def follow(self, collision: Collision, g: float, max_steps: int, log: Floats) -> tuple:
+    def follow(self, collision: Collision, g: float, max_steps: int, log: Floats) -> Followed:
         """Call the kernel, in scaled units."""
         c = collision
-        return collide(c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, g, RIGID_RATIO, max_steps, log)[:9]
+        return Followed(*collide(c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, g, RIGID_RATIO, max_steps, log))
 
-    def law(self, collision: Collision) -> tuple[int, float, float, tuple[int, ...], tuple[int, ...]]:
+    def law(self, collision: Collision) -> KernelLaw:
         """Springs without damping; phases as in a `Path`."""
-        return 0, 0.0, 0.0, (COMPRESSION, RESTITUTION), (0, 1, 2)
+        return KernelLaw(LINEAR, 0.0, 0.0, (COMPRESSION, RESTITUTION), (OPEN, COMPRESSION, RESTITUTION))

@@ -136,7 +136,7 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         Where a contact is taken for rigid, see the module.
     max_steps : int
         Stretches after which the collision is given up.
-    log : ndarray, shape (n, 11)
+    log : ndarray, shape (n, LOG_WIDTH)
         Filled with one row a stretch (`piecewise.LOG_COLUMNS`) and one for the end, as far as it goes.
 
     Returns
@@ -153,14 +153,11 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         Duration.
     limited : bool
         Whether a contact became rigid.
-    n_returns, n_repeats : int
-        Returns of a contact, and ends of compression of one that had ended compression before.
     """
     table = np.empty((4, ORDER + 1))
     k1, k2 = 1.0, kappa
     p1, d1, q2, v2 = 0.0, 1.0, 0.0, 0.0
     phase1, phase2 = COMPRESSION, COMPRESSION
-    ends1, ends2, returns, repeats = 0, 0, 0, 0
     time, limited = 0.0, False
     state, sequence, n_states, n_events, n = 1, np.uint64(0), 1, 0, 0
     end, rigid = GOING, 0
@@ -216,25 +213,25 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         time += x * h
         event = 0
         if fired == 0:
-            p1, returns = 0.0, returns + (1 if phase1 == OPEN else 0)
+            p1 = 0.0
             phase1, event = (COMPRESSION, RETURN) if phase1 == OPEN else (OPEN, END_OF_RESTITUTION)
         elif fired == 1:
             d1 = 0.0
             if phase1 == COMPRESSION:
-                phase1, event, repeats = RESTITUTION, END_OF_COMPRESSION, repeats + (1 if ends1 > 0 else 0)
-                k1, p1, ends1 = k1 / (e1 * e1), p1 * (e1 * e1), ends1 + 1
+                phase1, event = RESTITUTION, END_OF_COMPRESSION
+                k1, p1 = k1 / (e1 * e1), p1 * (e1 * e1)
                 push, F = (k2 * q2 + mu * g) / (1 + mu) if phase2 != OPEN else 0.0, k1 * p1
                 rigid = 1 if k1 * push * push > cutoff * k2 * F * F else 0
             else:
                 phase1, event = COMPRESSION, RESTART_OF_COMPRESSION
         elif fired == 2:
-            q2, returns = -r2, returns + (1 if phase2 == OPEN else 0)
+            q2 = -r2
             phase2, event = (COMPRESSION, RETURN) if phase2 == OPEN else (OPEN, END_OF_RESTITUTION)
         elif fired == 3:
             v2 = 0.0
             if phase2 == COMPRESSION:
-                phase2, event, repeats = RESTITUTION, END_OF_COMPRESSION, repeats + (1 if ends2 > 0 else 0)
-                k2, q2, ends2 = k2 / (e2 * e2), q2 * (e2 * e2), ends2 + 1
+                phase2, event = RESTITUTION, END_OF_COMPRESSION
+                k2, q2 = k2 / (e2 * e2), q2 * (e2 * e2)
                 push, F = (k1 * p1 if phase1 != OPEN else 0.0) + mu * g, k2 * q2 + mu * g
                 rigid = 2 if k2 * push * push > cutoff * k1 * F * F else 0
             else:
@@ -262,4 +259,4 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
     write_row(log, n, time, (p1, d1, q2, v2), 0.0, k1, k2, phase1, phase2)
     if state != 4:
         sequence, n_states = (sequence << np.uint64(2)) | np.uint64(3), n_states + 1
-    return v2 - d1, v2, end, sequence, n_states, n_events, n, time, limited, returns, repeats
+    return v2 - d1, v2, end, sequence, n_states, n_events, n, time, limited

@@ -22,9 +22,8 @@ from compliant_baselines.column import Column
 from compliant_baselines.contract import MappingName, SolverError
 from compliant_baselines.convergence import fitted_order
 from compliant_baselines.engine import EngineSolver
+from compliant_baselines.engine_run import Run
 from compliant_baselines.mapping import Contact
-from compliant_baselines.recording import Run
-from compliant_baselines.trajectory import BROKEN
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,8 +159,7 @@ def try_contacts(
 
 def _result(name: str, request: ContactRequest, run: Run) -> ContactResult:
     if not run.over:
-        status = "crashed" if run.end == BROKEN else "timeout"
-        raise SolverError(name, status, f"{request}: {run.problem()}")
+        raise SolverError(name, run.status, f"{request}: {run.problem()}")
     table = request.contact == "ball-table"
     after = run.v2 if table else run.v1 - run.v2
     return ContactResult(

@@ -10,7 +10,7 @@ import numpy as np
 
 from compliant_baselines.column import Column
 from compliant_baselines.convergence import Convergence, Limit, limit_of
-from compliant_baselines.recording import Run
+from compliant_baselines.engine_run import Run
 
 
 class Runner(Protocol):

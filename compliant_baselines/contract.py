@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
 from compliant_baselines.convergence import Convergence
-from model.collision import Collision, Outcome, Status
+from model.collision import RESULT_STATUSES, Collision, Outcome, Status
 
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive"]
@@ -162,6 +162,6 @@ class SolverBase(ABC):
             If the outcome's status is neither ``ok`` nor ``limit``.
         """
         outcome = self.solve_many([collision], settings or Settings())[0]
-        if outcome.status not in ("ok", "limit"):
+        if outcome.status not in RESULT_STATUSES:
             raise SolverError(self.name, outcome.status, outcome.reason)
         return outcome

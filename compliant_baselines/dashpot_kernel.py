@@ -39,8 +39,10 @@ from compliant_baselines.piecewise import (
 from compliant_baselines.settling import quiet, settle
 from compliant_baselines.taylor import (
     D1,
+    LINEAR,
     ORDER,
     P1,
+    PRODUCT,
     Q2,
     V2,
     evaluate,
@@ -52,7 +54,6 @@ from compliant_baselines.taylor import (
 from compliant_baselines.trajectory import GOING
 
 LOADED, SLACK = 1, 2
-LINEAR, PRODUCT = 0, 1
 
 #: Stretches without an event after which a drop is asked whether its balls only settle any more.
 PATIENCE = 6
@@ -74,7 +75,7 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
         Gravity; 0 is the scenario `impact`, anything else `drop`.
     max_steps : int
         Stretches after which the collision is given up.
-    log : ndarray, shape (n, 11)
+    log : ndarray, shape (n, LOG_WIDTH)
         Filled with one row a stretch (`piecewise.LOG_COLUMNS`) and one for the end, as far as it goes.
 
     Returns

@@ -17,18 +17,18 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from compliant_baselines.diagnosis import Finding, step_finding
-from compliant_baselines.mapping import PybulletBody
+from compliant_baselines.mapping import PYBULLET_RIGID, PybulletBody
+from compliant_baselines.stand_in import standing_in
 
 #: Engine's default of `contactSlop`, in m.
 DEFAULT_SLOP = 1e-5
 
 #: What a body without contact parameters counts as in a contact with one that has them (btManifoldResult.cpp).
-UNSET = PybulletBody(1e30, 0.1)
+UNSET = PybulletBody(PYBULLET_RIGID, 0.1)
 
 #: Stiffness in N/m from which a body counts as rigid beside others.
 RIGID = 1e15
@@ -246,13 +246,12 @@ def diagnose_at_first_step(run: Callable[[], object], *, column: bool = False) -
     import pybullet
 
     watching = _Watching(pybullet, column)
-    sys.modules["pybullet"] = watching  # type: ignore[assignment]
     try:
-        run()
+        with standing_in("pybullet", watching):
+            run()
     except _Stopped:
         pass
     finally:
-        sys.modules["pybullet"] = pybullet
         for client in watching.clients:
             if pybullet.isConnected(client):
                 pybullet.disconnect(client)

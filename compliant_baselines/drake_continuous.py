@@ -26,8 +26,8 @@ import numpy as np
 
 from compliant_baselines.column import Column
 from compliant_baselines.drake_drop import DrakeSolver, Scene, build, contact_material, follow, quiet
-from compliant_baselines.mapping import PYBULLET_RIGID, Contact, restitution
-from compliant_baselines.recording import Run
+from compliant_baselines.engine_run import Run
+from compliant_baselines.mapping import PYBULLET_RIGID, Contact
 from compliant_baselines.restitution_laws import hunt_crossley_coefficients
 
 #: Integration error aimed at in each step, per |v0|. Velocities at the end come out 4 times as far off.
@@ -61,8 +61,7 @@ def dissipation(contact: Contact, speed: float) -> float:
     speed : float
         Approach speed in m/s at which it holds.
     """
-    e = restitution(contact.c / (2 * contact.mass * contact.omega))
-    return float(hunt_crossley_coefficients(np.array([e]))[0]) / speed
+    return float(hunt_crossley_coefficients(np.array([contact.restitution]))[0]) / speed
 
 
 def _scene(column: Column) -> Scene:

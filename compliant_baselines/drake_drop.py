@@ -29,14 +29,14 @@ import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 from compliant_baselines.column import Column, radius_of
 from compliant_baselines.engine import EngineSolver
+from compliant_baselines.engine_run import Run
 from compliant_baselines.mapping import DrakeGeometry, drake_geometries
-from compliant_baselines.recording import Recorder, Run
+from compliant_baselines.recording import Recorder
 
 #: Steps between two looks at whether the collision is over.
 WINDOW = 512
@@ -53,13 +53,7 @@ class DrakeSolver(EngineSolver):
     """Drake, discrete time."""
 
     name = "drake"
-
-    def version(self) -> str:
-        """Version of the drake package."""
-        try:
-            return version("drake")
-        except PackageNotFoundError:
-            return ""
+    distribution = "drake"
 
     def unavailable(self) -> str | None:
         """Why Drake cannot run here and the way out; None if it can."""

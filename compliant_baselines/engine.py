@@ -5,14 +5,15 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
 from math import isnan
 
 from compliant_baselines.certificate import certify
 from compliant_baselines.column import Column, column_of, unrepresentable
 from compliant_baselines.contract import Settings, SolverBase
 from compliant_baselines.convergence import Limit
-from compliant_baselines.recording import Run, states_of
-from compliant_baselines.trajectory import BROKEN, REST, STUCK
+from compliant_baselines.engine_run import Run, states_of
+from compliant_baselines.trajectory import REST, STUCK
 from model.collision import Collision, Outcome
 
 #: Energy an engine may create, over that of B1 before the collision, before its answer counts as
@@ -31,8 +32,18 @@ class EngineSolver(SolverBase):
     outcome keeps its numbers).
     """
 
+    #: Name of the package that is the engine, as distributed.
+    distribution: str
+
     #: How many times as much regularisation of contacts shows what that of the engine does; None: it has none.
     regularisation_probe: float | None = None
+
+    def version(self) -> str:
+        """Version of the engine's package, or ``""`` if it is not installed."""
+        try:
+            return version(self.distribution)
+        except PackageNotFoundError:
+            return ""
 
     @abstractmethod
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
@@ -77,10 +88,9 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     weight included, and go with the velocities reported: for a B2 at rest without what it still had.
     """
     column = run.column
-    if run.end == BROKEN:
-        return Outcome.failure(solver, "crashed", f"{run.problem()}; a smaller step may help")
     if not run.over:
-        return Outcome.failure(solver, "timeout", run.problem())
+        advice = "; a smaller step may help" if run.status == "crashed" else ""
+        return Outcome.failure(solver, run.status, run.problem() + advice)
     runs = states_of(run, settings.min_run)
     gain = run.energy_gain()
     diagnostics = {

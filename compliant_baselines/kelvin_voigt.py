@@ -8,7 +8,7 @@ follows it exactly. What c_i is made from has a name:
 | kelvin-voigt | `pair` | 2 zeta sqrt(k1 M), M = m1 m2/(m1 + m2) | 2 zeta sqrt(k2 m2) |
 | kelvin-voigt-anchored | `anchored` | 2 zeta sqrt(k1 m1): B2 as part of the table | 2 zeta sqrt(k2 m2) |
 | kelvin-voigt-textbook | `textbook` | as `pair`, zeta from the textbook | likewise |
-| hunt-crossley | `hunt-crossley` | F = k1 delta (1 + a delta'), a = A(e1)/\\|v0\\| | likewise with e2 |
+| hunt-crossley | `hunt-crossley` | F = k1 delta (1 + a delta'), a = A(e1)/\|v0\| | likewise with e2 |
 
 zeta is the damping ratio that gives e to a contact that ends at zero force (docs/theory.md, section 7; the
 default) or the textbook's -ln e/sqrt(pi^2 + ln^2 e). In `pair` the mass is that of the two bodies of the contact, as
@@ -26,20 +26,24 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike
 
-from compliant_baselines.dashpot_kernel import LINEAR, LOADED, PRODUCT, collide
+from compliant_baselines.dashpot_kernel import LOADED, collide
+from compliant_baselines.piecewise import LOG_WIDTH
+from compliant_baselines.reference_path import KernelLaw
 from compliant_baselines.reference_solver import (
     MAX_STEPS,
     Floats,
+    Followed,
     ReferenceBatch,
     ReferenceSolver,
     batch_of,
-    cells,
+    scaled_inputs,
 )
 from compliant_baselines.restitution_laws import (
     damping_ratios,
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
+from compliant_baselines.taylor import LINEAR, PRODUCT
 from model.collision import Collision
 
 Damping = Literal["pair", "anchored", "textbook", "hunt-crossley"]
@@ -90,7 +94,7 @@ def kelvin_voigt_batch(
         k2/k1, m2/m1 and the coefficients of restitution; they broadcast. e_i = 0 and k2/k1 = 0 or infinity
         give the status ``unrepresentable``.
     gravity_number : array_like
-        g/(\\|v0\\| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 is the scenario `impact`, above it is a
+        g/(\|v0\| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 is the scenario `impact`, above it is a
         `drop`.
     damping : str
         One of `DAMPINGS`, see the module.
@@ -106,10 +110,10 @@ def kelvin_voigt_batch(
     ValueError
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
-    shape, (kappa, mu, first, second, g) = cells(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
+    shape, (kappa, mu, first, second, g) = scaled_inputs(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
     with np.errstate(invalid="ignore", over="ignore"):
         law, c1, c2 = dampings(damping, kappa, mu, first, second)
-    return batch_of(shape, mu, g, _follow_all(law, kappa, mu, c1, c2, g, max_steps))
+    return batch_of(shape, mu, g, Followed(*_follow_all(law, kappa, mu, c1, c2, g, max_steps)))
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -118,7 +122,7 @@ def _follow_all(law, kappa, mu, c1, c2, g, max_steps):
     v1, v2, duration = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     end, sequence = np.full(n, -1, np.int8), np.zeros(n, np.uint64)
     n_states, n_events, n_steps = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32)
-    no_log = np.empty((0, 11))
+    no_log = np.empty((0, LOG_WIDTH))
     for i in prange(n):
         if 0 < kappa[i] < np.inf and c1[i] < np.inf and c2[i] < np.inf:
             result = collide(law, kappa[i], mu[i], c1[i], c2[i], g[i], max_steps, no_log)
@@ -132,18 +136,18 @@ class KelvinVoigtSolver(ReferenceSolver):
     name = "kelvin-voigt"
     damping: Damping = "pair"
 
-    def follow(self, collision: Collision, g: float, max_steps: int, log: Floats) -> tuple:
+    def follow(self, collision: Collision, g: float, max_steps: int, log: Floats) -> Followed:
         """Call the kernel, in scaled units."""
-        law, c1, c2, _, _ = self.law(collision)
+        law = self.law(collision)
         ratios = collision.stiffness_ratio, collision.mass_ratio
-        return (*collide(law, *ratios, c1, c2, g, max_steps, log), False)
+        return Followed(*collide(law.force, *ratios, law.c1, law.c2, g, max_steps, log), limited=False)
 
-    def law(self, collision: Collision) -> tuple[int, float, float, tuple[int, ...], tuple[int, ...]]:
+    def law(self, collision: Collision) -> KernelLaw:
         """Law and damping, scaled; a contact carries force when loaded, and its phase shows in its rate."""
         c = collision
         one = (np.array([x]) for x in (c.stiffness_ratio, c.mass_ratio, c.e1, c.e2))
         law, c1, c2 = dampings(self.damping, *one)
-        return law, float(c1[0]), float(c2[0]), (LOADED,), ()
+        return KernelLaw(law, float(c1[0]), float(c2[0]), (LOADED,))
 
 
 class AnchoredKelvinVoigtSolver(KelvinVoigtSolver):

@@ -2,9 +2,9 @@
 
 The chain has three links, each a closed form of its own:
 
-1. e -> zeta, the damping ratio of a Kelvin-Voigt contact that may push but not pull (docs/theory.md,
-   section 7; Schwager and Poeschel, Granular Matter 9:465, 2007, their equations for the contact that ends when its
-   force is zero);
+1. e -> zeta, the damping ratio of a Kelvin-Voigt contact that may push but not pull (docs/theory.md, section 7;
+   Schwager and Poeschel, Granular Matter 9:465, 2007, their equations for the contact that ends when its
+   force is zero), in `compliant_baselines.restitution_laws`;
 2. zeta -> c = 2 zeta sqrt(k M), with M the reduced mass of the *pair*, as if no third body took part;
 3. (k, c) -> the engine's own numbers.
 
@@ -26,13 +26,16 @@ recommendation. It takes zeta from the textbook formula, and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-
-from scipy.optimize import root_scalar
 
 from compliant_baselines.contract import MappingName
+from compliant_baselines.restitution_laws import (
+    contact_time,
+    damping_ratio,
+    restitution,
+    root_between,
+    textbook_damping_ratio,
+)
 from model.collision import Collision
 
 #: MuJoCo's smallest constraint impedance (mjMINIMP of mjmodel.h): the nearest it comes to a force-level
@@ -46,76 +49,6 @@ MUJOCO_DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 #: is the engine's own value for a body that was not given one (BT_LARGE_FLOAT of btScalar.h, double
 #: precision).
 PYBULLET_RIGID = 1e30
-
-
-def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Find the root of a function between two values of opposite sign, to rounding."""
-    return float(root_scalar(function, bracket=(low, high), method="brentq", xtol=1e-300, rtol=1e-15).root)
-
-
-def contact_time(zeta: float) -> float:
-    """Duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M); dimensionless.
-
-    With w = sqrt(abs(1 - zeta^2)): 2 atan2(w, zeta)/w below zeta = 1, 2 there, and 2 asinh(w)/w above. These
-    are atan2(2 zeta w, 2 zeta^2 - 1)/w and ln((zeta + w)/(zeta - w))/w of docs/theory.md, section 7, by the
-    double-angle formulas; written so, nothing cancels near zeta = 1.
-
-    Parameters
-    ----------
-    zeta : float
-        Damping ratio, >= 0.
-    """
-    if zeta < 0:
-        raise ValueError(f"zeta = {zeta!r}; legal: a number >= 0")
-    # Factored, 1 - zeta^2 keeps its digits near zeta = 1; two roots, so that a huge zeta does not overflow.
-    w = math.sqrt(abs(1 - zeta)) * math.sqrt(1 + zeta)
-    if w == 0:
-        return 2.0
-    return 2 * (math.atan2(w, zeta) if zeta < 1 else math.asinh(w)) / w
-
-
-def restitution(zeta: float) -> float:
-    """Coefficient of restitution of a Kelvin-Voigt contact that ends at zero force: exp(-zeta omega t)."""
-    return math.exp(-zeta * contact_time(zeta))
-
-
-@lru_cache(maxsize=4096)
-def damping_ratio(e: float) -> float:
-    """Damping ratio that gives the restitution e at zero force: `restitution` inverted, to rounding.
-
-    Parameters
-    ----------
-    e : float
-        Coefficient of restitution in (0, 1].
-
-    Raises
-    ------
-    ValueError
-        For e outside (0, 1]: no finite damping makes a contact perfectly plastic.
-    """
-    if not 0 < e <= 1:
-        raise ValueError(f"e = {e!r}; legal: greater than 0, at most 1 (no finite damping gives e = 0)")
-    loss = -math.log(e)
-    if loss == 0:
-        return 0.0
-    # zeta contact_time(zeta) grows with zeta, contact_time <= pi, and zeta contact_time >= 2 ln zeta: the
-    # root lies in [loss/pi, exp(loss/2)]. In ln zeta the function is tame at both ends and the error is
-    # relative.
-    low, high = math.log(loss / math.pi), loss / 2
-
-    def excess(log_zeta: float) -> float:
-        zeta = math.exp(log_zeta)
-        return zeta * contact_time(zeta) - loss
-
-    # Rounding may put the true root an ulp outside the bracket for e next to 1.
-    return math.exp(_root(excess, low - 1e-9, high + 1e-9))
-
-
-def textbook_damping_ratio(e: float) -> float:
-    """Give the damping ratio -ln e/sqrt(pi^2 + ln^2 e) of a contact that may pull (the naive mapping's)."""
-    if not 0 < e <= 1:
-        raise ValueError(f"e = {e!r}; legal: greater than 0, at most 1 (no finite damping gives e = 0)")
-    return -math.log(e) / math.hypot(math.pi, math.log(e))
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +73,13 @@ class Contact:
     def from_restitution(
         cls, k: float, e: float, mass: float, mapping: MappingName = "calibrated"
     ) -> Contact:
-        """Make the contact of stiffness k that gives restitution e to a pair of this reduced mass, alone."""
+        """Make the contact of stiffness k that gives restitution e to a pair of this reduced mass, alone.
+
+        Raises
+        ------
+        ValueError
+            For e outside (0, 1].
+        """
         zeta = damping_ratio(e) if mapping == "calibrated" else textbook_damping_ratio(e)
         return cls(k, 2 * zeta * math.sqrt(k) * math.sqrt(mass), mass)
 
@@ -155,9 +94,19 @@ class Contact:
         return 2 * math.pi / self.omega
 
     @property
+    def zeta(self) -> float:
+        """Damping ratio."""
+        return self.c / (2 * self.mass * self.omega)
+
+    @property
     def duration(self) -> float:
         """How long the contact lasts when the pair is alone and without gravity, in s."""
-        return contact_time(self.c / (2 * self.mass * self.omega)) / self.omega
+        return contact_time(self.zeta) / self.omega
+
+    @property
+    def restitution(self) -> float:
+        """Coefficient of restitution when the pair is alone and without gravity."""
+        return restitution(self.zeta)
 
 
 def contacts(collision: Collision, mapping: MappingName = "calibrated") -> tuple[Contact, Contact]:
@@ -225,7 +174,7 @@ class MujocoContact:
             return (1 - dmin) * acceleration / stiffness
         # d lies between dmin and dmax, and with it the root between the two rests of constant impedance.
         high = (1 - dmin) * acceleration / (stiffness * (dmin / dmax) ** 2)
-        return _root(excess, 0.0, 2 * high)
+        return root_between(excess, 0.0, 2 * high)
 
 
 def mujoco_contact(

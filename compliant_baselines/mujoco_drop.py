@@ -24,15 +24,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from compliant_baselines.column import Column, radius_of
 from compliant_baselines.engine import EngineSolver
+from compliant_baselines.engine_run import Run
 from compliant_baselines.mapping import MUJOCO_IMPEDANCE, MujocoContact, mujoco_contact
-from compliant_baselines.recording import Recorder, Run
+from compliant_baselines.recording import Recorder
 
 if TYPE_CHECKING:
     from mujoco.batch import Batch
@@ -72,7 +72,8 @@ SCENE = """
 
 
 @cache
-def _model() -> Any:
+def scene_model() -> Any:
+    """Give `SCENE` as the engine compiles it."""
     # The names of the compiled module are invisible to a type checker, here and below.
     mujoco: Any = import_module("mujoco")
     return mujoco.MjModel.from_xml_string(SCENE)
@@ -88,17 +89,11 @@ class MujocoSolver(EngineSolver):
     """
 
     name = "mujoco"
+    distribution = "mujoco"
     regularisation_probe = 10.0
 
     def __init__(self, n_threads: int = 1) -> None:
         self.n_threads = n_threads
-
-    def version(self) -> str:
-        """Version of the mujoco package."""
-        try:
-            return version("mujoco")
-        except PackageNotFoundError:
-            return ""
 
     def unavailable(self) -> str | None:
         """Why MuJoCo cannot run here; None if it can."""
@@ -133,8 +128,8 @@ class MujocoSolver(EngineSolver):
     def _run_chunk(self, columns: Sequence[Column], max_steps: int, record_path: bool) -> list[Run]:
         from mujoco.batch import Batch
 
-        batch = Batch(_model(), len(columns), self.n_threads)
-        recorders = _load(batch, columns, max_steps, record_path)
+        batch = Batch(scene_model(), len(columns), self.n_threads)
+        recorders = load(batch, columns, max_steps, record_path)
         failures = [""] * len(columns)
         going = np.arange(len(columns))
         done = 0
@@ -207,8 +202,8 @@ def _tolerance(column: Column) -> float:
     return 1e-14 * min(acceleration, acceleration**2)
 
 
-def _load(batch: Batch, columns: Sequence[Column], max_steps: int, record_path: bool) -> list[Recorder]:
-    """Write the columns' parameters and initial states into a batch."""
+def load(batch: Batch, columns: Sequence[Column], max_steps: int, record_path: bool) -> list[Recorder]:
+    """Write the columns' parameters and initial states into a batch; give what will follow each."""
     model = batch.model
     b1, b2 = model.body("B1").id, model.body("B2").id
     pair1, pair2 = model.pair("ball-ball").id, model.pair("ball-table").id
@@ -236,3 +231,7 @@ def _load(batch: Batch, columns: Sequence[Column], max_steps: int, record_path: 
         k2 = c.m2 * c.gravity / rest if rest else c.contact2.k
         recorders.append(Recorder(c, x1, x2, k2, max_steps, record_path))
     return recorders
+
+
+# The former names, for callers elsewhere.
+_model, _load = scene_model, load

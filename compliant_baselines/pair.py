@@ -73,7 +73,7 @@ class Pair:
         else:
             T = self.duration
             _require("duration", T, T is not None and 0 < T < math.inf, "a finite number > 0 (s)")
-        contact = self._contact()
+        contact = self.contact
         if not (0 < contact.k < math.inf and 0 < contact.omega < math.inf and contact.c < math.inf):
             name = "duration" if self.stiffness is None else "stiffness"
             raise ValueError(
@@ -95,9 +95,6 @@ class Pair:
     @property
     def contact(self) -> Contact:
         """The contact asked for."""
-        return self._contact()
-
-    def _contact(self) -> Contact:
         k = self.stiffness
         if k is None:
             assert self.duration is not None

@@ -18,8 +18,8 @@ from compliant_baselines.calibration import ContactRequest
 from compliant_baselines.column import Column
 from compliant_baselines.contract import SolverError
 from compliant_baselines.engine import EngineSolver
+from compliant_baselines.engine_run import Run
 from compliant_baselines.pair import Pair
-from compliant_baselines.recording import Run
 from compliant_baselines.trajectory import FREE
 
 #: Places within a step at which the touch is tried: many to certify a step, few to look for one.
@@ -117,8 +117,10 @@ def drops(
 
 def _measure(name: str, pair: Pair, run: Run) -> tuple[float, float]:
     if run.end != FREE:
-        why = run.failure or f"not over after {run.raw.n_steps} steps, {run.duration:.3g} s"
-        raise SolverError(name, "crashed" if run.failure else "timeout", why)
+        if run.status == "crashed":
+            raise SolverError(name, "crashed", run.problem())
+        # A collision may be over with both bodies at rest on each other: their contact is not.
+        raise SolverError(name, "timeout", f"not over after {run.raw.n_steps} steps, {run.duration:.3g} s")
     after = run.v2 if pair.fixed else run.v1 - run.v2
     loaded = np.flatnonzero(np.isin(run.raw.state, (1, 2) if pair.fixed else (1, 3)))
     if not loaded.size:
@@ -152,6 +154,8 @@ def largest_step(solver: EngineSolver, pair: Pair, tolerance: float = 0.01) -> D
     ------
     SolverError
         If the engine is missing or refuses the contact, or no step does it.
+    ValueError
+        For a tolerance out of range.
     """
     if not 0 < tolerance <= 0.5:
         raise ValueError(f"tolerance = {tolerance!r}; legal: greater than 0, at most 0.5")

@@ -12,6 +12,7 @@ from typing import Any
 
 from compliant_baselines.contract import SolverError
 from compliant_baselines.mapping import Contact, drake_geometries, mujoco_contact, pybullet_bodies
+from compliant_baselines.registry import engine_names
 
 Parameters = Mapping[str, Any]
 
@@ -100,7 +101,7 @@ _TEXTS: dict[str, Callable[[Contact, float], tuple[Parameters, str]]] = {
 }
 
 #: Engines whose parameters are known here.
-ENGINES = tuple(_TEXTS)
+ENGINES = engine_names()
 
 
 def paste(engine: str, contact: Contact, step: float) -> tuple[Parameters, str]:
@@ -126,8 +127,10 @@ def paste(engine: str, contact: Contact, step: float) -> tuple[Parameters, str]:
     ------
     SolverError
         If the engine cannot take the numbers.
+    ValueError
+        If no such engine is known here.
     """
-    if engine not in _TEXTS:
+    if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
     parameters, text = _TEXTS[engine](contact, step)
     if "inf" in text or "nan" in text:

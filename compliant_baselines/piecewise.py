@@ -26,13 +26,14 @@ from compliant_baselines.trajectory import FREE, GOING, REST, STUCK
 #: Mode of a contact that carries no force because its bodies are apart, in every kernel.
 OPEN = 0
 
-#: How a kernel ended, beside FREE, REST and STUCK: by a closed-form limit, or not at all.
+#: How a kernel ended, beside FREE, REST and STUCK: not at all, within the stretches it may take or can certify.
 TOO_LONG = 9
 
 #: Columns of a log row, one row a stretch: the state at its start, its length, and the event at its end.
 #: The phases are the modes of the contacts in the kernel that wrote them; k1, k2 the present stiffnesses,
 #: in use or not.
 LOG_COLUMNS = ("time", "p1", "d1", "q2", "v2", "duration", "k1", "k2", "phase1", "phase2", "event")
+LOG_WIDTH = len(LOG_COLUMNS)
 
 # Events, as written to the log times 10, plus the contact.
 END_OF_COMPRESSION, RESTART_OF_COMPRESSION, END_OF_RESTITUTION, RETURN, LIMIT = 1, 2, 3, 4, 5

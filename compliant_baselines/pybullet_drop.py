@@ -10,12 +10,11 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 
 from compliant_baselines.column import Column, radius_of
 from compliant_baselines.engine import EngineSolver
+from compliant_baselines.engine_run import Run
 from compliant_baselines.pybullet_world import World, connected, depth_of, run
-from compliant_baselines.recording import Run
 
 #: The engine takes a step for none below the rounding of 1.0 (SIMD_EPSILON of btScalar.h).
 SHORTEST_STEP = sys.float_info.epsilon
@@ -34,13 +33,7 @@ class PybulletSolver(EngineSolver):
     """PyBullet, where it has wheels (CPython up to 3.11) or was built."""
 
     name = "pybullet"
-
-    def version(self) -> str:
-        """Version of the pybullet package."""
-        try:
-            return version("pybullet")
-        except PackageNotFoundError:
-            return ""
+    distribution = "pybullet"
 
     def unavailable(self) -> str | None:
         """Why PyBullet cannot run here and the way out; None if it can."""

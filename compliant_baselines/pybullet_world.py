@@ -33,9 +33,10 @@ from contextlib import contextmanager
 import numpy as np
 
 from compliant_baselines.column import Column, radius_of
+from compliant_baselines.engine_run import Run
 from compliant_baselines.mapping import PybulletBody, pybullet_bodies
 from compliant_baselines.quiet import Law
-from compliant_baselines.recording import Recorder, Run
+from compliant_baselines.recording import Recorder
 from compliant_baselines.trajectory import Floats
 
 #: Single steps between two looks at what comes next: the first time, and most.

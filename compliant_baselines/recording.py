@@ -1,156 +1,17 @@
-"""Following one column through the steps an engine takes, and the path it leaves."""
+"""Following one column through the steps an engine takes."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compliant_baselines.column import Column
+from compliant_baselines.engine_run import Run
 from compliant_baselines.quiet import Law, between, quiet_steps
-from compliant_baselines.trajectory import (
-    ALOFT,
-    BROKEN,
-    FREE,
-    GOING,
-    REST,
-    STUCK,
-    Floats,
-    Runs,
-    ScanParameters,
-    merge_runs,
-    new_memory,
-    scan,
-)
-from model.collision import Path
+from compliant_baselines.trajectory import BROKEN, GOING, Floats, Runs, ScanParameters, new_memory, scan
 
 #: A recorded path has about as many points as this between the borders of its states.
 PATH_POINTS = 2000
-
-# Step number, v1, v2: one row a recorded point.
-_ROW = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """What an engine made of a column.
-
-    Attributes
-    ----------
-    column : Column
-        What it was asked.
-    end : int
-        How it ended, of the constants of `compliant_baselines.trajectory`; `GOING` if it ran out of steps.
-    v1, v2, x1, x2 : float
-        Velocities in m/s and heights in m at the end.
-    x1_start, x2_start : float
-        Heights in m at the start, as the engine had them.
-    raw : Runs
-        States step by step, nothing merged.
-    points : ndarray, shape (n, 3), or None
-        Number of the step (0 is the start), v1, v2; the borders between raw states are among them.
-    failure : str
-        What the engine itself complained of, if it did.
-    starts : float
-        What contacts that began to carry force again did in their first steps, summed as changes of the
-        relative velocity of their pair in m/s. When in its first step a contact is met is chance: by so much
-        the outcome depends on it.
-    unloaded : tuple of float
-        When contacts 1 and 2 last ceased to carry force, in s, to a fraction of a step (`trajectory.scan`);
-        NaN if they never did.
-    max_steps : int
-        Steps it was allowed.
-    """
-
-    column: Column
-    end: int
-    v1: float
-    v2: float
-    x1: float
-    x2: float
-    x1_start: float
-    x2_start: float
-    raw: Runs
-    points: Floats | None
-    failure: str = ""
-    starts: float = 0.0
-    unloaded: tuple[float, float] = (nan, nan)
-    max_steps: int = 0
-
-    @property
-    def duration(self) -> float:
-        """Time the run took, in s."""
-        return self.raw.n_steps * self.column.step
-
-    @property
-    def over(self) -> bool:
-        """Whether the collision came to its end."""
-        return self.end in (FREE, REST, STUCK)
-
-    @property
-    def reported(self) -> tuple[float, float]:
-        """Velocities in m/s as an outcome states them: those of balls at rest are 0 (`trajectory`)."""
-        return 0.0 if self.end == STUCK else self.v1, 0.0 if self.end in (REST, STUCK) else self.v2
-
-    def problem(self) -> str:
-        """Why the collision is not over, in words; empty if it is."""
-        if self.over:
-            return ""
-        if self.end == BROKEN:
-            why = self.failure or "velocities are no longer finite"
-            return f"after {self.raw.n_steps} steps of {self.column.step:.3g} s: {why}"
-        reason = f"not over after max_steps = {self.max_steps} steps of {self.column.step:.3g} s"
-        if self.end == ALOFT:
-            reason += (
-                f" (after {self.raw.n_steps} both balls are in flight, and meet again only after the last)"
-            )
-        return reason
-
-    def impulses(self, v1: float, v2: float) -> tuple[float, float]:
-        """Give the total impulses of both contacts, in N s, for final velocities in m/s; gravity put back."""
-        c = self.column
-        fallen = c.gravity * self.duration
-        impulse1 = c.m1 * (v1 - c.v1 + fallen)
-        return impulse1, impulse1 + c.m2 * (v2 - c.v2 + fallen)
-
-    def energy_gain(self) -> float:
-        """Give the energy gained over the kinetic energy at the start, without what springs hold at the end.
-
-        Kinetic energy and height count, and so does what the support of a settled B2 holds at the start.
-        Dissipation and springs left loaded only make it smaller: a positive value is the engine's doing.
-        """
-        c = self.column
-
-        def energy(v1: float, v2: float, x1: float, x2: float) -> float:
-            return 0.5 * (c.m1 * v1 * v1 + c.m2 * v2 * v2) + c.gravity * (c.m1 * x1 + c.m2 * x2)
-
-        # A linear support that carries m2 g at the penetration -x2_start holds half their product.
-        held = -0.5 * c.m2 * c.gravity * self.x2_start if c.settled else 0.0
-        before = energy(c.v1, c.v2, self.x1_start, self.x2_start) + held
-        return (energy(self.v1, self.v2, self.x1, self.x2) - before) / energy(c.v1, c.v2, 0, 0)
-
-    def path(self, runs: Runs) -> Path:
-        """Give the recorded path under a (merged) state sequence; energies unknown."""
-        assert self.points is not None
-        c = self.column
-        step = self.points[:, 0].astype(np.int64)
-        # Step n ends at point n. The state of a point is that of the step before it; at a border the point is
-        # given again, with the state of the step after it.
-        at = np.searchsorted(runs.start, np.maximum(step - 1, 0), side="right") - 1
-        again = np.flatnonzero(np.isin(step, runs.start[1:]))
-        order = np.sort(np.concatenate([np.arange(step.size), again]), kind="stable")
-        state_index = at[order]
-        state_index[1:] += (order[1:] == order[:-1]).astype(state_index.dtype)
-        state = runs.state[state_index]
-        v1, v2 = self.points[order, 1], self.points[order, 2]
-        t = np.asarray(step[order] * c.step, np.float64)
-        impulse1 = c.m1 * (v1 - c.v1 + c.gravity * t)
-        impulse2 = impulse1 + c.m2 * (v2 - c.v2 + c.gravity * t)
-        phase1 = np.where(np.isin(state, (1, 3)), np.where(v2 > v1, 1, 2), 0)
-        phase2 = np.where(np.isin(state, (1, 2)), np.where(v2 < 0, 1, 2), 0)
-        return Path(t, impulse1, impulse2, v1, v2, None, None, state, phase1, phase2)
 
 
 class Recorder:
@@ -313,10 +174,3 @@ class Recorder:
             (unloaded1, unloaded2),
             self._max_steps,
         )
-
-
-def states_of(run: Run, min_run: int) -> Runs:
-    """State sequence of a run: `merge_runs`, and S1 for a run that broke in its first step."""
-    if run.raw.n_steps == 0:
-        return Runs(np.zeros(1, np.int64), np.ones(1, np.int64), 0)
-    return merge_runs(run.raw, min_run)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,7 +16,7 @@ from compliant_baselines.piecewise import (
     RESTART_OF_COMPRESSION,
     RETURN,
 )
-from compliant_baselines.taylor import ORDER, evaluate, expand, expand_product
+from compliant_baselines.taylor import LINEAR, ORDER, evaluate, expand, expand_product
 from model.collision import STATES, Collision, Event, Path
 
 Floats = NDArray[np.float64]
@@ -32,6 +33,28 @@ KINDS = {
 }
 
 
+class KernelLaw(NamedTuple):
+    """What a log does not say of itself.
+
+    Attributes
+    ----------
+    force : int
+        `taylor.LINEAR` or `taylor.PRODUCT`.
+    c1, c2 : float
+        Damping, scaled, as the kernel took it.
+    carries : tuple of int
+        Phases in which a contact carries force.
+    phases : tuple of int
+        For each phase of the log, that of a `Path`; empty where it is to be told from the rate.
+    """
+
+    force: int
+    c1: float
+    c2: float
+    carries: tuple[int, ...]
+    phases: tuple[int, ...] = ()
+
+
 @njit(cache=True, error_model="numpy")
 def _sample(log, law, mu, c1, c2, g, loaded1, loaded2, points):
     """Fill in p1, d1, q2, v2 at `points` instants of each stretch; shape (stretches, points, 4)."""
@@ -44,7 +67,7 @@ def _sample(log, law, mu, c1, c2, g, loaded1, loaded2, points):
         k1, a1 = (log[n, 6], c1) if loaded1[n] else (0.0, 0.0)
         k2, a2 = (log[n, 7], c2) if loaded2[n] else (0.0, 0.0)
         carried = g if loaded2[n] else 0.0
-        if law == 0:
+        if law == LINEAR:
             expand(table, ORDER, log[n, 5], mu, k1, k2, a1, a2, carried, carried - g)
         else:
             r2 = mu * g / log[n, 7]
@@ -60,11 +83,7 @@ def trace(
     collision: Collision,
     g: float,
     log: Floats,
-    law: int,
-    c1: float,
-    c2: float,
-    carries: tuple[int, ...],
-    phases: tuple[int, ...],
+    law: KernelLaw,
     with_path: bool,
 ) -> tuple[Path | None, tuple[Event, ...], tuple[str, ...]]:
     """Read a log.
@@ -75,16 +94,10 @@ def trace(
         Whose units the result is in.
     g : float
         Gravity, scaled.
-    log : ndarray, shape (n, 11)
+    log : ndarray, shape (n, LOG_WIDTH)
         As written by a kernel (`piecewise.LOG_COLUMNS`); the last row is the end.
-    law : int
-        0 for linear forces, 1 for the product law.
-    c1, c2 : float
-        Damping, scaled, as the kernel took it.
-    carries : tuple of int
-        Phases in which a contact carries force.
-    phases : tuple of int
-        For each phase of the log, that of a `Path`; empty where it is to be told from the rate.
+    law : KernelLaw
+        How to read it.
     with_path : bool
         Whether the path is wanted.
 
@@ -95,7 +108,7 @@ def trace(
     """
     c, mu = collision, collision.mass_ratio
     phase = log[:, 8:10].astype(int)
-    loaded = np.isin(phase, carries)
+    loaded = np.isin(phase, law.carries)
     state = np.where(loaded[:, 0], np.where(loaded[:, 1], 1, 3), np.where(loaded[:, 1], 2, 4))
     sequence = [int(s) for i, s in enumerate(state) if i == 0 or s != state[i - 1]]
     names = tuple(STATES[s] for s in (sequence if sequence[-1] == 4 else [*sequence, 4]))
@@ -119,7 +132,7 @@ def trace(
     if not with_path:
         return None, tuple(events), names
 
-    points = _sample(log, law, mu, c1, c2, g, loaded[:, 0], loaded[:, 1], POINTS)
+    points = _sample(log, law.force, mu, law.c1, law.c2, g, loaded[:, 0], loaded[:, 1], POINTS)
     time = log[:-1, :1] + log[:-1, 5:6] * np.linspace(0, 1, POINTS)
     limited = np.flatnonzero(log[:-1, 10] == LIMIT * 10)
     points[limited, 1:] = log[limited + 1, None, 1:5]
@@ -137,7 +150,9 @@ def trace(
     for i, rate in ((0, d1), (1, -w2)):
         told = flat(phase[:, i])
         named.append(
-            np.array(phases)[told] if phases else np.where(flat(loaded[:, i]), np.where(rate > 0, 1, 2), 0)
+            np.array(law.phases)[told]
+            if law.phases
+            else np.where(flat(loaded[:, i]), np.where(rate > 0, 1, 2), 0)
         )
     path = Path(
         time=time * unit,

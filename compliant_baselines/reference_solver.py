@@ -11,16 +11,18 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compliant_baselines.column import unrepresentable
 from compliant_baselines.contract import Settings, SolverBase
-from compliant_baselines.piecewise import LOG_COLUMNS, TOO_LONG
-from compliant_baselines.reference_path import trace
+from compliant_baselines.piecewise import LOG_WIDTH, TOO_LONG
+from compliant_baselines.reference_path import KernelLaw, trace
 from compliant_baselines.trajectory import FREE, STUCK
 from model.collision import STATES, Collision, Outcome
+from model.inputs import Legal, broadcast_inputs
 
 Floats = NDArray[np.float64]
 
@@ -32,8 +34,39 @@ MAX_STEPS = 1_000_000
 #: How a collision ended, by the codes of the kernels.
 ENDS = np.array(["", "free", "rest", "stuck", *[""] * 6])
 
+#: What a batch takes for gravity beside the ratios of the collision.
+GRAVITY_NUMBER = Legal(
+    "gravity_number", 0.0, float(np.finfo(float).max), "a finite number >= 0 (g/(|v0| omega1))"
+)
+
 #: Rows of the first try at a log; a collision that needs more is run once more.
 LOG_ROWS = 512
+
+
+class Followed(NamedTuple):
+    """What a kernel returns, in scaled units: numbers of one collision, or arrays (n,) of many.
+
+    Attributes
+    ----------
+    v1, v2
+        Velocities at the end, those of balls at rest as they are.
+    end
+        How it ended, by the constants of `trajectory` and `piecewise`; -1 of a batch: unrepresentable.
+    sequence, n_states, n_events, n_steps, duration
+        As in `ReferenceBatch`.
+    limited
+        Whether a closed-form limit finished the collision.
+    """
+
+    v1: Any
+    v2: Any
+    end: Any
+    sequence: Any
+    n_states: Any
+    n_events: Any
+    n_steps: Any
+    duration: Any
+    limited: Any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,10 +76,10 @@ class ReferenceBatch:
     Attributes
     ----------
     v1, v2 : ndarray of float
-        Velocities per \\|v0\\| when the collision is over; 0 for a ball at rest (`trajectory`); NaN where
+        Velocities per \|v0\| when the collision is over; 0 for a ball at rest (`trajectory`); NaN where
         `status` says why.
     impulse1, impulse2 : ndarray of float
-        Total impulses per m1 \\|v0\\|.
+        Total impulses per m1 \|v0\|.
     retained_energy : ndarray of float
         Kinetic energy of v1, v2 over that of B1 before the collision.
     duration : ndarray of float
@@ -81,46 +114,30 @@ class ReferenceBatch:
         return tuple(STATES[1 + (code >> 2 * (n - 1 - i) & 3)] for i in range(n))
 
 
-def cells(
+def scaled_inputs(
     stiffness_ratio: ArrayLike, mass_ratio: ArrayLike, e1: ArrayLike, e2: ArrayLike, gravity_number: ArrayLike
 ) -> tuple[tuple[int, ...], list[Floats]]:
-    r"""Check and broadcast the inputs of a batch.
+    r"""Check and broadcast the inputs of a batch, gravity in the units of the kernels.
 
     Returns
     -------
     shape : tuple of int
         What they broadcast to.
     arrays : list of five ndarray, shape (n,)
-        kappa, mu, e1, e2 and gravity per \\|v0\\| sqrt(k1/m1), flat.
+        kappa, mu, e1, e2 and gravity per \|v0\| sqrt(k1/m1), flat.
 
     Raises
     ------
     ValueError
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
-    given = (
-        ("stiffness_ratio", stiffness_ratio, 0, math.inf, "from 0 to inf (k2/k1)"),
-        ("mass_ratio", mass_ratio, math.ulp(0), np.finfo(float).max, "a finite number > 0 (m2/m1)"),
-        ("e1", e1, 0, 1, "from 0 to 1"),
-        ("e2", e2, 0, 1, "from 0 to 1"),
-        ("gravity_number", gravity_number, 0, np.finfo(float).max, "a finite number >= 0 (g/(|v0| omega1))"),
+    shape, (kappa, mu, first, second, number) = broadcast_inputs(
+        stiffness_ratio, mass_ratio, e1, e2, (GRAVITY_NUMBER, gravity_number)
     )
-    arrays = []
-    for name, values, low, high, legal in given:
-        try:
-            array = np.asarray(values, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ValueError(f"{name} = {values!r}: not an array of numbers; legal: {legal}") from None
-        bad = ~((array >= low) & (array <= high))
-        if np.any(bad):
-            raise ValueError(f"{name} = {float(array[bad].flat[0])!r}; legal: {legal}")
-        arrays.append(array)
-    arrays = np.broadcast_arrays(*arrays)
-    kappa, mu, first, second, number = (np.ravel(a) for a in arrays)
-    return arrays[0].shape, [kappa, mu, first, second, number * np.sqrt(1 + 1 / mu)]
+    return shape, [kappa, mu, first, second, number * np.sqrt(1 + 1 / mu)]
 
 
-def batch_of(shape: tuple[int, ...], mu: Floats, g: Floats, results: Sequence[NDArray]) -> ReferenceBatch:
+def batch_of(shape: tuple[int, ...], mu: Floats, g: Floats, results: Followed) -> ReferenceBatch:
     """Turn what a kernel returned, cell by cell, into a `ReferenceBatch`.
 
     Parameters
@@ -128,9 +145,9 @@ def batch_of(shape: tuple[int, ...], mu: Floats, g: Floats, results: Sequence[ND
     shape : tuple of int
         Of the answer.
     mu, g : ndarray, shape (n,)
-        As from `cells`.
-    results : sequence of ndarray, shape (n,)
-        v1, v2, end (-1: unrepresentable), sequence, n_states, n_events, n_steps, duration, limited.
+        As from `scaled_inputs`.
+    results : Followed
+        Arrays of shape (n,).
     """
     v1, v2, end, sequence, n_states, n_events, n_steps, duration, limited = results
     failed = (end < 0) | (end == TOO_LONG)
@@ -164,12 +181,12 @@ class ReferenceSolver(SolverBase):
     """
 
     @abstractmethod
-    def follow(self, collision: Collision, g: float, max_steps: int, log: Floats) -> tuple:
-        """Call the kernel, in scaled units; returns what `batch_of` takes, cell by cell."""
+    def follow(self, collision: Collision, g: float, max_steps: int, log: Floats) -> Followed:
+        """Call the kernel, in scaled units."""
 
     @abstractmethod
-    def law(self, collision: Collision) -> tuple[int, float, float, tuple[int, ...], tuple[int, ...]]:
-        """Return law, c1, c2 of `reference_path.trace`, and which phases carry force and are named what."""
+    def law(self, collision: Collision) -> KernelLaw:
+        """Say how to read the log of a collision."""
 
     def version(self) -> str:
         """Version of this project: the reference is its own."""
@@ -185,18 +202,18 @@ class ReferenceSolver(SolverBase):
             return Outcome.failure(self.name, "unrepresentable", reason)
         unit, speed = math.sqrt(c.m1 / c.k1), -c.v0
         g = settings.gravity * unit / speed if settings.scenario == "drop" else 0.0
-        log = np.zeros((LOG_ROWS, len(LOG_COLUMNS)))
+        log = np.zeros((LOG_ROWS, LOG_WIDTH))
         result = self.follow(c, g, settings.max_steps, log)
-        n_rows = result[6] + 1
+        n_rows = result.n_steps + 1
         if n_rows > LOG_ROWS:
-            log = np.zeros((n_rows, len(LOG_COLUMNS)))
+            log = np.zeros((n_rows, LOG_WIDTH))
             result = self.follow(c, g, settings.max_steps, log)
         v1, v2, end, _, _, n_events, n_steps, duration, limited = result
         if end == TOO_LONG:
             return Outcome.failure(
                 self.name, "timeout", f"not over after max_steps = {settings.max_steps} stretches"
             )
-        path, events, states = trace(c, g, log[:n_rows], *self.law(c), settings.record_path)
+        path, events, states = trace(c, g, log[:n_rows], self.law(c), settings.record_path)
         diagnostics = {"duration": duration * unit, "n_steps": float(n_steps)}
         if g > 0:
             diagnostics["gravity_number"] = g / math.sqrt(1 + 1 / c.mass_ratio)

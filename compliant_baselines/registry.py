@@ -1,37 +1,95 @@
-"""Where solvers are found by name.
+"""Where solvers are found by name, and what each of them is.
 
 A solver's module is imported when it is first asked for, so that an engine that is missing, or slow to
 import, costs nothing to a caller who does not use it. Other distributions add solvers by entry points
 (`compliant_baselines.plugins`); a name that is taken here stays what it is.
+
+What a solver is, is said here once, and known without importing it. About the solver of another distribution nothing
+can be known: it counts as an engine whose contacts are meant as those of `KELVIN_VOIGT`. So does a name in the table
+of a run whose solver is not installed where the table is read.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib import import_module
+from typing import Literal
 
 from compliant_baselines import plugins
 from compliant_baselines.contract import Solver
 
-# name -> (module, class); in the order in which tables list the solvers
-_SOLVERS: dict[str, tuple[str, str]] = {
-    "state-transition": ("compliant_baselines.state_transition", "StateTransitionSolver"),
-    "bistiffness": ("compliant_baselines.bistiffness", "BistiffnessSolver"),
-    "kelvin-voigt": ("compliant_baselines.kelvin_voigt", "KelvinVoigtSolver"),
-    "mujoco": ("compliant_baselines.mujoco_drop", "MujocoSolver"),
-    "pybullet": ("compliant_baselines.pybullet_drop", "PybulletSolver"),
-    "drake": ("compliant_baselines.drake_drop", "DrakeSolver"),
-}
+Kind = Literal["model", "reference", "engine"]
 
-# Solvers that run only where they are asked for by name.
-_ON_REQUEST: dict[str, tuple[str, str]] = {
-    "kelvin-voigt-anchored": ("compliant_baselines.kelvin_voigt", "AnchoredKelvinVoigtSolver"),
-    "kelvin-voigt-textbook": ("compliant_baselines.kelvin_voigt", "TextbookKelvinVoigtSolver"),
-    "hunt-crossley": ("compliant_baselines.kelvin_voigt", "HuntCrossleySolver"),
-    "liu-zhao-brogliato": ("compliant_baselines.state_transition", "LiuZhaoBrogliatoSolver"),
-    "mujoco-naive": ("compliant_baselines.naive", "NaiveMujocoSolver"),
-    "pybullet-naive": ("compliant_baselines.naive", "NaivePybulletSolver"),
-    "drake-hunt-crossley": ("compliant_baselines.drake_continuous", "DrakeHuntCrossleySolver"),
-    "oracle": ("compliant_baselines.oracle", "OracleSolver"),
+#: The law engines are mapped to, unless an entry says otherwise.
+KELVIN_VOIGT = "kelvin-voigt"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A solver, as far as it can be told without importing it.
+
+    Attributes
+    ----------
+    module, cls : str
+        Where its class is.
+    kind : {"model", "reference", "engine"}
+        ``model``: at the level of impulses, positions frozen. ``reference``: contacts in time, solved without an
+        engine. ``engine``: an adapter of a physics engine.
+    law : str
+        Name of the exact solver whose contact law this one has, or is asked for: its own, for that solver.
+    on_request : bool
+        Whether it runs only where it is asked for by name.
+    costly : bool
+        Whether a step of it costs ten times that of the other engines.
+    exportable : bool
+        Whether the scene it runs can be written down, to be run without this package or to be examined.
+    """
+
+    module: str
+    cls: str
+    kind: Kind
+    law: str
+    on_request: bool = False
+    costly: bool = False
+    exportable: bool = False
+
+
+def _model(module: str, cls: str, law: str, *, on_request: bool = False) -> Entry:
+    return Entry(f"compliant_baselines.{module}", cls, "model", law, on_request)
+
+
+def _reference(module: str, cls: str, law: str, *, on_request: bool = False) -> Entry:
+    return Entry(f"compliant_baselines.{module}", cls, "reference", law, on_request)
+
+
+def _engine(module: str, cls: str, law: str = KELVIN_VOIGT, **more: bool) -> Entry:
+    return Entry(f"compliant_baselines.{module}", cls, "engine", law, **more)
+
+
+# In the order in which tables list the solvers; those on request after all others.
+_ENTRIES: dict[str, Entry] = {
+    "state-transition": _model("state_transition", "StateTransitionSolver", "state-transition"),
+    "bistiffness": _reference("bistiffness", "BistiffnessSolver", "bistiffness"),
+    "kelvin-voigt": _reference("kelvin_voigt", "KelvinVoigtSolver", KELVIN_VOIGT),
+    "mujoco": _engine("mujoco_drop", "MujocoSolver", exportable=True),
+    "pybullet": _engine("pybullet_drop", "PybulletSolver", exportable=True),
+    "drake": _engine("drake_drop", "DrakeSolver", costly=True),
+    "kelvin-voigt-anchored": _reference(
+        "kelvin_voigt", "AnchoredKelvinVoigtSolver", "kelvin-voigt-anchored", on_request=True
+    ),
+    "kelvin-voigt-textbook": _reference(
+        "kelvin_voigt", "TextbookKelvinVoigtSolver", "kelvin-voigt-textbook", on_request=True
+    ),
+    "hunt-crossley": _reference("kelvin_voigt", "HuntCrossleySolver", "hunt-crossley", on_request=True),
+    "liu-zhao-brogliato": _model(
+        "state_transition", "LiuZhaoBrogliatoSolver", "liu-zhao-brogliato", on_request=True
+    ),
+    "mujoco-naive": _engine("naive", "NaiveMujocoSolver", on_request=True),
+    "pybullet-naive": _engine("naive", "NaivePybulletSolver", on_request=True),
+    "drake-hunt-crossley": _engine(
+        "drake_continuous", "DrakeHuntCrossleySolver", "hunt-crossley", on_request=True
+    ),
+    "oracle": _model("oracle", "OracleSolver", "state-transition", on_request=True),
 }
 
 
@@ -43,8 +101,50 @@ def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
     on_request : bool
         Whether to add those that are no comparison's default.
     """
-    others = tuple(name for name in plugins.found() if name not in _known())
-    return (*_SOLVERS, *others, *_ON_REQUEST) if on_request else (*_SOLVERS, *others)
+    usual = (name for name, entry in _ENTRIES.items() if not entry.on_request)
+    others = (name for name in plugins.found() if name not in _ENTRIES)
+    rest = (name for name, entry in _ENTRIES.items() if entry.on_request and on_request)
+    return (*usual, *others, *rest)
+
+
+def engine_names(*, on_request: bool = False) -> tuple[str, ...]:
+    """Names of the engines that have an adapter here (`compliant_baselines.engine`), in the order of the tables.
+
+    Parameters
+    ----------
+    on_request : bool
+        Whether to add those that are no comparison's default.
+    """
+    return tuple(
+        name
+        for name, entry in _ENTRIES.items()
+        if entry.kind == "engine" and (on_request or not entry.on_request)
+    )
+
+
+def engine_free_names() -> tuple[str, ...]:
+    """Names of all models and references, those on request among them."""
+    return tuple(name for name, entry in _ENTRIES.items() if entry.kind != "engine")
+
+
+def exportable_names() -> tuple[str, ...]:
+    """Names of the engines whose scene can be written down (`compliant_baselines.scene_text`)."""
+    return tuple(name for name, entry in _ENTRIES.items() if entry.exportable)
+
+
+def kind_of(name: str) -> Kind:
+    """Tell a model, a reference or an engine by its name; a solver that is not of this project is an engine."""
+    return _ENTRIES[name].kind if name in _ENTRIES else "engine"
+
+
+def law_of(name: str) -> str:
+    """Name of the exact solver of the law a solver has or is asked for; `KELVIN_VOIGT` outside this project."""
+    return _ENTRIES[name].law if name in _ENTRIES else KELVIN_VOIGT
+
+
+def is_costly(name: str) -> bool:
+    """Whether a step costs ten times that of other engines; not known, and so not, outside this project."""
+    return name in _ENTRIES and _ENTRIES[name].costly
 
 
 def get_solver(name: str) -> Solver:
@@ -55,10 +155,9 @@ def get_solver(name: str) -> Solver:
     ValueError
         If no solver has that name; the message lists those that exist.
     """
-    own = _known()
-    if name in own:
-        module, cls = own[name]
-        return getattr(import_module(module), cls)()
+    if name in _ENTRIES:
+        entry = _ENTRIES[name]
+        return getattr(import_module(entry.module), entry.cls)()
     points = plugins.found().get(name)
     if points is None:
         raise ValueError(f"solver {name!r} is unknown; known: {', '.join(solver_names(on_request=True))}")
@@ -76,9 +175,6 @@ def origins() -> dict[str, str]:
     where = dict.fromkeys(solver_names(on_request=True), "impact-xval")
     for name, points in plugins.found().items():
         provided = " and ".join(map(plugins.origin, points))
-        where[name] = f"impact-xval ({provided} ignored: the name is taken)" if name in _known() else provided
+        taken = name in _ENTRIES
+        where[name] = f"impact-xval ({provided} ignored: the name is taken)" if taken else provided
     return where
-
-
-def _known() -> dict[str, tuple[str, str]]:
-    return {**_SOLVERS, **_ON_REQUEST}

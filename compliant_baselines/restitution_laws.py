@@ -1,7 +1,8 @@
-"""From a coefficient of restitution to a damping, over arrays: the named alternatives.
+"""From a coefficient of restitution to a damping and back: the contact that may push but not pull, and alternatives.
 
-`damping_ratios` is `compliant_baselines.mapping.damping_ratio` compiled; the test suite holds the two against
-each other. `hunt_crossley_coefficients` is the same for the product law F = k p (1 + a p').
+One number at a time, refusing what is illegal, and over arrays for the batches of the references: `damping_ratios` is
+`damping_ratio` compiled; the test suite holds the two against each other. `hunt_crossley_coefficients` is the same
+for the product law F = k p (1 + a p').
 
 **Hunt and Crossley, exactly.** For a pair of reduced mass M that meets with u0, with u = p' as a function
 of p,
@@ -21,13 +22,103 @@ depends on the speed of approach. Both contacts take u0 = |v0|, the only speed a
 
 from __future__ import annotations
 
-from math import asinh, atan2, exp, inf, log, log1p, pi, sqrt
+from collections.abc import Callable
+from functools import lru_cache
+from math import asinh, atan2, exp, hypot, inf, log, log1p, pi, sqrt
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.optimize import root_scalar
 
 Floats = NDArray[np.float64]
+
+
+def root_between(function: Callable[[float], float], low: float, high: float) -> float:
+    """Find the root of a function between two values of opposite sign, to rounding."""
+    return float(root_scalar(function, bracket=(low, high), method="brentq", xtol=1e-300, rtol=1e-15).root)
+
+
+def contact_time(zeta: float) -> float:
+    """Duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M); dimensionless.
+
+    With w = sqrt(abs(1 - zeta^2)): 2 atan2(w, zeta)/w below zeta = 1, 2 there, and 2 asinh(w)/w above. These
+    are theory's atan2(2 zeta w, 2 zeta^2 - 1)/w and ln((zeta + w)/(zeta - w))/w by the double-angle formulas;
+    written so, nothing cancels near zeta = 1.
+
+    Parameters
+    ----------
+    zeta : float
+        Damping ratio, >= 0.
+
+    Raises
+    ------
+    ValueError
+        For a negative zeta.
+    """
+    if zeta < 0:
+        raise ValueError(f"zeta = {zeta!r}; legal: a number >= 0")
+    # Factored, 1 - zeta^2 keeps its digits near zeta = 1; two roots, so that a huge zeta does not overflow.
+    w = sqrt(abs(1 - zeta)) * sqrt(1 + zeta)
+    if w == 0:
+        return 2.0
+    return 2 * (atan2(w, zeta) if zeta < 1 else asinh(w)) / w
+
+
+def restitution(zeta: float) -> float:
+    """Coefficient of restitution of a Kelvin-Voigt contact that ends at zero force: exp(-zeta omega t).
+
+    Raises
+    ------
+    ValueError
+        For a negative zeta.
+    """
+    return exp(-zeta * contact_time(zeta))
+
+
+@lru_cache(maxsize=4096)
+def damping_ratio(e: float) -> float:
+    """Damping ratio that gives the restitution e at zero force: `restitution` inverted, to rounding.
+
+    Parameters
+    ----------
+    e : float
+        Coefficient of restitution in (0, 1].
+
+    Raises
+    ------
+    ValueError
+        For e outside (0, 1]: no finite damping makes a contact perfectly plastic.
+    """
+    if not 0 < e <= 1:
+        raise ValueError(f"e = {e!r}; legal: greater than 0, at most 1 (no finite damping gives e = 0)")
+    loss = -log(e)
+    if loss == 0:
+        return 0.0
+    # zeta contact_time(zeta) grows with zeta, contact_time <= pi, and zeta contact_time >= 2 ln zeta: the
+    # root lies in [loss/pi, exp(loss/2)]. In ln zeta the function is tame at both ends and the error is
+    # relative.
+    low, high = log(loss / pi), loss / 2
+
+    def excess(log_zeta: float) -> float:
+        zeta = exp(log_zeta)
+        return zeta * contact_time(zeta) - loss
+
+    # Rounding may put the true root an ulp outside the bracket for e next to 1.
+    return exp(root_between(excess, low - 1e-9, high + 1e-9))
+
+
+def textbook_damping_ratio(e: float) -> float:
+    """Give the damping ratio -ln e/sqrt(pi^2 + ln^2 e) of a contact that may pull (the naive mapping's).
+
+    Raises
+    ------
+    ValueError
+        For e outside (0, 1].
+    """
+    if not 0 < e <= 1:
+        raise ValueError(f"e = {e!r}; legal: greater than 0, at most 1 (no finite damping gives e = 0)")
+    return -log(e) / hypot(pi, log(e))
 
 
 @njit(cache=True, error_model="numpy")
@@ -36,8 +127,8 @@ def _damping_ratio(e):
     loss = -log(e)
     if not 0 < loss < inf:
         return 0.0 if loss == 0 else np.nan
-    # ln(zeta T) - ln(loss) in x = ln zeta rises with a slope between 0 and 1; see mapping.damping_ratio for
-    # the bracket. Regula falsi, the end that stays halved (Illinois).
+    # ln(zeta T) - ln(loss) in x = ln zeta rises with a slope between 0 and 1; see `damping_ratio`
+    # for the bracket. Regula falsi, the end that stays halved (Illinois).
     low, high = log(loss / pi) - 1e-9, 0.5 * loss + 1e-9
     f_low, f_high, x, kept = 1.0, 1.0, low, 0
     for i in range(200):

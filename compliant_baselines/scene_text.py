@@ -7,7 +7,6 @@ them. The runners step as often as the adapter did and compare with what it got.
 
 from __future__ import annotations
 
-import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -19,10 +18,12 @@ import numpy as np
 from compliant_baselines import mujoco_drop
 from compliant_baselines.column import Column
 from compliant_baselines.engine import EngineSolver
-from compliant_baselines.recording import Run
+from compliant_baselines.engine_run import Run
+from compliant_baselines.registry import exportable_names
+from compliant_baselines.stand_in import standing_in
 
 #: Engines that can be exported.
-EXPORTABLE = ("mujoco", "pybullet")
+EXPORTABLE = exportable_names()
 
 
 def scene_files(solver: EngineSolver, column: Column, max_steps: int) -> tuple[Run, dict[str, str]]:
@@ -60,8 +61,8 @@ def mjcf(column: Column) -> str:
     """Write the scene MuJoCo runs for a column, its initial state as the keyframe ``start``."""
     from mujoco.batch import Batch
 
-    batch = Batch(mujoco_drop._model(), 1, 1)
-    mujoco_drop._load(batch, [column], 1, False)
+    batch = Batch(mujoco_drop.scene_model(), 1, 1)
+    mujoco_drop.load(batch, [column], 1, False)
     model, root = batch.model, ElementTree.fromstring(mujoco_drop.SCENE)
 
     def loaded(field: str, row: int | None = None) -> Any:
@@ -210,11 +211,8 @@ def _recorded() -> Iterator[list[str]]:
     import pybullet
 
     recording = _RecordingModule(pybullet)
-    sys.modules["pybullet"] = recording  # type: ignore[assignment]
-    try:
+    with standing_in("pybullet", recording):
         yield recording.calls
-    finally:
-        sys.modules["pybullet"] = pybullet
 
 
 def _pybullet_script(solver: EngineSolver, run: Run, calls: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from model.automaton import STIFFENING, collide
+from model.automaton import LOG_WIDTH, STIFFENING, collide
 from model.compiled import OPTIONS
 
 Floats = NDArray[np.float64]
@@ -20,7 +20,7 @@ def _paths(kappa, mu, e1, e2, cutoff, max_events):
     n = kappa.size
     sequence, n_states = np.zeros(n, np.uint64), np.zeros(n, np.int64)
     for block in prange((n + 255) // 256):
-        log = np.empty((_STRETCHES, 12))
+        log = np.empty((_STRETCHES, LOG_WIDTH))
         for i in range(256 * block, min(n, 256 * block + 256)):
             rows = collide(kappa[i], mu[i], e1[i], e2[i], cutoff, max_events, STIFFENING, log)[5] + 1
             if rows > _STRETCHES:

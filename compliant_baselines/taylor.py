@@ -32,6 +32,9 @@ ORDER = 22
 #: Length of a stretch times Lambda.
 RADIUS = 2.0
 
+#: Laws of force: those of `expand` and of `expand_product`.
+LINEAR, PRODUCT = 0, 1
+
 #: Rows of a table of coefficients.
 P1, D1, Q2, V2 = 0, 1, 2, 3
 

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
+from model.collision import Status
 from model.compiled import compiled
 from model.events import first_event
 from model.limits import (
@@ -48,9 +49,13 @@ STIFFENING, ORIGINAL = 0, 1
 # How a collision ended.
 DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE = 0, 1, 2, 3, 4
 
+#: Status of an outcome that ended so, by its code.
+STATUS_OF: tuple[Status, ...] = ("ok", "limit", "limit", "unconverged", "limit")
+
 #: Columns of a log row, one row a stretch: the state at its start, then its duration (of S1; those of S2 and S3 follow
 #: from their closed forms), what ended it, and whether a closed-form limit governs it.
 LOG_COLUMNS = ("state", "phase1", "phase2", "d1", "v2", "E1", "E2", "k1", "k2", "duration", "cause", "limit")
+LOG_WIDTH = len(LOG_COLUMNS)
 
 #: Under the law of the original stiffness some collisions repeat one cycle of states for ever, on a fixed share of the
 #: energy each time. With this share of the first left, the bodies are taken to be at rest.
@@ -82,7 +87,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
         Events after which the collision is given up.
     law : int
         `STIFFENING` or `ORIGINAL`.
-    log : ndarray, shape (n, 12)
+    log : ndarray, shape (n, LOG_WIDTH)
         Filled with one row a stretch (`LOG_COLUMNS`) and one for the end, as far as it goes; may have no rows.
 
     Returns

@@ -8,11 +8,12 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from model.automaton import LIMIT, TOO_MANY_EVENTS, collide
+from model.automaton import LIMIT, LOG_WIDTH, STATUS_OF, TOO_MANY_EVENTS, collide
 from model.compiled import OPTIONS
+from model.inputs import broadcast_inputs
 from model.solver import CUTOFF_RAISED, MAX_EVENTS, check_cutoff, check_law
 
-STATUS_NAMES = np.array(["ok", "limit", "limit", "unconverged", "limit"])
+_STATUS_OF = np.array(STATUS_OF)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +48,7 @@ class BatchOutcome:
     @property
     def status(self) -> NDArray[np.str_]:
         """``ok``, ``limit`` or ``unconverged``; made when asked for, for it takes more room than all the rest."""
-        return STATUS_NAMES[self.code]
+        return _STATUS_OF[self.code]
 
 
 def solve_batch(
@@ -82,14 +83,7 @@ def solve_batch(
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
     cutoff, law = check_cutoff(stiffness_ratio_cutoff), check_law(impact_law)
-    kappa = _checked("stiffness_ratio", stiffness_ratio, 0, np.inf, "from 0 to inf (k2/k1)")
-    mu = _checked(
-        "mass_ratio", mass_ratio, np.nextafter(0, 1), np.finfo(float).max, "a finite number > 0 (m2/m1)"
-    )
-    first, second = (_checked(name, e, 0, 1, "from 0 to 1") for name, e in (("e1", e1), ("e2", e2)))
-    arrays = np.broadcast_arrays(kappa, mu, first, second)
-    shape = arrays[0].shape
-    flat = [np.ravel(a) for a in arrays]
+    shape, flat = broadcast_inputs(stiffness_ratio, mass_ratio, e1, e2)
     v1, v2, code, n_states, n_events, margin, residual = _solve_all(*flat, cutoff, max_events, law)  # pyright: ignore
     effect = None
     if cutoff_effect:
@@ -111,25 +105,13 @@ def solve_batch(
     )
 
 
-def _checked(name: str, values: ArrayLike, low: float, high: float, legal: str) -> NDArray[np.float64]:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} = {values!r}: not an array of numbers; legal: {legal}") from None
-    # NaN makes both extremes NaN, and no comparison with it is true.
-    if array.size and not (array.min() >= low and array.max() <= high):
-        bad = ~((array >= low) & (array <= high))
-        raise ValueError(f"{name} = {float(array[bad].flat[0])!r}; legal: {legal}")
-    return array
-
-
 @njit(parallel=True, **OPTIONS)
 def _solve_all(kappa, mu, e1, e2, cutoff, max_events, law):
     n = kappa.size
     v1, v2 = np.empty(n), np.empty(n)
     code, n_states, n_events = np.empty(n, np.uint8), np.empty(n, np.int32), np.empty(n, np.int32)
     margin, residual = np.empty(n), np.empty(n)
-    no_log = np.empty((0, 12))
+    no_log = np.empty((0, LOG_WIDTH))
     for i in prange(n):
         u1, u2, c, states, events, _, nearest, loss, _ = collide(
             kappa[i], mu[i], e1[i], e2[i], cutoff, max_events, law, no_log

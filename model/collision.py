@@ -15,8 +15,13 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from model.inputs import E1, E2, MASS_RATIO, STIFFNESS_RATIO
+
 Status = Literal["ok", "limit", "unconverged", "timeout", "unrepresentable", "unavailable", "crashed"]
 STATUSES: tuple[str, ...] = get_args(Status)
+
+#: Statuses of an outcome whose numbers are its result. ``unconverged`` may carry numbers too, which are not.
+RESULT_STATUSES: tuple[Status, ...] = ("ok", "limit")
 
 #: Names of the phases of a contact, indexed by the integer the kernels use.
 PHASES = ("inactive", "compression", "restitution")
@@ -66,8 +71,8 @@ class Collision:
             )
         for name in ("k1", "k2"):
             _require(name, getattr(self, name), getattr(self, name) >= 0, "from 0 to inf (N/m)")
-        for name in ("e1", "e2"):
-            _require(name, getattr(self, name), 0 <= getattr(self, name) <= 1, "from 0 to 1")
+        for legal, e in ((E1, self.e1), (E2, self.e2)):
+            _require(legal.name, e, legal.includes(e), legal.text)
         _require("v0", self.v0, -math.inf < self.v0 < 0, "a finite number < 0 (m/s, up is positive)")
         both = f"k2 = {self.k2!r} over k1 = {self.k1!r}"
         if self.k1 == self.k2 and (self.k1 == 0 or math.isinf(self.k1)):
@@ -93,11 +98,16 @@ class Collision:
             m2/m1, positive, finite.
         e1, e2 : float
             Coefficients of energetic restitution, from 0 to 1.
+
+        Raises
+        ------
+        ValueError
+            For an illegal value; the message names the parameter, the value and the legal range.
         """
         ratio = _number("stiffness_ratio", stiffness_ratio)
         mass = _number("mass_ratio", mass_ratio)
-        _require("stiffness_ratio", ratio, ratio >= 0, "from 0 to inf (k2/k1)")
-        _require("mass_ratio", mass, 0 < mass < math.inf, "a finite number > 0 (m2/m1)")
+        _require(STIFFNESS_RATIO.name, ratio, STIFFNESS_RATIO.includes(ratio), STIFFNESS_RATIO.text)
+        _require(MASS_RATIO.name, mass, MASS_RATIO.includes(mass), MASS_RATIO.text)
         return cls(m1=1.0, m2=mass, k1=1.0, k2=ratio, e1=e1, e2=e2, v0=-1.0)
 
     @property

@@ -76,7 +76,7 @@ def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Pat
     ----------
     collision : Collision
         Whose units the result is in.
-    log : ndarray, shape (n, 12)
+    log : ndarray, shape (n, LOG_WIDTH)
         As written by `collide`; the last row is the end.
     law : int
         `STIFFENING` or `ORIGINAL`, as given to `collide`.

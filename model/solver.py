@@ -10,8 +10,10 @@ from model.automaton import (
     COLLAPSE,
     DONE,
     LIMIT,
+    LOG_WIDTH,
     ORIGINAL,
     PRECISION_LIMIT,
+    STATUS_OF,
     STIFFENING,
     TOO_MANY_EVENTS,
     collide,
@@ -74,15 +76,15 @@ def solve(
     """
     cutoff, law = check_cutoff(stiffness_ratio_cutoff), check_law(impact_law)
     kappa, mu = collision.stiffness_ratio, collision.mass_ratio
-    log = np.zeros((LOG_ROWS, 12))
+    log = np.zeros((LOG_ROWS, LOG_WIDTH))
     result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, law, log)
     n_rows = result[5] + 1
     if n_rows > LOG_ROWS:
-        log = np.zeros((n_rows, 12))
+        log = np.zeros((n_rows, LOG_WIDTH))
         result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, law, log)
     v1, v2, code, _, n_events, _, margin, loss, _ = result
     if code == TOO_MANY_EVENTS:
-        return Outcome.failure(NAME, "unconverged", f"not over after {max_events} events")
+        return Outcome.failure(NAME, STATUS_OF[code], f"not over after {max_events} events")
     log = log[:n_rows]
     states = log[:, 0].astype(int)
     sequence = states[np.concatenate([[True], states[1:] != states[:-1]])]
@@ -101,7 +103,7 @@ def solve(
         impulse1=collision.m1 * speed * (1 + v1),
         impulse2=collision.m1 * speed * (1 + v1 + mu * v2),
         states=tuple(STATES[i] for i in sequence),
-        status="ok" if code == DONE else "limit",
+        status=STATUS_OF[code],
         reason=_reason(collision, cutoff, code),
         grazing_margin=margin,
         n_events=n_events,

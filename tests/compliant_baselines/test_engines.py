@@ -266,8 +266,8 @@ def test_mujoco_inverse_weights_are_inverse_masses():
     from compliant_baselines import mujoco_drop as md
 
     columns = [column_of(c, COARSE) for c in random_collisions(3, seed=9)]
-    batch = Batch(md._model(), 3, 1)
-    md._load(batch, columns, 1, False)
+    batch = Batch(md.scene_model(), 3, 1)
+    md.load(batch, columns, 1, False)
     weights = batch.expanded("body_invweight0")[:, 1:, 0]
     np.testing.assert_allclose(weights, [[1 / c.m1, 1 / c.m2] for c in columns], rtol=1e-14)
 

@@ -130,3 +130,10 @@ def test_pybullet_naive_halves_the_stiffness_between_equal_balls():
     upper, lower, table = pybullet_bodies(one, two, "naive")
     assert upper.against(lower) == PybulletBody(pytest.approx(0.5e8), 600.0)
     assert lower.against(table) == PybulletBody(pytest.approx(0.5e8), 320.0)
+
+
+@pytest.mark.parametrize("e", [1e-3, 0.3, 0.9, 1.0])
+def test_a_contact_knows_the_restitution_it_was_made_for(e):
+    contact = Contact.from_restitution(3e4, e, 0.7)
+    assert contact.zeta == pytest.approx(damping_ratio(e), rel=1e-14)
+    assert contact.restitution == pytest.approx(e, rel=1e-12)

@@ -5,7 +5,7 @@ import pytest
 
 from compliant_baselines.column import column_of
 from compliant_baselines.contract import Settings
-from compliant_baselines.recording import states_of
+from compliant_baselines.engine_run import states_of
 from model.collision import Collision
 
 pw = pytest.importorskip("compliant_baselines.pybullet_world")

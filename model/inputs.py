@@ -1,0 +1,72 @@
+"""The ratios that decide a collision (Theorem 5): what is legal, and arrays of them made ready for a kernel."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+class Legal(NamedTuple):
+    """What a number may be, both ends included, and how to say so."""
+
+    name: str
+    low: float
+    high: float
+    text: str
+
+    def includes(self, value: float) -> bool:
+        """Whether a number is legal; NaN is not."""
+        return self.low <= value <= self.high
+
+
+STIFFNESS_RATIO = Legal("stiffness_ratio", 0.0, math.inf, "from 0 to inf (k2/k1)")
+MASS_RATIO = Legal("mass_ratio", math.ulp(0.0), float(np.finfo(float).max), "a finite number > 0 (m2/m1)")
+E1, E2 = (Legal(name, 0.0, 1.0, "from 0 to 1") for name in ("e1", "e2"))
+
+
+def broadcast_inputs(
+    stiffness_ratio: ArrayLike,
+    mass_ratio: ArrayLike,
+    e1: ArrayLike,
+    e2: ArrayLike,
+    *others: tuple[Legal, ArrayLike],
+) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
+    """Check the inputs of a batch and broadcast them.
+
+    Parameters
+    ----------
+    stiffness_ratio, mass_ratio, e1, e2 : array_like
+        k2/k1, m2/m1 and the coefficients of restitution.
+    *others : tuple of Legal and array_like
+        What a solver takes beside them.
+
+    Returns
+    -------
+    shape : tuple of int
+        What they broadcast to.
+    arrays : list of ndarray, shape (n,)
+        All of them in order, flat.
+
+    Raises
+    ------
+    ValueError
+        If any value is illegal; the message names the parameter, the first such value and the legal range.
+    """
+    given = ((STIFFNESS_RATIO, stiffness_ratio), (MASS_RATIO, mass_ratio), (E1, e1), (E2, e2), *others)
+    arrays = np.broadcast_arrays(*(_checked(legal, values) for legal, values in given))
+    return arrays[0].shape, [np.ravel(a) for a in arrays]
+
+
+def _checked(legal: Legal, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{legal.name} = {values!r}: not an array of numbers; legal: {legal.text}") from None
+    # NaN makes both extremes NaN, and no comparison with it is true.
+    if array.size and not (array.min() >= legal.low and array.max() <= legal.high):
+        bad = ~((array >= legal.low) & (array <= legal.high))
+        raise ValueError(f"{legal.name} = {float(array[bad].flat[0])!r}; legal: {legal.text}")
+    return array
