@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.config import Cell, Config
-from experiments.ladder import ENGINE_FREE
+from experiments.rungs import ENGINE_FREE
 from model.collision import Collision
 
 #: Cells of a chunk, and the number of chunks from which they become larger instead of more.

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 from experiments.commands import finished
 from experiments.document import Table
 from experiments.errors import UserError
-from experiments.ladder import KELVIN_VOIGT, LAWS, RUNGS
+from experiments.rungs import KELVIN_VOIGT, LAWS, RUNGS
 from experiments.ladder_document import (
     alternatives_table,
     axis_share_table,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from experiments.document import Block, Heading, Paragraph, Table
-from experiments.ladder import RUNGS, Rung
+from experiments.rungs import RUNGS, Rung
 from experiments.ladder_figures import present
 from experiments.ladder_summary import AXES, BAND, BANDS, Frame, LadderSummary
 from experiments.ladder_table import NO_LIMIT

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from experiments.ladder import RUNGS, Rung
+from experiments.rungs import RUNGS, Rung
 from experiments.ladder_summary import LadderSummary
 from experiments.numbers import number
 from experiments.style import drawing

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from compliant_baselines.bistiffness import bistiffness_batch
 from experiments.config import REFERENCE, Config
-from experiments.ladder import ENGINE_FREE, KELVIN_VOIGT, LAWS, MAPPING, RUNGS, Floats
+from experiments.ladder import Floats
 from experiments.ladder_table import LADDER, LADDER_SCHEMA
 from experiments.levels import levels_of
+from experiments.rungs import ENGINE_FREE, KELVIN_VOIGT, LAWS, MAPPING, RUNGS
 from experiments.store import RunFolder
 from experiments.streams import codes, column
 

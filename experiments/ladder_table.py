@@ -13,21 +13,10 @@ import pyarrow.parquet as pq
 
 from experiments.config import REFERENCE
 from experiments.divergence import COMPARABLE
-from experiments.ladder import (
-    ENGINE,
-    ENGINE_FREE,
-    KELVIN_VOIGT,
-    NOTHING,
-    OTHER_LAWS,
-    Floats,
-    Rung,
-    Split,
-    posts,
-    rungs_of,
-    split,
-)
+from experiments.ladder import NOTHING, Floats, Split, posts, split
+from experiments.rungs import ENGINE, ENGINE_FREE, KELVIN_VOIGT, OTHER_LAWS, Rung, rungs_of
 from experiments.schema import COLUMNS
-from experiments.streams import blocks, replacing
+from experiments.streams import blocks, replacing, table_writer
 
 LADDER, LADDER_CSV = "ladder.parquet", "ladder.csv"
 
@@ -97,22 +86,20 @@ def write_ladder(root: Path, law: str = KELVIN_VOIGT, stem: str = "ladder") -> N
     root : Path
         Holds ``cells.parquet``, sorted by cell, and gets ``STEM.parquet`` and ``STEM.csv``.
     law : str
-        The dissipation law, one of `ladder.LAWS`.
+        The dissipation law, one of `rungs.LAWS`.
     stem : str
         Name of the files.
     """
-    table = ladder_schema(rungs_of(law))
+    schema = ladder_schema(rungs_of(law))
     with (
-        replacing(root / f"{stem}.parquet") as binary,
+        table_writer(root / f"{stem}.parquet", schema) as table,
         replacing(root / f"{stem}.csv") as text,
-        pq.ParquetWriter(binary, table, compression="zstd") as writer,
-        pacsv.CSVWriter(str(text), table) as csv,
+        pacsv.CSVWriter(str(text), schema) as csv,
     ):
         for piece in _pieces(root / "cells.parquet"):
-            rows = ladder_rows(piece, law).cast(table)
-            if len(rows):
-                writer.write_table(rows)
-                csv.write_table(rows)
+            rows = ladder_rows(piece, law)
+            table.add(rows)
+            csv.write_table(rows.cast(schema))
 
 
 def _pieces(path: Path) -> Iterator[pa.Table]:
