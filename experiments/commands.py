@@ -15,19 +15,12 @@ import typer
 from experiments import sweep
 from experiments.config import Config, from_canonical, load_config, parse_config
 from experiments.errors import InterruptedRunError, UserError
+from experiments.folders import finished
 from experiments.status import status_of
 from experiments.store import RunFolder
 from experiments.summary import Summary
-from experiments.terminal import (
-    error_line,
-    make_console,
-    print_line,
-    print_table,
-    show_found,
-    show_progress,
-    show_status,
-    show_summary,
-)
+from experiments.terminal import error_line, make_console, print_line, print_table, show_progress
+from experiments.views import show_found, show_status, show_summary
 
 
 def run(
@@ -159,24 +152,6 @@ def report(root: Path) -> None:
     from experiments.report import write_report
 
     print_line(make_console(), f"{write_report(finished(root))}")
-
-
-def finished(root: Path) -> RunFolder:
-    """Return the folder of a run that is complete.
-
-    Raises
-    ------
-    UserError
-        If it is not.
-    """
-    if not root.is_dir():
-        raise UserError(f"{root}: no such folder; legal: the folder of a run")
-    folder = RunFolder(root)
-    if folder.manifest().get("state") != "complete":
-        raise UserError(
-            f"{root}: the run is not finished; continue it with impact-xval run --out {root} --resume"
-        )
-    return folder
 
 
 def _noticed(progress: sweep.Progress) -> sweep.Progress:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from experiments.document import Block, Heading, Paragraph, Table
-from experiments.rungs import RUNGS, Rung
 from experiments.ladder_figures import present
 from experiments.ladder_summary import AXES, BAND, BANDS, Frame, LadderSummary
 from experiments.ladder_table import NO_LIMIT
 from experiments.numbers import number, percent
+from experiments.rungs import RUNGS, Rung
 
 _LABELS = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
 

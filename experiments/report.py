@@ -13,7 +13,7 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from experiments.designs import cells_of_run
-from experiments.doctor import traps_note
+from experiments.examination import traps_note
 from experiments.document import Block, Heading, to_latex, to_markdown
 from experiments.figures import CAPTIONS, write_figures
 from experiments.findings import build_document
