@@ -73,6 +73,16 @@ class Calibration:
     limits: Frame
     versions: dict[str, str]
 
+    @property
+    def engines(self) -> list[str]:
+        """The engines that were asked, in their order."""
+        return list(self.versions)
+
+    def limits_of(self, engine: str, mapping: str) -> Frame:
+        """Rows of `limits` of one engine by one mapping."""
+        table = self.limits
+        return table[(table.engine == engine) & (table.mapping == mapping)]
+
 
 def engine_names() -> list[str]:
     """Names of the engines that can be calibrated, installed or not."""

@@ -15,7 +15,7 @@ import typer
 from experiments import sweep
 from experiments.config import Config, from_canonical, load_config, parse_config
 from experiments.errors import InterruptedRunError, UserError
-from experiments.folders import finished
+from experiments.folders import finished, new_folder
 from experiments.status import status_of
 from experiments.store import RunFolder
 from experiments.summary import Summary
@@ -104,11 +104,11 @@ def status(root: Path, *, as_json: bool) -> None:
 def calibrate(names: list[str] | None, root: Path) -> None:
     """Calibrate engines contact by contact and write what came of it."""
     from experiments.calibrate import MAPPINGS, calibrate_engine, calibration_of, engines_of, requests_of
-    from experiments.calibration_page import findings, open_page, summary_table, write_page
+    from experiments.calibration_page import findings, summary_table, write_page
 
     start = time.perf_counter()
     engines = engines_of(names)
-    open_page(root)
+    new_folder(root)
     console = make_console()
     requests = [request for mapping in MAPPINGS for request in requests_of(mapping)]
     rows: list[dict[str, Any]] = []

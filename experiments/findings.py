@@ -179,7 +179,7 @@ def detail_table(summary: Summary, axis: str) -> Table:
                 (number(value), name, *cells, percent(summary.get(name, FULL_PATHS, axis, value)["mean"]))
             )
     return Table(
-        f"Every measure by {AXES[axis]}: median / 95th percentile / maximum, and the share of equal paths "
+        f"Every measure by {AXES[axis]}: median / 95th percentile / maximum, and the share of equal "
         f"paths{note}",
         (AXES[axis], "solver", *SUMMARISED.values(), "equal paths"),
         rows,

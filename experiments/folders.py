@@ -85,3 +85,22 @@ def finished(root: Path) -> RunFolder:
             f"{root}: the run is not finished; continue it with impact-xval run --out {root} --resume"
         )
     return folder
+
+
+def new_folder(root: Path) -> None:
+    """Make the folder of a command that does not continue what it finds there.
+
+    Raises
+    ------
+    UserError
+        If it holds anything, is a file, or cannot be made or read.
+    """
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        empty = next(root.iterdir(), None) is None
+    except FileExistsError:
+        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
+    except OSError as error:
+        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
+    if not empty:
+        raise UserError(f"--out {root}: not empty; legal: a new or empty folder")
