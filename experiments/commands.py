@@ -197,9 +197,10 @@ def _write_all(folder: RunFolder) -> Summary:
     from experiments.figures import write_figures
     from experiments.report import write_report, write_tables
 
-    summary, _ = write_tables(folder)
-    write_figures(folder)
-    write_report(folder)
+    written = write_tables(folder)
+    summary, _ = written
+    write_figures(folder, summary.ladder)
+    write_report(folder, written)
     return summary
 
 

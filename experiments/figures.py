@@ -56,8 +56,14 @@ class Data:
         return [name for name in self.config.solvers if name in there]
 
 
-def write_figures(folder: RunFolder) -> list[tuple[Path, str]]:
+def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> list[tuple[Path, str]]:
     """Draw every figure of a finished run into ``figures/``.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    ladder : LadderSummary, optional
+        That of the run, where it is known; by default it is computed.
 
     Returns
     -------
@@ -72,7 +78,7 @@ def write_figures(folder: RunFolder) -> list[tuple[Path, str]]:
         {axis: sorted(levels.values) for axis, levels in table.levels.items()},
         table.frame(measures, table.compared & ~table.grazing),
         folder.read_table(CURVES, CURVES_SCHEMA).to_pandas(),
-        summarise_ladder(folder, config),
+        summarise_ladder(folder, config) if ladder is None else ladder,
     )
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
