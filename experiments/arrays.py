@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from experiments.axes import AXES
 from experiments.config import Config
-from experiments.designs import AXES
 from experiments.folders import finished
 from experiments.schema import CELLS_SCHEMA, COLUMNS, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder

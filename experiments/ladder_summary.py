@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from compliant_baselines.bistiffness import bistiffness_batch
+from experiments.axes import AXES
 from experiments.config import REFERENCE, Config
 from experiments.ladder import Floats
 from experiments.ladder_table import LADDER, LADDER_SCHEMA
@@ -27,8 +28,6 @@ from experiments.streams import codes, column
 
 #: A pandas DataFrame or Series; see `summary.Frame`.
 Frame = Any
-
-AXES = ("stiffness_ratio", "mass_ratio", "e1", "e2")
 
 #: Regions of k2/k1, by their lower edge: what is much softer, comparable, much stiffer is the table.
 BAND = "stiffness_band"
@@ -169,7 +168,7 @@ def _alternatives(folder: RunFolder, config: Config) -> Frame:
     path = folder.root / "cells.parquet"
     if pq.read_metadata(path).num_rows > MOST_ALTERNATIVES * len(config.solvers):
         return pd.DataFrame(columns=columns)
-    read = ("stiffness_ratio", "mass_ratio", "e1", "e2", "v0", "v1", "v2", "grazing_margin")
+    read = (*AXES, "v0", "v1", "v2", "grazing_margin")
     table = pq.read_table(path, columns=list(read), filters=[("solver", "==", REFERENCE)])
     kappa, mass_ratio, e1, e2, v0, v1, v2, margin = (table[name].to_numpy().astype(float) for name in read)
     cells, band = (kappa, mass_ratio, e1, e2), band_of(kappa)

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
+from experiments.axes import AXES
 from experiments.config import REFERENCE
 from experiments.divergence import COMPARABLE
 from experiments.ladder import NOTHING, Floats, Split, posts, split
@@ -26,7 +27,7 @@ UNCONVERGED = "unconverged"
 #: Why the last two rungs are one.
 NO_LIMIT = "no certified limit of small steps for this cell"
 
-_PARAMETERS = ("cell", "stiffness_ratio", "mass_ratio", "e1", "e2", "gravity_number", "solver")
+_PARAMETERS = ("cell", *AXES, "gravity_number", "solver")
 _READ = (*_PARAMETERS, "status", "reason", "v0", "v1", "v2", "grazing_margin")
 _LIMIT = ("v1_limit", "v2_limit", "limit_error")
 
@@ -150,7 +151,7 @@ def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Ta
     """Make the ladders of engines that were asked for one law."""
     # The references know nothing of engines: one answer a cell.
     at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
-    kappa, mu, e1, e2 = (_numbers(model, name) for name in ("stiffness_ratio", "mass_ratio", "e1", "e2"))
+    kappa, mu, e1, e2 = (_numbers(model, name) for name in AXES)
     here = posts(kappa, mu, e1, e2, _numbers(model, "gravity_number"), law, obeyed).take(at)
     reference, engine = _velocities(model, COMPARABLE)[at], _velocities(engines, (*COMPARABLE, UNCONVERGED))
     limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])

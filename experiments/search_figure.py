@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pyarrow.parquet as pq
 
+from experiments.axes import AXES
 from experiments.config import Config
 from experiments.numbers import number
 from experiments.search import EVALUATIONS, Found
 from experiments.store import RunFolder, write_text
 from experiments.style import drawing, save
-from experiments.summary import AXES, SUMMARISED
+from experiments.summary import SUMMARISED
 
 FIGURE = "search"
 

@@ -7,13 +7,14 @@ from datetime import timedelta
 from rich.console import Console
 from rich.table import Table as RichTable
 
+from experiments.axes import AXES
 from experiments.divergence import COMPARABLE, divergence
 from experiments.document import Table
 from experiments.findings import findings, grazing_table, overall_table, status_table
 from experiments.numbers import number, percent
 from experiments.search import Found
 from experiments.status import RunStatus
-from experiments.summary import AXES, SUMMARISED, Summary
+from experiments.summary import SUMMARISED, Summary
 from experiments.terminal import print_line, print_table, rich_table
 from model.collision import Collision, Outcome
 
