@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
 
+from compliant_baselines.registry import law_of
 from experiments.divergence import COMPARABLE
 from experiments.document import Block, Heading, Paragraph, Table
 from experiments.numbers import number, percent
-from experiments.rungs import KELVIN_VOIGT, OTHER_LAWS
 from experiments.streams import selected
 
 #: An estimate is honest where the true error is at most this many times as large.
@@ -49,7 +49,7 @@ def certificates(path: Path, solvers: list[str]) -> Frame:
         good = found[found.status.isin(COMPARABLE)]
         speed = found.v0.abs()
         away = _larger(found.v1 / speed - found.v1_limit, found.v2 / speed - found.v2_limit)
-        asked = OTHER_LAWS.get(name, KELVIN_VOIGT)
+        asked = law_of(name)
         row: dict[str, Any] = {"solver": name, "asked": asked, "n": len(found), "converged": len(good)}
         row |= {"order": found.order.median(), "regularisation": found.regularisation.max()}
         row |= _cuts("error", good.limit_error) | _cuts("step", away)

@@ -10,13 +10,11 @@ from compliant_baselines import get_solver
 from compliant_baselines.column import column_of, unrepresentable
 from compliant_baselines.diagnosis import Finding
 from compliant_baselines.engine import EngineSolver
+from compliant_baselines.registry import exportable_names
 from experiments.config import Config
 from experiments.designs import cells_of
 from experiments.grid import Cells
 from experiments.solving import settings_of
-
-#: Engines whose scenes can be examined.
-EXAMINED = ("mujoco", "pybullet")
 
 #: Cells of an experiment that are examined, evenly spread and the corners among them.
 MOST_CELLS = 100
@@ -51,7 +49,7 @@ def experiment_findings(
     indices = sorted({round(i * (len(grid) - 1) / max(1, count - 1)) for i in range(count)})
     examined: list[str] = []
     findings: list[Finding] = []
-    for name in EXAMINED:
+    for name in exportable_names():
         solver = get_solver(name)
         if name not in config.solvers or solver.unavailable() is not None:
             continue
@@ -101,7 +99,7 @@ def traps_note(config: Config, cells: Cells | None = None) -> dict[str, Any]:
 
 
 def column_findings(solver: EngineSolver, column: Any) -> list[Finding]:
-    """Examine the scene of one collision by one of `EXAMINED`."""
+    """Examine the scene of one collision by an engine whose scenes can be written down."""
     if solver.name == "mujoco":
         from compliant_baselines.diagnose_mujoco import diagnose_mujoco
         from compliant_baselines.scene_text import mjcf

@@ -33,7 +33,8 @@ from numpy.typing import NDArray
 
 from compliant_baselines.bistiffness import bistiffness_batch
 from compliant_baselines.reference_solver import ReferenceBatch
-from experiments.rungs import CHOICE, ENGINE, FROZEN, GRAVITY, KELVIN_VOIGT, LAW, LAWS, MAPPING, STEP, Rung
+from compliant_baselines.registry import KELVIN_VOIGT
+from experiments.rungs import CHOICE, ENGINE, FROZEN, GRAVITY, LAW, LAWS, MAPPING, STEP, Rung
 
 Floats = NDArray[np.float64]
 Texts = NDArray[np.str_]

@@ -17,12 +17,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from compliant_baselines.bistiffness import bistiffness_batch
+from compliant_baselines.registry import KELVIN_VOIGT, kind_of
 from experiments.axes import AXES
 from experiments.config import REFERENCE, Config
 from experiments.ladder import Floats
 from experiments.ladder_table import LADDER, LADDER_SCHEMA
 from experiments.levels import levels_of
-from experiments.rungs import ENGINE_FREE, KELVIN_VOIGT, LAWS, MAPPING, RUNGS
+from experiments.rungs import LAWS, MAPPING, RUNGS
 from experiments.store import RunFolder
 from experiments.streams import codes, column
 
@@ -90,7 +91,7 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
 
 def ladder_statistics(path: Path, config: Config) -> Frame:
     """Compute `LadderSummary.statistics` from a table of ladders of any size, a column in memory at a time."""
-    frames = [_engine_statistics(path, name, config) for name in config.solvers if name not in ENGINE_FREE]
+    frames = [_engine_statistics(path, name, config) for name in config.solvers if kind_of(name) == "engine"]
     frames = [frame for frame in frames if len(frame)]
     return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=_STATISTICS)
 

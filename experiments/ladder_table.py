@@ -11,11 +11,12 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
+from compliant_baselines.registry import KELVIN_VOIGT, engine_free_names, law_of
 from experiments.axes import AXES
 from experiments.config import REFERENCE
 from experiments.divergence import COMPARABLE
 from experiments.ladder import NOTHING, Floats, Split, posts, split
-from experiments.rungs import ENGINE, ENGINE_FREE, KELVIN_VOIGT, OTHER_LAWS, Rung, rungs_of
+from experiments.rungs import ENGINE, Rung, rungs_of
 from experiments.schema import COLUMNS
 from experiments.streams import blocks, replacing, table_writer
 
@@ -132,11 +133,11 @@ def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
         One row for each row of an engine, in order.
     """
     solvers = cells["solver"].to_numpy(zero_copy_only=False)
-    engines = cells.filter(pa.array(~np.isin(solvers, sorted(ENGINE_FREE))))
+    engines = cells.filter(pa.array(~np.isin(solvers, engine_free_names())))
     model = cells.filter(pa.array(solvers == REFERENCE))
     if not len(engines):
         return ladder_schema(rungs_of(law)).empty_table()
-    asked = np.array([OTHER_LAWS.get(name, KELVIN_VOIGT) for name in engines["solver"].to_pylist()])
+    asked = np.array([law_of(name) for name in engines["solver"].to_pylist()])
     laws = list(dict.fromkeys(asked.tolist()))
     groups = [np.flatnonzero(asked == obeyed) for obeyed in laws]
     tables = [

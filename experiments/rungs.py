@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
 from compliant_baselines.reference_solver import ReferenceBatch
+from compliant_baselines.registry import KELVIN_VOIGT
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,14 +94,8 @@ ENGINE = Rung(
 )
 
 #: The rungs in their order; a cell has either the last one or the two before it, and `CHOICE` only where another
-#: law than kelvin-voigt was asked for.
+#: law than kelvin-voigt is asked about. Where a rung says kelvin-voigt, an engine of another law has its own.
 RUNGS = (FROZEN, LAW, CHOICE, GRAVITY, MAPPING, STEP, ENGINE)
-
-#: The law the engines are mapped to; where a rung says kelvin-voigt, those of `OTHER_LAWS` have their own.
-KELVIN_VOIGT = "kelvin-voigt"
-
-#: Engines that are asked for another law.
-OTHER_LAWS = {"drake-hunt-crossley": "hunt-crossley"}
 
 #: Laws that "what if" may put in the place of kelvin-voigt, and what answers for them.
 LAWS: Mapping[str, Callable[..., ReferenceBatch]] = {
@@ -109,9 +104,6 @@ LAWS: Mapping[str, Callable[..., ReferenceBatch]] = {
     "kelvin-voigt-textbook": lambda *cells: kelvin_voigt_batch(*cells, damping="textbook"),
     "hunt-crossley": lambda *cells: kelvin_voigt_batch(*cells, damping="hunt-crossley"),
 }
-
-#: Solvers that are rungs themselves, or alternatives to one: no engine, no ladder of their own.
-ENGINE_FREE = frozenset({"state-transition", "bistiffness", "oracle", "liu-zhao-brogliato", *LAWS})
 
 
 def rungs_of(law: str) -> tuple[Rung, ...]:

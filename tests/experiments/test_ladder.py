@@ -10,6 +10,7 @@ import pytest
 
 from compliant_baselines import get_solver
 from compliant_baselines.contract import Settings
+from compliant_baselines.registry import KELVIN_VOIGT
 from experiments import streams
 from experiments.cli import main
 from experiments.config import parse_config
@@ -18,7 +19,7 @@ from experiments.ladder import posts, split
 from experiments.ladder_document import ladder_findings
 from experiments.ladder_summary import BAND, ladder_statistics, summarise_ladder
 from experiments.ladder_table import LADDER_SCHEMA, NO_LIMIT, ladder_rows, sentence, write_ladder
-from experiments.rungs import KELVIN_VOIGT, LAWS, RUNGS, rungs_of
+from experiments.rungs import LAWS, RUNGS, rungs_of
 from experiments.schema import CELLS_SCHEMA
 from experiments.summary import summarise
 from experiments.sweep import run_sweep
