@@ -15,6 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from experiments.axes import AXES
 from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE
 from experiments.levels import Levels, grid_levels, levels_of
@@ -23,9 +24,6 @@ from experiments.streams import blocks, codes, column
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
 #: either.
 Frame = Any
-
-#: Axes of the grid and how a reader knows them.
-AXES = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
 
 #: Whether the state paths are equal, where the model followed its own to the end; null elsewhere.
 FULL_PATHS = "states_equal_without_limit"

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from experiments.axes import AXES
 from experiments.config import Config
-from experiments.designs import AXES
+from experiments.folders import finished
 from experiments.schema import CELLS_SCHEMA, COLUMNS, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
 from experiments.streams import blocks
@@ -59,8 +60,6 @@ def to_xarray(folder: RunFolder | Path | str, columns: Sequence[str] = DEFAULT) 
         If a column is none of the tables'; the message lists those.
     """
     import xarray as xr
-
-    from experiments.commands import finished
 
     run = folder if isinstance(folder, RunFolder) else finished(Path(folder))
     known = [

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from experiments.axes import MAX_CELLS, value_problem
+from experiments.axes import AXES, LEGAL, MAX_CELLS, spacing_problem, value_problem
 
 #: A number, or one of ``{"log": [lo, hi]}`` and ``{"linear": [lo, hi]}``.
 Range = float | dict[str, list[int | float]]
@@ -23,12 +22,12 @@ class Box(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
-    stiffness_ratio: Range = Field({"log": [1e-3, 1e3]}, description=_MEANT + "from 0 to inf (k2/k1)")
-    mass_ratio: Range = Field({"log": [0.5, 2.0]}, description=_MEANT + "finite, > 0 (m2/m1)")
-    e1: Range = Field({"linear": [0.5, 1.0]}, description=_MEANT + "from 0 to 1")
-    e2: Range = Field({"linear": [0.5, 1.0]}, description=_MEANT + "from 0 to 1")
+    stiffness_ratio: Range = Field({"log": [1e-3, 1e3]}, description=_MEANT + LEGAL["stiffness_ratio"])
+    mass_ratio: Range = Field({"log": [0.5, 2.0]}, description=_MEANT + LEGAL["mass_ratio"])
+    e1: Range = Field({"linear": [0.5, 1.0]}, description=_MEANT + LEGAL["e1"])
+    e2: Range = Field({"linear": [0.5, 1.0]}, description=_MEANT + LEGAL["e2"])
 
-    @field_validator(*("stiffness_ratio", "mass_ratio", "e1", "e2"), mode="before")
+    @field_validator(*AXES, mode="before")
     @classmethod
     def _legal_range(cls, value: object, info: Any) -> object:
         problem = _range_problem(info.field_name, value)
@@ -110,18 +109,4 @@ def _range_problem(name: str, value: Any) -> str | None:
         if isinstance(value, int | float):
             return value_problem(name, value)
         return f"{value!r:.60}; legal: {_NOTATION}"
-    if len(value) != 1 or next(iter(value)) not in ("log", "linear"):
-        return f"{value!r:.60}; legal: {_NOTATION}"
-    ((kind, pair),) = value.items()
-    shown = f"{{{kind} = {pair!r:.60}}}"
-    if not isinstance(pair, list) or len(pair) != 2:
-        return f"{shown}; legal: {{{kind} = [lo, hi]}}"
-    lo, hi = pair
-    problem = value_problem(name, lo) or value_problem(name, hi)
-    if problem:
-        return problem
-    if not lo < hi < math.inf:
-        return f"{shown}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite"
-    if kind == "log" and lo <= 0:
-        return f"{shown}: lo = {lo!r}; legal: lo > 0 on a logarithmic range"
-    return None
+    return spacing_problem(name, value, _NOTATION, counted=False)

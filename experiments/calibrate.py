@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from compliant_baselines import SolverError, get_solver, solver_names
+from compliant_baselines import SolverError, get_solver
 from compliant_baselines.calibration import ContactRequest, ContactResult, contact_limit, try_contacts
 from compliant_baselines.contract import MappingName
 from compliant_baselines.engine import EngineSolver
+from compliant_baselines.registry import engine_names
 from experiments.errors import UserError
 
 #: A pandas DataFrame; its annotations are too wide to check code against.
@@ -73,10 +74,15 @@ class Calibration:
     limits: Frame
     versions: dict[str, str]
 
+    @property
+    def engines(self) -> list[str]:
+        """The engines that were asked, in their order."""
+        return list(self.versions)
 
-def engine_names() -> list[str]:
-    """Names of the engines that can be calibrated, installed or not."""
-    return [name for name in solver_names(on_request=True) if isinstance(get_solver(name), EngineSolver)]
+    def limits_of(self, engine: str, mapping: str) -> Frame:
+        """Rows of `limits` of one engine by one mapping."""
+        table = self.limits
+        return table[(table.engine == engine) & (table.mapping == mapping)]
 
 
 def engines_of(names: Sequence[str] | None) -> list[EngineSolver]:
@@ -87,7 +93,7 @@ def engines_of(names: Sequence[str] | None) -> list[EngineSolver]:
     UserError
         If one is unknown, no engine, or named twice.
     """
-    known = engine_names()
+    known = engine_names(on_request=True)
     for name in names or ():
         if name not in known:
             raise UserError(f"--engine = {name!r}; legal: {', '.join(known)}")

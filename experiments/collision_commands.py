@@ -9,12 +9,14 @@ from typing import Any
 
 from compliant_baselines import get_solver, solver_names
 from experiments import export
-from experiments.commands import compile_notice, finished
+from experiments.commands import compile_notice
 from experiments.config import REFERENCE, Config, parse_config, solvers_problem
 from experiments.errors import UserError
+from experiments.folders import finished
 from experiments.grid import collision_of
 from experiments.solving import answer, settings_of
-from experiments.terminal import error_line, make_console, print_line, side_by_side
+from experiments.terminal import error_line, make_console, print_line
+from experiments.views import side_by_side
 from model.collision import Collision, Outcome
 
 #: What decides an impact, and keys of a configuration that the options of ``solve`` spell otherwise.

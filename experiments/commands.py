@@ -15,19 +15,12 @@ import typer
 from experiments import sweep
 from experiments.config import Config, from_canonical, load_config, parse_config
 from experiments.errors import InterruptedRunError, UserError
+from experiments.folders import finished, new_folder
 from experiments.status import status_of
 from experiments.store import RunFolder
 from experiments.summary import Summary
-from experiments.terminal import (
-    error_line,
-    make_console,
-    print_line,
-    print_table,
-    show_found,
-    show_progress,
-    show_status,
-    show_summary,
-)
+from experiments.terminal import error_line, make_console, print_line, print_table, show_progress
+from experiments.views import show_found, show_status, show_summary
 
 
 def run(
@@ -111,11 +104,11 @@ def status(root: Path, *, as_json: bool) -> None:
 def calibrate(names: list[str] | None, root: Path) -> None:
     """Calibrate engines contact by contact and write what came of it."""
     from experiments.calibrate import MAPPINGS, calibrate_engine, calibration_of, engines_of, requests_of
-    from experiments.calibration_page import findings, open_page, summary_table, write_page
+    from experiments.calibration_page import findings, summary_table, write_page
 
     start = time.perf_counter()
     engines = engines_of(names)
-    open_page(root)
+    new_folder(root)
     console = make_console()
     requests = [request for mapping in MAPPINGS for request in requests_of(mapping)]
     rows: list[dict[str, Any]] = []
@@ -161,24 +154,6 @@ def report(root: Path) -> None:
     print_line(make_console(), f"{write_report(finished(root))}")
 
 
-def finished(root: Path) -> RunFolder:
-    """Return the folder of a run that is complete.
-
-    Raises
-    ------
-    UserError
-        If it is not.
-    """
-    if not root.is_dir():
-        raise UserError(f"{root}: no such folder; legal: the folder of a run")
-    folder = RunFolder(root)
-    if folder.manifest().get("state") != "complete":
-        raise UserError(
-            f"{root}: the run is not finished; continue it with impact-xval run --out {root} --resume"
-        )
-    return folder
-
-
 def _noticed(progress: sweep.Progress) -> sweep.Progress:
     """Add the notice of compilation to the first report: by then the input is known to be legal."""
     notices = [compile_notice()]
@@ -222,9 +197,10 @@ def _write_all(folder: RunFolder) -> Summary:
     from experiments.figures import write_figures
     from experiments.report import write_report, write_tables
 
-    summary, _ = write_tables(folder)
-    write_figures(folder)
-    write_report(folder)
+    written = write_tables(folder)
+    summary, _ = written
+    write_figures(folder, summary.ladder)
+    write_report(folder, written)
     return summary
 
 

@@ -12,16 +12,14 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from experiments.axes import MAX_CELLS, value_problem
-from experiments.box import Box, Sample
+from experiments.axes import AXES, MAX_CELLS, is_legal, value_problem
+from experiments.box import Sample
 from experiments.config import Config
 from experiments.errors import UserError
 from experiments.grid import CellGrid, CellList, Cells
 from experiments.schema import CELLS_SCHEMA
 from experiments.store import RunFolder
 from experiments.streams import column
-
-AXES = tuple(Box.model_fields)
 
 
 def cells_of(config: Config) -> Cells:
@@ -118,10 +116,7 @@ def _checked(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.float
         values = column.cast(pa.float64()).to_numpy().astype(float)
     except pa.ArrowException:
         raise UserError(f"{path}: {name} is not a column of numbers ({column.type})") from None
-    legal = {
-        "stiffness_ratio": values >= 0,
-        "mass_ratio": (values > 0) & np.isfinite(values),
-    }.get(name, (values >= 0) & (values <= 1))
+    legal = is_legal(name, values)
     if not legal.all():
         row = int(np.argmin(legal))
         raise UserError(f"{path}: row {row + 1}: {name} = {value_problem(name, float(values[row]))}")
@@ -130,7 +125,7 @@ def _checked(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.float
 
 def _within_double_precision(config: Config, values: NDArray[np.float64], where: str) -> None:
     for name, base in (("stiffness_ratio", config.k1), ("mass_ratio", config.m1)):
-        ratios = values[:, AXES.index(name)]
+        ratios = values[:, list(AXES).index(name)]
         with np.errstate(over="ignore", under="ignore"):
             product = ratios * base
         bad = (ratios > 0) & np.isfinite(ratios) & ~((product > 0) & np.isfinite(product))

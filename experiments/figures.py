@@ -17,14 +17,11 @@ from experiments.ladder_figures import draw_ladders
 from experiments.ladder_summary import LadderSummary, summarise_ladder
 from experiments.numbers import number
 from experiments.store import RunFolder, write_json
-from experiments.streams import replacing
-from experiments.style import drawing, look
+from experiments.style import drawing, look, save
 from experiments.summary import FULL_PATHS, Frame, load_divergence
 
-FORMATS = ("png", "pdf")
 CAPTIONS = "captions.json"
 
-_DPI = 160
 #: D below this is drawn at this height on logarithmic axes: about the rounding of the solvers.
 _FLOOR = 1e-6
 
@@ -59,8 +56,14 @@ class Data:
         return [name for name in self.config.solvers if name in there]
 
 
-def write_figures(folder: RunFolder) -> list[tuple[Path, str]]:
+def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> list[tuple[Path, str]]:
     """Draw every figure of a finished run into ``figures/``.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    ladder : LadderSummary, optional
+        That of the run, where it is known; by default it is computed.
 
     Returns
     -------
@@ -75,16 +78,13 @@ def write_figures(folder: RunFolder) -> list[tuple[Path, str]]:
         {axis: sorted(levels.values) for axis, levels in table.levels.items()},
         table.frame(measures, table.compared & ~table.grazing),
         folder.read_table(CURVES, CURVES_SCHEMA).to_pandas(),
-        summarise_ladder(folder, config),
+        summarise_ladder(folder, config) if ladder is None else ladder,
     )
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
     written: list[tuple[Path, str]] = []
     for name, figure, caption in _figures(data):
-        for extension in FORMATS:
-            with replacing(target / f"{name}.{extension}") as temporary:
-                metadata = {"CreationDate": None} if extension == "pdf" else None
-                figure.savefig(temporary, format=extension, dpi=_DPI, metadata=metadata)
+        save(figure, target, name)
         written.append((target / f"{name}.png", caption))
     write_json(target / CAPTIONS, {path.stem: caption for path, caption in written})
     return written
@@ -119,12 +119,8 @@ def _stiffness_axis(ax: Any, values: list[float]) -> np.ndarray:
     return np.arange(len(array), dtype=float)
 
 
-def _sorted_axis(data: Data, axis: str) -> list[float]:
-    return data.levels[axis]
-
-
 def _divergence_by_stiffness(data: Data) -> tuple[Figure, str]:
-    values = _sorted_axis(data, "stiffness_ratio")
+    values = data.levels["stiffness_ratio"]
     columns = len(data.solvers)
     with drawing(2.4 * columns + 0.8, 3.2) as figure:
         axes = figure.subplots(1, columns, sharey=True, squeeze=False)[0]
@@ -151,35 +147,10 @@ def _divergence_by_stiffness(data: Data) -> tuple[Figure, str]:
 
 
 def _divergence_map(data: Data) -> tuple[Figure, str]:
-    stiffness, masses = _sorted_axis(data, "stiffness_ratio"), _sorted_axis(data, "mass_ratio")
-    columns = len(data.solvers)
-    with drawing(2.4 * columns + 1.2, 1.7 + 0.28 * min(len(masses), 20)) as figure:
-        axes = figure.subplots(1, columns, sharey=True, squeeze=False)[0]
-        tables = [
-            data.regular[data.regular.solver == name]
-            .groupby(["mass_ratio", "stiffness_ratio"])
-            .velocity_divergence.median()
-            .unstack()
-            .reindex(index=masses, columns=stiffness)
-            .to_numpy(dtype=float)
-            for name in data.solvers
-        ]
-        highest = max(float(np.nanmax(table)) for table in tables)
-        images = []
-        for ax, name, table in zip(axes, data.solvers, tables, strict=True):
-            images.append(
-                ax.imshow(table, origin="lower", aspect="auto", cmap="viridis", vmin=0, vmax=highest)
-            )
-            step = max(1, len(stiffness) // 4)
-            ax.set_xticks(range(0, len(stiffness), step), [number(v, 2) for v in stiffness[::step]])
-            every = max(1, len(masses) // 12)
-            ax.set_yticks(range(0, len(masses), every), [number(v) for v in masses[::every]])
-            ax.set_xlabel("k2/k1")
-            ax.set_title(name)
-            ax.grid(False)
-        axes[0].set_ylabel("mass ratio m2/m1")
-        figure.colorbar(images[0], ax=list(axes), label="median D (-)")
-    return figure, (
+    across = _Side("stiffness_ratio", "k2/k1", ticks=4, digits=2)
+    up = _Side("mass_ratio", "mass ratio m2/m1", ticks=12)
+    size = (2.4 * len(data.solvers) + 1.2, 1.7 + 0.28 * min(len(data.levels[up.axis]), 20))
+    return _median_maps(data, across, up, size), (
         f"Median over the restitutions e1, e2 of the velocity divergence D from the {REFERENCE} model, by "
         "stiffness ratio k2/k1 and mass ratio m2/m1, one panel a solver and one colour scale for all. "
         "White: nothing to compare. Cells beside a jump of the model are left out."
@@ -187,16 +158,36 @@ def _divergence_map(data: Data) -> tuple[Figure, str]:
 
 
 def _divergence_by_restitution(data: Data) -> tuple[Figure, str]:
-    first, second = _sorted_axis(data, "e1"), _sorted_axis(data, "e2")
-    columns = len(data.solvers)
-    with drawing(2.3 * columns + 1.2, 2.7) as figure:
-        axes = figure.subplots(1, columns, sharey=True, squeeze=False)[0]
+    across, up = _Side("e1", "e1 (ball on ball)", ticks=8), _Side("e2", "e2 (ball on table)", ticks=8)
+    size = (2.3 * len(data.solvers) + 1.2, 2.7)
+    return _median_maps(data, across, up, size, written=36), (
+        f"Median over stiffness and mass ratios of the velocity divergence D from the {REFERENCE} model, by "
+        "the coefficients of restitution e1 (ball on ball) and e2 (ball on table), one panel a solver. "
+        "Cells beside a jump of the model are left out."
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """A side of a map: the axis along it, its label, about how many values are written and with how many digits."""
+
+    axis: str
+    label: str
+    ticks: int
+    digits: int = 3
+
+
+def _median_maps(data: Data, across: _Side, up: _Side, size: tuple[float, float], written: int = 0) -> Figure:
+    """Draw the median D over two axes, a panel a solver; maps of at most `written` fields hold their numbers."""
+    columns, rows = data.levels[across.axis], data.levels[up.axis]
+    with drawing(*size) as figure:
+        axes = figure.subplots(1, len(data.solvers), sharey=True, squeeze=False)[0]
         tables = [
             data.regular[data.regular.solver == name]
-            .groupby(["e2", "e1"])
+            .groupby([up.axis, across.axis])
             .velocity_divergence.median()
             .unstack()
-            .reindex(index=second, columns=first)
+            .reindex(index=rows, columns=columns)
             .to_numpy(dtype=float)
             for name in data.solvers
         ]
@@ -206,27 +197,23 @@ def _divergence_by_restitution(data: Data) -> tuple[Figure, str]:
             images.append(
                 ax.imshow(table, origin="lower", aspect="auto", cmap="viridis", vmin=0, vmax=highest)
             )
-            if len(first) * len(second) <= 36:
+            if table.size <= written:
                 for (row, column), value in np.ndenumerate(table):
                     shade = "black" if value > 0.6 * highest else "white"
                     ax.text(column, row, number(value, 2), ha="center", va="center", fontsize=7, color=shade)
-            for axis, values in ((ax.xaxis, first), (ax.yaxis, second)):
-                step = max(1, len(values) // 8)
-                axis.set_ticks(range(0, len(values), step), [number(v) for v in values[::step]])
-            ax.set_xlabel("e1 (ball on ball)")
+            for axis, values, side in ((ax.xaxis, columns, across), (ax.yaxis, rows, up)):
+                step = max(1, len(values) // side.ticks)
+                axis.set_ticks(range(0, len(values), step), [number(v, side.digits) for v in values[::step]])
+            ax.set_xlabel(across.label)
             ax.set_title(name)
             ax.grid(False)
-        axes[0].set_ylabel("e2 (ball on table)")
+        axes[0].set_ylabel(up.label)
         figure.colorbar(images[0], ax=list(axes), label="median D (-)")
-    return figure, (
-        f"Median over stiffness and mass ratios of the velocity divergence D from the {REFERENCE} model, by "
-        "the coefficients of restitution e1 (ball on ball) and e2 (ball on table), one panel a solver. "
-        "Cells beside a jump of the model are left out."
-    )
+    return figure
 
 
 def _state_paths(data: Data) -> tuple[Figure, str]:
-    values = _sorted_axis(data, "stiffness_ratio")
+    values = data.levels["stiffness_ratio"]
     with drawing(6.0, 3.2) as figure:
         ax = figure.subplots()
         x = _stiffness_axis(ax, values)
@@ -250,7 +237,7 @@ def _state_paths(data: Data) -> tuple[Figure, str]:
 
 
 def _energy(data: Data) -> tuple[Figure, str]:
-    values = _sorted_axis(data, "stiffness_ratio")
+    values = data.levels["stiffness_ratio"]
     with drawing(6.0, 3.4) as figure:
         ax = figure.subplots()
         x = _stiffness_axis(ax, values)

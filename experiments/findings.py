@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from experiments.axes import AXES
 from experiments.certificates import certificate_blocks
 from experiments.config import REFERENCE
 from experiments.divergence import COMPARABLE
 from experiments.document import Block, Heading, Paragraph, Table
 from experiments.ladder_document import ladder_findings, ladder_section
 from experiments.numbers import number, percent
-from experiments.summary import AXES, FULL_PATHS, SUMMARISED, Frame, Summary
+from experiments.summary import FULL_PATHS, SUMMARISED, Frame, Summary
 
 _CUTS = ("median", "p95", "max")
 #: Longest table along an axis.
@@ -179,7 +180,7 @@ def detail_table(summary: Summary, axis: str) -> Table:
                 (number(value), name, *cells, percent(summary.get(name, FULL_PATHS, axis, value)["mean"]))
             )
     return Table(
-        f"Every measure by {AXES[axis]}: median / 95th percentile / maximum, and the share of equal paths "
+        f"Every measure by {AXES[axis]}: median / 95th percentile / maximum, and the share of equal "
         f"paths{note}",
         (AXES[axis], "solver", *SUMMARISED.values(), "equal paths"),
         rows,

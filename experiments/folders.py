@@ -1,4 +1,4 @@
-"""Whether a run may write to a folder: looked at before anything is written."""
+"""Folders of runs: whether one may be written to, looked at before anything is, and whether its run is finished."""
 
 from __future__ import annotations
 
@@ -67,3 +67,40 @@ def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunF
                 root.rmdir()
         raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
     return folder, continued
+
+
+def finished(root: Path) -> RunFolder:
+    """Return the folder of a run that is complete.
+
+    Raises
+    ------
+    UserError
+        If it is not.
+    """
+    if not root.is_dir():
+        raise UserError(f"{root}: no such folder; legal: the folder of a run")
+    folder = RunFolder(root)
+    if folder.manifest().get("state") != "complete":
+        raise UserError(
+            f"{root}: the run is not finished; continue it with impact-xval run --out {root} --resume"
+        )
+    return folder
+
+
+def new_folder(root: Path) -> None:
+    """Make the folder of a command that does not continue what it finds there.
+
+    Raises
+    ------
+    UserError
+        If it holds anything, is a file, or cannot be made or read.
+    """
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        empty = next(root.iterdir(), None) is None
+    except FileExistsError:
+        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
+    except OSError as error:
+        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
+    if not empty:
+        raise UserError(f"--out {root}: not empty; legal: a new or empty folder")

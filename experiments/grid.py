@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from compliant_baselines.registry import kind_of
 from experiments.config import Cell, Config
-from experiments.ladder import ENGINE_FREE
 from model.collision import Collision
 
 #: Cells of a chunk, and the number of chunks from which they become larger instead of more.
@@ -84,7 +84,7 @@ class Cells(ABC):
         """
         if self._config.chunk_size is not None:
             return self._config.chunk_size
-        quick = ENGINE_FREE.issuperset(self._config.solvers)
+        quick = all(kind_of(name) != "engine" for name in self._config.solvers)
         usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64)) if quick else _CHUNK
         return max(usual, -(-len(self) // _MOST_CHUNKS))
 

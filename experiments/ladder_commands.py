@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from experiments.commands import finished
+from compliant_baselines.registry import KELVIN_VOIGT
 from experiments.document import Table
 from experiments.errors import UserError
-from experiments.ladder import KELVIN_VOIGT, LAWS, RUNGS
+from experiments.folders import finished
 from experiments.ladder_document import (
     alternatives_table,
     axis_share_table,
@@ -21,6 +21,7 @@ from experiments.ladder_document import (
 from experiments.ladder_summary import LadderSummary, ladder_statistics, summarise_ladder
 from experiments.ladder_table import LADDER, LADDER_SCHEMA, write_ladder
 from experiments.numbers import number, percent
+from experiments.rungs import LAWS, RUNGS
 from experiments.schema import CELLS_SCHEMA
 from experiments.store import RunFolder
 from experiments.terminal import make_console, print_line, print_table

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from experiments.axes import AXES
 from experiments.document import Block, Heading, Paragraph, Table
-from experiments.ladder import RUNGS, Rung
 from experiments.ladder_figures import present
-from experiments.ladder_summary import AXES, BAND, BANDS, Frame, LadderSummary
+from experiments.ladder_summary import BAND, BANDS, Frame, LadderSummary
 from experiments.ladder_table import NO_LIMIT
 from experiments.numbers import number, percent
-
-_LABELS = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
+from experiments.rungs import RUNGS, Rung
 
 #: Longest table along an axis.
 _ROWS = 40
@@ -146,8 +145,8 @@ def axis_share_table(ladder: LadderSummary, axis: str) -> Table:
                 rows.append((solver, number(value), mean, *_shares(region, rungs)))
     note = f" {len(values[::step])} of {len(values)} values; all are in summary.csv." if step > 1 else ""
     return Table(
-        f"What the mean D is made of, by {_LABELS[axis]}. {SHARES}{note}",
-        ("engine", _LABELS[axis], "mean D", *(rung.label for rung in rungs)),
+        f"What the mean D is made of, by {AXES[axis]}. {SHARES}{note}",
+        ("engine", AXES[axis], "mean D", *(rung.label for rung in rungs)),
         rows,
         text_columns=1,
         detail=axis != "stiffness_ratio",

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from experiments.ladder import RUNGS, Rung
 from experiments.ladder_summary import LadderSummary
 from experiments.numbers import number
+from experiments.rungs import RUNGS, Rung
 from experiments.style import drawing
 
 #: Norms below this are drawn at this height on logarithmic axes.

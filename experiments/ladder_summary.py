@@ -17,17 +17,18 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from compliant_baselines.bistiffness import bistiffness_batch
+from compliant_baselines.registry import KELVIN_VOIGT, kind_of
+from experiments.axes import AXES
 from experiments.config import REFERENCE, Config
-from experiments.ladder import ENGINE_FREE, KELVIN_VOIGT, LAWS, MAPPING, RUNGS, Floats
+from experiments.ladder import Floats
 from experiments.ladder_table import LADDER, LADDER_SCHEMA
 from experiments.levels import levels_of
+from experiments.rungs import LAWS, MAPPING, RUNGS
 from experiments.store import RunFolder
 from experiments.streams import codes, column
 
 #: A pandas DataFrame or Series; see `summary.Frame`.
 Frame = Any
-
-AXES = ("stiffness_ratio", "mass_ratio", "e1", "e2")
 
 #: Regions of k2/k1, by their lower edge: what is much softer, comparable, much stiffer is the table.
 BAND = "stiffness_band"
@@ -90,7 +91,7 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
 
 def ladder_statistics(path: Path, config: Config) -> Frame:
     """Compute `LadderSummary.statistics` from a table of ladders of any size, a column in memory at a time."""
-    frames = [_engine_statistics(path, name, config) for name in config.solvers if name not in ENGINE_FREE]
+    frames = [_engine_statistics(path, name, config) for name in config.solvers if kind_of(name) == "engine"]
     frames = [frame for frame in frames if len(frame)]
     return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=_STATISTICS)
 
@@ -168,7 +169,7 @@ def _alternatives(folder: RunFolder, config: Config) -> Frame:
     path = folder.root / "cells.parquet"
     if pq.read_metadata(path).num_rows > MOST_ALTERNATIVES * len(config.solvers):
         return pd.DataFrame(columns=columns)
-    read = ("stiffness_ratio", "mass_ratio", "e1", "e2", "v0", "v1", "v2", "grazing_margin")
+    read = (*AXES, "v0", "v1", "v2", "grazing_margin")
     table = pq.read_table(path, columns=list(read), filters=[("solver", "==", REFERENCE)])
     kappa, mass_ratio, e1, e2, v0, v1, v2, margin = (table[name].to_numpy().astype(float) for name in read)
     cells, band = (kappa, mass_ratio, e1, e2), band_of(kappa)

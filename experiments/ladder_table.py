@@ -11,23 +11,14 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
+from compliant_baselines.registry import KELVIN_VOIGT, engine_free_names, law_of
+from experiments.axes import AXES
 from experiments.config import REFERENCE
 from experiments.divergence import COMPARABLE
-from experiments.ladder import (
-    ENGINE,
-    ENGINE_FREE,
-    KELVIN_VOIGT,
-    NOTHING,
-    OTHER_LAWS,
-    Floats,
-    Rung,
-    Split,
-    posts,
-    rungs_of,
-    split,
-)
+from experiments.ladder import NOTHING, Floats, Split, posts, split
+from experiments.rungs import ENGINE, Rung, rungs_of
 from experiments.schema import COLUMNS
-from experiments.streams import blocks, replacing
+from experiments.streams import blocks, replacing, table_writer
 
 LADDER, LADDER_CSV = "ladder.parquet", "ladder.csv"
 
@@ -37,7 +28,7 @@ UNCONVERGED = "unconverged"
 #: Why the last two rungs are one.
 NO_LIMIT = "no certified limit of small steps for this cell"
 
-_PARAMETERS = ("cell", "stiffness_ratio", "mass_ratio", "e1", "e2", "gravity_number", "solver")
+_PARAMETERS = ("cell", *AXES, "gravity_number", "solver")
 _READ = (*_PARAMETERS, "status", "reason", "v0", "v1", "v2", "grazing_margin")
 _LIMIT = ("v1_limit", "v2_limit", "limit_error")
 
@@ -97,22 +88,20 @@ def write_ladder(root: Path, law: str = KELVIN_VOIGT, stem: str = "ladder") -> N
     root : Path
         Holds ``cells.parquet``, sorted by cell, and gets ``STEM.parquet`` and ``STEM.csv``.
     law : str
-        The dissipation law, one of `ladder.LAWS`.
+        The dissipation law, one of `rungs.LAWS`.
     stem : str
         Name of the files.
     """
-    table = ladder_schema(rungs_of(law))
+    schema = ladder_schema(rungs_of(law))
     with (
-        replacing(root / f"{stem}.parquet") as binary,
+        table_writer(root / f"{stem}.parquet", schema) as table,
         replacing(root / f"{stem}.csv") as text,
-        pq.ParquetWriter(binary, table, compression="zstd") as writer,
-        pacsv.CSVWriter(str(text), table) as csv,
+        pacsv.CSVWriter(str(text), schema) as csv,
     ):
         for piece in _pieces(root / "cells.parquet"):
-            rows = ladder_rows(piece, law).cast(table)
-            if len(rows):
-                writer.write_table(rows)
-                csv.write_table(rows)
+            rows = ladder_rows(piece, law)
+            table.add(rows)
+            csv.write_table(rows.cast(schema))
 
 
 def _pieces(path: Path) -> Iterator[pa.Table]:
@@ -144,11 +133,11 @@ def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
         One row for each row of an engine, in order.
     """
     solvers = cells["solver"].to_numpy(zero_copy_only=False)
-    engines = cells.filter(pa.array(~np.isin(solvers, sorted(ENGINE_FREE))))
+    engines = cells.filter(pa.array(~np.isin(solvers, engine_free_names())))
     model = cells.filter(pa.array(solvers == REFERENCE))
     if not len(engines):
         return ladder_schema(rungs_of(law)).empty_table()
-    asked = np.array([OTHER_LAWS.get(name, KELVIN_VOIGT) for name in engines["solver"].to_pylist()])
+    asked = np.array([law_of(name) for name in engines["solver"].to_pylist()])
     laws = list(dict.fromkeys(asked.tolist()))
     groups = [np.flatnonzero(asked == obeyed) for obeyed in laws]
     tables = [
@@ -163,7 +152,7 @@ def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Ta
     """Make the ladders of engines that were asked for one law."""
     # The references know nothing of engines: one answer a cell.
     at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
-    kappa, mu, e1, e2 = (_numbers(model, name) for name in ("stiffness_ratio", "mass_ratio", "e1", "e2"))
+    kappa, mu, e1, e2 = (_numbers(model, name) for name in AXES)
     here = posts(kappa, mu, e1, e2, _numbers(model, "gravity_number"), law, obeyed).take(at)
     reference, engine = _velocities(model, COMPARABLE)[at], _velocities(engines, (*COMPARABLE, UNCONVERGED))
     limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])

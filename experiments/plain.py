@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 #: Keys whose text is a text, whatever it says.
-_TEXTS = ("name", "cells")
+_TEXTS = ("name", "cells", "solvers", "solver")
 
 
 def revive(value: object, key: str = "") -> Any:

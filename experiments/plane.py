@@ -1,7 +1,7 @@
 """Dense maps over the plane of k2/k1 and m2/m1: where each cause of divergence matters that needs no engine.
 
 Every cell of the plane is solved by the model, by bistiffness and by kelvin-voigt, without gravity and in the scenario
-asked for, exactly; the rungs are those of `experiments.ladder`. A map is made block by block, so that its memory does
+asked for, exactly; the rungs are those of `experiments.rungs`. A map is made block by block, so that its memory does
 not grow with its size.
 """
 
@@ -20,7 +20,8 @@ from compliant_baselines.bistiffness import bistiffness_batch
 from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
 from compliant_baselines.reference_solver import ReferenceBatch
 from compliant_baselines.state_paths import model_paths
-from experiments.ladder import FROZEN, GRAVITY, LAW, NOTHING, Floats
+from experiments.ladder import NOTHING, Floats
+from experiments.rungs import FROZEN, GRAVITY, LAW
 from experiments.streams import replacing
 from model import solve_batch
 

@@ -11,11 +11,12 @@ import numpy as np
 
 from experiments.config import Config, parse_config
 from experiments.errors import UserError
-from experiments.figures import CAPTIONS, FORMATS
+from experiments.figures import CAPTIONS
+from experiments.folders import new_folder
 from experiments.plane import PATHS, PLANE_SCHEMA, RUNGS, Plane, write_plane
 from experiments.plane_figures import draw_plane
 from experiments.store import write_json
-from experiments.streams import replacing
+from experiments.style import save
 from experiments.sweep import solver_versions
 from experiments.terminal import make_console, print_line, show_progress
 
@@ -34,7 +35,7 @@ def draw_map(
     start = time.perf_counter()
     plane, config = _plane(values, stiffness_ratio, mass_ratio, side)
     root = out if out is not None else Path("maps") / f"{config.scenario}-e1-{plane.e1:g}-e2-{plane.e2:g}"
-    _prepare(root)
+    new_folder(root)
     console = make_console()
     try:
         with show_progress(console) as progress:
@@ -45,10 +46,7 @@ def draw_map(
         raise
     captions = {}
     for name, figure, caption in draw_plane(plane, images):
-        for extension in FORMATS:
-            with replacing(root / f"{name}.{extension}") as temporary:
-                metadata = {"CreationDate": None} if extension == "pdf" else None
-                figure.savefig(temporary, format=extension, dpi=200, metadata=metadata)
+        save(figure, root, name, dpi=200)
         captions[name] = caption
         print_line(console, f"{root / name}.png: {caption}")
     write_json(root / CAPTIONS, captions)
@@ -138,16 +136,6 @@ def _span(option: str, ends: tuple[str, str]) -> tuple[float, float]:
             f"{option} = {ends[0]} {ends[1]}; legal: two numbers from 1e-12 to 1e12, the first smaller"
         )
     return low, high
-
-
-def _prepare(root: Path) -> None:
-    """Create the folder; one that holds anything is refused."""
-    if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise UserError(f"--out {root}: not empty; legal: a new or empty folder")
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
 
 
 def _description(plane: Plane, config: Config, lines: list[str], seconds: float) -> dict[str, Any]:

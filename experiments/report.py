@@ -13,11 +13,12 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from experiments.designs import cells_of_run
-from experiments.doctor import traps_note
 from experiments.document import Block, Heading, to_latex, to_markdown
+from experiments.examination import traps_note
 from experiments.figures import CAPTIONS, write_figures
 from experiments.findings import build_document
 from experiments.ladder_document import csv_rows
+from experiments.ladder_summary import LadderSummary
 from experiments.numbers import number
 from experiments.store import RunFolder, write_text
 from experiments.streams import blocks, replacing
@@ -33,8 +34,7 @@ def write_tables(folder: RunFolder) -> tuple[Summary, list[Block]]:
     document : list of Block
         The text that was written.
     """
-    summary = summarise(folder)
-    document = build_document(summary)
+    summary, document = _summarised(folder)
     write_text(folder.root / "summary.md", to_markdown(document))
     write_text(folder.root / "summary.tex", to_latex(document))
     statistics = pd.concat([summary.statistics, *csv_rows(summary.ladder)], ignore_index=True)
@@ -43,16 +43,21 @@ def write_tables(folder: RunFolder) -> tuple[Summary, list[Block]]:
     return summary, document
 
 
-def write_report(folder: RunFolder) -> Path:
+def write_report(folder: RunFolder, written: tuple[Summary, list[Block]] | None = None) -> Path:
     """Write ``report.html`` of a finished run; its figures are drawn if they are not there.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    written : (Summary, list of Block), optional
+        What `write_tables` returned, if it has just been written; by default it is computed again.
 
     Returns
     -------
     Path
         The page.
     """
-    summary = summarise(folder)
-    document = build_document(summary)
+    summary, document = _summarised(folder) if written is None else written
     environment = Environment(
         loader=PackageLoader("experiments"), autoescape=True, undefined=StrictUndefined, trim_blocks=False
     )
@@ -60,7 +65,7 @@ def write_report(folder: RunFolder) -> Path:
     page = environment.get_template("report.html.j2").render(
         title=f"impact-xval: {summary.config.name}",
         blocks=[{"kind": type(block).__name__.lower(), **asdict(block)} for block in document],
-        figures=_figures(folder),
+        figures=_figures(folder, summary.ladder),
         figures_after=sections[1] if len(sections) > 1 else len(document),
         config=summary.config,
         gravity_number=number(_gravity_number(folder)),
@@ -72,19 +77,24 @@ def write_report(folder: RunFolder) -> Path:
     return path
 
 
+def _summarised(folder: RunFolder) -> tuple[Summary, list[Block]]:
+    summary = summarise(folder)
+    return summary, build_document(summary)
+
+
 def _gravity_number(folder: RunFolder) -> float:
     """Of the first cell."""
     first = next(blocks(folder.root / "cells.parquet", ["gravity_number"], whole_cells=False), None)
     return math.nan if first is None else first.column(0)[0].as_py()
 
 
-def _figures(folder: RunFolder) -> list[dict[str, str]]:
+def _figures(folder: RunFolder, ladder: LadderSummary) -> list[dict[str, str]]:
     captions = folder.root / "figures" / CAPTIONS
     if captions.is_file():
         known: dict[str, str] = json.loads(captions.read_text(encoding="utf-8"))
         drawn = [(folder.root / "figures" / f"{name}.png", caption) for name, caption in known.items()]
     else:
-        drawn = write_figures(folder)
+        drawn = write_figures(folder, ladder)
     return [
         {"caption": caption, "data": base64.b64encode(path.read_bytes()).decode("ascii")}
         for path, caption in drawn

@@ -24,9 +24,10 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from compliant_baselines import get_solver
+from experiments.axes import AXES
 from experiments.box import Search
 from experiments.config import REFERENCE, Config
-from experiments.designs import AXES, unit_points
+from experiments.designs import unit_points
 from experiments.errors import UserError
 from experiments.executors import available_cores, in_flight, open_executor
 from experiments.folders import open_folder

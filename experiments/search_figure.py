@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pyarrow.parquet as pq
 
+from experiments.axes import AXES
 from experiments.config import Config
 from experiments.numbers import number
 from experiments.search import EVALUATIONS, Found
 from experiments.store import RunFolder, write_text
-from experiments.streams import replacing
-from experiments.style import drawing
-from experiments.summary import AXES, SUMMARISED
+from experiments.style import drawing, save
+from experiments.summary import SUMMARISED
 
 FIGURE = "search"
 
@@ -43,10 +43,7 @@ def write_figure(folder: RunFolder, config: Config, found: Found) -> None:
                 ax.plot(worst[axis], abs(worst[search.measure]), "r*", markersize=10, clip_on=False)
             ax.set_xlabel(AXES[axis])
         figure.colorbar(points[0], ax=list(axes), label="generation")
-        for extension in ("png", "pdf"):
-            with replacing(folder.root / f"{FIGURE}.{extension}") as temporary:
-                metadata = {"CreationDate": None} if extension == "pdf" else None
-                figure.savefig(temporary, format=extension, dpi=160, metadata=metadata)
+        save(figure, folder.root, FIGURE)
     write_text(folder.root / f"{FIGURE}.txt", caption(found) + "\n")
 
 

@@ -2,9 +2,9 @@
 
 A derived table is a function of blocks::
 
-    derive(folder.root / "cells.parquet", folder.root / "ladder.parquet", LADDER_SCHEMA, ladder_rows)
+    derive(folder.root / "cells.parquet", folder.root / "mine.parquet", schema, function)
 
-where ``ladder_rows`` gets every row of some cells as a `pyarrow.Table` and returns the rows of the new
+where ``function`` gets every row of some cells as a `pyarrow.Table` and returns the rows of the new
 table. All rows of a cell are in one block, blocks come in the order of the cells, and the file that is
 written does not depend on where the blocks were cut.
 """

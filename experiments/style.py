@@ -1,14 +1,20 @@
-"""How solvers look in every figure: one colour, marker and dash each, from a colour-blind-safe palette."""
+"""How figures look, and how they are saved: a colour, marker and dash for each solver, safe for the colour-blind."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+
+from experiments.streams import replacing
+
+#: What every figure is saved as.
+FORMATS = ("png", "pdf")
 
 #: Okabe and Ito's palette; the model is black.
 _PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
@@ -57,3 +63,11 @@ def drawing(width: float, height: float) -> Iterator[Figure]:
     """Give an empty figure of a size in inches, in the style of the project; no state is left behind."""
     with mpl.rc_context(_PARAMETERS):
         yield Figure(figsize=(width, height), layout="constrained")
+
+
+def save(figure: Figure, folder: Path, name: str, dpi: int = 160) -> None:
+    """Write a figure as ``NAME.png`` and ``NAME.pdf``: a figure that is drawn again gives the same files."""
+    for extension in FORMATS:
+        with replacing(folder / f"{name}.{extension}") as temporary:
+            metadata = {"CreationDate": None} if extension == "pdf" else None
+            figure.savefig(temporary, format=extension, dpi=dpi, metadata=metadata)

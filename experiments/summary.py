@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 
 from experiments.aggregates import (
-    AXES,
     FULL_PATHS,
     Compared,
     Frame,
@@ -30,7 +29,7 @@ from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
 from experiments.streams import blocks, codes, column
 
-__all__ = ["AXES", "FULL_PATHS", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
+__all__ = ["FULL_PATHS", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
 
 #: Measures that are summarised, by their size, and how a reader knows them.
 SUMMARISED = {

@@ -8,9 +8,10 @@ from pathlib import Path
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from experiments.folders import new_folder
 from experiments.hypothesis.cases import CASES
 from experiments.hypothesis.config import load
-from experiments.hypothesis.folder import check_folder, write_all
+from experiments.hypothesis.folder import write_all
 from experiments.hypothesis.prose import abstract
 from experiments.hypothesis.run import Results, run_hypothesis
 from experiments.hypothesis.tables import verdict_text
@@ -24,7 +25,7 @@ def run_command(path: Path | None, out: Path | None, workers: int | None) -> Non
     start = time.perf_counter()
     config = load(path)
     root = out if out is not None else DEFAULT_FOLDER
-    check_folder(root)
+    new_folder(root)
     console = make_console()
     with show_progress(console) as progress:
         results = run_hypothesis(config, workers=workers, progress=progress)

@@ -19,10 +19,8 @@ from experiments.hypothesis.ringing import second_end_share
 from experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
 from experiments.hypothesis.series import Series
 from experiments.numbers import number
-from experiments.streams import replacing
-from experiments.style import Look, drawing, look
+from experiments.style import Look, drawing, look, save
 
-FORMATS = ("png", "pdf")
 _DPI = 150
 
 #: Distances below this are not drawn: rounding.
@@ -63,10 +61,7 @@ def write_figures(results: Results, folder: Path) -> dict[str, Picture]:
     folder.mkdir(parents=True, exist_ok=True)
     written = {}
     for name, figure, caption in _figures(results):
-        for extension in FORMATS:
-            with replacing(folder / f"{name}.{extension}") as temporary:
-                metadata = {"CreationDate": None} if extension == "pdf" else None
-                figure.savefig(temporary, format=extension, dpi=_DPI, metadata=metadata)
+        save(figure, folder, name, dpi=_DPI)
         written[name] = Picture(name, caption)
     return written
 

@@ -15,7 +15,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from compliant_baselines import get_solver
 from experiments.document import Block, Heading, Table, escape_markdown, to_latex, to_markdown
-from experiments.errors import UserError
 from experiments.executors import available_cores
 from experiments.hypothesis.figures import Picture, write_figures
 from experiments.hypothesis.page import Part, build_page
@@ -32,23 +31,6 @@ from experiments.store import write_json, write_text
 from experiments.streams import replacing
 
 PAGE = "hypothesis.md"
-
-
-def check_folder(root: Path) -> None:
-    """Refuse a folder that cannot be written, or that holds anything.
-
-    Raises
-    ------
-    UserError
-    """
-    if root.is_dir() and any(root.iterdir()):
-        raise UserError(f"--out {root}: holds files; legal: a new or empty folder")
-    if root.exists() and not root.is_dir():
-        raise UserError(f"--out {root}: is no folder; legal: a new or empty folder")
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"--out {root}: cannot be made: {error.strerror}") from None
 
 
 def write_all(results: Results, root: Path, seconds: float) -> Path:

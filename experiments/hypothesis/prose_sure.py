@@ -116,7 +116,7 @@ def sureness(results: Results) -> list[str]:
 
 def _costly(results: Results) -> str:
     """Say which engines had less."""
-    named = [name for name in results.solvers if name in subjects.COSTLY]
+    named = list(dict.fromkeys(s.subject.name for s in results.series if s.subject.costly))
     if not named:
         return ""
     return (

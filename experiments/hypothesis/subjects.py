@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from compliant_baselines import get_solver, solver_names
+from compliant_baselines import get_solver, registry, solver_names
 from compliant_baselines.bistiffness import bistiffness_batch
 from compliant_baselines.contract import Settings
 from compliant_baselines.engine import EngineSolver
@@ -40,10 +40,6 @@ MAX_EVENTS = 300_000
 #: Least error of an engine's outcome, per abs(v0), however short the step: MuJoCo's smallest impedance makes its
 #: contacts differ by so much from springs and dashpots (`compliant_baselines.mapping`).
 LEAST_ERROR = 1e-4
-
-#: Engines whose step costs ten times that of the others: they run at a third of the steps in a period, over a decade
-#: less of contrast, and on one map of half the size.
-COSTLY = ("drake",)
 
 #: Rounding of an exact solver's velocities, per abs(v0).
 ROUNDING = 1e-13
@@ -104,7 +100,8 @@ class Subject:
         Whose predictions apply (`predictions`): its name; ``kelvin-voigt`` for an engine of every run, whose mapping is
         calibrated; ``none`` for one that is run on request.
     costly : bool
-        Whether it is of `COSTLY`.
+        Whether its step costs ten times that of other engines: it runs at a third of the steps in a period, over a
+        decade less of contrast, and on one map of half the size.
     """
 
     name: str
@@ -222,7 +219,7 @@ def subject(name: str, steps: int, resolve: Resolve = get_solver) -> Subject:
     """
     if name in _EXACT:
         return Subject(name, "exact", _EXACT[name], name)
-    costly = name in COSTLY
+    costly = registry.is_costly(name)
     fraction = (3 if costly else 1) / steps
     settings = Settings(step_fraction=fraction, stiffness_ratio_cutoff=math.inf, max_steps=50_000_000)
     solver = resolve(name)

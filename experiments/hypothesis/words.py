@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from compliant_baselines.registry import engine_free_names, kind_of
 from experiments.hypothesis.mechanism import Mechanism
 from experiments.hypothesis.run import Results
 from experiments.hypothesis.tables import short
@@ -11,9 +12,11 @@ from experiments.hypothesis.verdicts import CaseResult
 
 MODEL = "state-transition"
 
-#: Solvers whose positions are frozen: the model, and another impact law in its frame.
+#: Another impact law in the frame of the model.
 OTHER_LAW = "liu-zhao-brogliato"
-FROZEN = (MODEL, OTHER_LAW)
+
+#: Solvers whose positions are frozen: the model, however it is solved, and the other law.
+FROZEN = tuple(name for name in engine_free_names() if kind_of(name) == "model")
 
 
 def listed(words: Iterable[str]) -> str:

@@ -348,7 +348,7 @@ def test_a_script_is_examined_at_its_first_step_and_no_further():
 def test_our_own_scenes_have_none(name):
     from compliant_baselines.column import column_of
     from compliant_baselines.contract import Settings
-    from experiments.doctor import _of_column
+    from experiments.examination import column_findings
     from model.collision import Collision
 
     solver = get_solver(name)
@@ -356,6 +356,6 @@ def test_our_own_scenes_have_none(name):
         pytest.skip(solver.unavailable())
     c = Collision(m1=1.0, m2=0.5, k1=1e8, k2=1e5, e1=0.5, e2=1.0)
     for scenario in ("impact", "drop"):
-        assert _of_column(solver, column_of(c, Settings(scenario=scenario))) == []
-    naive = traps(_of_column(solver, column_of(c, Settings(mapping="naive"))))
+        assert column_findings(solver, column_of(c, Settings(scenario=scenario))) == []
+    naive = traps(column_findings(solver, column_of(c, Settings(mapping="naive"))))
     assert naive == ({"not-newton-per-metre"} if name == "mujoco" else {"series"})

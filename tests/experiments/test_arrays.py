@@ -1,5 +1,8 @@
 """Runs as xarray data sets."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -44,3 +47,12 @@ def test_another_design_has_cells(tmp_path):
     assert data.cell.values.tolist() == list(range(8))
     with pytest.raises(UserError, match="no such folder"):
         to_xarray(tmp_path / "none")
+
+
+def test_what_a_program_imports_brings_no_command_line():
+    code = (
+        "import sys, experiments.arrays, experiments.sweep, experiments.report;"
+        "print([m for m in ('typer', 'rich', 'experiments.commands', 'experiments.terminal') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "[]"

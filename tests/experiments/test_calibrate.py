@@ -74,3 +74,14 @@ def test_a_folder_that_holds_something_is_left_alone(few, tmp_path, capsys):
     assert main(["calibrate", "--engine", "mujoco", "--out", str(tmp_path)]) == 2
     assert "not empty; legal: a new or empty folder" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_a_file_is_no_folder(few, tmp_path, capsys):
+    (tmp_path / "file").write_text("keep")
+    for out, says in (
+        ("file", "is a file; legal: a new or empty folder"),
+        ("file/c", "cannot be written to"),
+    ):
+        assert main(["calibrate", "--engine", "mujoco", "--out", str(tmp_path / out)]) == 2
+        assert f"--out {tmp_path / out}: {says}" in capsys.readouterr().err
+    assert (tmp_path / "file").read_text() == "keep"

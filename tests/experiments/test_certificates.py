@@ -1,10 +1,12 @@
 """The limit of small steps in the tables of a run."""
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from experiments.certificates import certificate_blocks, certificates
 from experiments.config import parse_config
-from experiments.schema import CERTIFICATE
+from experiments.schema import CELLS_SCHEMA, CERTIFICATE
 from experiments.summary import summarise
 from experiments.sweep import run_sweep
 from tests.experiments.conftest import SMALL
@@ -55,3 +57,36 @@ def test_an_unconverged_cell_keeps_its_numbers_and_measures_nothing(tmp_path):
 def test_what_is_wanted_of_limits_belongs_to_the_identity_of_a_run():
     one, other = (parse_config({"convergence": {"tolerance": t}}).identity() for t in (1e-3, 1e-4))
     assert one != other
+
+
+def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
+    def row(solver, v1, limit=None):
+        numbers = {"v1_limit": limit, "v2_limit": limit and 0.0, "limit_error": limit and 1e-3}
+        rest = {"order": limit and 1.0, "regularisation": limit and 0.0}
+        ends = {"cell": 0, "solver": solver, "status": "ok", "v0": -1.0, "v1": v1, "v2": 0.0}
+        return ends | numbers | rest
+
+    rows = [
+        row("kelvin-voigt", 0.3),
+        row("hunt-crossley", 0.5),
+        row("mujoco", 0.31, 0.3005),
+        row("drake-hunt-crossley", 0.51, 0.5005),
+    ]
+    names = [row["solver"] for row in rows]
+
+    def held(rows):
+        fields = [field for field in CELLS_SCHEMA if field.name in rows[0]]
+        pq.write_table(pa.Table.from_pylist(rows, pa.schema(fields)), tmp_path / "cells.parquet")
+        return certificates(tmp_path / "cells.parquet", names)
+
+    table = held(rows)
+    assert table.asked.tolist() == ["kelvin-voigt", "hunt-crossley"]
+    assert table.asked_max.tolist() == pytest.approx([5e-4, 5e-4])
+    assert table.honest.tolist() == [1.0, 1.0]
+    _, *sentences, shown = certificate_blocks(table)
+    for name, text, line in zip(table.asked, sentences, shown.rows, strict=True):
+        assert f"from the exact contacts that were asked for ({name})" in text.text
+        assert line[1] == name
+    # without the exact solver of its law an engine is held against nothing, whatever else there is
+    table = held([row for row in rows if row["solver"] != "hunt-crossley"])
+    assert table.honest.isna().tolist() == [False, True]

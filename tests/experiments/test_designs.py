@@ -8,10 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.stats import qmc
 
+from experiments.axes import AXES
 from experiments.box import Sample
 from experiments.cli import main
 from experiments.config import from_canonical, load_config, parse_config
-from experiments.designs import AXES, cells_of, draw, read_cells
+from experiments.designs import cells_of, draw, read_cells
 from experiments.errors import UserError
 from experiments.findings import build_document
 from experiments.grid import CellGrid

@@ -62,9 +62,9 @@ def test_a_urdf_file_over_a_plane_of_which_nothing_is_set(tmp_path, capsys):
 
 
 def test_an_experiment_and_the_built_in_one(tmp_path, capsys, monkeypatch):
-    from experiments import doctor
+    from experiments import examination
 
-    monkeypatch.setattr(doctor.experiment_findings, "__defaults__", (20, None))
+    monkeypatch.setattr(examination.experiment_findings, "__defaults__", (20, None))
     assert main(["doctor"]) == 0
     assert "scenes of 'default' (mujoco" in capsys.readouterr().out
     config = tmp_path / "naive.toml"
@@ -106,18 +106,18 @@ def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys, name, tex
 
 
 def test_the_report_of_a_run_says_what_was_found(monkeypatch):
-    from experiments import doctor
+    from experiments import examination
     from experiments.config import parse_config
 
     small = {"grid": {"stiffness_ratio": [1.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}}
-    note = doctor.traps_note(parse_config(small))
+    note = examination.traps_note(parse_config(small))
     assert note["introduction"].endswith("no traps.")
-    note = doctor.traps_note(parse_config(small | {"mapping": "naive"}))
+    note = examination.traps_note(parse_config(small | {"mapping": "naive"}))
     assert any("not-newton-per-metre: mujoco, 1 of 1 cells examined" in found for found in note["found"])
-    none = doctor.traps_note(parse_config(small | {"solvers": ["kelvin-voigt"]}))
+    none = examination.traps_note(parse_config(small | {"solvers": ["kelvin-voigt"]}))
     assert none == {
         "introduction": "This run has no engine whose scenes could be examined here.",
         "found": [],
     }
-    monkeypatch.setattr(doctor, "_of_column", lambda *_: 1 / 0)
-    assert "which failed: ZeroDivisionError" in doctor.traps_note(parse_config(small))["introduction"]
+    monkeypatch.setattr(examination, "column_findings", lambda *_: 1 / 0)
+    assert "which failed: ZeroDivisionError" in examination.traps_note(parse_config(small))["introduction"]

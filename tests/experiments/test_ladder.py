@@ -10,14 +10,16 @@ import pytest
 
 from compliant_baselines import get_solver
 from compliant_baselines.contract import Settings
+from compliant_baselines.registry import KELVIN_VOIGT
 from experiments import streams
 from experiments.cli import main
 from experiments.config import parse_config
 from experiments.grid import CellGrid
-from experiments.ladder import KELVIN_VOIGT, LAWS, RUNGS, posts, rungs_of, split
+from experiments.ladder import posts, split
 from experiments.ladder_document import ladder_findings
 from experiments.ladder_summary import BAND, ladder_statistics, summarise_ladder
 from experiments.ladder_table import LADDER_SCHEMA, NO_LIMIT, ladder_rows, sentence, write_ladder
+from experiments.rungs import LAWS, RUNGS, rungs_of
 from experiments.schema import CELLS_SCHEMA
 from experiments.summary import summarise
 from experiments.sweep import run_sweep
@@ -251,6 +253,10 @@ def test_pieces_make_no_difference(run, tmp_path, monkeypatch):
     # the numbers of a cell do not depend on the cells beside it; nor does the order
     assert pq.read_table(tmp_path / "ladder.parquet").equals(pq.read_table(run.root / "ladder.parquet"))
     assert (tmp_path / "ladder.csv").read_bytes() == (run.root / "ladder.csv").read_bytes()
+    # as in every table of a run, the size of a row group is that of the project, whatever the pieces were
+    stored = pq.read_metadata(tmp_path / "ladder.parquet")
+    sizes = [stored.row_group(i).num_rows for i in range(stored.num_row_groups)]
+    assert set(sizes[:-1]) == {7}
 
 
 def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):

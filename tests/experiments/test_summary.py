@@ -8,6 +8,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
+from experiments import commands, figures, report
 from experiments.config import parse_config
 from experiments.document import (
     Heading,
@@ -73,6 +74,7 @@ def test_summary_files(hostile):
     assert set(table.axis) == {"all", "stiffness_ratio", "mass_ratio", "e1", "e2", "stiffness_band"}
     text = (hostile.root / "summary.md").read_text()
     assert "<script>" not in text
+    assert "and the share of equal paths**" in text
     assert "ZeroDivisionError: a bug of the engine \\| here" in text
     assert "mujoco diverges from the model by D = 0.01 (median)" in text
     for block in re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE):
@@ -135,6 +137,20 @@ def test_report_is_one_safe_page(hostile):
     for name in captions:
         assert (hostile.root / "figures" / f"{name}.png").stat().st_size > 5000
         assert (hostile.root / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_a_run_is_summarised_once(hostile, monkeypatch):
+    pages = [hostile.root / name for name in ("report.html", "figures/ladder-norms.png", "summary.csv")]
+    write_tables(hostile)
+    write_figures(hostile)
+    write_report(hostile)
+    alone = [page.read_bytes() for page in pages]
+    asked = []
+    monkeypatch.setattr(report, "summarise", lambda folder: asked.append("run") or summarise(folder))
+    monkeypatch.setattr(figures, "summarise_ladder", lambda *_: asked.append("ladder"))
+    commands._write_all(hostile)
+    assert asked == ["run"]
+    assert [page.read_bytes() for page in pages] == alone
 
 
 @pytest.mark.slow
