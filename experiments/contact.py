@@ -6,15 +6,15 @@ import json
 import math
 from typing import Any
 
-from rich.table import Table as RichTable
-
 from compliant_baselines import SolverError, get_solver
 from compliant_baselines.engine import EngineSolver
 from compliant_baselines.pair import Pair
 from compliant_baselines.pair_check import Drops, drops, durations_taken, largest_step
 from compliant_baselines.pair_text import ENGINES, paste
+from experiments.document import Table
 from experiments.errors import UserError
-from experiments.terminal import error_line, make_console, print_line
+from experiments.options import number
+from experiments.terminal import error_line, make_console, print_line, print_table
 
 
 def contact(engine: str, values: dict[str, Any], *, tolerance: str, gravity: str, as_json: bool) -> None:
@@ -67,23 +67,6 @@ def contact(engine: str, values: dict[str, Any], *, tolerance: str, gravity: str
         )
         return
     _show(solver, pair, allowed, text, found, fine, heavy, g)
-
-
-def number(option: str, text: str) -> float:
-    """Read a number, infinity included.
-
-    Raises
-    ------
-    UserError
-        If it is none.
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if math.isnan(value):
-        raise UserError(f"{option} = {text!r}; legal: a number")
-    return value
 
 
 def _pair(values: dict[str, Any]) -> Pair:
@@ -194,16 +177,9 @@ def _show(
         f"at {pair.speed:g} m/s they go {pair.penetration:.3g} m into each other: bodies much larger than that",
     )
     print_line(console, "")
-    print_line(console, text)
-    table = RichTable(box=None, pad_edge=False)
-    for title in (
-        "",
-        "asked",
-        f"at {found.step:g} s",
-        f"at {found.step / 10:g} s",
-        *(["with gravity"] if g else []),
-    ):
-        table.add_column(title, justify="left" if not title else "right")
+    print_line(console, text.rstrip("\n"))
+    beside = (f"at {found.step:g} s", f"at {found.step / 10:g} s", *(["with gravity"] if g else []))
+    rows = []
     heavier = heavy if isinstance(heavy, Drops) else None
     for name, unit, asked in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
         low, high = getattr(found, name)
@@ -215,8 +191,8 @@ def _show(
         ]
         if g:
             row.append(f"{getattr(heavier, name)[0]:.6g}{unit}" if heavier else "-")
-        table.add_row(*row)
-    console.print(table)
+        rows.append(row)
+    print_table(console, Table(f"Drops in {solver.name}, by its time step", ("", "asked", *beside), rows))
     print_line(console, "")
     print_line(
         console,

@@ -1,5 +1,6 @@
 import json
 import math
+import re
 import subprocess
 import sys
 
@@ -86,6 +87,15 @@ def test_help_and_version_are_quick_and_load_nothing_heavy():
             [sys.executable, "-c", script, "solve", "--help"], capture_output=True, text=True, check=True
         )
         assert option in done.stdout
+
+
+def test_help_lists_the_commands_in_the_order_of_their_use(capsys):
+    assert main(["--help"]) == 0
+    listed = capsys.readouterr().out.split("Commands:")[1]
+    assert re.findall(r"^  (\S+)  ", listed, re.MULTILINE) == [
+        *("run", "search", "status", "solve", "hypothesis", "calibrate", "export-scene", "contact"),
+        *("doctor", "solvers", "conform", "table", "figures", "report", "ladder", "map"),
+    ]
 
 
 def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
