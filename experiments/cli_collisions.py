@@ -47,8 +47,8 @@ def solve(
 ) -> None:
     """Solve one collision by every solver and show the results side by side.
 
-    Velocities are per |v0| and impulses per m1 |v0|. Without gravity they depend on the four ratios only;
-    mass, stiffness and velocity matter to a drop.
+    Velocities are per |v0|, those of the diagnostics too, impulses per m1 |v0|, times in s. Without gravity
+    velocities and impulses depend on the four ratios only; mass, stiffness and velocity matter to a drop.
     """
     from experiments import collision_commands
 

@@ -14,7 +14,7 @@ from experiments.config import REFERENCE, solvers_problem
 from experiments.errors import UserError
 from experiments.grid import collision_of
 from experiments.options import RATIOS, one_cell
-from experiments.solving import answer, settings_of
+from experiments.solving import answer, scaled_diagnostics, settings_of
 from experiments.terminal import error_line, make_console, print_line, side_by_side
 from model.collision import Collision, Outcome
 
@@ -103,10 +103,14 @@ def export_scene(
 
 
 def outcome_object(name: str, collision: Collision, outcome: Outcome) -> dict[str, Any]:
-    """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0)."""
+    """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0), times in s.
+
+    So are the diagnostics that `scaled_diagnostics` knows; others are as the solver states them.
+    """
     speed = abs(collision.v0)
     impulse = collision.m1 * speed
     margin = outcome.grazing_margin
+    diagnostics = scaled_diagnostics(collision, outcome)
     return {
         "solver": name,
         "v1": _finite(outcome.v1 / speed),
@@ -117,7 +121,7 @@ def outcome_object(name: str, collision: Collision, outcome: Outcome) -> dict[st
         "status": outcome.status,
         "reason": outcome.reason,
         "grazing_margin": None if margin is None else _finite(margin),
-        "diagnostics": {key: _finite(value) for key, value in outcome.diagnostics.items()},
+        "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
     }
 
 

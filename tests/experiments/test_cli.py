@@ -42,6 +42,28 @@ def test_an_impact_does_not_depend_on_the_scale(capsys):
         assert scaled[key] == pytest.approx(plain[key], abs=1e-12)
 
 
+#: A drop after which B2 is at rest on the table, at some speed.
+SOFT = ["--stiffness-ratio", "0.1", "--mass-ratio", "0.5", "--e1", "0.9", "--e2", "0.7", "--k1", "1e4"]
+
+
+@pytest.mark.parametrize("solver", ["mujoco", "kelvin-voigt", "bistiffness", "state-transition"])
+@pytest.mark.parametrize(("scenario", "cell"), [("impact", CELL), ("drop", SOFT)])
+def test_no_number_of_the_list_depends_on_the_speed(capsys, solver, scenario, cell):
+    # g in proportion to |v0| keeps the gravity number of a drop; times do not depend on the speed anyway
+    plain, fast = (
+        _json(capsys, *cell, "--solver", solver, "--scenario", scenario, "--v0", v0, "--gravity", g)[0]
+        for v0, g in (("-1", "9.81"), ("-4", "39.24"))
+    )
+    assert fast["states"] == plain["states"]
+    for key in ("v1", "v2", "impulse1", "impulse2"):
+        assert fast[key] == pytest.approx(plain[key], rel=1e-6, abs=1e-9)
+    assert set(fast["diagnostics"]) == set(plain["diagnostics"])
+    for key, value in plain["diagnostics"].items():
+        assert fast["diagnostics"][key] == pytest.approx(value, rel=1e-3, abs=1e-9), key
+    assert ("v1_limit" in plain["diagnostics"]) == (solver == "mujoco")
+    assert ("rest_speed" in plain["diagnostics"]) == (cell is SOFT and solver in ("mujoco", "kelvin-voigt"))
+
+
 def test_solve_takes_an_infinite_ratio_and_shows_refusals(capsys):
     found = _json(capsys, "--stiffness-ratio", "inf", "--mass-ratio", "1", "--e1", "0.5", "--e2", "0.5")
     assert [each["solver"] for each in found] == list(solver_names())
