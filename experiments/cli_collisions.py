@@ -105,7 +105,7 @@ def export_scene(
         "mass_ratio": mass_ratio,
         "e1": e1,
         "e2": e2,
-        "scenario": scenario or ("impact" if folder is None else None),
+        "scenario": "impact" if scenario is None and folder is None else scenario,
         "gravity": gravity,
         "m1": m1,
         "k1": k1,

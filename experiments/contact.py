@@ -37,15 +37,15 @@ def contact(engine: str, values: dict[str, Any], *, tolerance: str, gravity: str
         If the request is illegal, impossible, or the engine cannot do it.
     """
     if engine not in ENGINES:
-        raise UserError(f"--engine = {engine!r}; legal: {', '.join(ENGINES)}")
+        raise UserError(f"--engine = {engine!r:.60}; legal: {', '.join(ENGINES)}")
     allowed, g = number("--tolerance", tolerance), number("--gravity", gravity)
     if not 0 <= g < math.inf:
-        raise UserError(f"--gravity = {gravity!r}; legal: a finite number >= 0 (m/s^2)")
+        raise UserError(f"--gravity = {gravity!r:.60}; legal: a finite number >= 0 (m/s^2)")
     if not 0 < allowed <= 0.5:
-        raise UserError(f"--tolerance = {tolerance!r}; legal: greater than 0, at most 0.5")
+        raise UserError(f"--tolerance = {tolerance!r:.60}; legal: greater than 0, at most 0.5")
     pair = _pair(values)
     if g and not pair.fixed:
-        raise UserError(f"--gravity = {gravity!r}; legal: 0 for two free bodies, which fall alike")
+        raise UserError(f"--gravity = {gravity!r:.60}; legal: 0 for two free bodies, which fall alike")
     solver = get_solver(engine)
     assert isinstance(solver, EngineSolver)
     if not as_json:
@@ -75,9 +75,15 @@ def _pair(values: dict[str, Any]) -> Pair:
         if values[name] is not None:
             numbers[name] = number(f"--{name}", values[name])
     try:
-        return Pair(**numbers)
+        pair = Pair(**numbers)
     except ValueError as error:
         raise UserError(f"--{error}") from None
+    if not pair.fixed and math.isinf(sum(pair.masses)):
+        raise UserError(
+            f"--masses = {' '.join(map(repr, pair.masses))}: their sum leaves double precision; "
+            "legal: numbers > 0 (kg), one of them inf for a fixed body"
+        )
+    return pair
 
 
 def _why(solver: EngineSolver, pair: Pair, error: SolverError) -> str:
