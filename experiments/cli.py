@@ -6,6 +6,7 @@ Everything heavy is imported inside the commands, so that help and usage errors 
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -70,6 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         The exit code.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")  # a name that a terminal cannot show ends no run
     command = typer.main.get_command(app)
     # typer may carry its own copy of click: the class of usage errors is reached through typer alone.
     usage_error: Any = typer.BadParameter.__base__

@@ -73,6 +73,7 @@ def path(name: str) -> Callable[[str], Path]:
 
     def read(text: str) -> Path:
         try:
+            str(text).encode()  # Parquet files are opened by names in UTF-8
             if str(text):  # pathlib takes the empty text, a variable of the shell that is not set, for "."
                 Path(text).stat()
                 return Path(text)
@@ -81,6 +82,8 @@ def path(name: str) -> Callable[[str], Path]:
             return Path(text)
         except OSError as error:  # too long, or behind a closed door
             problem = str(error.strerror)
+        except UnicodeEncodeError:
+            problem = "not UTF-8"
         except ValueError as error:
             problem = str(error)
         raise UserError(f"{name} = {text!r:.60}: {problem}; legal: a path")

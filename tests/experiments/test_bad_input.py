@@ -246,7 +246,12 @@ WRITING = {
 
 @pytest.mark.parametrize(
     ("text", "why"),
-    [("", "the empty text"), ("x" * 300, "File name too long"), ("a\0b", "null byte")],
+    [
+        ("", "the empty text"),
+        ("x" * 300, "File name too long"),
+        ("a\0b", "null byte"),
+        ("a\udcff", "not UTF-8"),
+    ],
 )
 def test_what_is_no_path(text, why, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -1,5 +1,6 @@
 import json
 import math
+import os
 import re
 import subprocess
 import sys
@@ -118,6 +119,19 @@ def test_help_lists_the_commands_in_the_order_of_their_use(capsys):
         *("run", "search", "status", "solve", "hypothesis", "calibrate", "export-scene", "contact"),
         *("doctor", "solvers", "conform", "table", "figures", "report", "ladder", "map"),
     ]
+
+
+def test_a_name_that_cannot_be_shown_is_spelt_out(tmp_path):
+    path = tmp_path / "é.toml"
+    path.write_text("name = 'é'\nsolvers = ['kelvin-voigt']\n", encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "experiments.cli", "doctor", str(path)],
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "scenes of '\\xe9' (no engine is installed): no traps found\n"
 
 
 def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
