@@ -10,23 +10,35 @@ from typing import Any
 from compliant_baselines import get_solver, solver_names
 from experiments import export
 from experiments.commands import compile_notice
-from experiments.config import REFERENCE, Config, parse_config, solvers_problem
+from experiments.config import REFERENCE, solvers_problem
 from experiments.errors import UserError
 from experiments.folders import finished
 from experiments.grid import collision_of
-from experiments.solving import answer, settings_of
+from experiments.options import RATIOS, one_cell
+from experiments.solving import answer, scaled_diagnostics, settings_of
 from experiments.terminal import error_line, make_console, print_line
 from experiments.views import side_by_side
 from model.collision import Collision, Outcome
 
-#: What decides an impact, and keys of a configuration that the options of ``solve`` spell otherwise.
-_RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
-_OPTIONS = {"stiffness_ratio_cutoff": "--cutoff"}
-
 
 def solve(values: dict[str, str], solvers: list[str] | None, *, as_json: bool) -> None:
-    """Solve one collision by several solvers and print the outcomes."""
-    config = _one_cell(values)
+    """Solve one collision by several solvers and print the outcomes.
+
+    Parameters
+    ----------
+    values : dict
+        As for `options.one_cell`.
+    solvers : list of str, optional
+        Names; by default all.
+    as_json : bool
+        Whether to print a JSON list.
+
+    Raises
+    ------
+    UserError
+        If a value is illegal, or there is no such solver.
+    """
+    config = one_cell(values)
     names = solvers or list(solver_names())
     problem = solvers_problem(names)
     if problem:
@@ -56,28 +68,51 @@ def export_scene(
     solvers: list[str] | None,
     out: Path | None,
 ) -> None:
-    """Write one cell, of a run or by its ratios, as files that an engine runs alone."""
+    """Write one cell, of a run or by its ratios, as files that an engine runs alone.
+
+    Parameters
+    ----------
+    root : Path, optional
+        Folder of a finished run, with `cell`; without it the cell is that of `values`.
+    cell : str, optional
+        Number of a cell of that run.
+    values : dict
+        As for `options.one_cell`; None where nothing was typed.
+    solvers : list of str, optional
+        Names of engines; by default all that can be exported.
+    out : Path, optional
+        Folder to write; by default in ``scenes``.
+
+    Raises
+    ------
+    UserError
+        If a value is illegal, the run is not finished or has no such cell, or an engine gives no result.
+    """
     given = {key: value for key, value in values.items() if value is not None}
     if root is not None:
         if cell is None or given:
             raise UserError(f"{root}: a cell of a run is named by --cell N, and by nothing else")
         export.export_cell(finished(root), cell, solvers, out)
         return
-    missing = [f"--{key.replace('_', '-')}" for key in _RATIOS if key not in given]
+    missing = [f"--{key.replace('_', '-')}" for key in RATIOS if key not in given]
     if cell is not None or missing:
         wanted = ", ".join(missing) or "the folder of a run"
         raise UserError(f"{wanted} missing; legal: DIR --cell N, or the ratios of a collision")
     names = export.names_of(solvers)
-    config = _one_cell(given)
+    config = one_cell(given)
     collision = collision_of(config, config.figure_cell)
     export.export(collision, settings_of(config), names, out or Path("scenes") / "collision")
 
 
 def outcome_object(name: str, collision: Collision, outcome: Outcome) -> dict[str, Any]:
-    """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0)."""
+    """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0), times in s.
+
+    So are the diagnostics that `scaled_diagnostics` knows; others are as the solver states them.
+    """
     speed = abs(collision.v0)
     impulse = collision.m1 * speed
     margin = outcome.grazing_margin
+    diagnostics = scaled_diagnostics(collision, outcome)
     return {
         "solver": name,
         "v1": _finite(outcome.v1 / speed),
@@ -88,29 +123,9 @@ def outcome_object(name: str, collision: Collision, outcome: Outcome) -> dict[st
         "status": outcome.status,
         "reason": outcome.reason,
         "grazing_margin": None if margin is None else _finite(margin),
-        "diagnostics": {key: _finite(value) for key, value in outcome.diagnostics.items()},
+        "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
     }
 
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def _one_cell(values: dict[str, str]) -> Config:
-    """Make a configuration of the options of ``solve``; errors name the options."""
-    data: dict[str, Any] = {key: _number_or_text(text) for key, text in values.items()}
-    cell = {key: data.pop(key) for key in _RATIOS}
-    data |= {"name": "solve", "figure_cell": cell, "grid": {key: [1.0] for key in cell}}
-
-    def option(location: Any) -> str:
-        key: str = location[-1] if location else ""
-        return _OPTIONS.get(key, "--" + key.replace("_", "-")) if key else "--stiffness-ratio, --mass-ratio"
-
-    return parse_config(data, where="", name=option)
-
-
-def _number_or_text(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text

@@ -14,7 +14,7 @@ import typer
 
 from experiments import sweep
 from experiments.config import Config, from_canonical, load_config, parse_config
-from experiments.errors import InterruptedRunError, UserError
+from experiments.errors import InterruptedRunError
 from experiments.folders import finished, new_folder
 from experiments.status import status_of
 from experiments.store import RunFolder
@@ -26,7 +26,15 @@ from experiments.views import show_found, show_status, show_summary
 def run(
     path: Path | None, out: Path | None, workers: int | None, resume: bool, scheduler: str | None = None
 ) -> None:
-    """Run an experiment and write everything a run writes."""
+    """Run an experiment and write everything a run writes.
+
+    Raises
+    ------
+    UserError
+        If the configuration is illegal, or the folder or the cluster cannot be used.
+    typer.Exit
+        With code 1, if the run was stopped; what is finished is kept.
+    """
     start = time.perf_counter()
     config = load_config(path) if path is not None else parse_config({}, "built-in experiment")
     root = out if out is not None else Path("runs") / _slug(config.name)
@@ -61,7 +69,15 @@ def search(
     resume: bool,
     scheduler: str | None,
 ) -> None:
-    """Search a box for the worst divergence and show it."""
+    """Search a box for the worst divergence and show it.
+
+    Raises
+    ------
+    UserError
+        If the configuration or the solver is illegal, or the folder or the cluster cannot be used.
+    typer.Exit
+        With code 1, if the search was stopped; finished generations are kept.
+    """
     from experiments.search import search_worst
 
     config = load_config(path) if path is not None else parse_config({}, "built-in search")
@@ -172,25 +188,6 @@ def compile_notice() -> str:
     from model.compiled import is_compiled
 
     return "" if is_compiled(collide) else "compiling the kernels, once for each installation: some 20 s"
-
-
-def whole(option: str, text: str | None, low: int, high: int) -> int | None:
-    """Read a whole number.
-
-    Raises
-    ------
-    UserError
-        If it is none, or out of range.
-    """
-    if text is None:
-        return None
-    try:
-        value = int(text)
-    except ValueError:
-        value = low - 1
-    if not low <= value <= high:
-        raise UserError(f"{option} = {text!r}; legal: a whole number from {low} to {high}")
-    return value
 
 
 def _write_all(folder: RunFolder) -> Summary:

@@ -6,15 +6,15 @@ import json
 import math
 from typing import Any
 
-from rich.table import Table as RichTable
-
 from compliant_baselines import SolverError, get_solver
 from compliant_baselines.engine import EngineSolver
 from compliant_baselines.pair import Pair
 from compliant_baselines.pair_check import Drops, drops, durations_taken, largest_step
 from compliant_baselines.pair_text import ENGINES, paste
+from experiments.document import Table
 from experiments.errors import UserError
-from experiments.terminal import error_line, make_console, print_line
+from experiments.options import number
+from experiments.terminal import error_line, make_console, print_line, print_table
 
 
 def contact(engine: str, values: dict[str, Any], *, tolerance: str, gravity: str, as_json: bool) -> None:
@@ -37,15 +37,15 @@ def contact(engine: str, values: dict[str, Any], *, tolerance: str, gravity: str
         If the request is illegal, impossible, or the engine cannot do it.
     """
     if engine not in ENGINES:
-        raise UserError(f"--engine = {engine!r}; legal: {', '.join(ENGINES)}")
+        raise UserError(f"--engine = {engine!r:.60}; legal: {', '.join(ENGINES)}")
     allowed, g = number("--tolerance", tolerance), number("--gravity", gravity)
     if not 0 <= g < math.inf:
-        raise UserError(f"--gravity = {gravity!r}; legal: a finite number >= 0 (m/s^2)")
+        raise UserError(f"--gravity = {gravity!r:.60}; legal: a finite number >= 0 (m/s^2)")
     if not 0 < allowed <= 0.5:
-        raise UserError(f"--tolerance = {tolerance!r}; legal: greater than 0, at most 0.5")
+        raise UserError(f"--tolerance = {tolerance!r:.60}; legal: greater than 0, at most 0.5")
     pair = _pair(values)
     if g and not pair.fixed:
-        raise UserError(f"--gravity = {gravity!r}; legal: 0 for two free bodies, which fall alike")
+        raise UserError(f"--gravity = {gravity!r:.60}; legal: 0 for two free bodies, which fall alike")
     solver = get_solver(engine)
     assert isinstance(solver, EngineSolver)
     if not as_json:
@@ -69,32 +69,21 @@ def contact(engine: str, values: dict[str, Any], *, tolerance: str, gravity: str
     _show(solver, pair, allowed, text, found, fine, heavy, g)
 
 
-def number(option: str, text: str) -> float:
-    """Read a number, infinity included.
-
-    Raises
-    ------
-    UserError
-        If it is none.
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if math.isnan(value):
-        raise UserError(f"{option} = {text!r}; legal: a number")
-    return value
-
-
 def _pair(values: dict[str, Any]) -> Pair:
     numbers: dict[str, Any] = {"masses": tuple(number("--masses", text) for text in values["masses"])}
     for name in ("restitution", "stiffness", "duration", "speed"):
         if values[name] is not None:
             numbers[name] = number(f"--{name}", values[name])
     try:
-        return Pair(**numbers)
+        pair = Pair(**numbers)
     except ValueError as error:
         raise UserError(f"--{error}") from None
+    if not pair.fixed and math.isinf(sum(pair.masses)):
+        raise UserError(
+            f"--masses = {' '.join(map(repr, pair.masses))}: their sum leaves double precision; "
+            "legal: numbers > 0 (kg), one of them inf for a fixed body"
+        )
+    return pair
 
 
 def _why(solver: EngineSolver, pair: Pair, error: SolverError) -> str:
@@ -194,16 +183,9 @@ def _show(
         f"at {pair.speed:g} m/s they go {pair.penetration:.3g} m into each other: bodies much larger than that",
     )
     print_line(console, "")
-    print_line(console, text)
-    table = RichTable(box=None, pad_edge=False)
-    for title in (
-        "",
-        "asked",
-        f"at {found.step:g} s",
-        f"at {found.step / 10:g} s",
-        *(["with gravity"] if g else []),
-    ):
-        table.add_column(title, justify="left" if not title else "right")
+    print_line(console, text.rstrip("\n"))
+    beside = (f"at {found.step:g} s", f"at {found.step / 10:g} s", *(["with gravity"] if g else []))
+    rows = []
     heavier = heavy if isinstance(heavy, Drops) else None
     for name, unit, asked in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
         low, high = getattr(found, name)
@@ -215,8 +197,8 @@ def _show(
         ]
         if g:
             row.append(f"{getattr(heavier, name)[0]:.6g}{unit}" if heavier else "-")
-        table.add_row(*row)
-    console.print(table)
+        rows.append(row)
+    print_table(console, Table(f"Drops in {solver.name}, by its time step", ("", "asked", *beside), rows))
     print_line(console, "")
     print_line(
         console,

@@ -12,6 +12,7 @@ from compliant_baselines.engine import EngineSolver, outcome_of
 from compliant_baselines.scene_text import EXPORTABLE, scene_files
 from experiments.designs import cells_of_run
 from experiments.errors import UserError
+from experiments.options import whole
 from experiments.solving import settings_of
 from experiments.store import RunFolder, write_text
 from experiments.terminal import make_console, print_line
@@ -31,12 +32,7 @@ def export_cell(root: RunFolder, cell: str, solvers: list[str] | None, out: Path
     """
     config = root.config()
     grid = cells_of_run(root, config)
-    try:
-        index = int(cell)
-    except ValueError:
-        index = -1
-    if not 0 <= index < len(grid):
-        raise UserError(f"--cell = {cell!r}; legal: a whole number from 0 to {len(grid) - 1}")
+    index = whole("--cell", cell, 0, len(grid) - 1)
     names = _names(solvers, [name for name in EXPORTABLE if name in config.solvers])
     where = out or Path("scenes") / f"{root.root.resolve().name}-cell-{index}"
     export(grid[index].collision, settings_of(config), names, where, _tabulated(root, index))
@@ -67,7 +63,7 @@ def export(
     Raises
     ------
     UserError
-        If an engine gives no result.
+        If an engine gives no result, or the folder cannot be written to.
     """
     written: list[tuple[Path, str]] = []
     lines: list[str] = []
@@ -95,7 +91,10 @@ def export(
             lines.append("  " + _against(tabulated.get(name), outcome.v1, outcome.v2, abs(collision.v0)))
         written += [(out / name / file, text) for file, text in files.items()]
     for path, text in written:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(f"--out {out}: cannot be written to: {error.strerror}") from None
         write_text(path, text)
     console = make_console()
     for line in lines:

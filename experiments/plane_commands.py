@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 import time
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.config import Config, parse_config
+from experiments.config import Config
 from experiments.errors import UserError
 from experiments.figures import CAPTIONS
 from experiments.folders import new_folder
+from experiments.options import number_or_text, one_cell
 from experiments.plane import PATHS, PLANE_SCHEMA, RUNGS, Plane, write_plane
 from experiments.plane_figures import draw_plane
 from experiments.store import write_json
 from experiments.style import save
-from experiments.sweep import solver_versions
 from experiments.terminal import make_console, print_line, show_progress
 
 FORMAT = "impact-xval map, format 1"
@@ -25,13 +26,19 @@ DATA, DESCRIPTION = "map.parquet", "map.json"
 
 
 def draw_map(
-    values: dict[str, Any],
+    values: dict[str, str],
     stiffness_ratio: tuple[str, str],
     mass_ratio: tuple[str, str],
     side: int,
     out: Path | None,
 ) -> None:
-    """Solve and draw a dense map, and write everything into a folder."""
+    """Solve and draw a dense map, and write everything into a folder.
+
+    Raises
+    ------
+    UserError
+        If a value is illegal, or the folder cannot be used.
+    """
     start = time.perf_counter()
     plane, config = _plane(values, stiffness_ratio, mass_ratio, side)
     root = out if out is not None else Path("maps") / f"{config.scenario}-e1-{plane.e1:g}-e2-{plane.e2:g}"
@@ -86,51 +93,39 @@ def findings(images: dict[str, np.ndarray]) -> list[str]:
 
 
 def _plane(
-    values: dict[str, Any], stiffness_ratio: tuple[str, str], mass_ratio: tuple[str, str], side: int
+    values: dict[str, str], stiffness_ratio: tuple[str, str], mass_ratio: tuple[str, str], side: int
 ) -> tuple[Plane, Config]:
     """Make a map of the options; errors name the options."""
-    data: dict[str, Any] = {key: _number(text) for key, text in values.items()}
-    e1, e2 = data.pop("e1"), data.pop("e2")
-    cell = {"e1": e1, "e2": e2}
-    data |= {
-        "name": "map",
-        "figure_cell": cell,
-        "grid": {key: [1.0] for key in ("stiffness_ratio", "mass_ratio")},
-    }
-    names = {"stiffness_ratio_cutoff": "--cutoff"}
-
-    def option(location: Any) -> str:
-        key: str = location[-1] if location else ""
-        return names.get(key, "--" + key.replace("_", "-"))
-
-    config = parse_config(data, where="", name=option)
+    config = one_cell(values)
     for name, e in (("--e1", config.figure_cell.e1), ("--e2", config.figure_cell.e2)):
         if e == 0:
             raise UserError(f"{name} = 0.0; legal: greater than 0, at most 1 (no dashpot gives 0)")
-    gravity = 0.0
-    if config.scenario == "drop":
-        gravity = config.gravity / (abs(config.v0) * math.sqrt(config.k1 / config.m1))
     plane = Plane(
         e1=config.figure_cell.e1,
         e2=config.figure_cell.e2,
         stiffness_ratio=_span("--stiffness-ratio", stiffness_ratio),
         mass_ratio=_span("--mass-ratio", mass_ratio),
         side=side,
-        gravity=gravity,
+        gravity=_gravity(config) if config.scenario == "drop" else 0.0,
         stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
     )
     return plane, config
 
 
-def _number(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
+def _gravity(config: Config) -> float:
+    """Return g/(abs(v0) sqrt(k1/m1)), all that a drop depends on beside its ratios."""
+    scale = abs(config.v0) * math.sqrt(config.k1 / config.m1)
+    gravity = config.gravity / scale if scale > 0 else math.inf
+    if not 0 < gravity < math.inf:
+        raise UserError(
+            f"--gravity, --m1, --k1, --v0: g/(|v0| sqrt(k1/m1)) = {gravity!r} leaves double precision; "
+            "legal: a finite number > 0"
+        )
+    return gravity
 
 
 def _span(option: str, ends: tuple[str, str]) -> tuple[float, float]:
-    low, high = map(_number, ends)
+    low, high = map(number_or_text, ends)
     if isinstance(low, str) or isinstance(high, str) or not 1e-12 <= low < high <= 1e12:
         raise UserError(
             f"{option} = {ends[0]} {ends[1]}; legal: two numbers from 1e-12 to 1e12, the first smaller"
@@ -155,7 +150,7 @@ def _description(plane: Plane, config: Config, lines: list[str], seconds: float)
         "stiffness_ratio_cutoff": "inf"
         if math.isinf(plane.stiffness_ratio_cutoff)
         else plane.stiffness_ratio_cutoff,
-        "version": solver_versions(parse_config({"solvers": ["bistiffness"]}))["impact-xval"],
+        "version": version("impact-xval"),
         "columns": {field.name: field.metadata[b"meaning"].decode() for field in PLANE_SCHEMA},
         "findings": lines,
         "wall_time_s": round(seconds, 3),

@@ -30,6 +30,9 @@ Failures = dict[str, tuple[Status, str]]
 Seconds = dict[str, float]
 Versions = dict[str, str]
 
+#: Diagnostics in m/s; tables and JSON state them per abs(v0).
+VELOCITIES = frozenset({"v1_limit", "v2_limit", "limit_error", "regularisation", "rest_speed"})
+
 
 @dataclass(frozen=True, slots=True)
 class Job:
@@ -175,8 +178,18 @@ def gravity_number(config: Config, collision: Collision) -> float:
     return config.gravity / (abs(collision.v0) * math.sqrt(collision.k1 / collision.reduced_mass))
 
 
+def scaled_diagnostics(collision: Collision, outcome: Outcome) -> dict[str, float]:
+    """Return the diagnostics of an outcome with `VELOCITIES` per abs(v0); the others as they are, times in s."""
+    speed = abs(collision.v0)
+    return {
+        name: value / speed if name in VELOCITIES and value is not None else value
+        for name, value in outcome.diagnostics.items()
+    }
+
+
 def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:
     c = cell.collision
+    diagnostics = scaled_diagnostics(c, outcome)
     # A result that is not converged keeps the numbers it came to, but is no measure of anything.
     done = outcome.status in (*COMPARABLE, "unconverged") and math.isfinite(outcome.v1)
     row: dict[str, Any] = {
@@ -189,10 +202,10 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
         "reason": outcome.reason or None,
         "grazing_margin": outcome.grazing_margin,
         "gravity_number": gravity_number(config, c),
-        "step": outcome.diagnostics.get("step"),
-        "n_steps": _whole(outcome.diagnostics.get("n_steps")),
-        "duration": outcome.diagnostics.get("duration"),
-        **_certificate(c, outcome),
+        "step": diagnostics.get("step"),
+        "n_steps": _whole(diagnostics.get("n_steps")),
+        "duration": diagnostics.get("duration"),
+        **{column: diagnostics.get(column) for column in CERTIFICATE},
         "model_states": " ".join(model.states) or None,
         "model_status": model.status,
         "model_grazing_margin": model.grazing_margin,
@@ -211,16 +224,6 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
             "retained_energy": outcome.retained_energy(c),
         }
     return {column: row.get(column) for column in COLUMNS}
-
-
-def _certificate(collision: Collision, outcome: Outcome) -> dict[str, float | None]:
-    """Columns of the convergence certificate; the outcome states them in SI units among its diagnostics."""
-    speed = abs(collision.v0)
-    scale = {"order": 1.0, "finest_step": 1.0}
-    return {
-        name: None if (value := outcome.diagnostics.get(name)) is None else value / scale.get(name, speed)
-        for name in CERTIFICATE
-    }
 
 
 def _whole(value: float | None) -> int | None:

@@ -176,6 +176,7 @@ def test_folder_of_no_run(command, tmp_path, capsys):
 
 
 CELL = {"--stiffness-ratio": "1", "--mass-ratio": "1", "--e1": "0.9", "--e2": "0.7"}
+RATIOS = [word for pair in CELL.items() for word in pair]
 OPTIONS = {
     "negative ratio": ({"--stiffness-ratio": "-1"}, ["--stiffness-ratio = -1", "0 to inf"]),
     "nan ratio": ({"--stiffness-ratio": "nan"}, ["--stiffness-ratio = nan", "0 to inf"]),
@@ -214,6 +215,15 @@ def test_solve_options(case, capsys):
         (["run", "a.toml", "b.toml"], ["b.toml"]),
         (["run", "--workers", "0"], ["--workers = '0'", "a whole number from 1 to 4096"]),
         (["run", "--workers", "two"], ["--workers = 'two'", "a whole number from 1 to 4096"]),
+        (["run", "--workers", "9" * 5000], ["--workers = '999", "a whole number from 1 to 4096"]),
+        (["search", "--solver", ""], ["--solver", "'' is not a solver", "legal: state-transition"]),
+        (["conform", "bullet"], ["SOLVER 'bullet'", "did you mean 'pybullet'", "legal: state-transition"]),
+        (["export-scene", *RATIOS, "--scenario", ""], ["--scenario = ''", "'impact' or 'drop'"]),
+        (
+            ["map", *RATIOS[4:], "--k1", "1e-300", "--m1", "1e300"],
+            ["--gravity, --m1", "inf", "a finite number"],
+        ),
+        (["map", *RATIOS[4:], "--k1", "1e300", "--m1", "1e-300"], ["= 0.0 leaves", "a finite number > 0"]),
         (["--versoin"], ["--versoin"]),
     ],
 )
@@ -221,3 +231,47 @@ def test_usage(arguments, expected, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     _fails(capsys, arguments, expected)
     assert not list(tmp_path.iterdir())
+
+
+READING = ("run", "search", "hypothesis", "doctor", "status", "table", "figures", "report", "ladder")
+WRITING = {
+    "run": [],
+    "search": [],
+    "hypothesis": [],
+    "calibrate": [],
+    "map": RATIOS[4:],
+    "export-scene": RATIOS,
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "the empty text"),
+        ("x" * 300, "File name too long"),
+        ("a\0b", "null byte"),
+        ("a\udcff", "not UTF-8"),
+    ],
+)
+def test_what_is_no_path(text, why, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for command in READING:
+        _fails(capsys, [command, text], [f" = '{text[:1]}", why, "legal: a path"])
+    for command, more in WRITING.items():
+        _fails(capsys, [command, *more, "--out", text], ["--out = '", why, "legal: a path"])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", WRITING)
+def test_a_file_where_a_folder_is_to_be_written(command, capsys, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    for out in (file, file / "below"):
+        assert main([command, *WRITING[command], "--out", str(out)]) == 2
+        captured = capsys.readouterr()
+        lines = [line for line in captured.err.splitlines() if "compiling" not in line]
+        assert len(lines) == 1
+        assert lines[0].startswith(f"impact-xval: --out {out}")
+        assert captured.out == ""
+    assert file.read_text() == "mine"
+    assert list(tmp_path.iterdir()) == [file]

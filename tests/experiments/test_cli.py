@@ -1,5 +1,7 @@
 import json
 import math
+import os
+import re
 import subprocess
 import sys
 
@@ -39,6 +41,28 @@ def test_an_impact_does_not_depend_on_the_scale(capsys):
     (scaled,) = _json(capsys, *CELL, "--solver", "state-transition", "--m1", "3", "--k1", "7", "--v0", "-11")
     for key in ("v1", "v2", "impulse1", "impulse2"):
         assert scaled[key] == pytest.approx(plain[key], abs=1e-12)
+
+
+#: A drop after which B2 is at rest on the table, at some speed.
+SOFT = ["--stiffness-ratio", "0.1", "--mass-ratio", "0.5", "--e1", "0.9", "--e2", "0.7", "--k1", "1e4"]
+
+
+@pytest.mark.parametrize("solver", ["mujoco", "kelvin-voigt", "bistiffness", "state-transition"])
+@pytest.mark.parametrize(("scenario", "cell"), [("impact", CELL), ("drop", SOFT)])
+def test_no_number_of_the_list_depends_on_the_speed(capsys, solver, scenario, cell):
+    # g in proportion to |v0| keeps the gravity number of a drop; times do not depend on the speed anyway
+    plain, fast = (
+        _json(capsys, *cell, "--solver", solver, "--scenario", scenario, "--v0", v0, "--gravity", g)[0]
+        for v0, g in (("-1", "9.81"), ("-4", "39.24"))
+    )
+    assert fast["states"] == plain["states"]
+    for key in ("v1", "v2", "impulse1", "impulse2"):
+        assert fast[key] == pytest.approx(plain[key], rel=1e-6, abs=1e-9)
+    assert set(fast["diagnostics"]) == set(plain["diagnostics"])
+    for key, value in plain["diagnostics"].items():
+        assert fast["diagnostics"][key] == pytest.approx(value, rel=1e-3, abs=1e-9), key
+    assert ("v1_limit" in plain["diagnostics"]) == (solver == "mujoco")
+    assert ("rest_speed" in plain["diagnostics"]) == (cell is SOFT and solver in ("mujoco", "kelvin-voigt"))
 
 
 def test_solve_takes_an_infinite_ratio_and_shows_refusals(capsys):
@@ -86,6 +110,28 @@ def test_help_and_version_are_quick_and_load_nothing_heavy():
             [sys.executable, "-c", script, "solve", "--help"], capture_output=True, text=True, check=True
         )
         assert option in done.stdout
+
+
+def test_help_lists_the_commands_in_the_order_of_their_use(capsys):
+    assert main(["--help"]) == 0
+    listed = capsys.readouterr().out.split("Commands:")[1]
+    assert re.findall(r"^  (\S+)  ", listed, re.MULTILINE) == [
+        *("run", "search", "status", "solve", "hypothesis", "calibrate", "export-scene", "contact"),
+        *("doctor", "solvers", "conform", "table", "figures", "report", "ladder", "map"),
+    ]
+
+
+def test_a_name_that_cannot_be_shown_is_spelt_out(tmp_path):
+    path = tmp_path / "é.toml"
+    path.write_text("name = 'é'\nsolvers = ['kelvin-voigt']\n", encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "experiments.cli", "doctor", str(path)],
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "scenes of '\\xe9' (no engine is installed): no traps found\n"
 
 
 def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):

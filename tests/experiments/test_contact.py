@@ -59,6 +59,8 @@ def test_gravity_lengthens_an_elastic_contact_as_the_exact_motion_does(capsys):
         (["--duration", "1e-3", "--stiffness", "1"], "--stiffness, duration: both given"),
         ([], "--stiffness, duration: neither given"),
         (["--stiffness", "1", "--masses", "inf", "inf"], "two fixed bodies do not collide"),
+        (["--stiffness", "1", "--masses", "1e308", "1e308"], "--masses = 1e+308 1e+308: their sum leaves"),
+        (["--stiffness", "1", "--tolerance", "9" * 5000], "; legal: greater than 0, at most 0.5"),
         (["--stiffness", "1", "--gravity", "9.81"], "legal: 0 for two free bodies, which fall alike"),
         (["--stiffness", "1", "--gravity", "-1"], "--gravity = '-1'; legal: a finite number >= 0"),
         (["--stiffness", "1", "--tolerance", "0"], "--tolerance = '0'; legal: greater than 0, at most 0.5"),
@@ -72,6 +74,7 @@ def test_impossible_requests_are_one_line_and_exit_code_2(capsys, arguments, say
     assert says in err
     assert "Traceback" not in err
     assert len([line for line in err.splitlines() if "trying steps" not in line]) == 1
+    assert len(err) < 400
 
 
 def test_an_engine_that_is_missing_is_said(capsys, monkeypatch):

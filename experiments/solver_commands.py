@@ -5,28 +5,26 @@ from __future__ import annotations
 from typing import Any
 
 import typer
-from rich.table import Table as RichTable
-from rich.text import Text
 
 from compliant_baselines import conformance, get_solver
 from compliant_baselines.plugins import ThirdPartySolver
 from compliant_baselines.registry import origins
 from experiments.config import solvers_problem
+from experiments.document import Table
 from experiments.errors import UserError
-from experiments.terminal import make_console, print_line
+from experiments.terminal import make_console, print_line, print_table
 
 
 def show_solvers() -> None:
     """Print a line for every solver that is known."""
-    shown = RichTable(box=None, pad_edge=False)
-    for title in ("solver", "version", "from", ""):
-        shown.add_column(title)
+    rows = []
     for name, origin in origins().items():
         solver = get_solver(name)
         reason = solver.unavailable()
         said = "" if reason is None else f"unavailable: {reason}"
-        shown.add_row(*(Text(word) for word in (name, solver.version() or "-", origin, said)))
-    make_console().print(shown)
+        rows.append((name, solver.version() or "-", origin, said))
+    header = ("solver", "version", "from", "")
+    print_table(make_console(), Table("Solvers that are known here", header, rows, text_columns=4))
 
 
 def conform(name: str, law: Any) -> None:
@@ -41,7 +39,7 @@ def conform(name: str, law: Any) -> None:
     """
     problem = solvers_problem([name])
     if problem:
-        raise UserError(problem)
+        raise UserError(f"SOLVER {problem}")
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
     solver = get_solver(name)
