@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +11,9 @@ import numpy as np
 from compliant_baselines.column import Column
 from compliant_baselines.convergence import Convergence, Limit, limit_of
 from compliant_baselines.engine_run import Run
+
+#: Factor within which two measures of a regularisation agree.
+ALIKE = 2.0
 
 
 class Runner(Protocol):
@@ -30,7 +33,8 @@ class _Case:
 
     column: Column
     runs: list[Run]
-    regularisation: float = 0.0
+    #: What regularisation was seen to do, in m/s, at ever shorter steps.
+    regularisation: list[float] = field(default_factory=list)
     failure: str = ""
 
     def limit(self) -> Limit | None:
@@ -38,17 +42,34 @@ class _Case:
             return None
         velocities = np.array([run.reported for run in self.runs])
         last = self.runs[-1]
-        return limit_of(velocities, last.starts, last.column.step, self.regularisation)
+        return limit_of(velocities, last.starts, last.column.step, *self.regularisation[-1:])
 
     def refine(self) -> Column:
         return replace(self.column, step=self.column.step / 2 ** len(self.runs))
 
+    def probe(self, run: Run, coarse: Run, factor: float) -> None:
+        """Take the run of a probe, beside that of the same step with the engine's own regularisation."""
+        if run.over:
+            moved = np.abs(np.subtract(run.reported, coarse.reported)).max()
+            self.regularisation.append(float(moved) / (factor - 1))
+
     def wants_more(self, convergence: Convergence) -> bool:
-        limit, tolerance = self.limit(), convergence.tolerance * abs(self.column.v1)
+        limit = self.limit()
         if self.failure or len(self.runs) > convergence.halvings or limit is None:
             return False
-        # What regularisation leaves beyond the tolerance no step brings back.
-        return limit.error > tolerance > limit.regularisation
+        return limit.error > convergence.tolerance * abs(self.column.v1) and not self.settled(convergence)
+
+    def doubtful(self, convergence: Convergence) -> bool:
+        """Whether regularisation seems to leave more than the tolerance."""
+        tolerance = convergence.tolerance * abs(self.column.v1)
+        return bool(self.regularisation) and self.regularisation[-1] > tolerance
+
+    def settled(self, convergence: Convergence) -> bool:
+        """Whether it does so at two lengths of the step alike: what it leaves no step brings back."""
+        if len(self.regularisation) < 2 or not self.doubtful(convergence):
+            return False
+        before, now = self.regularisation[-2:]
+        return before / ALIKE <= now <= before * ALIKE
 
 
 def certify(
@@ -73,29 +94,25 @@ def certify(
         None where shorter steps did not come to an end; and why the limit is not converged, empty if it is.
     """
     cases = [_Case(run.column, [run]) for run in runs]
-    factor = runner.regularisation_probe
-    probes = [
-        replace(case.column, regularisation=factor)
-        for case in cases
-        if factor is not None and case.column.mapping == "calibrated"
-    ]
+    factor = runner.regularisation_probe or 1.0
+    probed = [case for case in cases if factor > 1 and case.column.mapping == "calibrated"]
+    probes = [replace(case.column, regularisation=factor) for case in probed]
     halves = [replace(case.column, step=case.column.step / 2**n) for case in cases for n in (1, 2)]
     # One call for all of them: an engine shares out what it is given.
     answers = runner.run_columns([*halves, *probes], 4 * max_steps)
     for i, case in enumerate(cases):
         for run in answers[2 * i : 2 * i + 2]:
             _take(case, run)
-    if factor is not None:
-        for case, run in zip(
-            (case for case in cases if case.column.mapping == "calibrated"),
-            answers[2 * len(cases) :],
-            strict=True,
-        ):
-            if run.over:
-                moved = np.subtract(run.reported, case.runs[0].reported)
-                case.regularisation = float(np.abs(moved).max()) / (factor - 1)
+    for case, run in zip(probed, answers[2 * len(cases) :], strict=True):
+        case.probe(run, case.runs[0], factor)
     while going := [case for case in cases if case.wants_more(convergence)]:
         longest = max_steps * 2 ** max(len(case.runs) for case in going)
+        # Beside a grazing a probe at a long step may show what is the step's: seen again at the shortest.
+        again = [case for case in going if case.doubtful(convergence)]
+        finest = [replace(case.runs[-1].column, regularisation=factor) for case in again]
+        for case, run in zip(again, runner.run_columns(finest, longest), strict=True):
+            case.probe(run, case.runs[-1], factor)
+        going = [case for case in going if case.wants_more(convergence)]
         for case, run in zip(
             going, runner.run_columns([case.refine() for case in going], longest), strict=True
         ):

@@ -25,8 +25,10 @@ A contact that is met at the start is met at the beginning of the first step, wh
 
 **Regularisation.** An engine may add to its contacts what no step removes: MuJoCo's constraints have an
 impedance of 1e-4 at least. What that does to the velocities is measured, by one more run at the step h with
-ten times as much of it: a ninth of the difference (it is of first order in the impedance). The total,
-estimate and regularisation, is by how much L may differ from what the contacts *asked for* do.
+ten times as much of it: a ninth of the difference (it is of first order in the impedance). Beside a grazing
+that difference may be the step's: where it exceeds the tolerance it is measured again at the shortest step,
+and the step is halved further unless two measures agree within a factor of 2. The total, estimate and
+regularisation, is by how much L may differ from what the contacts *asked for* do.
 
 The order is that of |V(i+1) - V(i)| in the step, fitted through all steps; 1 for a first-order method whose
 errors are smooth, 2 for MuJoCo's symplectic steps on elastic contacts, and anything where chance leads.

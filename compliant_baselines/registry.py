@@ -43,6 +43,8 @@ class Entry:
         Whether a step of it costs ten times that of the other engines.
     exportable : bool
         Whether the scene it runs can be written down, to be run without this package or to be examined.
+    naive : bool
+        Whether it is given the naive mapping whatever is configured, and so does not run what it is asked for.
     """
 
     module: str
@@ -52,6 +54,7 @@ class Entry:
     on_request: bool = False
     costly: bool = False
     exportable: bool = False
+    naive: bool = False
 
 
 def _model(module: str, cls: str, law: str, *, on_request: bool = False) -> Entry:
@@ -84,8 +87,8 @@ _ENTRIES: dict[str, Entry] = {
     "liu-zhao-brogliato": _model(
         "state_transition", "LiuZhaoBrogliatoSolver", "liu-zhao-brogliato", on_request=True
     ),
-    "mujoco-naive": _engine("naive", "NaiveMujocoSolver", on_request=True),
-    "pybullet-naive": _engine("naive", "NaivePybulletSolver", on_request=True),
+    "mujoco-naive": _engine("naive", "NaiveMujocoSolver", on_request=True, naive=True),
+    "pybullet-naive": _engine("naive", "NaivePybulletSolver", on_request=True, naive=True),
     "drake-hunt-crossley": _engine(
         "drake_continuous", "DrakeHuntCrossleySolver", "hunt-crossley", on_request=True
     ),
@@ -145,6 +148,11 @@ def law_of(name: str) -> str:
 def is_costly(name: str) -> bool:
     """Whether a step costs ten times that of other engines; not known, and so not, outside this project."""
     return name in _ENTRIES and _ENTRIES[name].costly
+
+
+def is_naive(name: str) -> bool:
+    """Whether a solver is given the naive mapping whatever is configured (`compliant_baselines.naive`)."""
+    return name in _ENTRIES and _ENTRIES[name].naive
 
 
 def get_solver(name: str) -> Solver:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from experiments.ladder_document import csv_rows
 from experiments.ladder_summary import LadderSummary
 from experiments.numbers import number
 from experiments.store import RunFolder, write_text
-from experiments.streams import blocks, replacing
+from experiments.streams import column, replacing
 from experiments.summary import Summary, summarise
 
 
@@ -68,7 +67,7 @@ def write_report(folder: RunFolder, written: tuple[Summary, list[Block]] | None 
         figures=_figures(folder, summary.ladder),
         figures_after=sections[1] if len(sections) > 1 else len(document),
         config=summary.config,
-        gravity_number=number(_gravity_number(folder)),
+        gravity_number=_gravity_number(folder),
         traps=traps_note(summary.config, cells_of_run(folder, summary.config)),
         provenance=_provenance(folder.manifest()),
     )
@@ -82,10 +81,11 @@ def _summarised(folder: RunFolder) -> tuple[Summary, list[Block]]:
     return summary, build_document(summary)
 
 
-def _gravity_number(folder: RunFolder) -> float:
-    """Of the first cell."""
-    first = next(blocks(folder.root / "cells.parquet", ["gravity_number"], whole_cells=False), None)
-    return math.nan if first is None else first.column(0)[0].as_py()
+def _gravity_number(folder: RunFolder) -> str:
+    """Say from where to where it goes over the cells."""
+    values = column(folder.root / "cells.parquet", "gravity_number")
+    least, most = number(values.min(), 2), number(values.max(), 2)
+    return least if least == most else f"{least} to {most}"
 
 
 def _figures(folder: RunFolder, ladder: LadderSummary) -> list[dict[str, str]]:

@@ -51,7 +51,7 @@ _CERTIFICATE = (
         "limit_error",
         "float",
         "-",
-        "estimated error of v1_limit and v2_limit as those of the contacts asked for",
+        "estimated error of v1_limit and v2_limit as those of the contacts asked for (naive mapping: of its own)",
     ),
     ("regularisation", "float", "-", "the part of limit_error that no step removes: the engine's own doing"),
     ("order", "float", "-", "order in the step with which the velocities approach the limit, fitted"),

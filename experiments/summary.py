@@ -131,7 +131,7 @@ def summarise(folder: RunFolder) -> Summary:
         between=between(cells, config),
         n_cells=len(margins),
         n_grazing=int((margins < config.grazing_threshold).sum()),
-        certificates=certificates(cells, config.solvers),
+        certificates=certificates(cells, config.solvers, config.mapping),
         ladder=summarise_ladder(folder, config),
     )
 

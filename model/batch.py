@@ -33,7 +33,8 @@ class BatchOutcome:
     energy_residual : ndarray of float
         Residual of the energy balance per m1 v0^2.
     cutoff_effect : ndarray of float, or None
-        As in `model.solve`; None unless asked for.
+        As in `model.solve`, NaN where the collision with the raised cut-off is not over after `max_events`; None unless
+        asked for.
     """
 
     v1: NDArray[np.float64]

@@ -67,7 +67,8 @@ def solve(
     Outcome
         Status ``limit`` where a closed-form limit was used, else ``ok``. Its ``diagnostics``: ``energy_residual``, of
         the energy balance per m1 v0^2, and ``cutoff_effect``, by how much (v1, v2) would change if the cut-off were
-        raised by `CUTOFF_RAISED` (kinetic norm per sqrt(m1) abs(v0)).
+        raised by `CUTOFF_RAISED` (kinetic norm per sqrt(m1) abs(v0)); not there if with that cut-off the collision is
+        not over after `max_events`.
 
     Raises
     ------
@@ -89,12 +90,13 @@ def solve(
     states = log[:, 0].astype(int)
     sequence = states[np.concatenate([[True], states[1:] != states[:-1]])]
     speed = -collision.v0
-    effect = 0.0
+    effect = {"cutoff_effect": 0.0}
     if code == LIMIT and math.isfinite(cutoff):
-        u1, u2, *_ = collide(
+        u1, u2, raised, *_ = collide(
             kappa, mu, collision.e1, collision.e2, CUTOFF_RAISED * cutoff, max_events, law, log[:0]
         )
-        effect = math.hypot(u1 - v1, math.sqrt(mu) * (u2 - v2))
+        known = raised != TOO_MANY_EVENTS
+        effect = {"cutoff_effect": math.hypot(u1 - v1, math.sqrt(mu) * (u2 - v2))} if known else {}
     trail, events = trace(collision, log, law) if path else (None, ())
     return Outcome(
         solver=NAME,
@@ -107,10 +109,7 @@ def solve(
         reason=_reason(collision, cutoff, code),
         grazing_margin=margin,
         n_events=n_events,
-        diagnostics={
-            "energy_residual": 0.5 - loss - 0.5 * (v1 * v1 + mu * v2 * v2),
-            "cutoff_effect": effect,
-        },
+        diagnostics={"energy_residual": 0.5 - loss - 0.5 * (v1 * v1 + mu * v2 * v2), **effect},
         path=trail,
         events=events,
     )

@@ -10,7 +10,9 @@ from compliant_baselines.certificate import certify
 from compliant_baselines.column import column_of
 from compliant_baselines.contract import Settings
 from compliant_baselines.convergence import Convergence, fitted_order, limit_of
+from compliant_baselines.engine_run import Run
 from compliant_baselines.mapping import MUJOCO_IMPEDANCE, contacts
+from compliant_baselines.trajectory import FREE, Runs
 from model.collision import Collision
 
 from .reference import kelvin_voigt
@@ -144,7 +146,7 @@ def test_a_limit_is_that_of_the_same_steps_asked_for_one_by_one(engine):
 
 def test_what_is_not_known_to_the_tolerance_is_unconverged_and_keeps_its_numbers(engine):
     c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e7, e1=0.8, e2=0.6)
-    settings = Settings(step_fraction=0.02, convergence=Convergence(tolerance=1e-7, halvings=3))
+    settings = Settings(step_fraction=1e-3, convergence=Convergence(tolerance=1e-7, halvings=3))
     (outcome,) = engine.solve_many([c], settings)
     assert outcome.status == "unconverged"
     assert "beyond the tolerance of 1e-07" in outcome.reason
@@ -152,7 +154,7 @@ def test_what_is_not_known_to_the_tolerance_is_unconverged_and_keeps_its_numbers
     assert outcome.diagnostics["limit_error"] > 1e-7
     if engine.name == "pybullet":
         assert outcome.diagnostics["finest_step"] == outcome.diagnostics["step"] / 8
-    else:  # no step brings the impedance below the tolerance: not tried
+    else:  # no step brings what the impedance does, seen at h and h/4 alike, below the tolerance: not tried
         assert "regularisation" in outcome.reason
         assert outcome.diagnostics["finest_step"] == outcome.diagnostics["step"] / 4
 
@@ -192,3 +194,49 @@ def test_the_naive_mapping_has_a_limit_of_its_own(engine):
     (outcome,) = engine.solve_many([c], Settings(mapping="naive", convergence=Convergence()))
     assert outcome.status == "ok", outcome.reason
     assert outcome.diagnostics["regularisation"] == 0
+
+
+class Planted:
+    """An engine of first order whose answer to ten times its regularisation is what a test says, by step."""
+
+    regularisation_probe = 10.0
+
+    def __init__(self, moved):
+        self.moved, self.probed = moved, []
+
+    def run_columns(self, columns, max_steps):
+        return [self.run(column, max_steps) for column in columns]
+
+    def run(self, column, max_steps=0):
+        n = round(math.log2(COARSE.step / column.step))
+        v = 0.3 + 0.04 / 2**n
+        if column.regularisation > 1:
+            self.probed.append(n)
+            v += 9 * self.moved[n]
+        borders = Runs(np.array([0]), np.array([1]), 1)
+        return Run(column, FREE, v, 0.0, 1.0, 1.0, 0.0, 0.0, borders, None, max_steps=max_steps)
+
+
+COARSE = column_of(Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e8, e1=0.8, e2=0.6), Settings())
+
+
+@pytest.mark.parametrize(
+    ("moved", "finest", "probed", "converged"),
+    [
+        (
+            [0.0, 0, 0, 0, 0],
+            3,
+            [0],
+            True,
+        ),  # nothing but the step, halved until the correction is small enough
+        ([2e-3, 0, 2e-3, 0, 0], 2, [0, 2], False),  # regularisation: seen at the shortest step too
+        ([2e-2, 0, 5e-3, 1e-5, 0], 3, [0, 2, 3], True),  # a grazing, far from which neither does anything
+    ],
+)
+def test_regularisation_ends_the_halving_only_where_two_steps_agree_on_it(moved, finest, probed, converged):
+    engine = Planted(moved)
+    ((limit, reason),) = certify(engine, [engine.run(COARSE)], Convergence(tolerance=0.6e-3), 10**6)
+    assert limit.step == COARSE.step / 2**finest
+    assert engine.probed == probed
+    assert (reason == "") == converged
+    assert ("regularisation" in reason) != converged

@@ -59,13 +59,21 @@ def test_what_is_wanted_of_limits_belongs_to_the_identity_of_a_run():
     assert one != other
 
 
-def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
-    def row(solver, v1, limit=None):
-        numbers = {"v1_limit": limit, "v2_limit": limit and 0.0, "limit_error": limit and 1e-3}
-        rest = {"order": limit and 1.0, "regularisation": limit and 0.0}
-        ends = {"cell": 0, "solver": solver, "status": "ok", "v0": -1.0, "v1": v1, "v2": 0.0}
-        return ends | numbers | rest
+def row(solver, v1, limit=None, *, cell=0, status="ok", regularisation=0.0):
+    """A row of the table of cells, as far as certificates are concerned."""
+    numbers = {"v1_limit": limit, "v2_limit": limit and 0.0, "limit_error": limit and 1e-3}
+    rest = {"order": limit and 1.0, "regularisation": limit and regularisation}
+    ends = {"cell": cell, "solver": solver, "status": status, "v0": -1.0, "v1": v1, "v2": 0.0}
+    return ends | numbers | rest
 
+
+def held(path, rows, names, **options):
+    fields = [field for field in CELLS_SCHEMA if field.name in rows[0]]
+    pq.write_table(pa.Table.from_pylist(rows, pa.schema(fields)), path / "cells.parquet")
+    return certificates(path / "cells.parquet", names, **options)
+
+
+def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
     rows = [
         row("kelvin-voigt", 0.3),
         row("hunt-crossley", 0.5),
@@ -74,12 +82,7 @@ def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
     ]
     names = [row["solver"] for row in rows]
 
-    def held(rows):
-        fields = [field for field in CELLS_SCHEMA if field.name in rows[0]]
-        pq.write_table(pa.Table.from_pylist(rows, pa.schema(fields)), tmp_path / "cells.parquet")
-        return certificates(tmp_path / "cells.parquet", names)
-
-    table = held(rows)
+    table = held(tmp_path, rows, names)
     assert table.asked.tolist() == ["kelvin-voigt", "hunt-crossley"]
     assert table.asked_max.tolist() == pytest.approx([5e-4, 5e-4])
     assert table.honest.tolist() == [1.0, 1.0]
@@ -88,5 +91,24 @@ def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
         assert f"from the exact contacts that were asked for ({name})" in text.text
         assert line[1] == name
     # without the exact solver of its law an engine is held against nothing, whatever else there is
-    table = held([row for row in rows if row["solver"] != "hunt-crossley"])
+    table = held(tmp_path, [row for row in rows if row["solver"] != "hunt-crossley"], names)
     assert table.honest.isna().tolist() == [False, True]
+
+
+def test_an_engine_of_the_naive_mapping_is_held_against_nothing(tmp_path):
+    rows = [row("kelvin-voigt", 0.3), row("mujoco", 0.31, 0.3005), row("mujoco-naive", 0.6, 0.6)]
+    table = held(tmp_path, rows, ["mujoco", "mujoco-naive"])
+    assert table.asked.tolist() == ["kelvin-voigt", ""]
+    assert table.honest.isna().tolist() == [False, True]
+    _, _, naive, _ = certificate_blocks(table)
+    assert "its contacts are not those that were asked for" in naive.text
+    assert held(tmp_path, rows, ["mujoco"], mapping="naive").asked.tolist() == [""]
+
+
+def test_what_regularisation_does_is_said_of_certified_cells(tmp_path):
+    rows = [
+        row("mujoco", 0.3, 0.3, regularisation=1e-4),
+        row("mujoco", 0.3, 0.3, cell=1, status="unconverged", regularisation=0.02),
+    ]
+    table = held(tmp_path, rows, ["mujoco"])
+    assert table.regularisation.tolist() == [1e-4]

@@ -45,3 +45,19 @@ def test_exact_limits_have_none():
         outcome = solve(Collision.from_ratios(kappa, 1.3, e1, e2))
         assert (outcome.status, outcome.diagnostics["cutoff_effect"]) == ("limit", 0.0)
     assert solve_batch(1.0, 1.0, 0.9, 0.9).cutoff_effect is None
+
+
+@pytest.mark.parametrize("max_events", [15, 30, 60])
+def test_it_is_not_known_where_the_raised_cut_off_asks_for_too_many_events(max_events):
+    cells = random_cells(2_000, 3)
+    few, many = (solve_batch(*cells, cutoff_effect=True, max_events=n) for n in (max_events, 10_000))
+    assert few.cutoff_effect is not None
+    assert many.cutoff_effect is not None
+    limit = few.status == "limit"
+    unknown = limit & np.isnan(few.cutoff_effect)
+    assert unknown.any()
+    assert np.array_equal(few.cutoff_effect[limit & ~unknown], many.cutoff_effect[limit & ~unknown])
+    i = np.flatnonzero(unknown)[0]
+    outcome = solve(Collision.from_ratios(*(float(a[i]) for a in cells)), max_events=max_events)
+    assert outcome.status == "limit"
+    assert "cutoff_effect" not in outcome.diagnostics
