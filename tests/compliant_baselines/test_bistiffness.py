@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compliant_baselines import get_solver
-from compliant_baselines.bistiffness import RIGID_RATIO, bistiffness_batch
+from compliant_baselines.bistiffness import bistiffness_batch
 from compliant_baselines.contract import Settings
 from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
 from model import Collision, solve
@@ -92,14 +92,13 @@ def test_velocities_do_not_depend_on_where_a_contact_counts_as_rigid():
     limited = kept.status == "limit"
     assert 0.1 < np.mean(limited) < 0.4
     errors = []
-    for ratio in (1e6, 1e8, RIGID_RATIO, 1e20):
+    for ratio in (1e6, 1e8, 1e20):
         other = bistiffness_batch(kappa, mu, e1, e2, rigid_ratio=ratio)
         assert set(other.status) <= {"ok", "limit"}
         errors.append(max(np.abs(other.v1 - kept.v1).max(), np.abs(other.v2 - kept.v2).max()))
     # at least first order in the inverse of the ratio
     assert 30 < errors[0] / errors[1] < 10_000
-    assert errors[2] == 0
-    assert errors[3] < 1e-12
+    assert errors[2] < 1e-12
 
 
 def test_contacts_that_bounce_rigid_together_end_stuck():
