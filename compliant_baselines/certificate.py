@@ -140,7 +140,7 @@ def _reason(case: _Case, convergence: Convergence) -> str:
         f"the limit of small steps is known to {limit.error / speed:.1e} of |v0|, beyond the tolerance of "
         f"{convergence.tolerance:g}"
     )
-    if limit.regularisation > min(limit.step_error, convergence.tolerance * speed):
+    if case.settled(convergence):
         return (
             f"{text}: the engine's own regularisation of contacts is {limit.regularisation / speed:.1e} of it"
         )
