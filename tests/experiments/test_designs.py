@@ -66,6 +66,26 @@ def test_a_shorter_sample_is_the_beginning_of_a_longer_one():
     assert np.array_equal(longer[:70], shorter)
 
 
+@pytest.mark.parametrize("range_", [{"log": [1e-160, 1e160]}, {"log": [1e-300, 1e300]}])
+def test_points_are_even_in_the_logarithm_where_the_quotient_of_the_ends_overflows(range_):
+    low, high = map(math.log10, range_["log"])
+    box = Sample.model_validate({**BOX, "stiffness_ratio": range_, "mass_ratio": 1.0, "e2": 1.0})
+    share = np.linspace(0, 1, 9)
+    ratios = box.place(share[:, None])[:, 0]
+    assert np.log10(ratios) == pytest.approx(low + (high - low) * share, rel=1e-14, abs=1e-12)
+    assert [ratios[0], ratios[-1]] == pytest.approx(range_["log"], rel=1e-12)
+    assert np.all((ratios >= range_["log"][0]) & (ratios <= range_["log"][1]))
+
+
+def test_the_points_of_an_ordinary_range_are_the_same_to_the_last_bit():
+    """They are part of the identity of every sampled run."""
+    share = np.random.default_rng(0).random(1000)
+    for lo, hi in ((1e-3, 1e3), (0.1, 10.0), (1e-150, 1e150)):
+        box = Sample.model_validate({**BOX, "stiffness_ratio": {"log": [lo, hi]}, "mass_ratio": 1, "e2": 1})
+        expected = np.clip(lo * (hi / lo) ** share, lo, hi)
+        assert np.array_equal(box.place(share[:, None])[:, 0], expected)
+
+
 def _write(path, values):
     if path.suffix == ".parquet":
         pq.write_table(pa.table(dict(zip(AXES, np.transpose(values), strict=True))), path)
