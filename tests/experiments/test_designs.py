@@ -86,6 +86,28 @@ def test_the_points_of_an_ordinary_range_are_the_same_to_the_last_bit():
         assert np.array_equal(box.place(share[:, None])[:, 0], expected)
 
 
+def test_the_built_in_grid_does_not_judge_a_sample_or_a_list(tmp_path):
+    box = {"stiffness_ratio": {"log": [0.1, 10.0]}, "mass_ratio": 1.0}
+    extreme = {"scenario": "impact", "k1": 1e306}
+    assert len(cells_of(parse_config(extreme | {"sample": {"n": 8, **box}}))) == 8
+    path = _write(tmp_path / "cells.csv", [[10.0, 1.0, 0.9, 0.7]])
+    assert cells_of(parse_config(extreme | {"cells": str(path)}))[0].collision.k2 == 1e307
+    for illegal in ({}, {"sample": {"n": 8, "stiffness_ratio": 1e3}}, {"search": {}}):
+        with pytest.raises(UserError, match=r"stiffness_ratio = .* leaves double precision"):
+            parse_config(extreme | illegal)
+
+
+def test_the_gravity_number_of_a_list_is_within_double_precision(tmp_path, capsys):
+    path = _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [1.0, 1e-300, 0.9, 0.7]])
+    (tmp_path / "c.toml").write_text(f"cells = '{path.name}'\nv0 = -1e200\ngravity = 1e-50\n")
+    assert main(["run", str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "cells.csv: row 2: v0 = -1e+200" in error
+    assert "mass_ratio = 1e-300" in error
+    assert "= 0.0 leaves double precision; legal: a finite number > 0" in error
+    assert error.count("\n") == 1
+
+
 def _write(path, values):
     if path.suffix == ".parquet":
         pq.write_table(pa.table(dict(zip(AXES, np.transpose(values), strict=True))), path)
