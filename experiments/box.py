@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 import numpy as np
@@ -68,7 +69,7 @@ class Box(BaseModel):
                 continue
             lo, hi = _ends(range_)
             u = next(columns)
-            inside = lo * (hi / lo) ** u if "log" in range_ else lo + (hi - lo) * u
+            inside = _between(lo, hi, u) if "log" in range_ else lo + (hi - lo) * u
             placed[:, i] = np.clip(inside, lo, hi)
         return placed
 
@@ -101,6 +102,14 @@ def _ends(range_: Range) -> tuple[float, float]:
         ((lo, hi),) = range_.values()
         return float(lo), float(hi)
     return float(range_), float(range_)
+
+
+def _between(lo: float, hi: float, u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Place shares of the way from lo to hi evenly in the logarithm."""
+    if math.isfinite(hi / lo):
+        return lo * (hi / lo) ** u
+    # Logarithms round otherwise than the quotient, whose digits are in the identity of every sampled run.
+    return np.exp(math.log(lo) + u * (math.log(hi) - math.log(lo)))
 
 
 def _range_problem(name: str, value: Any) -> str | None:

@@ -119,14 +119,15 @@ def export_scene(
 def contact(
     engine: Annotated[str, typer.Option(metavar="NAME", help="'mujoco', 'pybullet' or 'drake'.")],
     masses: Annotated[
-        tuple[str, str], typer.Option(metavar="KG KG", help="Of the two bodies; inf for a fixed one.")
+        tuple[str, str],
+        typer.Option(metavar="KG KG", help="Of the two bodies, 1e-15 to 1e15; inf for a fixed one."),
     ],
-    restitution: Annotated[str, typer.Option(metavar="E", help="Greater than 0, at most 1.")],
+    restitution: Annotated[str, typer.Option(metavar="E", help="From 1e-4 to 1.")],
     stiffness: Annotated[str | None, typer.Option(metavar="N/M", help="Of the contact.")] = None,
     duration: Annotated[
         str | None, typer.Option(metavar="S", help="Of the contact; instead of a stiffness.")
     ] = None,
-    speed: Annotated[str, typer.Option(metavar="M/S", help="Speed of approach.")] = "1",
+    speed: Annotated[str, typer.Option(metavar="M/S", help="Speed of approach, 1e-9 to 1e9.")] = "1",
     gravity: Annotated[
         str, typer.Option(metavar="G", help="In m/s^2: also show a drop onto the fixed body under it.")
     ] = "0",

@@ -146,17 +146,39 @@ class Config(_Strict):
 
     @model_validator(mode="after")
     def _within_double_precision(self) -> Config:
-        boxes = [box.ends() for box in (self.sample, self.search) if box is not None]
+        ratios = self._ratios()
         for name, base in (("stiffness_ratio", self.k1), ("mass_ratio", self.m1)):
-            ratios = [*self.grid.axes()[name], getattr(self.figure_cell, name)]
-            for ratio in (*ratios, *(end for ends in boxes for end in ends[name])):
+            for ratio in ratios[name]:
                 product = ratio * base
                 if 0 < ratio < math.inf and not 0 < product < math.inf:
                     raise ValueError(
                         f"{name} = {ratio!r} times {base!r} = {product!r} leaves double precision; "
                         "legal: a finite product > 0"
                     )
+        if not 0 < self.m1 * abs(self.v0) < math.inf:
+            raise ValueError(
+                f"m1 = {self.m1!r} times |v0| = {abs(self.v0)!r} leaves double precision; "
+                "legal: a finite product > 0 (the unit of impulses)"
+            )
+        for ratio in ratios["mass_ratio"]:
+            problem = self.gravity_problem(ratio)
+            if problem:
+                raise ValueError(problem)
         return self
+
+    def _ratios(self) -> dict[str, list[float]]:
+        """Ratios of the figures' cell and of the cells known so far: those of a list are read later."""
+        boxes = [box.ends() for box in (self.sample, self.search) if box is not None]
+        # The built-in grid stands beside a sample and a list too, and nothing computes it there.
+        axes = self.grid.axes() if self.sample is None and self.cells is None else {}
+        return {
+            name: [
+                *axes.get(name, []),
+                getattr(self.figure_cell, name),
+                *(end for ends in boxes for end in ends[name]),
+            ]
+            for name in ("stiffness_ratio", "mass_ratio")
+        }
 
     @model_validator(mode="after")
     def _one_design(self) -> Config:
@@ -170,6 +192,31 @@ class Config(_Strict):
             if problem or self.search.solver == REFERENCE:
                 raise ValueError(f"search.solver = {problem or 'the model itself; legal: another solver'}")
         return self
+
+    def gravity_number(self, m2: float) -> float:
+        """Return g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity.
+
+        Parameters
+        ----------
+        m2 : float
+            Mass of the lower ball in kg.
+        """
+        if self.scenario == "impact":
+            return 0.0
+        reduced_mass = self.m1 / (1 + self.m1 / m2)
+        speed = abs(self.v0) * math.sqrt(self.k1 / reduced_mass) if reduced_mass > 0 else math.inf
+        return self.gravity / speed if speed > 0 else math.inf
+
+    def gravity_problem(self, mass_ratio: float) -> str | None:
+        """Say that the gravity number at a mass ratio leaves double precision, or return None."""
+        number = self.gravity_number(self.m1 * mass_ratio)
+        if self.scenario == "impact" or 0 < number < math.inf:
+            return None
+        return (
+            f"v0 = {self.v0!r}, with gravity = {self.gravity!r}, k1 = {self.k1!r}, m1 = {self.m1!r} and mass_ratio = "
+            f"{mass_ratio!r}: g/(|v0| sqrt(k1 (1/m1 + 1/m2))) = {number!r} leaves double precision; "
+            "legal: a finite number > 0"
+        )
 
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""

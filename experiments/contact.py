@@ -16,6 +16,12 @@ from experiments.errors import UserError
 from experiments.options import number
 from experiments.terminal import error_line, make_console, print_line, print_table
 
+#: What is tried; beyond, the positions or velocities of a drop drown in rounding, or its end is never reached.
+LEAST_MASS, LARGEST_MASS, LARGEST_RATIO = 1e-15, 1e15, 1e12
+LEAST_RESTITUTION = 1e-4
+SLOWEST, FASTEST = 1e-9, 1e9
+LONGEST = 1e6
+
 
 def contact(engine: str, values: dict[str, Any], *, tolerance: str, gravity: str, as_json: bool) -> None:
     """Print what to paste for a contact, the largest step, and what the engine gave.
@@ -78,12 +84,36 @@ def _pair(values: dict[str, Any]) -> Pair:
         pair = Pair(**numbers)
     except ValueError as error:
         raise UserError(f"--{error}") from None
-    if not pair.fixed and math.isinf(sum(pair.masses)):
-        raise UserError(
-            f"--masses = {' '.join(map(repr, pair.masses))}: their sum leaves double precision; "
-            "legal: numbers > 0 (kg), one of them inf for a fixed body"
-        )
+    problem = _beyond(pair)
+    if problem:
+        raise UserError(problem)
     return pair
+
+
+def _beyond(pair: Pair) -> str | None:
+    """Say that a pair is a contact, and none that can be tried, or return None."""
+    light, heavy = sorted(pair.masses)
+    if not LEAST_MASS <= light <= LARGEST_MASS or LARGEST_MASS < heavy < math.inf:
+        return (
+            f"--masses = {' '.join(map(repr, pair.masses))}; legal: from {LEAST_MASS:g} to {LARGEST_MASS:g} (kg), one "
+            "of them inf for a fixed body"
+        )
+    if LARGEST_RATIO < heavy / light < math.inf:
+        return (
+            f"--masses = {' '.join(map(repr, pair.masses))}: one is {heavy / light:.3g} times the other; legal: at "
+            f"most {LARGEST_RATIO:g} times, or inf for a fixed body"
+        )
+    if pair.restitution < LEAST_RESTITUTION:
+        return f"--restitution = {pair.restitution!r}; legal: from {LEAST_RESTITUTION:g} to 1"
+    if not SLOWEST <= pair.speed <= FASTEST:
+        return f"--speed = {pair.speed!r}; legal: from {SLOWEST:g} to {FASTEST:g} (m/s)"
+    if pair.contact.duration > LONGEST:
+        name = "duration" if pair.stiffness is None else "stiffness"
+        return (
+            f"--{name} = {getattr(pair, name)!r}: a contact of {pair.contact.duration:.3g} s; legal: at most "
+            f"{LONGEST:g} s"
+        )
+    return None
 
 
 def _why(solver: EngineSolver, pair: Pair, error: SolverError) -> str:

@@ -135,3 +135,8 @@ def _within_double_precision(config: Config, values: NDArray[np.float64], where:
                 f"{where}: row {row + 1}: {name} = {ratios[row]!r} times {base!r} leaves double precision; "
                 "legal: a finite product > 0"
             )
+    masses = values[:, list(AXES).index("mass_ratio")]
+    for row in map(int, (np.argmin(masses), np.argmax(masses))):
+        problem = config.gravity_problem(float(masses[row]))
+        if problem:
+            raise UserError(f"{where}: row {row + 1}: {problem}")

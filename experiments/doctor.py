@@ -16,6 +16,7 @@ import typer
 from compliant_baselines import get_solver
 from compliant_baselines.diagnosis import Finding
 from experiments.config import load_config, parse_config
+from experiments.designs import cells_of_run
 from experiments.errors import UserError
 from experiments.examination import experiment_findings
 from experiments.store import RunFolder
@@ -55,14 +56,17 @@ def doctor(what: Path | None, *, as_json: bool) -> None:
 
 def _examine(what: Path | None) -> tuple[str, list[Finding]]:
     if what is None or what.suffix == ".toml" or what.is_dir():
-        config = (
-            parse_config({})
-            if what is None
-            else RunFolder(what).config()
-            if what.is_dir()
-            else load_config(what)
-        )
-        examined, findings = experiment_findings(config)
+        cells = None
+        if what is None:
+            config = parse_config({})
+        elif what.is_dir():
+            folder = RunFolder(what)
+            config = folder.config()
+            if folder.manifest().get("state") == "complete":
+                cells = cells_of_run(folder, config)
+        else:
+            config = load_config(what)
+        examined, findings = experiment_findings(config, cells=cells)
         return f"scenes of {config.name!r} ({', '.join(examined) or 'no engine is installed'})", findings
     if not what.is_file():
         raise UserError(

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
 _SPELT = {"stiffness_ratio_cutoff": "--cutoff"}
 
+#: Options whose values may be legal one by one, and not together.
+_TOGETHER = "--stiffness-ratio, --mass-ratio, --gravity, --m1, --k1, --v0"
+
 
 def number_or_text(text: str) -> float | str:
     """Read a number; a text that is none stays as it is, for a configuration to refuse."""
@@ -112,7 +115,7 @@ def one_cell(values: Mapping[str, str]) -> Config:
 
     def option(location: Any) -> str:
         key: str = location[-1] if location else ""
-        return _SPELT.get(key, "--" + key.replace("_", "-")) if key else "--stiffness-ratio, --mass-ratio"
+        return _SPELT.get(key, "--" + key.replace("_", "-")) if key else _TOGETHER
 
     return parse_config(data, where="", name=option)
 

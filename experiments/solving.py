@@ -171,13 +171,6 @@ def _honest(outcome: Outcome) -> Outcome:
     return outcome
 
 
-def gravity_number(config: Config, collision: Collision) -> float:
-    """Return g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity."""
-    if config.scenario == "impact":
-        return 0.0
-    return config.gravity / (abs(collision.v0) * math.sqrt(collision.k1 / collision.reduced_mass))
-
-
 def scaled_diagnostics(collision: Collision, outcome: Outcome) -> dict[str, float]:
     """Return the diagnostics of an outcome with `VELOCITIES` per abs(v0); the others as they are, times in s."""
     speed = abs(collision.v0)
@@ -201,7 +194,7 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
         "status": outcome.status,
         "reason": outcome.reason or None,
         "grazing_margin": outcome.grazing_margin,
-        "gravity_number": gravity_number(config, c),
+        "gravity_number": config.gravity_number(c.m2),
         "step": diagnostics.get("step"),
         "n_steps": _whole(diagnostics.get("n_steps")),
         "duration": diagnostics.get("duration"),

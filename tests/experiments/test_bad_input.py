@@ -101,6 +101,18 @@ CONFIGS = {
         "m1 = 1e-300\n[grid]\nmass_ratio = [1e-200]",
         ["mass_ratio = 1e-200", "double precision"],
     ),
+    "gravity number": (
+        "v0 = -1e-300\nk1 = 1e-100",
+        ["v0 = -1e-300", "k1 = 1e-100", "= inf leaves double precision", "legal: a finite number > 0"],
+    ),
+    "gravity number of a sample": (
+        "v0 = -1e200\ngravity = 1e-50\n[sample]\nmass_ratio = {log = [1e-300, 1.0]}",
+        ["v0 = -1e+200", "mass_ratio = 1e-300", "= 0.0 leaves double precision"],
+    ),
+    "no impulse": (
+        "scenario = 'impact'\nm1 = 1e-200\nv0 = -1e-200",
+        ["m1 = 1e-200 times |v0| = 1e-200 leaves double precision", "legal: a finite product > 0"],
+    ),
     "malformed TOML": ("gravity = 9.81\nm1 = = 2", ["not TOML", "line 2"]),
     "key twice": ("m1 = 1\nm1 = 2\nv0 = -1", ["not TOML", "overwrite"]),
     "deep nesting": ("a = " + "[" * 100_000, ["not TOML"]),
@@ -194,6 +206,7 @@ OPTIONS = {
     "gravity": ({"--gravity": "-9"}, ["--gravity = -9", "a finite number > 0"]),
     "cut-off": ({"--cutoff": "0.5"}, ["--cutoff = 0.5", "greater than 1"]),
     "solver": ({"--solver": "bullet"}, ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
+    "no impulse": ({"--m1": "1e-200", "--v0": "-1e-200"}, ["--m1", "times |v0| = 1e-200", "product > 0"]),
     "overflow": ({"--stiffness-ratio": "1e305"}, ["--stiffness-ratio", "1e+305", "double precision"]),
 }
 

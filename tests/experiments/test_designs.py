@@ -66,6 +66,48 @@ def test_a_shorter_sample_is_the_beginning_of_a_longer_one():
     assert np.array_equal(longer[:70], shorter)
 
 
+@pytest.mark.parametrize("range_", [{"log": [1e-160, 1e160]}, {"log": [1e-300, 1e300]}])
+def test_points_are_even_in_the_logarithm_where_the_quotient_of_the_ends_overflows(range_):
+    low, high = map(math.log10, range_["log"])
+    box = Sample.model_validate({**BOX, "stiffness_ratio": range_, "mass_ratio": 1.0, "e2": 1.0})
+    share = np.linspace(0, 1, 9)
+    ratios = box.place(share[:, None])[:, 0]
+    assert np.log10(ratios) == pytest.approx(low + (high - low) * share, rel=1e-14, abs=1e-12)
+    assert [ratios[0], ratios[-1]] == pytest.approx(range_["log"], rel=1e-12)
+    assert np.all((ratios >= range_["log"][0]) & (ratios <= range_["log"][1]))
+
+
+def test_the_points_of_an_ordinary_range_are_the_same_to_the_last_bit():
+    """They are part of the identity of every sampled run."""
+    share = np.random.default_rng(0).random(1000)
+    for lo, hi in ((1e-3, 1e3), (0.1, 10.0), (1e-150, 1e150)):
+        box = Sample.model_validate({**BOX, "stiffness_ratio": {"log": [lo, hi]}, "mass_ratio": 1, "e2": 1})
+        expected = np.clip(lo * (hi / lo) ** share, lo, hi)
+        assert np.array_equal(box.place(share[:, None])[:, 0], expected)
+
+
+def test_the_built_in_grid_does_not_judge_a_sample_or_a_list(tmp_path):
+    box = {"stiffness_ratio": {"log": [0.1, 10.0]}, "mass_ratio": 1.0}
+    extreme = {"scenario": "impact", "k1": 1e306}
+    assert len(cells_of(parse_config(extreme | {"sample": {"n": 8, **box}}))) == 8
+    path = _write(tmp_path / "cells.csv", [[10.0, 1.0, 0.9, 0.7]])
+    assert cells_of(parse_config(extreme | {"cells": str(path)}))[0].collision.k2 == 1e307
+    for illegal in ({}, {"sample": {"n": 8, "stiffness_ratio": 1e3}}, {"search": {}}):
+        with pytest.raises(UserError, match=r"stiffness_ratio = .* leaves double precision"):
+            parse_config(extreme | illegal)
+
+
+def test_the_gravity_number_of_a_list_is_within_double_precision(tmp_path, capsys):
+    path = _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [1.0, 1e-300, 0.9, 0.7]])
+    (tmp_path / "c.toml").write_text(f"cells = '{path.name}'\nv0 = -1e200\ngravity = 1e-50\n")
+    assert main(["run", str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "cells.csv: row 2: v0 = -1e+200" in error
+    assert "mass_ratio = 1e-300" in error
+    assert "= 0.0 leaves double precision; legal: a finite number > 0" in error
+    assert error.count("\n") == 1
+
+
 def _write(path, values):
     if path.suffix == ".parquet":
         pq.write_table(pa.table(dict(zip(AXES, np.transpose(values), strict=True))), path)

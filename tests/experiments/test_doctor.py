@@ -6,6 +6,9 @@ import pytest
 
 from compliant_baselines import get_solver
 from experiments.cli import main
+from experiments.config import load_config
+from experiments.sweep import run_sweep
+from tests.experiments import fakes
 
 SCENE = """<mujoco><option timestep="{step}"/><worldbody><geom type="plane" size="1 1 1"/>
 <body pos="0 0 2"><freejoint/><geom name="ball" size="1" solref="{solref}"/></body></worldbody></mujoco>"""
@@ -73,6 +76,23 @@ def test_an_experiment_and_the_built_in_one(tmp_path, capsys, monkeypatch):
     out = capsys.readouterr().out
     assert "not-newton-per-metre: mujoco, " in out
     assert "long-step: mujoco, 20 of 20 cells examined" in out
+
+
+def test_a_finished_run_of_a_list_is_examined_wherever_its_list_is(tmp_path, capsys, monkeypatch):
+    (tmp_path / "there").mkdir()
+    monkeypatch.chdir(tmp_path / "there")
+    (tmp_path / "there" / "cells.csv").write_text(
+        "stiffness_ratio,mass_ratio,e1,e2\n1,1,0.9,0.7\n2,1,0.9,0.7\n"
+    )
+    (tmp_path / "there" / "c.toml").write_text(
+        "cells = 'cells.csv'\nsolvers = ['mujoco']\nmapping = 'naive'\n"
+    )
+    run_sweep(load_config("c.toml"), tmp_path / "run", isolate=False, resolve=fakes.shifted)
+    monkeypatch.chdir(tmp_path)
+    assert main(["doctor", "run"]) == 1
+    out, err = capsys.readouterr()
+    assert "not-newton-per-metre: mujoco, 2 of 2 cells examined" in out
+    assert not err
 
 
 @pytest.mark.parametrize(
