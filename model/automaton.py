@@ -47,10 +47,13 @@ RATE1, RATE2, SPENT1, SPENT2, RETURN1, RETURN2 = 1, 2, 4, 8, 16, 32
 STIFFENING, ORIGINAL = 0, 1
 
 # How a collision ended.
-DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE = 0, 1, 2, 3, 4
+DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE, BEYOND_PRECISION = 0, 1, 2, 3, 4, 5
 
 #: Status of an outcome that ended so, by its code.
-STATUS_OF: tuple[Status, ...] = ("ok", "limit", "limit", "unconverged", "limit")
+STATUS_OF: tuple[Status, ...] = ("ok", "limit", "limit", "unconverged", "limit", "unrepresentable")
+
+#: m2/m1 from which on, and below the inverse of which, squares of velocities leave double precision: not solved.
+MASS_PRECISION = 1e150
 
 #: Columns of a log row, one row a stretch: the state at its start, then its duration (of S1; those of S2 and S3 follow
 #: from their closed forms), what ended it, and whether a closed-form limit governs it.

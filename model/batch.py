@@ -8,7 +8,15 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from model.automaton import LIMIT, LOG_WIDTH, STATUS_OF, TOO_MANY_EVENTS, collide
+from model.automaton import (
+    BEYOND_PRECISION,
+    LIMIT,
+    LOG_WIDTH,
+    MASS_PRECISION,
+    STATUS_OF,
+    TOO_MANY_EVENTS,
+    collide,
+)
 from model.compiled import OPTIONS
 from model.inputs import broadcast_inputs
 from model.solver import CUTOFF_RAISED, MAX_EVENTS, check_cutoff, check_law
@@ -23,7 +31,7 @@ class BatchOutcome:
     Attributes
     ----------
     v1, v2 : ndarray of float
-        Final velocities per \|v0\|; NaN where `status` is ``unconverged``.
+        Final velocities per \|v0\|; NaN where `status` is ``unconverged`` or ``unrepresentable``.
     code : ndarray of uint8
         How each collision ended, as `model.automaton` counts it; `status` names it.
     n_states, n_events : ndarray of int32
@@ -48,7 +56,7 @@ class BatchOutcome:
 
     @property
     def status(self) -> NDArray[np.str_]:
-        """``ok``, ``limit`` or ``unconverged``; made when asked for, for it takes more room than all the rest."""
+        """As in `Outcome`; made when asked for, for it takes more room than all the rest."""
         return _STATUS_OF[self.code]
 
 
@@ -114,6 +122,10 @@ def _solve_all(kappa, mu, e1, e2, cutoff, max_events, law):
     margin, residual = np.empty(n), np.empty(n)
     no_log = np.empty((0, LOG_WIDTH))
     for i in prange(n):
+        if not 1 / MASS_PRECISION <= mu[i] <= MASS_PRECISION:
+            v1[i], v2[i], residual[i] = np.nan, np.nan, np.nan
+            code[i], n_states[i], n_events[i], margin[i] = BEYOND_PRECISION, 0, 0, np.nan
+            continue
         u1, u2, c, states, events, _, nearest, loss, _ = collide(
             kappa[i], mu[i], e1[i], e2[i], cutoff, max_events, law, no_log
         )

@@ -7,10 +7,12 @@ import math
 import numpy as np
 
 from model.automaton import (
+    BEYOND_PRECISION,
     COLLAPSE,
     DONE,
     LIMIT,
     LOG_WIDTH,
+    MASS_PRECISION,
     ORIGINAL,
     PRECISION_LIMIT,
     STATUS_OF,
@@ -65,7 +67,8 @@ def solve(
     Returns
     -------
     Outcome
-        Status ``limit`` where a closed-form limit was used, else ``ok``. Its ``diagnostics``: ``energy_residual``, of
+        Status ``limit`` where a closed-form limit was used, ``unconverged`` after `max_events`, ``unrepresentable``
+        where m2/m1 or its inverse exceeds `MASS_PRECISION`, else ``ok``. Its ``diagnostics``: ``energy_residual``, of
         the energy balance per m1 v0^2, and ``cutoff_effect``, by how much (v1, v2) would change if the cut-off were
         raised by `CUTOFF_RAISED` (kinetic norm per sqrt(m1) abs(v0)); not there if with that cut-off the collision is
         not over after `max_events`.
@@ -77,6 +80,9 @@ def solve(
     """
     cutoff, law = check_cutoff(stiffness_ratio_cutoff), check_law(impact_law)
     kappa, mu = collision.stiffness_ratio, collision.mass_ratio
+    if not 1 / MASS_PRECISION <= mu <= MASS_PRECISION:
+        reason = f"m2/m1 = {mu:g}: beyond {1 / MASS_PRECISION:g} to {MASS_PRECISION:g} squares of velocities are lost"
+        return Outcome.failure(NAME, STATUS_OF[BEYOND_PRECISION], reason)
     log = np.zeros((LOG_ROWS, LOG_WIDTH))
     result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, law, log)
     n_rows = result[5] + 1

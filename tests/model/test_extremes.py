@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from model import solve_batch
+from model import Collision, solve, solve_batch
 
 
 def extreme_cells(n, seed):
@@ -53,3 +53,21 @@ def test_elastic_collision_with_thousands_of_state_changes():
     batch = solve_batch(1e-8, 1.3, 1.0, 1.0, stiffness_ratio_cutoff=math.inf)
     assert batch.n_events > 3000
     assert batch.v1**2 + 1.3 * batch.v2**2 == pytest.approx(1, abs=1e-11)
+
+
+@pytest.mark.parametrize("mass_ratio", [1e20, 1e100, 1e149])
+def test_a_very_heavy_lower_ball_is_hit_and_then_hits_the_table(mass_ratio):
+    """One impact after the other: I1 = 1 + e1, which is all of B2's momentum, and I2 = (1 + e2) I1."""
+    outcome = solve(Collision.from_ratios(40.0, mass_ratio, 0.9, 0.7))
+    assert (outcome.impulse1, outcome.impulse2) == pytest.approx((1.9, 1.7 * 1.9), rel=1e-9)
+
+
+@pytest.mark.parametrize("mass_ratio", [1e-151, 1e151, 1e200, 1e308])
+def test_what_double_precision_cannot_tell_is_refused_and_not_answered_wrongly(mass_ratio):
+    outcome, batch = (
+        solve(Collision.from_ratios(40.0, mass_ratio, 0.9, 0.7)),
+        solve_batch(40.0, mass_ratio, 0.9, 0.7),
+    )
+    assert outcome.status == batch.status == "unrepresentable"
+    assert f"m2/m1 = {mass_ratio:g}" in outcome.reason
+    assert np.isnan([batch.v1, batch.v2, batch.energy_residual]).all()

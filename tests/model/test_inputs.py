@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from model import Collision, solve_batch
-from model.automaton import COLLAPSE, DONE, LIMIT, PRECISION_LIMIT, STATUS_OF, TOO_MANY_EVENTS
+from model.automaton import (
+    BEYOND_PRECISION,
+    COLLAPSE,
+    DONE,
+    LIMIT,
+    PRECISION_LIMIT,
+    STATUS_OF,
+    TOO_MANY_EVENTS,
+)
 from model.collision import RESULT_STATUSES, STATUSES
 from model.inputs import E1, E2, MASS_RATIO, STIFFNESS_RATIO, Legal, broadcast_inputs
 
@@ -56,7 +64,7 @@ def test_the_ends_of_a_range_belong_to_it(legal):
 
 
 def test_every_code_of_the_automaton_has_a_status():
-    codes = (DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE)
+    codes = (DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE, BEYOND_PRECISION)
     assert sorted(codes) == list(range(len(STATUS_OF)))
     assert [STATUS_OF[code] for code in codes] == ["ok", "limit", "limit", "unconverged", "limit"]
     assert set(STATUS_OF) | set(RESULT_STATUSES) <= set(STATUSES)
