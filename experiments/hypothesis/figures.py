@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from matplotlib.patches import Patch
 
 from experiments.hypothesis.cases import CASES, LOSSY, pair_class
 from experiments.hypothesis.mechanism import POINTS
-from experiments.hypothesis.ringing import second_end_share
+from experiments.hypothesis.ringing import end_share, mean_more_ends
 from experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
 from experiments.hypothesis.series import Series
 from experiments.numbers import number
@@ -193,10 +194,18 @@ def _no_limit(results: Results) -> tuple[Figure, str]:
         s for s in results.series if s.subject.name == "state-transition" and s.case.key == "zero-early"
     )
     i = series.points.index(worst.point)
+    more = math.floor(mean_more_ends(worst.point.mass_ratio))
+    values = (
+        f"e2{f'^{more}' if more > 1 else ''} and e2^{more + 1} times that of the closed form"
+        if more
+        else "that of the closed form, and e2 times it"
+    )
     with drawing(9.0, 3.2) as figure:
         left, right = figure.subplots(1, 2)
         left.plot(series.contrast, series.rows("v1")[i], "o", color="black", markersize=3.5)
-        for value, name in ((worst.once, "one end of compression"), (worst.twice, "two")):
+        for n in (more + 1, more + 2):
+            value = worst.once * worst.point.e2 ** (n - 1)
+            name = {1: "one end of compression", 2: "two ends"}.get(n, f"{n} ends")
             left.axhline(value, color="#0072B2", linewidth=1)
             left.text(
                 series.contrast[-1],
@@ -210,8 +219,9 @@ def _no_limit(results: Results) -> tuple[Figure, str]:
         left.set_xscale("log")
         left.set_xlabel("contrast k1/k2 (-)")
         left.set_ylabel("v1 of the model, per |v0| (-)")
-        masses = np.linspace(0.15, 1, 200)
-        right.plot(masses, [100 * second_end_share(m) for m in masses], color="#0072B2", label="closed form")
+        lightest = min(branch.point.mass_ratio for branch in results.branches)
+        masses = np.linspace(min(0.15, lightest), 1, 200)
+        right.plot(masses, [100 * end_share(m, 2) for m in masses], color="#0072B2", label="closed form")
         right.errorbar(
             [b.point.mass_ratio for b in results.branches],
             [100 * b.measured for b in results.branches],
@@ -222,16 +232,17 @@ def _no_limit(results: Results) -> tuple[Figure, str]:
             label="counted",
         )
         right.set_xlabel("mass ratio m2/m1 (-)")
-        right.set_ylabel("outcomes with a second\nend of compression (%)")
+        right.set_ylabel("outcomes with two ends\nof compression (%)")
         right.legend()
     p = worst.point
     return figure, (
         "Where the model itself has no limit: e1 = 1 and a lossy table contact, balls united while the "
         "table contact is compressed. Left: final velocity v1 against the contrast at m2/m1 = "
         f"{number(p.mass_ratio)}, e2 = {number(p.e2)}; it falls on one of two values, whatever the "
-        "contrast: that of the closed form, and e2 times it. Right: share of contrasts with the second "
-        "value, counted over contrasts drawn at random (bars: 95 %), and the closed form (sqrt(q^2 - 1) - "
-        "arccos(1/q))/pi with q^2 = (3 - m2)/(m2 (1 + m2)), m1 = 1."
+        f"contrast: {values}. Right: share of contrasts with two ends of compression, counted over contrasts "
+        "drawn at random (bars: 95 %), and the closed form r = (sqrt(q^2 - 1) - arccos(1/q))/pi with q^2 = "
+        "(3 - m2)/(m2 (1 + m2)), m1 = 1, or, where r > 1 (m2/m1 < 0.121) and some collisions have more "
+        "than two, 2 - r, or none."
     )
 
 

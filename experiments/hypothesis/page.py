@@ -11,7 +11,7 @@ from experiments.hypothesis.cases import CASES
 from experiments.hypothesis.figures import Picture
 from experiments.hypothesis.run import Results
 from experiments.hypothesis.tables import class_frame, need_frame, overview_table, rate_text, short
-from experiments.numbers import number
+from experiments.numbers import number, percent
 
 Part = Block | Picture
 
@@ -160,22 +160,23 @@ def prediction_table(results: Results) -> Table:
 
 
 def branch_table(results: Results) -> Table:
-    """Shares of the two outcomes of the model without a limit."""
+    """Shares of the first two outcomes of the model without a limit."""
     rows = [
         [
             number(b.point.mass_ratio),
             number(b.point.e2),
             f"{b.once:.4f}",
             f"{b.twice:.4f}",
-            f"{100 * b.predicted:.1f} %",
+            percent(b.predicted),
             f"{100 * b.measured:.1f} ± {100 * b.uncertainty:.1f} %",
             f"{100 * b.elsewhere:.1f} %",
         ]
         for b in results.branches
     ]
     return Table(
-        "The model at e1 = 1, balls united while the table contact is compressed: the two velocities its "
-        "outcomes accumulate at, per |v0|, and how often the second one occurs",
+        "The model at e1 = 1, balls united while the table contact is compressed: its velocities after one "
+        "and two ends of compression, per |v0|, how often the second one occurs, and how often neither "
+        "(m2/m1 < 0.121: more ends)",
         ["m2/m1", "e2", "one end", "two ends", "two ends, closed form", "two ends, counted", "neither"],
         rows,
         text_columns=0,

@@ -246,6 +246,7 @@ def no_limit(results: Results) -> list[str]:
         ]
     worst = max(abs(b.measured - b.predicted) / max(b.uncertainty, 1e-9) for b in results.branches)
     neither = max(b.elsewhere for b in results.branches)
+    light = any(ringing.mean_more_ends(b.point.mass_ratio) > 1 for b in results.branches)
     found = results.verdict(MODEL, "zero-early")
     groups = [g for g in found.classes if g.name == "only e1 = 1"] if found else []
     counts = groups[0].counts if groups else {}
@@ -255,14 +256,18 @@ def no_limit(results: Results) -> list[str]:
         "rises through zero as tau + q sin(tau) does, with q = m1 F2(return)/(m2 F2(end)), and by the "
         "supplement's E22 and E2max q^2 = (3 - m2)/(m2 (1 + m2)) at m1 = 1. That exceeds 1 exactly where "
         "m2 < m1, that is in the whole regime: depending on the phase of the ringing v2 rises once, or "
-        "rises, falls and rises again. A second rise is a second end of compression, which costs the "
-        "contact another factor e2^2 of its energy, whatever the contrast. The phase never settles, so the "
-        "outcome accumulates at v and at e2 v, v being the closed form, and has no limit.",
+        "rises, falls and rises again, more often the lighter B2 is. A further rise is a further end of "
+        "compression, which costs the contact another factor e2^2 of its energy, whatever the contrast. The "
+        "phase never settles, so the outcome accumulates at e2^(n-1) v for the n ends that occur, v being "
+        "the closed form, and has no limit. With r = (sqrt(q^2 - 1) - arccos(1/q))/pi, n occurs in the "
+        "share 1 - |n - 1 - r| of the phases, or never where that is negative: once or twice where r is "
+        "below 1, which is where m2/m1 > 0.121 (q < 4.603), and always twice or more below that.",
         f"The fit says so without knowing it: {counts.get('undecided', 0)} of {sum(counts.values())} points "
         f"of that class are undecided because they do not settle. Over {ringing.COUNT} contrasts from "
-        f"{short(ringing.RANGE[0])} to {short(ringing.RANGE[1])}, drawn at random, the share of second ends "
-        f"differs from (sqrt(q^2 - 1) - arccos(1/q))/pi by at most {worst:.1f} times its 95 % half-width, "
-        f"and at most {percent(neither)} of the outcomes lie at neither value.",
+        f"{short(ringing.RANGE[0])} to {short(ringing.RANGE[1])}, drawn at random, the share of two ends "
+        f"differs from that by at most {worst:.1f} times its 95 % half-width, and at most "
+        f"{percent(neither)} of the outcomes lie at neither v nor e2 v"
+        + (", where a B2 lighter than 0.121 m1 makes more than two ends." if light else "."),
     ]
     other = results.verdict(OTHER_LAW, "zero-early")
     if other:

@@ -7,15 +7,24 @@ the latter instant is
     (m1 + m2) v2' = F + (m1 s/m2) cos(tau),    tau = omega1 t + phase,    omega1 -> infinity,
 
 since the ring starts from rest under the relative acceleration s/m2 and never loses any of it. So v2 rises through zero
-as tau + q sin(tau) does, q = m1 s/(m2 F), and for q > 1 it does so once or three times (up, down, up), depending on the
-phase. Every rise is an end of compression, which leaves e2^2 of the energy of contact 2; one more end leaves the balls
-with e2 times the velocity. The phase is that of omega1 times a time that does not depend on k2/k1: as k2/k1 -> 0 it
-takes every value equally often, and the outcome has no limit. By the supplement's E22 and E2max at e1 = 1,
+as tau + q sin(tau) through a level given by the phase, and for q = m1 s/(m2 F) > 1 it may do so several times. Every
+rise is an end of compression, which leaves e2^2 of the energy of contact 2: after n of them the balls have e2^(n-1)
+times the velocity of the closed form. The phase is that of omega1 times a time that does not depend on k2/k1: as
+k2/k1 -> 0 it takes every value equally often, and the outcome has no limit. By the supplement's E22 and E2max, at
+e1 = 1,
 
     q^2 = (3 - m2)/(m2 (1 + m2))   (m1 = 1),
 
-which exceeds 1 exactly where m2 < 1, that is in the whole regime. For 1 < q below about 4.6 the share of phases with a
-second end is that of the values of tau + q sin(tau) taken three times, (sqrt(q^2 - 1) - arccos(1/q))/pi.
+which exceeds 1 exactly where m2 < 1, that is in the whole regime.
+
+How often n occurs: tau + q sin(tau) falls once in a period, by 2 pi r with
+
+    r = (sqrt(q^2 - 1) - arccos(1/q))/pi,
+
+and the next fall is the same one, 2 pi higher. So a level is passed downwards by r falls in the mean, the whole part of
+r or one more of them depending on the phase, and upwards once more than downwards. n therefore occurs in the share
+1 - |n - 1 - r| of the phases, or never where that is negative. For m2 > 0.121 (q < 4.603, r < 1) n is 1 or 2, and r is
+the share of the second; a lighter B2 always makes two ends or more.
 """
 
 from __future__ import annotations
@@ -40,13 +49,13 @@ class Branches:
     ----------
     point : Point
     predicted : float
-        Share of contrasts with a second end of compression, from `second_end_share`.
+        Share of contrasts with two ends of compression, from `end_share`.
     measured : float
         Share of outcomes at e2 times the closed form.
     uncertainty : float
         95 % half-width of that share, binomial.
     elsewhere : float
-        Share of outcomes at neither.
+        Share of outcomes at neither of `once` and `twice`: after more ends, or lost.
     once, twice : float
         Velocity after one and two ends of compression, per abs(v0).
     """
@@ -60,14 +69,19 @@ class Branches:
     twice: float
 
 
-def second_end_share(mass_ratio: float) -> float:
-    """Share of phases with a second end of compression at e1 = 1; NaN where a third is possible."""
+def mean_more_ends(mass_ratio: float) -> float:
+    """Mean of n - 1, r above, over the phases at e1 = 1: n is the whole part of r and one, or two, more."""
     mu = mass_ratio
     if mu >= 1:
         return 0.0
     q = math.sqrt((3 - mu) / (mu * (1 + mu)))
-    share = (math.sqrt(q * q - 1) - math.acos(1 / q)) / math.pi
-    return share if share <= 1 else math.nan
+    return (math.sqrt(q * q - 1) - math.acos(1 / q)) / math.pi
+
+
+def end_share(mass_ratio: float, n: int) -> float:
+    """Share of phases with n ends of compression at e1 = 1, neither more nor fewer."""
+    r = mean_more_ends(mass_ratio)
+    return max(0.0, 1 - abs(n - 1 - r))
 
 
 def count_branches(point: Point, seed: int) -> Branches:
@@ -82,4 +96,4 @@ def count_branches(point: Point, seed: int) -> Branches:
     share = float(np.mean(near[1]))
     half = 1.96 * math.sqrt(max(share * (1 - share), 0.25 / COUNT) / COUNT)
     lost = float(np.mean(~(near[0] | near[1])))
-    return Branches(point, second_end_share(mu), share, half, lost, once, e2 * once)
+    return Branches(point, end_share(mu, 2), share, half, lost, once, e2 * once)

@@ -5,12 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.hypothesis import figures
-from experiments.hypothesis.cases import BY_KEY
+from experiments.hypothesis import figures, page, prose_why
+from experiments.hypothesis.cases import BY_KEY, Point
 from experiments.hypothesis.config import parse
 from experiments.hypothesis.mechanism import Motion
+from experiments.hypothesis.ringing import count_branches
 from experiments.hypothesis.run import Results
-from experiments.hypothesis.series import Series
+from experiments.hypothesis.series import Series, ratios_of
 from experiments.hypothesis.subjects import subject
 
 NAMES = ("state-transition", "liu-zhao-brogliato", "bistiffness", "mujoco")
@@ -50,3 +51,41 @@ def test_a_dot_says_where_the_pair_is_joined_at_the_first_instant_too(joined):
 
 def test_no_dot_where_the_pair_is_never_joined():
     assert len(lines({("bistiffness", "infinity"): moving(None)})) == 1
+
+
+#: At e1 = 1: a B2 that makes one end of compression or two, and one that makes two or three.
+HEAVY, LIGHT = Point(0.3, 1.0, 0.7), Point(0.08, 1.0, 0.7)
+
+
+def without_limit(*points):
+    found, model, x = results({}), subject("state-transition", 100), np.logspace(4, 5, 9)
+    case = BY_KEY["zero-early"]
+    series = Series(model, case, points, x, model.ask(*ratios_of(case, points, x)))
+    return dataclasses.replace(found, series=[series], branches=[count_branches(p, 4) for p in points])
+
+
+def test_a_light_b2_is_told_of_as_it_is_in_whatever_order_the_points_are_given():
+    texts = []
+    for points in ((HEAVY, LIGHT), (LIGHT, HEAVY)):
+        found = without_limit(*points)
+        assert not any("nan" in cell for row in page.branch_table(found).rows for cell in row)
+        texts.append(prose_why.no_limit(found))
+        assert "nan" not in " ".join(texts[-1])
+    assert texts[0] == texts[1]
+    assert "makes more than two ends" in texts[0][1]
+    assert "makes more than two ends" not in prose_why.no_limit(without_limit(HEAVY))[1]
+
+
+@pytest.mark.parametrize(
+    ("point", "ends", "words"),
+    [(HEAVY, (1, 2), "that of the closed form, and e2 times it"), (LIGHT, (2, 3), "e2 and e2^2 times")],
+)
+def test_the_lines_without_a_limit_are_where_the_outcomes_lie(point, ends, words):
+    figure, caption = figures._no_limit(without_limit(point))
+    outcomes, *levels = (line.get_ydata() for line in figure.axes[0].lines)
+    assert [level[0] for level in levels] == pytest.approx(
+        [0.7**n / np.sqrt(1 + point.mass_ratio) for n in ends]
+    )
+    nearest = np.min([np.abs(outcomes - level[0]) for level in levels], axis=0)
+    assert nearest.max() < 5e-3
+    assert words in caption

@@ -19,10 +19,10 @@ from experiments.hypothesis.predictions import (
     hunt_crossley_restitution,
     predict,
 )
-from experiments.hypothesis.ringing import count_branches, second_end_share
+from experiments.hypothesis.ringing import RANGE, count_branches, end_share, mean_more_ends
 from experiments.hypothesis.run import contrasts
 from experiments.hypothesis.series import Series, examine, ratios_of
-from experiments.hypothesis.subjects import subject
+from experiments.hypothesis.subjects import model_batch, subject
 from model import Collision, solve
 
 CONFIG = parse({"points": 12}, "test")
@@ -150,9 +150,9 @@ def test_the_model_has_no_limit_where_the_ringing_decides():
     for mu in (0.25, 0.6):
         found = count_branches(Point(mu, 1.0, 0.7), seed=4)
         assert found.elsewhere == 0
-        assert abs(found.measured - second_end_share(mu)) < 2 * found.uncertainty
+        assert abs(found.measured - end_share(mu, 2)) < 2 * found.uncertainty
         assert found.measured > 3 * found.uncertainty
-    assert second_end_share(1.0) == 0
+    assert end_share(1.0, 2) == 0
     once = 0.7 / math.sqrt(1.3)
     oracle = get_solver("oracle")
     settings = Settings(stiffness_ratio_cutoff=math.inf)
@@ -160,6 +160,32 @@ def test_the_model_has_no_limit_where_the_ringing_decides():
         c = Collision.from_ratios(1 / x, 0.3, 1.0, 0.7)
         assert oracle.solve(c, settings).v1 == pytest.approx(v, abs=5e-3)
         assert solve(c, stiffness_ratio_cutoff=math.inf).v1 == pytest.approx(v, abs=5e-3)
+
+
+@pytest.mark.parametrize("mu", [0.25, 0.125, 0.08, 0.05, 0.03])
+def test_the_lighter_b2_the_more_ends_of_compression_it_makes(mu):
+    """Shares of every number of ends; below m2/m1 = 0.121 the closed form itself is never reached."""
+    e2, count = 0.7, 1000
+    x = np.exp(np.random.default_rng(4).uniform(*np.log(RANGE), count))
+    v1 = model_batch(1 / x, *(np.full(count, value) for value in (mu, 1.0, e2))).v1
+    ends = 1 + np.log(v1 * math.sqrt(1 + mu) / e2) / math.log(e2)
+    assert np.abs(ends - np.round(ends)).max() < 0.01
+    shares = [end_share(mu, n) for n in range(1, 6)]
+    assert sum(shares) == pytest.approx(1, abs=1e-12)
+    assert np.dot(shares, range(5)) == pytest.approx(mean_more_ends(mu), abs=1e-12)
+    for n, share in enumerate(shares, start=1):
+        assert np.mean(np.round(ends) == n) == pytest.approx(share, abs=0.045 if share else 0)
+
+
+def test_a_third_end_of_compression_begins_where_it_is_said_to():
+    assert mean_more_ends(0.121) > 1 > mean_more_ends(0.1215)
+
+
+@pytest.mark.parametrize("e2", [0.3, 0.7])
+def test_an_outcome_after_a_third_end_is_not_counted_as_one_after_two(e2):
+    found = count_branches(Point(0.08, 1.0, e2), seed=4)
+    assert abs(found.measured - found.predicted) < 2 * found.uncertainty
+    assert found.elsewhere == pytest.approx(end_share(0.08, 3), abs=2 * found.uncertainty)
 
 
 def test_the_gap_when_velocities_are_equal_is_the_closed_form():
