@@ -66,5 +66,12 @@ def test_the_ends_of_a_range_belong_to_it(legal):
 def test_every_code_of_the_automaton_has_a_status():
     codes = (DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE, BEYOND_PRECISION)
     assert sorted(codes) == list(range(len(STATUS_OF)))
-    assert [STATUS_OF[code] for code in codes] == ["ok", "limit", "limit", "unconverged", "limit"]
+    assert [STATUS_OF[code] for code in codes] == [
+        "ok",
+        "limit",
+        "limit",
+        "unconverged",
+        "limit",
+        "unrepresentable",
+    ]
     assert set(STATUS_OF) | set(RESULT_STATUSES) <= set(STATUSES)
