@@ -39,7 +39,7 @@ def certificates(path: Path, solvers: list[str], mapping: MappingName = "calibra
     Columns: ``solver``; ``asked``, the exact solver of the law it was asked for, "" with the naive mapping; ``n``
     certificates, ``converged`` of them; ``order``, the median; ``error_median``, ``error_p95``, ``error_max``,
     estimated errors of the converged; ``regularisation``, the largest of the converged; ``step_median``, ``step_p95``,
-    ``step_max``, distances of the velocities at the step from the limit; and, NaN where `asked` is not in the run,
+    ``step_max``, their distances from the velocities at the step; and, NaN where `asked` is not in the run,
     ``asked_median``, ``asked_p95``, ``asked_max``, distances of the converged limits from it, and ``honest``, the share
     of them that are at most `HONEST` times the estimate. Everything per abs(v0), the larger of both balls.
     """
@@ -49,8 +49,8 @@ def certificates(path: Path, solvers: list[str], mapping: MappingName = "calibra
         if not len(found):
             continue
         good = found[found.status.isin(COMPARABLE)]
-        speed = found.v0.abs()
-        away = _larger(found.v1 / speed - found.v1_limit, found.v2 / speed - found.v2_limit)
+        speed = good.v0.abs()
+        away = _larger(good.v1 / speed - good.v1_limit, good.v2 / speed - good.v2_limit)
         asked = "" if mapping == "naive" or is_naive(name) else law_of(name)
         row: dict[str, Any] = {"solver": name, "asked": asked, "n": len(found), "converged": len(good)}
         row |= {"order": found.order.median(), "regularisation": good.regularisation.max()}
@@ -59,7 +59,6 @@ def certificates(path: Path, solvers: list[str], mapping: MappingName = "calibra
             answered = (pc.field("solver") == asked) & pc.field("status").isin(list(COMPARABLE))
             exact[asked] = _rows(path, _ENDS, answered)
         truth = exact[asked].reindex(good.index)
-        speed = good.v0.abs()
         error = _larger(good.v1_limit - truth.v1 / speed, good.v2_limit - truth.v2 / speed).dropna()
         honest = error <= HONEST * good.limit_error.loc[error.index]
         row |= _cuts("asked", error) | {"honest": honest.mean() if len(error) else np.nan}
