@@ -67,9 +67,9 @@ def bare_mujoco(columns: Sequence[Column], steps: Sequence[int]) -> float:
     mujoco: Any = import_module("mujoco")
     spent = 0.0
     for column, n in zip(columns, steps, strict=True):
-        batch = Batch(mujoco_drop._model(), 1, 1)
-        mujoco_drop._load(batch, [column], n, False)
-        model, data = batch.get_model(0), mujoco.MjData(mujoco_drop._model())
+        batch = Batch(mujoco_drop.scene_model(), 1, 1)
+        mujoco_drop.load(batch, [column], n, False)
+        model, data = batch.get_model(0), mujoco.MjData(mujoco_drop.scene_model())
         data.qpos[:], data.qvel[:] = batch.qpos[0], batch.qvel[0]
         spent += timed(lambda model=model, data=data, n=n: mujoco.mj_step(model, data, nstep=n))
     return spent

@@ -231,7 +231,3 @@ def load(batch: Batch, columns: Sequence[Column], max_steps: int, record_path: b
         k2 = c.m2 * c.gravity / rest if rest else c.contact2.k
         recorders.append(Recorder(c, x1, x2, k2, max_steps, record_path))
     return recorders
-
-
-# The former names, for callers elsewhere.
-_model, _load = scene_model, load

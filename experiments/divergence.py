@@ -9,10 +9,10 @@ import numpy as np
 
 from experiments.hausdorff import hausdorff
 from experiments.schema import MEASURES
-from model.collision import Collision, Outcome, Path
+from model.collision import RESULT_STATUSES, Collision, Outcome, Path
 
 #: Statuses of an outcome that can be compared.
-COMPARABLE = ("ok", "limit")
+COMPARABLE = RESULT_STATUSES
 
 
 def divergence(collision: Collision, model: Outcome, other: Outcome) -> dict[str, Any]:

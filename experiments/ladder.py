@@ -35,6 +35,7 @@ from compliant_baselines.bistiffness import bistiffness_batch
 from compliant_baselines.reference_solver import ReferenceBatch
 from compliant_baselines.registry import KELVIN_VOIGT
 from experiments.rungs import CHOICE, ENGINE, FROZEN, GRAVITY, LAW, LAWS, MAPPING, STEP, Rung
+from model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
 Texts = NDArray[np.str_]
@@ -106,7 +107,7 @@ def posts(
     reason = np.full(np.shape(stiffness_ratio), "", dtype="U80")
 
     def velocities(name: str, batch: ReferenceBatch) -> Floats:
-        failed = ~np.isin(batch.status, ("ok", "limit")) & (reason == "")
+        failed = ~np.isin(batch.status, RESULT_STATUSES) & (reason == "")
         reason[failed] = np.char.add(f"{name}: ", batch.status[failed])
         return np.column_stack([batch.v1, batch.v2])
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from experiments.hypothesis.cases import nearer_limit
 from experiments.hypothesis.config import MapConfig
 from experiments.hypothesis.subjects import Answers, Subject
+from model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
 
@@ -70,7 +71,7 @@ def error_map(solver: str, e1: float, e2: float, kappa: Floats, masses: Floats, 
     k, m = map_ratios(kappa, masses, e1, e2)[:2]
     v1, v2 = nearer_limit(k, m, e1, e2)
     error = np.sqrt(np.square(answers.v1 - v1) + m * np.square(answers.v2 - v2))
-    error[~np.isin(answers.status, ("ok", "limit"))] = math.nan
+    error[~np.isin(answers.status, RESULT_STATUSES)] = math.nan
     shape = (kappa.size, masses.size)
     return ErrorMap(
         solver,

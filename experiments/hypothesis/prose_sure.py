@@ -13,6 +13,7 @@ from experiments.hypothesis.tables import short
 from experiments.hypothesis.verdicts import REFUTING_SHARE
 from experiments.hypothesis.words import listed
 from experiments.numbers import percent
+from model.collision import RESULT_STATUSES
 
 
 def stiff_enough(results: Results) -> list[str]:
@@ -95,7 +96,7 @@ def sureness(results: Results) -> list[str]:
         (s.subject.name, str(status))
         for s in results.series
         for status in s.answers.status
-        if status not in ("ok", "limit")
+        if status not in RESULT_STATUSES
     )
     texts.append(
         f"Of {total} outcomes {grazing} lie beside a grazing jump of the model and are left out of every fit"

@@ -13,6 +13,7 @@ from experiments.hypothesis.judging import judge
 from experiments.hypothesis.predictions import predict
 from experiments.hypothesis.subjects import Answers, Subject
 from experiments.hypothesis.verdicts import CaseResult, PointResult, gather
+from model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ class Series:
     def usable(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which outcomes are results away from a jump, and which are grazing; shape (n, m) each."""
         scale = 1.0 if self.case.plastic else np.sqrt(self.contrast)
-        done = np.isin(self.rows("status"), ("ok", "limit"))
+        done = np.isin(self.rows("status"), RESULT_STATUSES)
         grazing = done & (self.rows("grazing_margin") * scale < GRAZING)
         return done & ~grazing, grazing
 
@@ -56,7 +57,7 @@ class Series:
         """Say how many outcomes of a point are no results, by status, and why the first is none; empty if all are."""
         row, reasons = self.rows("status")[i], self.rows("reason")[i]
         found = []
-        for status in dict.fromkeys(row[~np.isin(row, ("ok", "limit"))]):
+        for status in dict.fromkeys(row[~np.isin(row, RESULT_STATUSES)]):
             which = np.flatnonzero(row == status)
             found.append(f"{which.size} of {row.size} {status}: {reasons[which[0]]}")
         return "; ".join(found)

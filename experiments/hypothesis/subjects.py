@@ -28,7 +28,7 @@ from compliant_baselines.engine import EngineSolver
 from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
 from experiments.solving import Resolve, answer
 from model import Collision, solve_batch
-from model.collision import Status
+from model.collision import RESULT_STATUSES, Status
 
 Floats = NDArray[np.float64]
 Kind = Literal["exact", "stepped", "single"]
@@ -192,9 +192,9 @@ def at_vanishing_step(
     error = second * np.minimum(1, 2 * second / np.maximum(first, 1e-300)) + LEAST_ERROR
     status, reason = runs[2].status, runs[2].reason
     for run in runs[:2]:
-        failed = ~np.isin(run.status, ("ok", "limit"))
+        failed = ~np.isin(run.status, RESULT_STATUSES)
         status, reason = np.where(failed, run.status, status), np.where(failed, run.reason, reason)
-    bad = ~np.isin(status, ("ok", "limit"))
+    bad = ~np.isin(status, RESULT_STATUSES)
     v1[bad] = v2[bad] = error[bad] = np.nan
     return Answers(v1, v2, error, status, np.full(kappa.size, math.inf), reason)
 
