@@ -57,6 +57,9 @@ for command in (
     app.command()(command)
 app.command("map")(cli_collisions.draw_map)
 
+#: What typer makes of Ctrl-C in a command.
+_CTRL_C = 130
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
@@ -87,11 +90,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except UserError as error:
         return _fail(str(error), 2)
     except (typer.Abort, KeyboardInterrupt):
-        return _fail("interrupted", 1)
+        result = _CTRL_C
     except BrokenPipeError:
         return 1
     except OSError as error:
         return _fail(f"{error.filename or 'writing'}: {error.strerror or error}", 1)
+    if result == _CTRL_C:
+        return _fail("interrupted", 1)
     return result if isinstance(result, int) else 0
 
 

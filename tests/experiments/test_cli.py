@@ -170,3 +170,12 @@ def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
     (root / "cells.parquet").write_bytes(b"PAR1")
     assert main(["table", str(root)]) == 2
     assert "cells.parquet: altered since it was written" in capsys.readouterr().err
+
+
+def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(collision_commands, "solve", interrupted)
+    assert main(["solve", "--stiffness-ratio", "1", "--mass-ratio", "1", "--e1", "0.9", "--e2", "0.9"]) == 1
+    assert capsys.readouterr().err == "impact-xval: interrupted\n"
