@@ -211,6 +211,9 @@ class Outcome:
         How near the collision came to a jump of the model's outcome (docs/theory.md, section 6): the smallest
         compression rate, relative to its own amplitude, at which a compression nearly ended, or nearly did not.
         Infinity if nothing of the kind happened, None if not computed.
+    marked : str
+        Which jump of its outcome, or which cut-off, is so near that a little of anything would change the numbers, in
+        one sentence; empty if none is. A marked result is kept apart from all statistics.
     n_events : int
         Number of events.
     diagnostics : mapping of str to float
@@ -230,6 +233,7 @@ class Outcome:
     status: Status = "ok"
     reason: str = ""
     grazing_margin: float | None = None
+    marked: str = ""
     n_events: int = 0
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     path: Path | None = None
