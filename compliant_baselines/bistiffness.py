@@ -83,7 +83,8 @@ def bistiffness_batch(
 @njit(cache=True, parallel=True, error_model="numpy")
 def _follow_all(kappa, mu, e1, e2, g, rigid_ratio, max_steps):
     n = kappa.size
-    v1, v2, duration = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    v1, v2 = np.full(n, np.nan), np.full(n, np.nan)
+    duration, fall = np.full(n, np.nan), np.full(n, np.nan)
     end, sequence = np.full(n, -1, np.int8), np.zeros(n, np.uint64)
     n_states, n_events, n_steps = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32)
     limited = np.zeros(n, np.bool_)
@@ -91,9 +92,9 @@ def _follow_all(kappa, mu, e1, e2, g, rigid_ratio, max_steps):
     for i in prange(n):
         if 0 < kappa[i] < np.inf and e1[i] > 0 and e2[i] > 0:
             result = collide(kappa[i], mu[i], e1[i], e2[i], g[i], rigid_ratio, max_steps, no_log)
-            v1[i], v2[i], end[i], sequence[i], n_states[i], n_events[i], n_steps[i], duration[i] = result[:8]
-            limited[i] = result[8]
-    return v1, v2, end, sequence, n_states, n_events, n_steps, duration, limited
+            v1[i], v2[i], end[i], sequence[i], n_states[i], n_events[i], n_steps[i] = result[:7]
+            duration[i], fall[i], limited[i] = result[7:]
+    return v1, v2, end, sequence, n_states, n_events, n_steps, duration, fall, limited
 
 
 class BistiffnessSolver(ReferenceSolver):

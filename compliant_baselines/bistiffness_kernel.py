@@ -149,8 +149,8 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         States two bits each, the last one lowest (S1 is 0), and how many; the sequence holds the last 32.
     n_events, n_steps : int
         Events and stretches.
-    time : float
-        Duration.
+    time, fall : float
+        Duration, and for how long of it gravity acted (`piecewise`).
     limited : bool
         Whether a contact became rigid.
     """
@@ -158,7 +158,7 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
     k1, k2 = 1.0, kappa
     p1, d1, q2, v2 = 0.0, 1.0, 0.0, 0.0
     phase1, phase2 = COMPRESSION, COMPRESSION
-    time, limited = 0.0, False
+    time, fall, limited = 0.0, np.inf, False
     state, sequence, n_states, n_events, n = 1, np.uint64(0), 1, 0, 0
     end, rigid = GOING, 0
     while True:
@@ -171,6 +171,8 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
             end = TOO_LONG
         if end != GOING:
             break
+        if g > 0 and phase1 == OPEN and phase2 == OPEN:
+            q2, g, fall = q2 + mu * g / k2, 0.0, time  # in flight: from here on the bodies no longer fall
 
         r2 = mu * g / k2
         a1, a2 = (k1 if phase1 != OPEN else 0.0), (k2 if phase2 != OPEN else 0.0)
@@ -208,7 +210,7 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         if x < 0:
             end = TOO_LONG  # numbers beyond what can be certified
             break
-        write_row(log, n, time, (p1, d1, q2, v2), x * h, k1, k2, phase1, phase2)
+        write_row(log, n, time, (p1, d1, q2, v2), x * h, k1, k2, phase1, phase2, g)
         p1, d1, q2, v2 = evaluate(table, degree, x)
         time += x * h
         event = 0
@@ -245,7 +247,7 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         if rigid > 0 and how_over(phase1 != OPEN, phase2 != OPEN, mu, p1, d1, q2, v2, k1, k2, g) == GOING:
             entry = p1, d1, q2, v2
             d1, v2, wait, end = as_one(rigid, mu, p1, d1, q2, v2, k1, k2, e1, e2, phase1, phase2, g)
-            write_row(log, n, time, entry, wait, k1, k2, phase1, phase2)
+            write_row(log, n, time, entry, wait, k1, k2, phase1, phase2, g)
             if n < log.shape[0]:
                 log[n, 10] = LIMIT * 10
             time, limited, phase1, phase2, p1, q2, n = time + wait, True, OPEN, OPEN, 0.0, -mu * g / k2, n + 1
@@ -256,7 +258,7 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
             d1, v2, limited = 0.0, 0.0, True
             end = STUCK if g > 0 else FREE
 
-    write_row(log, n, time, (p1, d1, q2, v2), 0.0, k1, k2, phase1, phase2)
+    write_row(log, n, time, (p1, d1, q2, v2), 0.0, k1, k2, phase1, phase2, g)
     if state != 4:
         sequence, n_states = (sequence << np.uint64(2)) | np.uint64(3), n_states + 1
-    return v2 - d1, v2, end, sequence, n_states, n_events, n, time, limited
+    return v2 - d1, v2, end, sequence, n_states, n_events, n, time, min(fall, time), limited

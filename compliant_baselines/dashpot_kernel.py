@@ -88,15 +88,15 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
         States two bits each, the last one lowest (S1 is 0), and how many; the sequence holds the last 32.
     n_events, n_steps : int
         Ends and returns of a force, and stretches.
-    time : float
-        Duration.
+    time, fall : float
+        Duration, and for how long of it gravity acted (`piecewise`).
     """
     table, G = np.empty((4, ORDER + 1)), np.empty((2, ORDER + 1))
     r2 = mu * g / kappa
     p1, d1, q2, v2 = 0.0, 1.0, 0.0, 0.0
     mode1, mode2 = LOADED, LOADED
     zero1, zero2 = False, False  # whether the force of a contact is zero by the event that just happened
-    time = 0.0
+    time, fall = 0.0, np.inf
     state, sequence, n_states, n_events, n = 1, np.uint64(0), 1, 0, 0
     end, last = GOING, 0
     while True:
@@ -108,6 +108,8 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
             end = TOO_LONG
         if end != GOING:
             break
+        if g > 0 and mode1 == OPEN and mode2 == OPEN:
+            q2, r2, g, fall = q2 + r2, 0.0, 0.0, time  # in flight: from here on the bodies no longer fall
 
         # A record needs every stretch; without one, the last of a drop may be taken together.
         if g > 0 and log.shape[0] == 0 and n - last >= PATIENCE and mode1 == LOADED and mode2 == LOADED:
@@ -181,7 +183,7 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
         if x < 0:
             end = TOO_LONG  # numbers beyond what can be certified
             break
-        write_row(log, n, time, (p1, d1, q2, v2), x * h, 1.0, kappa, mode1, mode2)
+        write_row(log, n, time, (p1, d1, q2, v2), x * h, 1.0, kappa, mode1, mode2, g)
         p1, d1, q2, v2 = evaluate(table, degree, x)
         time += x * h
         zero1 = zero2 = False
@@ -212,7 +214,7 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
         n += 1
         last = n if event > 0 else last
 
-    write_row(log, n, time, (p1, d1, q2, v2), 0.0, 1.0, kappa, mode1, mode2)
+    write_row(log, n, time, (p1, d1, q2, v2), 0.0, 1.0, kappa, mode1, mode2, g)
     if state != 4:
         sequence, n_states = (sequence << np.uint64(2)) | np.uint64(3), n_states + 1
-    return v2 - d1, v2, end, sequence, n_states, n_events, n, time
+    return v2 - d1, v2, end, sequence, n_states, n_events, n, time, min(fall, time)

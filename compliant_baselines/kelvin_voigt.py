@@ -119,15 +119,17 @@ def kelvin_voigt_batch(
 @njit(cache=True, parallel=True, error_model="numpy")
 def _follow_all(law, kappa, mu, c1, c2, g, max_steps):
     n = kappa.size
-    v1, v2, duration = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    v1, v2 = np.full(n, np.nan), np.full(n, np.nan)
+    duration, fall = np.full(n, np.nan), np.full(n, np.nan)
     end, sequence = np.full(n, -1, np.int8), np.zeros(n, np.uint64)
     n_states, n_events, n_steps = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32)
     no_log = np.empty((0, LOG_WIDTH))
     for i in prange(n):
         if 0 < kappa[i] < np.inf and c1[i] < np.inf and c2[i] < np.inf:
             result = collide(law, kappa[i], mu[i], c1[i], c2[i], g[i], max_steps, no_log)
-            v1[i], v2[i], end[i], sequence[i], n_states[i], n_events[i], n_steps[i], duration[i] = result
-    return v1, v2, end, sequence, n_states, n_events, n_steps, duration, np.zeros(n, np.bool_)
+            v1[i], v2[i], end[i], sequence[i], n_states[i], n_events[i], n_steps[i] = result[:7]
+            duration[i], fall[i] = result[7:]
+    return v1, v2, end, sequence, n_states, n_events, n_steps, duration, fall, np.zeros(n, np.bool_)
 
 
 class KelvinVoigtSolver(ReferenceSolver):

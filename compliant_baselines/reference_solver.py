@@ -54,6 +54,8 @@ class Followed(NamedTuple):
         How it ended, by the constants of `trajectory` and `piecewise`; -1 of a batch: unrepresentable.
     sequence, n_states, n_events, n_steps, duration
         As in `ReferenceBatch`.
+    fall
+        For how long of the duration gravity acted.
     limited
         Whether a closed-form limit finished the collision.
     """
@@ -66,6 +68,7 @@ class Followed(NamedTuple):
     n_events: Any
     n_steps: Any
     duration: Any
+    fall: Any
     limited: Any
 
 
@@ -149,10 +152,10 @@ def batch_of(shape: tuple[int, ...], mu: Floats, g: Floats, results: Followed) -
     results : Followed
         Arrays of shape (n,).
     """
-    v1, v2, end, sequence, n_states, n_events, n_steps, duration, limited = results
+    v1, v2, end, sequence, n_states, n_events, n_steps, duration, fall, limited = results
     failed = (end < 0) | (end == TOO_LONG)
-    impulse1 = np.where(failed, np.nan, 1 + v1 + g * duration)
-    impulse2 = np.where(failed, np.nan, impulse1 + mu * (v2 + g * duration))
+    impulse1 = np.where(failed, np.nan, 1 + v1 + g * fall)
+    impulse2 = np.where(failed, np.nan, impulse1 + mu * (v2 + g * fall))
     v1 = np.where(failed, np.nan, np.where(end == STUCK, 0.0, v1))
     v2 = np.where(failed, np.nan, np.where(end != FREE, 0.0, v2))
     status = np.where(limited, "limit", "ok")
@@ -208,17 +211,19 @@ class ReferenceSolver(SolverBase):
         if n_rows > LOG_ROWS:
             log = np.zeros((n_rows, LOG_WIDTH))
             result = self.follow(c, g, settings.max_steps, log)
-        v1, v2, end, _, _, n_events, n_steps, duration, limited = result
+        v1, v2, end, _, _, n_events, n_steps, duration, fall, limited = result
         if end == TOO_LONG:
             return Outcome.failure(
                 self.name, "timeout", f"not over after max_steps = {settings.max_steps} stretches"
             )
-        path, events, states = trace(c, g, log[:n_rows], self.law(c), settings.record_path)
+        path, events, states = trace(c, log[:n_rows], self.law(c), settings.record_path)
         diagnostics = {"duration": duration * unit, "n_steps": float(n_steps)}
         if g > 0:
             diagnostics["gravity_number"] = g / math.sqrt(1 + 1 / c.mass_ratio)
-        impulse1 = 1 + v1 + g * duration
-        impulse2 = impulse1 + c.mass_ratio * (v2 + g * duration)
+            if fall < duration:
+                diagnostics["first_flight"] = fall * unit
+        impulse1 = 1 + v1 + g * fall
+        impulse2 = impulse1 + c.mass_ratio * (v2 + g * fall)
         if end != FREE:
             diagnostics["rest_speed"] = v2 * speed
             v1, v2 = (0.0 if end == STUCK else v1), 0.0
