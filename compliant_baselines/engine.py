@@ -82,10 +82,11 @@ class EngineSolver(SolverBase):
 def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     """Turn a finished run into an outcome.
 
-    `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy at the start),
-    for a drop `gravity_number` = g/(|v0| omega1), and where B2 came to rest on the table `rest_speed`, its
-    velocity in m/s at the instant the collision was over. Impulses are those of the contacts, support of B2's
-    weight included, and go with the velocities reported: for a B2 at rest without what it still had.
+    `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy at the start), for a
+    drop `gravity_number` = g/(|v0| omega1) and, if there is one, `first_flight` (s, when gravity ended), and where B2
+    came to rest on the table `rest_speed`, its velocity in m/s at the instant the collision was over. Impulses are
+    those of the contacts, support of B2's weight included, and go with the velocities reported: for a B2 at rest
+    without what it still had.
     """
     column = run.column
     if not run.over:
@@ -101,6 +102,8 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     }
     if column.gravity:
         diagnostics["gravity_number"] = column.gravity / (abs(column.v1) * column.contact1.omega)
+    if run.fall is not None:
+        diagnostics["first_flight"] = run.fall[0] * column.step
     v1, v2 = run.reported
     if run.end in (REST, STUCK):
         diagnostics["rest_speed"] = run.v2

@@ -144,7 +144,11 @@ class Column:
                 if end != "free":
                     v1, v2 = (0.0 if end == "stuck" else v1), 0.0
                 return Answer(v1, v2, end, self.t, tuple(pushes))
-            if self.g > 0 and not any(self.pushes()) and max(self.depth(0, self.y), self.depth(1, self.y)) <= 1e-14:
+            if (
+                self.g > 0
+                and not any(self.pushes())
+                and max(self.depth(0, self.y), self.depth(1, self.y)) <= 1e-14
+            ):
                 self.g = 0.0  # the first flight: from here on the bodies no longer fall
             name = self.stretch()
             if name == "level":
