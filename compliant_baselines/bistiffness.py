@@ -47,6 +47,7 @@ def bistiffness_batch(
     gravity_number: ArrayLike = 0.0,
     *,
     rigid_ratio: float = RIGID_RATIO,
+    frozen: bool = False,
     max_steps: int = MAX_STEPS,
 ) -> ReferenceBatch:
     r"""Follow many collisions under the bistiffness law at once.
@@ -61,6 +62,9 @@ def bistiffness_batch(
         `drop`.
     rigid_ratio : float
         Where a contact counts as rigid; greater than 1.
+    frozen : bool
+        Whether a contact that has opened returns as soon as its bodies approach, as in the state-transition model
+        (which this is, without gravity).
     max_steps : int
         Stretches after which a cell is given up (status ``timeout``).
 
@@ -76,12 +80,12 @@ def bistiffness_batch(
     if not rigid_ratio > 1:
         raise ValueError(f"rigid_ratio = {rigid_ratio!r}; legal: greater than 1, up to inf")
     shape, (kappa, mu, first, second, g) = scaled_inputs(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
-    results = _follow_all(kappa, mu, first, second, g, float(rigid_ratio), max_steps)
+    results = _follow_all(kappa, mu, first, second, g, float(rigid_ratio), frozen, max_steps)
     return batch_of(shape, mu, g, Followed(*results))
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _follow_all(kappa, mu, e1, e2, g, rigid_ratio, max_steps):
+def _follow_all(kappa, mu, e1, e2, g, rigid_ratio, frozen, max_steps):
     n = kappa.size
     v1, v2 = np.full(n, np.nan), np.full(n, np.nan)
     duration, fall = np.full(n, np.nan), np.full(n, np.nan)
@@ -91,7 +95,7 @@ def _follow_all(kappa, mu, e1, e2, g, rigid_ratio, max_steps):
     no_log = np.empty((0, LOG_WIDTH))
     for i in prange(n):
         if 0 < kappa[i] < np.inf and e1[i] > 0 and e2[i] > 0:
-            result = collide(kappa[i], mu[i], e1[i], e2[i], g[i], rigid_ratio, max_steps, no_log)
+            result = collide(kappa[i], mu[i], e1[i], e2[i], g[i], rigid_ratio, frozen, max_steps, no_log)
             v1[i], v2[i], end[i], sequence[i], n_states[i], n_events[i], n_steps[i] = result[:7]
             duration[i], fall[i], limited[i] = result[7:]
     return v1, v2, end, sequence, n_states, n_events, n_steps, duration, fall, limited
@@ -105,7 +109,9 @@ class BistiffnessSolver(ReferenceSolver):
     def follow(self, collision: Collision, g: float, max_steps: int, log: Floats) -> Followed:
         """Call the kernel, in scaled units."""
         c = collision
-        return Followed(*collide(c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, g, RIGID_RATIO, max_steps, log))
+        return Followed(
+            *collide(c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, g, RIGID_RATIO, False, max_steps, log)
+        )
 
     def law(self, collision: Collision) -> KernelLaw:
         """Springs without damping; phases as in a `Path`."""

@@ -16,6 +16,10 @@ that of F:
 A linear dashpot pushes from the first touch (F = c p' at p = 0) and is spent before its bodies are apart. A
 slack contact becomes loaded again without having opened when the third body pushes its bodies together.
 
+**Frozen positions.** With `frozen` an OPEN contact does not move, and none is SLACK: one whose G or p falls to 0 is
+OPEN with p = 0, what was left of its penetration forgotten, and LOADED again at p' = 0, where its bodies begin to
+approach. That is the law in the impulse space of the state-transition model.
+
 Units and unknowns as in `compliant_baselines.taylor` and `compliant_baselines.piecewise`.
 """
 
@@ -60,7 +64,7 @@ PATIENCE = 6
 
 
 @njit(cache=True, error_model="numpy")
-def collide(law, kappa, mu, c1, c2, g, max_steps, log):
+def collide(law, kappa, mu, c1, c2, g, frozen, max_steps, log):
     r"""Follow one collision to its end.
 
     Parameters
@@ -73,6 +77,8 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
         Damping of the contacts: c per sqrt(k1 m1), or a times \|v0\|.
     g : float
         Gravity; 0 is the scenario `impact`, anything else `drop`.
+    frozen : bool
+        Whether an open contact returns as soon as its bodies approach.
     max_steps : int
         Stretches after which the collision is given up.
     log : ndarray, shape (n, LOG_WIDTH)
@@ -141,7 +147,7 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
             x = trusted(table, degree)
 
         # Watched, each positive until its event: G of a loaded contact, -G of a slack one; the penetration
-        # of a contact whose bodies overlap, the gap of an open one.
+        # of a contact whose bodies overlap, the gap of an open one, or, frozen, its negative rate.
         if mode1 != OPEN:
             for j in range(degree + 1):
                 G[0, j] = table[P1, j] + c1 * table[D1, j] if law == LINEAR else c1 * table[D1, j]
@@ -151,8 +157,9 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
             if root <= x:
                 x, fired = root, 0
         if mode1 != LOADED or law == PRODUCT:
+            row, start = (D1, d1) if frozen and mode1 == OPEN else (P1, p1)
             sign = -1.0 if mode1 == OPEN else 1.0
-            root = first_root(table, P1, sign, sign * p1, degree, x)
+            root = first_root(table, row, sign, sign * start, degree, x)
             if root <= x:
                 x, fired = root, 1
         if mode2 != OPEN:
@@ -164,12 +171,13 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
             if root <= x:
                 x, fired = root, 2
         if mode2 != LOADED or law == PRODUCT:
+            row, start = (V2, -v2) if frozen and mode2 == OPEN else (Q2, q2 + r2)
             sign = -1.0 if mode2 == OPEN else 1.0
-            root = first_root(table, Q2, sign, sign * (q2 + r2), degree, x)
+            root = first_root(table, row, -sign if row == V2 else sign, sign * start, degree, x)
             if root <= x:
                 x, fired = root, 3
         level = False
-        if g > 0 and mode1 == OPEN and mode2 != OPEN:
+        if g > 0 and mode1 == OPEN and mode2 != OPEN and not frozen:
             # B2 at rest counts once B1 no longer approaches: a border of stretches too.
             sign = 1.0 if d1 > 0 or (d1 == 0 and table[D1, 1] > 0) else -1.0
             root = first_root(table, D1, sign, sign * d1, degree, x)
@@ -189,6 +197,10 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
         zero1 = zero2 = False
         if level:
             d1 = 0.0
+        if frozen and mode1 == OPEN:
+            p1, d1 = 0.0, (0.0 if fired == 1 else min(d1, 0.0))
+        if frozen and mode2 == OPEN:
+            q2, v2 = -r2, (0.0 if fired == 3 else max(v2, 0.0))
         was1, was2 = mode1, mode2
         if fired == 0:
             zero1, mode1 = True, (SLACK if mode1 == LOADED else LOADED)
@@ -198,10 +210,11 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
             zero2, mode2 = True, (SLACK if mode2 == LOADED else LOADED)
         elif fired == 3:
             q2, mode2 = -r2, (LOADED if mode2 == OPEN else OPEN)
-        # Without a dashpot the force ends where the bodies part: the contact is never slack.
-        if mode1 == SLACK and law == LINEAR and c1 == 0:
+        # Without a dashpot the force ends where the bodies part: the contact is never slack. Nor is it with frozen
+        # positions.
+        if mode1 == SLACK and (frozen or (law == LINEAR and c1 == 0)):
             p1, mode1 = 0.0, OPEN
-        if mode2 == SLACK and law == LINEAR and c2 == 0:
+        if mode2 == SLACK and (frozen or (law == LINEAR and c2 == 0)):
             q2, mode2 = -r2, OPEN
         event = 0
         if (was1 == LOADED) != (mode1 == LOADED):
