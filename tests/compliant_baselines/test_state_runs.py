@@ -214,7 +214,7 @@ def test_the_states_of_an_engine_are_those_it_is_compared_by(name, scenario):
 
 
 def test_the_states_of_an_engine_do_not_depend_on_its_step():
-    """S2, held for 2.4e-3 of a period, is three to nine steps of these; only at the coarsest are two or three possible."""
+    """S2 lasts for 5e-4 of a period: five steps of the shortest of these, and none of the longest."""
     solver, c = installed("mujoco"), Collision(1.0, 0.5, 1e8, 1e8 * 10**1.5, 0.9, 0.5)
     exact = get_solver("kelvin-voigt").solve(c, Settings(record_path=True))
     assert exact.states == ("S1", "S2", "S4")
