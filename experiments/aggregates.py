@@ -96,7 +96,9 @@ class Compared:
 
     def _own_law(self) -> NDArray[np.float64]:
         """Compare each path with that of the exact solver of its law, a row above or below in the same cell."""
-        law = np.array([self._position_of_law(name) for name in self.solvers], dtype=int)
+        law = np.array([self._position_of_law(name) for name in self.solvers])
+        if not (law >= 0).any():
+            return np.full(len(self.compared), np.nan)
         pieces = [np.empty((0, len(law)), bool)]
         for block in blocks(self.path, ["cell", "states_compared"]):
             paths = block.column("states_compared").combine_chunks().dictionary_encode().indices
