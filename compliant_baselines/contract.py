@@ -30,6 +30,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 from compliant_baselines.convergence import Convergence
 from model.collision import RESULT_STATUSES, Collision, Outcome, Status
+from model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
 
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive"]
@@ -74,8 +75,9 @@ class Settings:
         A state held for fewer steps than this is merged into its neighbour.
     record_path : bool
         Whether outcomes carry the path.
-    stiffness_ratio_cutoff : float
-        Of the state-transition model; infinity switches the cut-off off.
+    stiffness_ratio_cutoff : float or "exact"
+        Of the state-transition model (`model.solve`): a number, infinity for none, or by default the rule that gives
+        the outcome without one.
     convergence : Convergence or None
         Whether engines are also run at shorter steps until their limit is known, and how well.
 
@@ -92,7 +94,7 @@ class Settings:
     mapping: MappingName = "calibrated"
     min_run: int = 3
     record_path: bool = False
-    stiffness_ratio_cutoff: float = 1e5
+    stiffness_ratio_cutoff: Cutoff = "exact"
     convergence: Convergence | None = None
 
     def __post_init__(self) -> None:
@@ -110,7 +112,7 @@ class Settings:
         require("max_steps", self.max_steps >= 1, "a whole number >= 1")
         require("mapping", self.mapping in ("calibrated", "naive"), "'calibrated' or 'naive'")
         require("min_run", self.min_run >= 1, "a whole number >= 1 (steps)")
-        require("stiffness_ratio_cutoff", self.stiffness_ratio_cutoff > 1, "greater than 1, up to inf")
+        require("stiffness_ratio_cutoff", legal_cutoff(self.stiffness_ratio_cutoff), LEGAL_CUTOFF)
 
 
 @runtime_checkable
