@@ -29,7 +29,7 @@ E1, E2 = (Legal(name, 0.0, 1.0, "from 0 to 1") for name in ("e1", "e2"))
 
 #: A cut-off of the running stiffness ratio: a number, or the rule that gives the outcome without one (`model.solve`).
 Cutoff = float | Literal["exact"]
-LEGAL_CUTOFF = "'exact', or a number greater than 1, up to inf"
+LEGAL_CUTOFF = "greater than 1, up to inf, or 'exact'"
 
 #: The supplement's own (3.4).
 SUPPLEMENT_CUTOFF = 1e5

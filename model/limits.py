@@ -136,8 +136,8 @@ def runaway(united, mass, share, V, G, k_soft, F, k, e):
     if error * error > BOUND * BOUND * united * swing:
         return nan
     cube = 1 - e * e * e
-    parts = A > (F_s - drift if slope < 0 else F_s)
-    if not parts:
+    lowest = F_s - drift if slope < 0 else F_s
+    if lowest >= A:
         return -F * slope * period / (cube * k)
     if 0 <= A - F_s <= -slope * period / e:
         # F_s falls below A in every turn: the bodies part for an instant, and the contact returns with A = F_s.

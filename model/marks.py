@@ -15,7 +15,9 @@ GRAZING = (
     f"grazing: a compression rate turned around within {GRAZING_THRESHOLD:g} of zero, relative to its amplitude, "
     "and the outcome jumps where one reaches zero"
 )
-CUTOFF = f"cut-off: the outcome without a cut-off differs by more than {CUTOFF_THRESHOLD:g} |v0|, or could not be computed"
+CUTOFF = (
+    f"cut-off: the outcome without a cut-off differs by more than {CUTOFF_THRESHOLD:g} |v0|, or is not known"
+)
 
 #: The sentences, by the sum of 1 (grazing) and 2 (cut-off).
 MARKS = ("", GRAZING, CUTOFF, f"{GRAZING}; {CUTOFF}")
