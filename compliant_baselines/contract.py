@@ -58,40 +58,37 @@ class SolverError(ValueError):
 class Settings:
     """How a compliant solver runs a collision; the impulse-level models ignore what does not concern them.
 
-        Parameters
-        ----------
-        scenario : {"impact", "drop"}
-            ``impact``: no gravity, B1 touches B2 with v0 at t = 0. ``drop``: gravity on, B2 settled in static
-            equilibrium on the table, B1 touching it at t = 0 with v0.
-        gravity : float
-            g > 0 in m/s^2, used by ``drop`` only.
-        step_fraction : float
-            Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.1].
-        max_steps : int
-            Steps after which a collision that is not over is given up (status ``timeout``).
-        mapping : {"calibrated", "naive"}
-            How k_i and c_i become the engine's own parameters.
-        shortest_state : float
-            A state that an engine holds for less than this share of the shorter contact period takes the state before it;
-            in [0, 0.1]. The states of an exact solver are all there, until they are compared
-            (`compliant_baselines.state_runs`).
-        record_path : bool
-            Whether outcomes carry the path.
-        stiffness_ratio_cutoff : float
-            Of the state-transition model; infinity switches the cut-off off.
-        mark : bool
-            Whether references and engines mark outcomes beside a jump of their exact law (`compliant_baselines.jumps`).
-    =======
-        stiffness_ratio_cutoff : float or "exact"
-            Of the state-transition model (`model.solve`): a number, infinity for none, or by default the rule that gives
-            the outcome without one.
-        convergence : Convergence or None
-            Whether engines are also run at shorter steps until their limit is known, and how well.
+    Parameters
+    ----------
+    scenario : {"impact", "drop"}
+        ``impact``: no gravity, B1 touches B2 with v0 at t = 0. ``drop``: gravity on, B2 settled in static
+        equilibrium on the table, B1 touching it at t = 0 with v0.
+    gravity : float
+        g > 0 in m/s^2, used by ``drop`` only.
+    step_fraction : float
+        Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.1].
+    max_steps : int
+        Steps after which a collision that is not over is given up (status ``timeout``).
+    mapping : {"calibrated", "naive"}
+        How k_i and c_i become the engine's own parameters.
+    shortest_state : float
+        A state that an engine holds for less than this share of the shorter contact period takes the state before it;
+        in [0, 0.1]. The states of an exact solver are all there, until they are compared
+        (`compliant_baselines.state_runs`).
+    record_path : bool
+        Whether outcomes carry the path.
+    stiffness_ratio_cutoff : float or "exact"
+        Of the state-transition model (`model.solve`): a number, infinity for none, or by default the rule that gives
+        the outcome without one.
+    mark : bool
+        Whether references and engines mark outcomes beside a jump of their exact law (`compliant_baselines.jumps`).
+    convergence : Convergence or None
+        Whether engines are also run at shorter steps until their limit is known, and how well.
 
-        Raises
-        ------
-        ValueError
-            For an illegal value; the message names the field, the value and the legal range.
+    Raises
+    ------
+    ValueError
+        For an illegal value; the message names the field, the value and the legal range.
     """
 
     scenario: Scenario = "impact"
