@@ -77,12 +77,12 @@ class Group:
         Of the class; ``all`` for all.
     verdict, shifted : str
         On the last decades, and a decade before.
+    counts, shifted_counts : dict
+        Points by verdict, likewise.
     reason : str
         If undecided.
     agrees : bool
         Undecided, but the closed form lies within the error of every limit.
-    counts : dict
-        Points by verdict.
     rate, rate_low, rate_high : float
         Median over the supported points and its 95 % bootstrap interval.
     least_rate, largest_rate : float
@@ -96,9 +96,10 @@ class Group:
     name: str
     verdict: Verdict
     shifted: Verdict
+    counts: dict[str, int]
+    shifted_counts: dict[str, int]
     reason: str
     agrees: bool
-    counts: dict[str, int]
     rate: float
     rate_low: float
     rate_high: float
@@ -167,7 +168,6 @@ def group_of(
     name: str, results: Sequence[PointResult], verdict: Verdict, shifted: Verdict, reason: str
 ) -> Group:
     """Summarise points under a verdict."""
-    counts = Counter(r.judgement.verdict for r in results)
     rates = np.array([r.judgement.rate for r in results if r.judgement.verdict == "supported"])
     refuted = [r.judgement for r in results if r.judgement.verdict == "refuted"]
     low = high = math.nan
@@ -179,9 +179,10 @@ def group_of(
         name=name,
         verdict=verdict,
         shifted=shifted,
+        counts=dict(Counter(r.judgement.verdict for r in results)),
+        shifted_counts=dict(Counter(r.shifted.verdict for r in results)),
         reason=reason,
         agrees=verdict == "undecided" and agrees([r.judgement for r in results]),
-        counts=dict(counts),
         rate=float(np.median(rates)) if rates.size else math.nan,
         rate_low=float(low),
         rate_high=float(high),

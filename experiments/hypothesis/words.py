@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from compliant_baselines.registry import engine_free_names, kind_of
 from experiments.hypothesis.mechanism import Mechanism
@@ -17,12 +17,6 @@ OTHER_LAW = "liu-zhao-brogliato"
 
 #: Solvers whose positions are frozen: the model, however it is solved, and the other law.
 FROZEN = tuple(name for name in engine_free_names() if kind_of(name) == "model")
-
-
-def listed(words: Iterable[str]) -> str:
-    """Join words as a list in a sentence."""
-    words = list(words)
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def span(values: Sequence[float], digits: int = 2) -> str:
