@@ -182,7 +182,8 @@ def axis_table(summary: Summary, axis: str) -> Table:
         rows.append(cells)
     return Table(
         with_votes(
-            f"D by {AXES[axis]}: median / 95th percentile / maximum over the other axes{note}", summary.solvers
+            f"D by {AXES[axis]}: median / 95th percentile / maximum over the other axes{note}",
+            summary.solvers,
         ),
         (AXES[axis], *summary.solvers),
         rows,
@@ -200,9 +201,7 @@ def detail_table(summary: Summary, axis: str) -> Table:
             rows.append(
                 (number(value), name, *cells, percent(summary.get(name, FULL_PATHS, axis, value)["mean"]))
             )
-    caption = (
-        f"Every measure by {AXES[axis]}: median / 95th percentile / maximum, and the share of equal paths{note}"
-    )
+    caption = f"Every measure by {AXES[axis]}: median / 95th percentile / maximum, and the share of equal paths{note}"
     return Table(
         with_votes(caption, summary.solvers),
         (AXES[axis], "solver", *SUMMARISED.values(), "equal paths"),

@@ -1,4 +1,4 @@
-"""Solvers by the law they were asked for: those that were asked for one law are one vote on it, however many they are."""
+"""Solvers by the law they were asked for: those asked for one law are one vote on it, however many they are."""
 
 from __future__ import annotations
 

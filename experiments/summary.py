@@ -23,8 +23,8 @@ from experiments.aggregates import (
 )
 from experiments.certificates import certificates
 from experiments.config import REFERENCE, Config
-from experiments.laws import in_order_of_laws
 from experiments.ladder_summary import LadderSummary, summarise_ladder
+from experiments.laws import in_order_of_laws
 from experiments.levels import Levels
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
@@ -144,4 +144,6 @@ def load_divergence(folder: RunFolder, config: Config) -> Compared:
 
 def _statuses(folder: RunFolder, config: Config) -> Frame:
     counts = pd.DataFrame.from_dict(folder.statuses(), orient="index").fillna(0).astype(int)
-    return counts.reindex(index=in_order_of_laws(config.solvers), columns=sorted(counts.columns), fill_value=0)
+    return counts.reindex(
+        index=in_order_of_laws(config.solvers), columns=sorted(counts.columns), fill_value=0
+    )

@@ -21,12 +21,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from compliant_baselines.registry import law_of
 from experiments.hypothesis.cases import Case, Point, pair_class
 from experiments.hypothesis.judging import Judgement, Verdict
 from experiments.hypothesis.predictions import Prediction
 
 #: Share of refuted points from which a class is.
 REFUTING_SHARE = 0.1
+
+#: Distance D of a limit from the closed form that is told apart from lesser ones: one per cent of the impact.
+FAR = 0.01
 
 #: Resamples of a bootstrap, and its seed.
 _RESAMPLES, _SEED = 2000, 2013
@@ -89,6 +93,8 @@ class Group:
         Over the supported points.
     offset : tuple of float
         Least, median and largest distance of the limit from the closed form, over the refuted points.
+    far : int
+        Refuted points whose limit lies further than `FAR` from the closed form.
     limit_error : float
         Largest error of a limit over the refuted points.
     """
@@ -106,6 +112,7 @@ class Group:
     least_rate: float
     largest_rate: float
     offset: tuple[float, float, float]
+    far: int
     limit_error: float
 
 
@@ -136,6 +143,11 @@ class CaseResult:
     classes: tuple[Group, ...]
     decades: float
     shiftable: bool
+
+    @property
+    def law(self) -> str:
+        """The law the solver has or was asked for."""
+        return law_of(self.solver)
 
     @property
     def differing(self) -> tuple[Group, ...]:
@@ -189,6 +201,7 @@ def group_of(
         least_rate=float(rates.min()) if rates.size else math.nan,
         largest_rate=float(rates.max()) if rates.size else math.nan,
         offset=(float(offsets[0]), float(offsets[1]), float(offsets[2])),
+        far=sum(j.offset > FAR for j in refuted),
         limit_error=max((j.limit_error for j in refuted), default=math.nan),
     )
 
