@@ -70,14 +70,14 @@ def distances(
     return np.array(found), failed
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cells", type=int, default=208, help="cells of the default grid")
     parser.add_argument("--seed", type=int, default=1, help="of the sample")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     collisions, start = sample(options.cells, options.seed), time.perf_counter()
     print("| engine | step, of the contact period | cells | D, median | 95th percentile | maximum |")
     print("| --- | --- | --- | --- | --- | --- |")
