@@ -1,6 +1,7 @@
 """References with frozen positions: against the model, against the free ones, against an independent integration."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def returns(batch):
     found = batch.n_states > 32
     for i in np.flatnonzero(~found):
         acts = [{"S1": {1, 2}, "S2": {2}, "S3": {1}, "S4": set()}[name] for name in batch.states(int(i))]
-        found[i] = any(after - before for before, after in zip(acts, acts[1:], strict=False))
+        found[i] = any(after - before for before, after in pairwise(acts))
     return found
 
 
