@@ -64,9 +64,7 @@ def engines(options: argparse.Namespace) -> None:
     cells = draw(options.cells, options.seed)
     chunks = np.array_split(cells, max(1, options.cells // 25), axis=1)
     with ProcessPoolExecutor(options.workers) as pool:
-        done = list(
-            pool.map(solve, chunks, [options.scenario] * len(chunks), [options.k1] * len(chunks))
-        )
+        done = list(pool.map(solve, chunks, [options.scenario] * len(chunks), [options.k1] * len(chunks)))
     for i, name in enumerate(ENGINES):
         rows = [row for chunk in done for row in chunk[i]]
         away, error = (np.array([row[j] for row in rows]) for j in (2, 3))

@@ -42,8 +42,8 @@ FROZEN = Rung(
     "frozen_positions",
     "frozen positions",
     "frozen positions",
-    "a contact returns when its bodies approach",
-    "it returns when its gap has closed",
+    "contacts that return when their bodies approach",
+    "contacts that return when their gap has closed",
     "#CC79A7",
 )
 LAW = Rung(
@@ -51,7 +51,7 @@ LAW = Rung(
     "dissipation law",
     "the dissipation law",
     "energetic restitution",
-    "the law the engine was asked for (spring and dashpot, kelvin-voigt), or the alternative to it",
+    "the law the engine was asked for (spring and dashpot, kelvin-voigt), or an alternative to it",
     "#009E73",
 )
 CHOICE = Rung(
