@@ -74,8 +74,8 @@ def engines(options: argparse.Namespace) -> None:
         statuses = ", ".join(f"{n} {status}" for status, n in Counter(row[0] for row in rows).items())
         print(f"{name}: {statuses}; {marked.sum()} marked of {len(rows)}")
         print(
-            f"  ok and unmarked: {judged.sum()}, of which {wrong.sum()} ({wrong.sum() / judged.sum():.2%}) further than "
-            f"{HONEST:g} stated errors from exact; furthest {away[judged].max():.2e}, "
+            f"  ok and unmarked: {judged.sum()}, of which {wrong.sum()} ({wrong.sum() / judged.sum():.2%}) further "
+            f"than {HONEST:g} stated errors from exact; furthest {away[judged].max():.2e}, "
             f"most stated errors {np.max((away / error)[judged]):.1f}"
         )
         for j in np.flatnonzero(judged)[np.argsort(-(away / error)[judged])][: options.show]:

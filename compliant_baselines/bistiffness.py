@@ -21,16 +21,16 @@ from numpy.typing import ArrayLike
 
 from compliant_baselines.bistiffness_kernel import COMPRESSION, RESTITUTION, collide
 from compliant_baselines.piecewise import LOG_WIDTH, OPEN
-from compliant_baselines.reference_path import KernelLaw
-from compliant_baselines.reference_solver import (
+from compliant_baselines.reference_batch import (
     MAX_STEPS,
     Floats,
     Followed,
     ReferenceBatch,
-    ReferenceSolver,
     batch_of,
     scaled_inputs,
 )
+from compliant_baselines.reference_path import KernelLaw
+from compliant_baselines.reference_solver import ReferenceSolver
 from compliant_baselines.taylor import LINEAR
 from model.collision import Collision
 
@@ -112,6 +112,10 @@ class BistiffnessSolver(ReferenceSolver):
         return Followed(
             *collide(c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, g, RIGID_RATIO, False, max_steps, log)
         )
+
+    def batch(self, *cells: Floats) -> ReferenceBatch:
+        """Follow many collisions at once."""
+        return bistiffness_batch(*cells)
 
     def law(self, collision: Collision) -> KernelLaw:
         """Springs without damping; phases as in a `Path`."""

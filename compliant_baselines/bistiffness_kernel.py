@@ -14,8 +14,8 @@ leave the two bodies overlapping at the end of restitution, by that same (1 - e^
 first have to grow by the overlap before it could close, or else the contact would return at once, in the
 midst of separating. It would also give back in position what the law has booked as lost in energy.
 
-**Frozen positions.** With `frozen` an OPEN contact does not move: it keeps p = 0 and returns at p' = 0,
-where its bodies begin to approach, whatever gap they have by then. Without gravity that is the
+**Frozen positions.** With `frozen` an OPEN contact does not move: it keeps p = 0 and returns at p' = 0, where its
+bodies begin to approach, whatever gap or rest of a penetration they have by then. Without gravity that is the
 state-transition model, in time.
 
 **When a contact becomes rigid.** Under the steady push F_s of the other contact, a contact with e < 1

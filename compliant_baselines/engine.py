@@ -8,11 +8,14 @@ from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from math import isnan
 
+from compliant_baselines import registry
 from compliant_baselines.certificate import certify
 from compliant_baselines.column import Column, column_of, unrepresentable
 from compliant_baselines.contract import Settings, SolverBase
 from compliant_baselines.convergence import Limit
 from compliant_baselines.engine_run import Run, states_of
+from compliant_baselines.jumps import mark
+from compliant_baselines.reference_solver import ReferenceSolver
 from compliant_baselines.trajectory import REST, STUCK
 from model.collision import Collision, Outcome
 
@@ -76,7 +79,13 @@ class EngineSolver(SolverBase):
             limits = certify(self, list(over.values()), settings.convergence, settings.max_steps)
             for i, (limit, reason) in zip(over, limits, strict=True):
                 outcomes[i] = certified(outcomes[i], limit, reason)
-        return [outcomes[i] for i in range(len(collisions))]
+        answered = [outcomes[i] for i in range(len(collisions))]
+        if settings.mapping == "naive":
+            return answered  # its contacts are not those of the law
+        law = registry.law_of(self.name)
+        exact = registry.get_solver(law)
+        assert isinstance(exact, ReferenceSolver)
+        return mark(answered, collisions, settings, law, exact.batch)
 
 
 def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:

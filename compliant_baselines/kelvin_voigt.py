@@ -28,16 +28,16 @@ from numpy.typing import ArrayLike
 
 from compliant_baselines.dashpot_kernel import LOADED, collide
 from compliant_baselines.piecewise import LOG_WIDTH
-from compliant_baselines.reference_path import KernelLaw
-from compliant_baselines.reference_solver import (
+from compliant_baselines.reference_batch import (
     MAX_STEPS,
     Floats,
     Followed,
     ReferenceBatch,
-    ReferenceSolver,
     batch_of,
     scaled_inputs,
 )
+from compliant_baselines.reference_path import KernelLaw
+from compliant_baselines.reference_solver import ReferenceSolver
 from compliant_baselines.restitution_laws import (
     damping_ratios,
     hunt_crossley_coefficients,
@@ -147,6 +147,10 @@ class KelvinVoigtSolver(ReferenceSolver):
         law = self.law(collision)
         ratios = collision.stiffness_ratio, collision.mass_ratio
         return Followed(*collide(law.force, *ratios, law.c1, law.c2, g, False, max_steps, log), limited=False)
+
+    def batch(self, *cells: Floats) -> ReferenceBatch:
+        """Follow many collisions at once."""
+        return kelvin_voigt_batch(*cells, damping=self.damping)
 
     def law(self, collision: Collision) -> KernelLaw:
         """Law and damping, scaled; a contact carries force when loaded, and its phase shows in its rate."""
