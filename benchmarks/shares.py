@@ -1,9 +1,10 @@
 """How the shares of the causes move with the gravity number: over the built-in grid, without an engine.
 
-Run as ``python benchmarks/shares.py``. What diverges here is exact Kelvin-Voigt in a drop from the model, which is all of an
-engine's divergence but its regularisation, its mapping and its time step. For every k1 it prints, by band of k2/k1,
-the mean D and the shares of frozen positions, dissipation law and gravity as `experiments.ladder` defines them, with the
-least and the largest over the six orders of the causes, and in how many cells the largest cause depends on the order.
+Run as ``python benchmarks/shares.py``. What diverges here is exact Kelvin-Voigt in a drop from the model: all of an
+engine's divergence but its regularisation, its mapping and its time step. For every k1 it prints, by band of k2/k1, the
+mean D and the shares of frozen positions, dissipation law and gravity as `experiments.ladder` defines them, with the
+least and the largest over the six orders of the causes, and in how many cells the largest cause is another by another
+order.
 
 Of m1, k1, v0 and g only the number g/(|v0| omega1) counts (Theorem 5, and one number for gravity): k1 = 1e8 at 1 m/s
 is k1 = 1e6 at 10 m/s.
@@ -20,7 +21,12 @@ from experiments.config import Config
 from experiments.corners import corners
 from experiments.ladder import NOTHING, split
 from experiments.ladder_summary import BANDS, band_of
+from experiments.numbers import percent
 from model import solve_batch
+
+
+def _plain(share: float) -> str:
+    return percent(share).removesuffix(" %")
 
 
 def main() -> None:
@@ -32,11 +38,12 @@ def main() -> None:
     arguments = parser.parse_args()
     config = Config.model_validate({})
     axes = np.meshgrid(*config.grid.axes().values(), indexing="ij")
-    kappa, mu, e1, e2 = cells = [axis.ravel() for axis in axes]
+    cells = [axis.ravel() for axis in axes]
+    kappa, mu = cells[:2]
     model = solve_batch(*cells, stiffness_ratio_cutoff=math.inf)
     velocities, band = np.column_stack([model.v1, model.v2]), band_of(kappa)
     print(
-        "| k1, N/m | abs(v0) at 1e8 N/m, m/s | number | region | cells | mean D | positions | law | gravity | ordered |"
+        "| k1, N/m | v0 at 1e8 N/m | number | region | cells | mean D | positions | law | gravity | undecided |"
     )
     for exponent in range(arguments.exponents[0], arguments.exponents[1] + 1):
         k1 = 10.0**exponent
@@ -49,9 +56,7 @@ def main() -> None:
             here = counted & (math.isnan(edge) | (band == edge))
             total = ladder.divergence[here].sum()
             orders = ladder.orders[:, :3, here].sum(axis=2) / total
-            shares = (
-                f"{100 * x.mean():.1f} % ({100 * x.min():.1f} to {100 * x.max():.1f})" for x in orders.T
-            )
+            shares = (f"{percent(x.mean())} ({_plain(x.min())} to {_plain(x.max())})" for x in orders.T)
             print(
                 f"| 1e{exponent} | {abs(config.v0) * math.sqrt(k1 / 1e8):.3g} | {unit:.2g} | {label} | {here.sum()} "
                 f"| {total / here.sum():.3f} | {' | '.join(shares)} | {np.count_nonzero(~ladder.agreed()[here])} |"

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compliant_baselines.bistiffness import bistiffness_batch
-from compliant_baselines.reference_solver import ReferenceBatch
+from compliant_baselines.reference_batch import ReferenceBatch
 from compliant_baselines.registry import KELVIN_VOIGT
 from experiments.rungs import LAWS
 from model.collision import RESULT_STATUSES

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from compliant_baselines.reference_solver import ReferenceBatch
+from compliant_baselines.reference_batch import ReferenceBatch
 from compliant_baselines.registry import KELVIN_VOIGT
 from compliant_baselines.state_paths import model_paths
 from experiments.corners import FREE, WEIGHTLESS, gather, laws_of, solve_corners

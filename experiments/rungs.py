@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
-from compliant_baselines.reference_solver import ReferenceBatch
+from compliant_baselines.reference_batch import ReferenceBatch
 from compliant_baselines.registry import KELVIN_VOIGT
 
 

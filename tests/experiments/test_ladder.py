@@ -2,6 +2,8 @@
 
 import itertools
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -245,6 +247,29 @@ def test_causes_do_not_depend_on_how_they_are_numbered():
         other = by_order(cube.transpose(*order, 3, 4))
         np.testing.assert_allclose(other.mean(axis=0), plain.mean(axis=0)[list(order)], atol=1e-15)
         np.testing.assert_allclose(np.sort(other, axis=0), np.sort(plain, axis=0)[:, list(order)], atol=1e-15)
+
+
+def printed(text):
+    """Share, least and largest of a cell of a table such as ``57.9 % (53.4 to 62.2)``, as fractions."""
+    return [float(x) / 100 for x in re.fullmatch(r"(-?[\d.]+) % \((-?[\d.]+) to (-?[\d.]+)\)", text).groups()]
+
+
+@pytest.mark.parametrize("k1", ["1e7", "1e8", "1e9", "1e10"])
+def test_shares_over_the_default_grid_are_what_the_documentation_prints(k1):
+    page = (Path(__file__).parents[2] / "docs" / "ladder.md").read_text(encoding="utf-8")
+    (line,) = (line for line in page.splitlines() if line.startswith(f"| {k1} |"))
+    mean, *shares, soft = [cell.strip() for cell in line.strip("| ").split("|")][3:]
+    config = parse_config({})
+    cells = [axis.ravel() for axis in np.meshgrid(*config.grid.axes().values(), indexing="ij")]
+    model = solve_batch(*cells, stiffness_ratio_cutoff=math.inf)
+    number = config.gravity / (abs(config.v0) * math.sqrt(float(k1) / config.m1)) / np.sqrt(1 + 1 / cells[1])
+    between = corners(velocities(model), cells, number)
+    ladder = split(cells[1], between, np.full((len(number), 2), np.nan), between.asked)
+    assert ladder.divergence.mean() == pytest.approx(float(mean), abs=5.1e-4)
+    by_region = [(i, text, cells[0] > 0) for i, text in enumerate(shares)] + [(2, soft, cells[0] < 0.1)]
+    for cause, text, here in by_region:
+        orders = ladder.orders[:, cause, here].sum(axis=1) / ladder.divergence[here].sum()
+        assert [orders.mean(), orders.min(), orders.max()] == pytest.approx(printed(text), abs=5.1e-4)
 
 
 def test_gravity_goes_away_at_first_order():
