@@ -58,6 +58,11 @@ class Column:
     step: float
     regularisation: float = 1.0
 
+    @property
+    def period(self) -> float:
+        """Shorter of the contact periods asked for, in s; that of `shorter_period`."""
+        return min(self.contact1.period, self.contact2.period)
+
     def depth(self, k1: float, k2: float) -> float:
         """Bound the penetrations of this column, in m, given its stiffnesses as the engine has them.
 
@@ -106,6 +111,16 @@ def unrepresentable(collision: Collision) -> str | None:
                 "take a small positive e, or the state-transition model, which knows the limit"
             )
     return None
+
+
+def shorter_period(collision: Collision) -> float:
+    """Give the shorter of the periods 2 pi sqrt(M_i/k_i) of the contacts of any collision, in s.
+
+    0 if a contact is rigid. One without stiffness has an infinite period, and the other's is the shorter.
+    """
+    c = collision
+    omega = max(math.sqrt(c.k1 / c.reduced_mass), math.sqrt(c.k2 / c.m2))
+    return 2 * math.pi / omega if omega > 0 else math.inf
 
 
 def column_of(collision: Collision, settings: Settings) -> Column:

@@ -17,8 +17,8 @@ Implementer's rules:
    the same bits whatever else was asked in the same call.
 7. Velocities are in m/s, impulses in N s, times in s; all are those of the collision as given, never
    rescaled.
-8. The collision is over by the rule of `compliant_baselines.trajectory`; so are states and impulses read from
-   velocities.
+8. The collision is over by the rule of `compliant_baselines.trajectory`; so are impulses and contacts that carry
+   force read from velocities, and states from those by `compliant_baselines.state_runs`.
 """
 
 from __future__ import annotations
@@ -70,8 +70,10 @@ class Settings:
         Steps after which a collision that is not over is given up (status ``timeout``).
     mapping : {"calibrated", "naive"}
         How k_i and c_i become the engine's own parameters.
-    min_run : int
-        A state held for fewer steps than this is merged into its neighbour.
+    shortest_state : float
+        A state that an engine holds for less than this share of the shorter contact period takes the state before it;
+        in [0, 0.1]. The states of an exact solver are all there, until they are compared
+        (`compliant_baselines.state_runs`).
     record_path : bool
         Whether outcomes carry the path.
     stiffness_ratio_cutoff : float
@@ -92,7 +94,7 @@ class Settings:
     step_fraction: float = 1e-3
     max_steps: int = 2_000_000
     mapping: MappingName = "calibrated"
-    min_run: int = 3
+    shortest_state: float = 2.5e-3
     record_path: bool = False
     stiffness_ratio_cutoff: float = 1e5
     mark: bool = True
@@ -112,7 +114,11 @@ class Settings:
         )
         require("max_steps", self.max_steps >= 1, "a whole number >= 1")
         require("mapping", self.mapping in ("calibrated", "naive"), "'calibrated' or 'naive'")
-        require("min_run", self.min_run >= 1, "a whole number >= 1 (steps)")
+        require(
+            "shortest_state",
+            0 <= self.shortest_state <= 0.1,
+            "from 0 to 0.1 (of the shorter contact period)",
+        )
         require("stiffness_ratio_cutoff", self.stiffness_ratio_cutoff > 1, "greater than 1, up to inf")
 
 

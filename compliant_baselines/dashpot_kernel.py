@@ -40,7 +40,7 @@ from compliant_baselines.piecewise import (
     state_of,
     write_row,
 )
-from compliant_baselines.settling import quiet, settle
+from compliant_baselines.settling import settled
 from compliant_baselines.taylor import (
     D1,
     LINEAR,
@@ -55,7 +55,7 @@ from compliant_baselines.taylor import (
     longest_step,
     trusted,
 )
-from compliant_baselines.trajectory import GOING
+from compliant_baselines.trajectory import GOING, STUCK
 
 LOADED, SLACK = 1, 2
 
@@ -117,15 +117,11 @@ def collide(law, kappa, mu, c1, c2, g, frozen, max_steps, log):
         if g > 0 and mode1 == OPEN and mode2 == OPEN:
             q2, r2, g, fall = q2 + r2, 0.0, 0.0, time  # in flight: from here on the bodies no longer fall
 
-        # A record needs every stretch; without one, the last of a drop may be taken together.
-        if g > 0 and log.shape[0] == 0 and n - last >= PATIENCE and mode1 == LOADED and mode2 == LOADED:
+        if g > 0 and law == LINEAR and n - last >= PATIENCE and mode1 == LOADED and mode2 == LOADED:
             last = n
-            if law == LINEAR and quiet(mu, kappa, c1, c2, g, p1, d1, q2, v2):
-                p1, d1, q2, v2, wait = settle(mu, kappa, c1, c2, g, p1, d1, q2, v2)
-                if wait == np.inf:
-                    end = TOO_LONG
-                    break
-                time += wait
+            if settled(mu, kappa, c1, c2, g, p1, d1, q2, v2):
+                end = STUCK
+                break
 
         k1, a1 = (1.0, c1) if mode1 == LOADED else (0.0, 0.0)
         k2, a2 = (kappa, c2) if mode2 == LOADED else (0.0, 0.0)

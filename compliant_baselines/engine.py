@@ -101,7 +101,7 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     if not run.over:
         advice = "; a smaller step may help" if run.status == "crashed" else ""
         return Outcome.failure(solver, run.status, run.problem() + advice)
-    runs = states_of(run, settings.min_run)
+    runs = states_of(run, settings.shortest_state)
     gain = run.energy_gain()
     diagnostics = {
         "step": column.step,

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from compliant_baselines.column import Column
-from compliant_baselines.trajectory import ALOFT, BROKEN, FREE, REST, STUCK, Floats, Runs, merge_runs
+from compliant_baselines.state_runs import Runs, merge_runs
+from compliant_baselines.trajectory import ALOFT, BROKEN, FREE, REST, STUCK, Floats
 from model.collision import Path, Status
 
 
@@ -149,8 +150,6 @@ class Run:
         return Path(t, impulse1, impulse2, v1, v2, None, None, state, phase1, phase2)
 
 
-def states_of(run: Run, min_run: int) -> Runs:
-    """State sequence of a run: `merge_runs`, and S1 for a run that broke in its first step."""
-    if run.raw.n_steps == 0:
-        return Runs(np.zeros(1, np.int64), np.ones(1, np.int64), 0)
-    return merge_runs(run.raw, min_run)
+def states_of(run: Run, shortest_state: float) -> Runs:
+    """State sequence of a run, in steps; `shortest_state` as in `compliant_baselines.contract.Settings`."""
+    return merge_runs(run.raw, shortest_state * run.column.period / run.column.step)

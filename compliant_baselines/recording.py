@@ -8,16 +8,8 @@ from numpy.typing import NDArray
 from compliant_baselines.column import Column
 from compliant_baselines.engine_run import Run
 from compliant_baselines.quiet import Law, between, quiet_steps
-from compliant_baselines.trajectory import (
-    BROKEN,
-    FLIGHT,
-    GOING,
-    Floats,
-    Runs,
-    ScanParameters,
-    new_memory,
-    scan,
-)
+from compliant_baselines.state_runs import Runs
+from compliant_baselines.trajectory import BROKEN, FLIGHT, GOING, Floats, ScanParameters, new_memory, scan
 
 #: A recorded path has about as many points as this between the borders of its states.
 PATH_POINTS = 2000

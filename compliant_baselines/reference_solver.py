@@ -1,7 +1,7 @@
 """What the engine-free references have in common as solvers.
 
 All of them are exact to rounding between events, and none has a time step. Both scenarios of `Settings` are
-known to them; `step_fraction`, `min_run` and `mapping` do not concern them.
+known to them; `step_fraction`, `shortest_state` and `mapping` do not concern them.
 """
 
 from __future__ import annotations

@@ -9,17 +9,8 @@ additions, each good to half a unit, and makes the increment from a handful of p
 magnitude above that, and lies, at a step of 1/1000 of a period, eleven orders below the impulse per step of a
 fully loaded contact.
 
-**States**: S1 both contacts carry force, S2 ball-table only, S3 ball-ball only, S4 none. The sequence is read
-so:
-
-1. Until a contact has first carried force it counts as if it did: in the model both are active from the
-   start, with no force, while in an engine a contact shows only once its penetration has grown.
-2. A run of fewer than `min_run` steps takes the state of the run before it; equal neighbours then join. One
-   pass, in the order of time.
-3. The sequence ends in S4, the state of a collision that is over, also where B2 rests on the table by its
-   weight.
-
-S4 can occur on the way as well: both contacts open, the balls not yet apart for good.
+**States** follow step by step from which contacts carry force; the sequence they make is read by the rules of
+`compliant_baselines.state_runs`.
 
 **In flight the bodies do not fall** (drop only). From the first instant at which no contact is closed, read as the end
 of the first step in which none carries force and at whose end both gaps are open, gravity is off, for good: what is
@@ -186,50 +177,3 @@ def scan(  # pragma: no cover (compiled)
             if 0.5 * energy <= stuck_below:
                 return i + 1, STUCK
     return v.shape[0], GOING
-
-
-class Runs(NamedTuple):
-    """A sequence of states held for some steps each.
-
-    Attributes
-    ----------
-    start : ndarray of int
-        Number of the first step of each run; the first is 0.
-    state : ndarray of int
-        1 to 4.
-    n_steps : int
-        Number of steps in all.
-    """
-
-    start: NDArray[np.int64]
-    state: NDArray[np.int64]
-    n_steps: int
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The sequence as an outcome lists it: rule 3, closed by S4."""
-        names = tuple(f"S{s}" for s in self.state)
-        return names if names and names[-1] == "S4" else (*names, "S4")
-
-
-def merge_runs(raw: Runs, min_run: int) -> Runs:
-    """Read the state sequence off raw runs, by rules 1 and 2 of the module."""
-    state = raw.state.copy()
-    # Rule 1. Contact 1 carries force in S1 and S3, contact 2 in S1 and S2.
-    for carries, without in (((1, 3), {2: 1, 4: 3}), ((1, 2), {3: 1, 4: 2})):
-        loaded = np.flatnonzero(np.isin(state, carries))
-        first = loaded[0] if loaded.size else 0
-        for i in range(first):
-            state[i] = without.get(int(state[i]), int(state[i]))
-    start, kept = [0], [1]  # S1 stands at the start whatever rule 1 made of a collision without any contact
-    ends = np.append(raw.start[1:], raw.n_steps)
-    # Runs made equal by rule 1 join before their length is judged.
-    joined = np.append(True, state[1:] != state[:-1])
-    first_of = np.flatnonzero(joined)
-    last_of = np.append(first_of[1:], state.size) - 1
-    for a, b in zip(first_of, last_of, strict=True):
-        long_enough = ends[b] - raw.start[a] >= min_run
-        if long_enough and state[a] != kept[-1]:
-            start.append(int(raw.start[a]))
-            kept.append(int(state[a]))
-    return Runs(np.array(start), np.array(kept), raw.n_steps)

@@ -15,6 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from compliant_baselines.registry import law_of
 from experiments.axes import AXES
 from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE
@@ -27,6 +28,9 @@ Frame = Any
 
 #: Whether the state paths are equal, where the model followed its own to the end; null elsewhere.
 FULL_PATHS = "states_equal_without_limit"
+
+#: Whether a solver's state path is that of the exact solver of its own law; null without one in the run.
+OWN_LAW = "states_equal_own_law"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,13 +84,33 @@ class Compared:
         )
 
     def measure(self, name: str) -> NDArray[np.float64]:
-        """Read a measure, or `FULL_PATHS`; NaN where there is none."""
+        """Read a measure, `FULL_PATHS` or `OWN_LAW`; NaN where there is none."""
+        if name == OWN_LAW:
+            return self._own_law()
         if name != FULL_PATHS:
             return column(self.path, name)
         values = column(self.path, "states_equal")
         # Where the model took a limit, its path ends there: it cannot equal one that was followed to the end.
         values[codes(self.path, "model_status", ["ok"]) != 0] = np.nan
         return values
+
+    def _own_law(self) -> NDArray[np.float64]:
+        """Compare each path with that of the exact solver of its law, a row above or below in the same cell."""
+        law = np.array([self._position_of_law(name) for name in self.solvers])
+        if not (law >= 0).any():
+            return np.full(len(self.compared), np.nan)
+        pieces = [np.empty((0, len(law)), bool)]
+        for block in blocks(self.path, ["cell", "states_compared"]):
+            paths = block.column("states_compared").combine_chunks().dictionary_encode().indices
+            of_cell = paths.fill_null(-1).to_numpy(zero_copy_only=False).reshape(-1, len(law))
+            pieces.append(of_cell == of_cell[:, law])
+        compared = self.compared.reshape(-1, len(law))
+        there = compared & compared[:, law] & (law >= 0)
+        return np.where(there, np.concatenate(pieces), np.nan).ravel()
+
+    def _position_of_law(self, name: str) -> int:
+        law = law_of(name)
+        return self.solvers.index(law) if law != name and law in self.solvers else -1
 
     def frame(self, measures: Sequence[str], rows: NDArray[np.bool_]) -> Frame:
         """Make a table of some rows: solver, the level of every axis, and measures."""

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -88,6 +88,12 @@ class ConvergenceTable(_Strict):
 class Config(_Strict):
     """An experiment: what is computed, by which solvers and how."""
 
+    #: Keys of earlier versions, and what there is instead.
+    replaced: ClassVar[dict[str, str]] = {
+        "min_run": "of version 0.2.0; legal: shortest_state, a share of the shorter contact period "
+        "(3 steps of 0.001: 0.0025); a run that has it must be computed again, in another folder"
+    }
+
     name: _Name = "default"
     scenario: Literal["impact", "drop"] = Field("drop", description="'impact' or 'drop'")
     gravity: float = Field(9.81, gt=0, allow_inf_nan=False, description="a finite number > 0 (m/s^2)")
@@ -104,7 +110,9 @@ class Config(_Strict):
         1e-3, gt=0, le=0.1, description="greater than 0, at most 0.1 (of a contact period)"
     )
     max_steps: int = Field(2_000_000, ge=1, le=10**12, description="a whole number >= 1")
-    min_run: int = Field(3, ge=1, le=10**6, description="a whole number from 1 to 1000000 (steps)")
+    shortest_state: float = Field(
+        2.5e-3, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
+    )
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
     stiffness_ratio_cutoff: float = Field(1e5, gt=1, description="greater than 1, up to inf")
     grazing_threshold: float = Field(1e-5, ge=0, le=1, description="from 0 to 1")

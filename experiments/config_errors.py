@@ -102,6 +102,9 @@ def one_line(problem: Any, model: type[BaseModel], name: FieldName = dotted) -> 
     match kind:
         case "extra_forbidden":
             known = list(inside)
+            instead = getattr(model, "replaced", {}).get(field)
+            if instead is not None:
+                return f"{field} = {value}: {instead}"
             return (
                 f"{field} = {value}: unknown key{hint(str(location[-1]), known)}; legal: {', '.join(known)}"
             )

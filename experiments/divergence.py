@@ -15,7 +15,9 @@ from model.collision import RESULT_STATUSES, Collision, Outcome, Path
 COMPARABLE = RESULT_STATUSES
 
 
-def divergence(collision: Collision, model: Outcome, other: Outcome) -> dict[str, Any]:
+def divergence(
+    collision: Collision, model: Outcome, other: Outcome, paths: tuple[Sequence[str], Sequence[str]]
+) -> dict[str, Any]:
     """Compare a solver's outcome with the model's.
 
     Parameters
@@ -24,6 +26,8 @@ def divergence(collision: Collision, model: Outcome, other: Outcome) -> dict[str
         The collision both solved.
     model, other : Outcome
         Differences are other minus model.
+    paths : tuple of two sequences of str
+        State paths of the model and of the other, through one filter (`compliant_baselines.state_runs`).
 
     Returns
     -------
@@ -43,9 +47,9 @@ def divergence(collision: Collision, model: Outcome, other: Outcome) -> dict[str
         "dimpulse1": (other.impulse1 - model.impulse1) / impulse,
         "dimpulse2": (other.impulse2 - model.impulse2) / impulse,
         "dretained_energy": other.retained_energy(collision) - model.retained_energy(collision),
-        "states_equal": model.states == other.states,
-        "states_part_at": part_at(model.states, other.states),
-        "states_edit_distance": edit_distance(model.states, other.states),
+        "states_equal": tuple(paths[0]) == tuple(paths[1]),
+        "states_part_at": part_at(*paths),
+        "states_edit_distance": edit_distance(*paths),
         "curve_distance": curve_distance(model.path, other.path, impulse),
     }
 

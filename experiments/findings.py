@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from compliant_baselines.registry import law_of
 from experiments.axes import AXES
 from experiments.certificates import certificate_blocks
 from experiments.config import REFERENCE
@@ -12,7 +13,7 @@ from experiments.divergence import COMPARABLE
 from experiments.document import Block, Heading, Paragraph, Table
 from experiments.ladder_document import ladder_findings, ladder_section
 from experiments.numbers import number, percent
-from experiments.summary import FULL_PATHS, SUMMARISED, Frame, Summary
+from experiments.summary import FULL_PATHS, OWN_LAW, SUMMARISED, Frame, Summary
 
 _CUTS = ("median", "p95", "max")
 #: Longest table along an axis.
@@ -34,6 +35,7 @@ def build_document(summary: Summary) -> list[Block]:
         worst_table(summary),
         *ladder_section(summary.ladder),
         Heading("State paths"),
+        law_table(summary),
         path_table(summary),
         Heading("Grazing cells"),
         Paragraph(_grazing(summary)),
@@ -88,7 +90,18 @@ def _finding(summary: Summary, name: str) -> str:
         f"{name} diverges from the model by D = {number(d['median'])} (median), {number(d.p95)} (95th "
         f"percentile) and at most {number(d['max'])} over {d.n} cells; the most at {_where(worst)}, where it "
         f"ends with {_velocities(worst)}.{where} Its state path is the model's in {percent(equal['mean'])} "
-        f"of the cells, and in {percent(full['mean'])} of the {full.n} in which the model took no limit."
+        f"of the cells, and in {percent(full['mean'])} of the {full.n} in which the model took no limit"
+        f"{_own_law(summary, name)}."
+    )
+
+
+def _own_law(summary: Summary, name: str) -> str:
+    own = summary.get(name, OWN_LAW)
+    if not own.n:
+        return ""
+    return (
+        f"; it is that of {law_of(name)}, the exact solution of the law it is asked for, in "
+        f"{percent(own['mean'])} of {own.n} cells"
     )
 
 
@@ -194,7 +207,7 @@ def worst_table(summary: Summary) -> Table:
     rows = [
         (
             str(row["solver"]),
-            *(str(row[key] or "-") for key in ("model_states", "states")),
+            *(str(row[key] or "-") for key in ("model_states_compared", "states_compared")),
             str(row["cell"]),
             *(number(row[axis]) for axis in AXES),
             number(row["velocity_divergence"]),
@@ -213,6 +226,23 @@ def _compact(rows: list[tuple[str, ...]]) -> Sequence[Sequence[str]]:
         (row[0], row[1].replace("S", "").replace(" ", ""), row[2].replace("S", "").replace(" ", ""), *row[3:])
         for row in rows
     ]
+
+
+def law_table(summary: Summary) -> Table:
+    """Tabulate how often state paths are the model's, and how often that of the exact solver of the same law."""
+    rows = []
+    for name in summary.solvers:
+        shares = [summary.get(name, share) for share in ("states_equal", FULL_PATHS, OWN_LAW)]
+        law = law_of(name) if shares[-1].n else "-"
+        rows.append((name, law, *(f"{percent(row['mean'])} of {row.n}" if row.n else "-" for row in shares)))
+    share = number(summary.config.shortest_state)
+    return Table(
+        f"Cells with the same state path, every path without states held for less than {share} of the shorter "
+        "contact period: as the model, as the model where it took no limit, as the exact solver of its own law",
+        ("solver", "own law", "model's path", "model took no limit", "own law's path"),
+        rows,
+        text_columns=2,
+    )
 
 
 def path_table(summary: Summary) -> Table:

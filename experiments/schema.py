@@ -29,7 +29,13 @@ _OUTCOME = (
     ("v2", "float", "m/s", "velocity of B2 when the collision is over"),
     ("impulse1", "float", "N s", "total impulse, ball on ball"),
     ("impulse2", "float", "N s", "total impulse, ball on table"),
-    ("states", "text", "-", "state sequence, separated by spaces"),
+    (
+        "states",
+        "text",
+        "-",
+        "state sequence, separated by spaces; an engine's without states held too briefly",
+    ),
+    ("states_compared", "text", "-", "state sequence without states held too briefly, for any solver"),
     ("n_states", "int", "-", "length of the state sequence"),
     ("n_events", "int", "-", "number of events"),
     (
@@ -64,13 +70,14 @@ _MEASURES = (
     ("dimpulse1", "float", "-", "solver minus model, per m1 |v0|"),
     ("dimpulse2", "float", "-", "solver minus model, per m1 |v0|"),
     ("dretained_energy", "float", "-", "difference of the retained energy fractions, solver minus model"),
-    ("states_equal", "bool", "-", "whether the state sequences are equal"),
+    ("states_equal", "bool", "-", "whether states_compared and model_states_compared are equal"),
     ("states_part_at", "int", "-", "position, from 1, of the first state that differs; null if equal"),
-    ("states_edit_distance", "int", "-", "insertions, deletions and substitutions between the sequences"),
+    ("states_edit_distance", "int", "-", "insertions, deletions and substitutions between the two"),
     ("curve_distance", "float", "-", "symmetric Hausdorff distance of the impulse curves, per m1 |v0|"),
 )
 _MODEL = (
     ("model_states", "text", "-", "state sequence of the state-transition model"),
+    ("model_states_compared", "text", "-", "states_compared of the state-transition model"),
     ("model_status", "text", "-", "status of the state-transition model"),
     ("model_grazing_margin", "float", "-", "grazing margin of the state-transition model"),
 )
@@ -89,6 +96,7 @@ DIVERGENCE = (
     *(row[0] for row in _WHO),
     *MEASURES,
     "states",
+    "states_compared",
     *(row[0] for row in _MODEL),
 )
 

@@ -12,8 +12,10 @@ from typing import Any
 import pyarrow as pa
 
 from compliant_baselines import get_solver
+from compliant_baselines.column import shorter_period
 from compliant_baselines.contract import Settings, Solver
 from compliant_baselines.convergence import Convergence
+from compliant_baselines.state_runs import compared_states
 from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE, divergence
 from experiments.grid import GridCell, collision_of
@@ -84,7 +86,7 @@ def settings_of(config: Config) -> Settings:
         step_fraction=config.step_fraction,
         max_steps=config.max_steps,
         mapping=config.mapping,
-        min_run=config.min_run,
+        shortest_state=config.shortest_state,
         record_path=True,
         stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
         convergence=Convergence(config.convergence.tolerance, config.convergence.halvings)
@@ -183,6 +185,8 @@ def scaled_diagnostics(collision: Collision, outcome: Outcome) -> dict[str, floa
 def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:
     c = cell.collision
     diagnostics = scaled_diagnostics(c, outcome)
+    shortest = config.shortest_state * shorter_period(c)
+    paths = compared_states(model, shortest), compared_states(outcome, shortest)
     # A result that is not converged keeps the numbers it came to, but is no measure of anything.
     done = outcome.status in (*COMPARABLE, "unconverged") and math.isfinite(outcome.v1)
     row: dict[str, Any] = {
@@ -200,10 +204,11 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
         "duration": diagnostics.get("duration"),
         **{column: diagnostics.get(column) for column in CERTIFICATE},
         "model_states": " ".join(model.states) or None,
+        "model_states_compared": " ".join(paths[0]) or None,
         "model_status": model.status,
         "model_grazing_margin": model.grazing_margin,
         # The model's divergence from itself is in no table.
-        **(divergence(c, model, outcome) if name != REFERENCE else dict.fromkeys(MEASURES)),
+        **(divergence(c, model, outcome, paths) if name != REFERENCE else dict.fromkeys(MEASURES)),
     }
     if done:
         row |= {
@@ -212,6 +217,7 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
             "impulse1": outcome.impulse1,
             "impulse2": outcome.impulse2,
             "states": " ".join(outcome.states),
+            "states_compared": " ".join(paths[1]),
             "n_states": len(outcome.states),
             "n_events": outcome.n_events,
             "retained_energy": outcome.retained_energy(c),

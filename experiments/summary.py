@@ -14,6 +14,7 @@ import pandas as pd
 
 from experiments.aggregates import (
     FULL_PATHS,
+    OWN_LAW,
     Compared,
     Frame,
     between,
@@ -29,7 +30,7 @@ from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
 from experiments.streams import blocks, codes, column
 
-__all__ = ["FULL_PATHS", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
+__all__ = ["FULL_PATHS", "OWN_LAW", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
 
 #: Measures that are summarised, by their size, and how a reader knows them.
 SUMMARISED = {
@@ -43,7 +44,7 @@ SUMMARISED = {
     "states_edit_distance": "path edits",
 }
 
-_SHARES = ("states_equal", FULL_PATHS)
+_SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
 _WORST = 5
 
 

@@ -38,7 +38,10 @@ def side_by_side(
             shown.add_row(name, outcome.status, *["-"] * 6)
             continue
         impulse = collision.m1 * speed
-        away = divergence(collision, reference, outcome)["velocity_divergence"] if reference else None
+        away = None
+        if reference:
+            states = reference.states, outcome.states
+            away = divergence(collision, reference, outcome, states)["velocity_divergence"]
         scaled = (
             outcome.v1 / speed,
             outcome.v2 / speed,
@@ -109,8 +112,8 @@ def show_found(console: Console, found: Found) -> None:
             str(row["cell"]),
             *(f"{row[axis]:.6g}" for axis in AXES),
             number(abs(row[measure]), 6),
-            _short_path(row["model_states"]),
-            _short_path(row["states"]),
+            _short_path(row["model_states_compared"]),
+            _short_path(row["states_compared"]),
         )
         for row in found.rows
     ]

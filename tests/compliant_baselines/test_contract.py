@@ -21,7 +21,9 @@ CELL = Collision(m1=1.0, m2=2 / 3**0.5, k1=1.0, k2=1.0, e1=0.9, e2=0.7)
         ("step_fraction", math.nan, "greater than 0, at most 0.1"),
         ("max_steps", 0, "a whole number >= 1"),
         ("mapping", "default", "'calibrated' or 'naive'"),
-        ("min_run", 0, "a whole number >= 1"),
+        ("shortest_state", -0.001, "from 0 to 0.1"),
+        ("shortest_state", 0.2, "from 0 to 0.1"),
+        ("shortest_state", float("nan"), "from 0 to 0.1"),
         ("stiffness_ratio_cutoff", 1.0, "greater than 1, up to inf"),
     ],
 )

@@ -78,7 +78,7 @@ def test_mujoco_elastic_is_better_than_first_order(engine, cell):
 def test_states_and_impulses_are_those_of_kelvin_voigt(engine, cell):
     c = collision(*cell)
     ref, got = reference(c), engine.solve(c, Settings(step_fraction=2e-4))
-    # Contacts that end within min_run steps of each other end together.
+    # Contacts that end within shortest_state of a period of each other end together.
     assert got.states in (ref.states, tuple(s for s in ref.states if s != "S2"))
     assert got.states == ref.states or cell == (40.0, 0.9, 0.7)
     assert (got.impulse1, got.impulse2) == (

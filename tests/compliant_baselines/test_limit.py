@@ -12,7 +12,8 @@ from compliant_baselines.contract import Settings
 from compliant_baselines.convergence import Convergence, fitted_order, limit_of
 from compliant_baselines.engine_run import Run
 from compliant_baselines.mapping import MUJOCO_IMPEDANCE, contacts
-from compliant_baselines.trajectory import FREE, Runs
+from compliant_baselines.state_runs import Runs
+from compliant_baselines.trajectory import FREE
 from model.collision import Collision
 
 from .reference import kelvin_voigt

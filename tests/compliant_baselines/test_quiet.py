@@ -82,7 +82,7 @@ def test_the_path_between_calls_is_that_of_single_steps(monkeypatch):
     collision = Collision(m1=1.0, m2=2 / 3**0.5, k1=1e8, k2=2.5e6, e1=0.9, e2=0.7)
     column = column_of(collision, Settings(step_fraction=1e-3))
     (singly,), (traced,) = (runs([column], True, monkeypatch, least=least) for least in (10**9, 8))
-    exact, between = (run.path(states_of(run, 3)) for run in (singly, traced))
+    exact, between = (run.path(states_of(run, 2.5e-3)) for run in (singly, traced))
     for v in ("v1", "v2"):
         off = np.interp(exact.time, between.time, getattr(between, v)) - getattr(exact, v)
         # 6e-5 of the interpolation, and 2e-5 of the straight lines between points of this test.

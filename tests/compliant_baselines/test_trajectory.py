@@ -11,9 +11,7 @@ from compliant_baselines.trajectory import (
     GOING,
     REST,
     STUCK,
-    Runs,
     ScanParameters,
-    merge_runs,
     new_memory,
     scan,
 )
@@ -28,12 +26,6 @@ def look(v, x, before, p, left=10**6, memory=None):
     memory = new_memory() if memory is None else memory
     steps, end = scan(np.array(v, float), np.array(x, float), np.array(before, float), p, left, codes, memory)
     return steps, end, codes[:steps].tolist()
-
-
-def runs(*pairs):
-    lengths = [n for _, n in pairs]
-    start = np.concatenate([[0], np.cumsum(lengths)[:-1]])
-    return Runs(start, np.array([s for s, _ in pairs]), sum(lengths))
 
 
 # Impulses and states
@@ -64,49 +56,6 @@ def test_rounding_is_no_force_and_a_thousand_roundings_are(ulps, state):
     v1 = -1 + ulps * 2**-53
     _, _, codes = look([(v1, -(v1 + 1) / 2)], [(0, 0)], (-1, 0), NO_GRAVITY)
     assert codes == [state]
-
-
-# The sequence
-
-
-@pytest.mark.parametrize(
-    ("raw", "names"),
-    [
-        # the plain case
-        ([(1, 50), (2, 40), (1, 30), (3, 20), (4, 1)], "S1 S2 S1 S3 S4"),
-        # until a contact first carries force it counts as if it did
-        ([(4, 2), (3, 9), (1, 50), (2, 40), (4, 1)], "S1 S2 S4"),
-        ([(2, 9), (1, 50), (3, 40), (4, 1)], "S1 S3 S4"),
-        # a short run joins the run before it
-        ([(1, 50), (3, 2), (1, 30), (2, 40), (4, 1)], "S1 S2 S4"),
-        ([(1, 50), (3, 3), (1, 30), (2, 40), (4, 1)], "S1 S3 S1 S2 S4"),
-        # chatter of short runs is one run
-        ([(1, 50), (3, 1), (1, 1), (3, 2), (1, 2), (2, 40), (4, 1)], "S1 S2 S4"),
-        # runs that rule 1 makes equal are long together
-        ([(4, 1), (3, 1), (1, 1), (2, 40), (4, 1)], "S1 S2 S4"),
-        # free flight on the way
-        ([(1, 50), (2, 40), (4, 10), (3, 30), (4, 1)], "S1 S2 S4 S3 S4"),
-        # B2 keeps resting on the table: the end is S4 all the same
-        ([(1, 50), (2, 40)], "S1 S2 S4"),
-        # the last S4 is short and still the end
-        ([(1, 50), (4, 1)], "S1 S4"),
-        # no second contact ever
-        ([(3, 50), (4, 1)], "S1 S3 S4"),
-    ],
-)
-def test_state_sequence(raw, names):
-    assert merge_runs(runs(*raw), min_run=3).names == tuple(names.split())
-
-
-def test_min_run_of_one_merges_nothing():
-    raw = runs((1, 5), (3, 1), (1, 1), (2, 1), (4, 1))
-    assert merge_runs(raw, 1).names == ("S1", "S3", "S1", "S2", "S4")
-
-
-def test_borders_stay_where_they_were():
-    merged = merge_runs(runs((4, 2), (1, 50), (3, 1), (1, 5), (2, 40), (4, 1)), 3)
-    assert merged.start.tolist() == [0, 58]
-    assert merged.state.tolist() == [1, 2]
 
 
 # The end, without gravity

@@ -19,7 +19,7 @@ OTHER = Outcome("b", 2.0, 1.0, 14.0, 22.0, ("S1", "S3", "S1", "S4"))
 
 
 def test_measures_by_hand():
-    found = divergence(C, MODEL, OTHER)
+    found = divergence(C, MODEL, OTHER, (MODEL.states, OTHER.states))
     assert set(found) == set(MEASURES)
     assert found["dv1"] == pytest.approx(-1 / 5)
     assert found["dv2"] == pytest.approx(0.5 / 5)
@@ -39,12 +39,13 @@ def test_measures_by_hand():
 def test_a_failure_has_no_measures(failed):
     failure = Outcome.failure("x", "timeout", "gave up")
     pair = (failure, OTHER) if failed == "model" else (MODEL, failure)
-    assert divergence(C, *pair) == dict.fromkeys(MEASURES)
+    assert divergence(C, *pair, ((), ())) == dict.fromkeys(MEASURES)
 
 
 def test_an_outcome_does_not_diverge_from_itself():
     outcome = solve(Collision.from_ratios(1 / 40, 2 / math.sqrt(3), 0.9, 0.7), path=True)
-    found = divergence(Collision.from_ratios(1 / 40, 2 / math.sqrt(3), 0.9, 0.7), outcome, outcome)
+    c = Collision.from_ratios(1 / 40, 2 / math.sqrt(3), 0.9, 0.7)
+    found = divergence(c, outcome, outcome, (outcome.states, list(outcome.states)))
     assert found.pop("states_equal") is True
     assert found.pop("states_part_at") is None
     assert set(found.values()) == {0}

@@ -26,7 +26,7 @@ ILLEGAL = {
     "solvers": ["[]", "['mujoco', 'mujoco']", "[['mujoco']]", "['MuJoCo']", "{mujoco = 1}", "true"],
     "step_fraction": ["0", "0.11", "-1e-3", "nan", "inf", "'1e-3'"],
     "max_steps": ["0", "-1", "1.5", "1e6", "true", "10_000_000_000_000"],
-    "min_run": ["0", "2.5", "'3'", "inf"],
+    "shortest_state": ["-1e-3", "0.2", "'3'", "inf"],
     "mapping": ["'Naive'", "1", "[]"],
     "stiffness_ratio_cutoff": ["1", "0", "-1e5", "nan", "true"],
     "grazing_threshold": ["-1e-9", "1.1", "nan", "inf", "'0'"],
