@@ -10,10 +10,14 @@ import numpy as np
 
 from compliant_baselines.column import Column
 from compliant_baselines.convergence import Convergence, Limit, limit_of
-from compliant_baselines.engine_run import Run
+from compliant_baselines.engine_run import Run, states_of
 
 #: Factor within which two measures of a regularisation agree.
 ALIKE = 2.0
+
+
+#: Share of the shorter contact period for which a state must be held to be told from one that only a step made.
+SHORTEST_STATE = 2.5e-3
 
 
 class Runner(Protocol):
@@ -42,7 +46,16 @@ class _Case:
             return None
         velocities = np.array([run.reported for run in self.runs])
         last = self.runs[-1]
-        return limit_of(velocities, last.starts, last.column.step, *self.regularisation[-1:])
+        ratio = self.column.m2 / self.column.m1
+        paths = {states_of(run, SHORTEST_STATE).names for run in self.runs[-3:]}
+        return limit_of(
+            velocities,
+            last.starts,
+            last.column.step,
+            ratio,
+            *self.regularisation[-1:],
+            alike=len(paths) == 1,
+        )
 
     def refine(self) -> Column:
         return replace(self.column, step=self.column.step / 2 ** len(self.runs))

@@ -31,6 +31,7 @@ from typing import Literal, Protocol, runtime_checkable
 from compliant_baselines.convergence import Convergence
 from model.collision import RESULT_STATUSES, Collision, Outcome, Status
 from model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
+from model.marks import GRAZING_THRESHOLD
 
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive"]
@@ -80,6 +81,8 @@ class Settings:
     stiffness_ratio_cutoff : float or "exact"
         Of the state-transition model (`model.solve`): a number, infinity for none, or by default the rule that gives
         the outcome without one.
+    grazing_threshold : float
+        Grazing margin below which an outcome of the model is marked; from 0 to 1.
     mark : bool
         Whether references and engines mark outcomes beside a jump of their exact law (`compliant_baselines.jumps`).
     convergence : Convergence or None
@@ -99,6 +102,7 @@ class Settings:
     shortest_state: float = 2.5e-3
     record_path: bool = False
     stiffness_ratio_cutoff: Cutoff = "exact"
+    grazing_threshold: float = GRAZING_THRESHOLD
     mark: bool = True
     convergence: Convergence | None = None
 
@@ -122,6 +126,7 @@ class Settings:
             "from 0 to 0.1 (of the shorter contact period)",
         )
         require("stiffness_ratio_cutoff", legal_cutoff(self.stiffness_ratio_cutoff), LEGAL_CUTOFF)
+        require("grazing_threshold", 0 <= self.grazing_threshold <= 1, "from 0 to 1")
 
 
 @runtime_checkable

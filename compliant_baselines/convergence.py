@@ -10,15 +10,22 @@ chance: a contact that closes at a finite speed starts at the end of the step in
 step late, and a dashpot then misses up to a step of its force c u. Which part of a step that is changes from
 one step length to the next without any law, so that these errors shrink with h but cannot be extrapolated.
 
-The estimate of the error of L is therefore the largest of three numbers (the larger of the two velocities
+Balls that part for good have v1 >= v2 >= 0, and so has their limit. Where L is outside, the balls meet once more as the
+step goes to zero, or B2 meets the table, and not at the steps that were run: L is then replaced by the nearest point
+inside, in the kinetic norm. That is what a plastic meeting makes of it, and an elastic one goes as far again.
+
+The estimate of the error of L is therefore the largest of four numbers (the larger of the two velocities
 counts):
 
 1. |L - L'|, with L' = 2 V(n-1) - V(n-2) the limit of the steps before: for errors a h + b h^2 three times the
    error of L;
-2. a tenth of |Vn - V(n-1)|, the correction that was made: three differences can agree by accident;
+2. a tenth of |Vn - V(n-1)|, the correction that was made: three differences can agree by accident. All of it where
+   the last three runs do not pass through the same states (`state_runs`): between a run in which the balls meet once
+   more and one in which they do not the velocities have a kink, across which no straight line leads;
 3. half of what contacts that closed again did in their first step, in the run of the shortest step, as a
    change of the relative velocity of their pair (`Run.starts`): L takes twice what the shortest step has of
-   this and once what the step before has, either between nothing and all of it.
+   this and once what the step before has, either between nothing and all of it;
+4. how far L was moved to v1 >= v2 >= 0.
 
 A contact that is met at the start is met at the beginning of the first step, whatever the step: it counts in
 1 and 2 only.
@@ -109,7 +116,22 @@ class Limit:
         return self.step_error + self.regularisation
 
 
-def limit_of(velocities: Floats, starts: float, step: float, regularisation: float = 0.0) -> Limit:
+def parted(v1: float, v2: float, mass_ratio: float) -> tuple[float, float]:
+    """Nearest velocities with v1 >= v2 >= 0, in the kinetic norm; mass_ratio is m2/m1."""
+    if v2 > v1:
+        v1 = v2 = (v1 + mass_ratio * v2) / (1 + mass_ratio)
+    return max(v1, 0.0), max(v2, 0.0)
+
+
+def limit_of(
+    velocities: Floats,
+    starts: float,
+    step: float,
+    mass_ratio: float,
+    regularisation: float = 0.0,
+    *,
+    alike: bool = True,
+) -> Limit:
     """Extrapolate to a step of zero; see the module.
 
     Parameters
@@ -120,15 +142,22 @@ def limit_of(velocities: Floats, starts: float, step: float, regularisation: flo
         `Run.starts` of the last run, in m/s.
     step : float
         The last step, in s.
+    mass_ratio : float
+        m2/m1.
     regularisation : float
         What regularisation does, in m/s.
+    alike : bool
+        Whether the last three runs pass through the same states.
     """
     differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
     limits = 2 * velocities[1:] - velocities[:-1]
+    v1, v2 = parted(*map(float, limits[-1]), mass_ratio)
     error = max(
-        float(np.abs(limits[-1] - limits[-2]).max()), DOUBT * float(differences[-1]), CHANCE * abs(starts)
+        float(np.abs(limits[-1] - limits[-2]).max()),
+        (DOUBT if alike else 1.0) * float(differences[-1]),
+        CHANCE * abs(starts),
+        float(np.abs(limits[-1] - (v1, v2)).max()),
     )
-    v1, v2 = map(float, limits[-1])
     return Limit(v1, v2, error, regularisation, fitted_order(differences), step)
 
 

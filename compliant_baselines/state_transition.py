@@ -17,6 +17,7 @@ class StateTransitionSolver(SolverBase):
     """
 
     name = "state-transition"
+    impact_law = "jia-mason-erdmann"
 
     def version(self) -> str:
         """Version of this project: the model is its own."""
@@ -25,7 +26,13 @@ class StateTransitionSolver(SolverBase):
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every collision, in order."""
         return [
-            solve(c, stiffness_ratio_cutoff=settings.stiffness_ratio_cutoff, path=settings.record_path)
+            solve(
+                c,
+                stiffness_ratio_cutoff=settings.stiffness_ratio_cutoff,
+                path=settings.record_path,
+                impact_law=self.impact_law,
+                grazing_threshold=settings.grazing_threshold,
+            )
             for c in collisions
         ]
 
@@ -38,14 +45,8 @@ class LiuZhaoBrogliatoSolver(StateTransitionSolver):
     time. `limit` also where the bodies come to rest together after infinitely many events.
     """
 
-    name = "liu-zhao-brogliato"
+    name = impact_law = "liu-zhao-brogliato"
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every collision, in order."""
-        cutoff, path = settings.stiffness_ratio_cutoff, settings.record_path
-        return [
-            replace(
-                solve(c, stiffness_ratio_cutoff=cutoff, path=path, impact_law=self.name), solver=self.name
-            )
-            for c in collisions
-        ]
+        return [replace(outcome, solver=self.name) for outcome in super().solve_many(collisions, settings)]

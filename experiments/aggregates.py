@@ -20,7 +20,7 @@ from experiments.axes import AXES
 from experiments.config import REFERENCE, Config
 from experiments.divergence import COMPARABLE
 from experiments.levels import Levels, grid_levels, levels_of
-from experiments.streams import blocks, codes, column
+from experiments.streams import blocks, codes, column, present
 
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
 #: either.
@@ -51,8 +51,8 @@ class Compared:
         Position of each row's level, by axis.
     compared : ndarray of bool
         Rows with a result on both sides.
-    grazing : ndarray of bool
-        Rows of cells beside a jump of the model.
+    marked : ndarray of bool
+        Rows kept apart (`schema`).
     """
 
     path: Path
@@ -61,7 +61,7 @@ class Compared:
     solver: NDArray[np.int8]
     codes: dict[str, NDArray[np.int32]]
     compared: NDArray[np.bool_]
-    grazing: NDArray[np.bool_]
+    marked: NDArray[np.bool_]
 
     @classmethod
     def of(cls, path: Path, config: Config) -> Compared:
@@ -80,7 +80,7 @@ class Compared:
             solver=codes(path, "solver", solvers),
             codes=where,
             compared=~np.isnan(column(path, "velocity_divergence")),
-            grazing=column(path, "model_grazing_margin") < config.grazing_threshold,
+            marked=present(path, "marked"),
         )
 
     def measure(self, name: str) -> NDArray[np.float64]:
@@ -129,8 +129,8 @@ def statistics(table: Compared, measures: Sequence[str], shares: Sequence[str]) 
     frames = []
     parts = {
         "all": table.compared,
-        "regular": table.compared & ~table.grazing,
-        "grazing": table.compared & table.grazing,
+        "regular": table.compared & ~table.marked,
+        "marked": table.compared & table.marked,
     }
     for measure in (*measures, *shares):
         sizes = np.abs(table.measure(measure))
@@ -169,7 +169,7 @@ def worst_rows(table: Compared, count: int) -> Frame:
     d = table.measure("velocity_divergence")
     picked: list[int] = []
     for code in range(len(table.solvers)):
-        rows = np.flatnonzero(table.compared & ~table.grazing & (table.solver == code))
+        rows = np.flatnonzero(table.compared & ~table.marked & (table.solver == code))
         picked += rows[np.argsort(-d[rows], kind="stable")[:count]].tolist()
     return rows_at(table.path, picked)
 

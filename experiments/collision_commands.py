@@ -126,6 +126,7 @@ def outcome_object(name: str, collision: Collision, outcome: Outcome) -> dict[st
         "status": outcome.status,
         "reason": outcome.reason,
         "grazing_margin": None if margin is None else _finite(margin),
+        "marked": outcome.marked,
         "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
     }
 

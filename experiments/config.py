@@ -246,7 +246,7 @@ class Config(_Strict):
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""
         plain = self.canonical()
         # The cells of a list are part of the identity of each chunk, wherever their file lies.
-        for cosmetic in ("name", "workers", "figure_cell", "grazing_threshold", "cells", "search"):
+        for cosmetic in ("name", "workers", "figure_cell", "cells", "search"):
             del plain[cosmetic]
         if "grid" in plain:
             plain["grid"] = plain_values(self.grid.axes())

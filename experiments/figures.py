@@ -37,7 +37,7 @@ class Data:
     levels : dict of list
         Values of every axis, rising.
     regular : DataFrame
-        The compared rows of the divergence table, grazing cells left out; axes by level.
+        The compared rows of the divergence table, marked cells left out; axes by level.
     curves : DataFrame
         The table of curves.
     ladder : LadderSummary
@@ -77,7 +77,7 @@ def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> lis
     data = Data(
         config,
         {axis: sorted(levels.values) for axis, levels in table.levels.items()},
-        table.frame(measures, table.compared & ~table.grazing),
+        table.frame(measures, table.compared & ~table.marked),
         folder.read_table(CURVES, CURVES_SCHEMA).to_pandas(),
         summarise_ladder(folder, config) if ladder is None else ladder,
     )

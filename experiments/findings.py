@@ -44,9 +44,9 @@ def build_document(summary: Summary) -> list[Block]:
         Heading("State paths"),
         law_table(summary),
         path_table(summary),
-        Heading("Grazing cells"),
-        Paragraph(_grazing(summary)),
-        grazing_table(summary),
+        Heading("Marked cells"),
+        Paragraph(_marked(summary)),
+        marked_table(summary),
         Heading("Statuses"),
         status_table(summary),
         *([reason_table(summary)] if len(summary.reasons) else []),
@@ -61,7 +61,7 @@ def findings(summary: Summary) -> list[str]:
     texts += [said] if texts and (said := one_vote(summary.solvers)) else []
     texts += _closest(summary)
     texts += ladder_findings(summary.ladder)
-    return [*texts, _grazing(summary)] if texts else ["No cell could be compared.", _grazing(summary)]
+    return [*texts, _marked(summary)] if texts else ["No cell could be compared.", _marked(summary)]
 
 
 def _what_was_run(summary: Summary) -> str:
@@ -143,12 +143,17 @@ def _both_ways(row: Frame) -> tuple[tuple[str, str], tuple[str, str]]:
     return (row.solver, row.other), (row.other, row.solver)
 
 
-def _grazing(summary: Summary) -> str:
-    threshold = number(summary.config.grazing_threshold)
+def _marked(summary: Summary) -> str:
+    more = [
+        f"{name} in {n} more"
+        for name in summary.solvers
+        if (n := int(summary.get(name, "velocity_divergence", cells="marked").n) - summary.n_marked) > 0
+    ]
     return (
-        f"{summary.n_grazing} of {summary.n_cells} cells lie within {threshold} (of the amplitude of the rate that "
-        "nearly vanishes) of a jump of the model, where a compression nearly ends or nearly does not; their outcome "
-        "is discontinuous in the parameters, and they are kept apart."
+        f"{summary.n_marked} of {summary.n_cells} cells are marked and kept apart: next to them the model's outcome jumps "
+        "in the parameters, where a compression nearly ends or nearly does not, or it depends on a cut-off. "
+        f"{' and '.join(more) or 'No solver'} is marked because its exact law jumps there; the column marked says which "
+        "and why."
     )
 
 
@@ -160,7 +165,7 @@ def overall_table(summary: Summary) -> Table:
             row = summary.get(name, measure)
             rows.append((law_of(name), name, label, str(int(row.n)), *(number(row[cut]) for cut in _CUTS)))
     caption = (
-        "Divergence of each solver from the model, by the law it was asked for, all cells but the grazing ones "
+        "Divergence of each solver from the model, by the law it was asked for, all cells but the marked ones "
         "(velocities per |v0|, impulses and distances of impulse curves per m1 |v0|, sizes)"
     )
     return Table(
@@ -239,7 +244,7 @@ def worst_table(summary: Summary) -> Table:
         for _, row in summary.worst.loc[order.sort_values(kind="stable").index].iterrows()
     ]
     header = ("solver", "model's path", "solver's path", "cell", *AXES.values(), "D", "dv1", "dv2")
-    caption = with_votes("The cells that diverge most, by solver, grazing cells left out", summary.solvers)
+    caption = with_votes("The cells that diverge most, by solver, marked cells left out", summary.solvers)
     return Table(caption, header, _compact(rows), 3)
 
 
@@ -283,16 +288,16 @@ def path_table(summary: Summary) -> Table:
     )
 
 
-def grazing_table(summary: Summary) -> Table:
-    """Tabulate D in the cells beside a jump."""
+def marked_table(summary: Summary) -> Table:
+    """Tabulate D in the cells kept apart."""
     rows = []
     for name in summary.solvers:
-        row = summary.get(name, "velocity_divergence", cells="grazing")
-        equal = summary.get(name, "states_equal", cells="grazing")
+        row = summary.get(name, "velocity_divergence", cells="marked")
+        equal = summary.get(name, "states_equal", cells="marked")
         cuts = (number(row[cut]) for cut in _CUTS)
         rows.append((law_of(name), name, str(int(row.n)), *cuts, percent(equal["mean"])))
     header = ("law", "solver", "cells", *_CUT_NAMES, "equal paths")
-    return Table("D in the grazing cells, by the law asked for", header, rows, text_columns=2)
+    return Table("D in the marked cells, by the law asked for", header, rows, text_columns=2)
 
 
 def status_table(summary: Summary) -> Table:

@@ -27,7 +27,7 @@ from experiments.ladder_table import LADDER, LADDER_SCHEMA
 from experiments.levels import levels_of
 from experiments.rungs import CAUSES, CHOICE, LAWS, MAPPING, RUNGS
 from experiments.store import RunFolder
-from experiments.streams import codes, column
+from experiments.streams import codes, column, present
 
 #: A pandas DataFrame or Series; see `summary.Frame`.
 Frame = Any
@@ -116,7 +116,7 @@ def ladder_statistics(path: Path, config: Config) -> Frame:
 
 def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
     rows = (codes(path, "solver", [solver]) == 0) & (codes(path, "status", ["ok"]) == 0)
-    rows &= ~(column(path, "model_grazing_margin") < config.grazing_threshold)
+    rows &= ~present(path, "marked")
     if not np.any(rows):
         return pd.DataFrame()
     there = set(pq.read_schema(path).names)
@@ -222,13 +222,13 @@ def _alternatives(folder: RunFolder, config: Config) -> Frame:
     path = folder.root / "cells.parquet"
     if pq.read_metadata(path).num_rows > MOST_ALTERNATIVES * len(config.solvers):
         return pd.DataFrame(columns=columns)
-    read = (*AXES, "v0", "v1", "v2", "grazing_margin")
-    table = pq.read_table(path, columns=list(read), filters=[("solver", "==", REFERENCE)])
-    kappa, mass_ratio, e1, e2, v0, v1, v2, margin = (table[name].to_numpy().astype(float) for name in read)
+    read = (*AXES, "v0", "v1", "v2")
+    table = pq.read_table(path, columns=[*read, "marked"], filters=[("solver", "==", REFERENCE)])
+    kappa, mass_ratio, e1, e2, v0, v1, v2 = (table[name].to_numpy().astype(float) for name in read)
     cells, band = (kappa, mass_ratio, e1, e2), band_of(kappa)
     model = SimpleNamespace(v1=v1 / abs(v0), v2=v2 / abs(v0))
     stiff = bistiffness_batch(*cells)
-    regular = ~(margin < config.grazing_threshold)
+    regular = table["marked"].is_null().to_numpy()
 
     def distance(a: Any, b: Any) -> Any:
         return np.hypot(a.v1 - b.v1, np.sqrt(mass_ratio) * (a.v2 - b.v2))

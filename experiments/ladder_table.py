@@ -33,7 +33,7 @@ _WIDE = 0.005
 NO_LIMIT = "no certified limit of small steps for this cell"
 
 _PARAMETERS = ("cell", *AXES, "gravity_number", "solver")
-_READ = (*_PARAMETERS, "status", "reason", "v0", "v1", "v2", "grazing_margin")
+_READ = (*_PARAMETERS, "status", "marked", "reason", "v0", "v1", "v2", "grazing_margin")
 _LIMIT = ("v1_limit", "v2_limit", "limit_error")
 
 #: Size of a share from which a sentence mentions it beside the largest.
@@ -58,6 +58,7 @@ def ladder_schema(rungs: Sequence[Rung]) -> pa.Schema:
             "ok; unconverged: the engine's result is; or that of the outcome without which there is no ladder",
         ),
         _field("reason", text, "which outcome that is, and why; or why mapping and time step are one rung"),
+        _field("marked", text, COLUMNS["marked"][2]),
         _field("model_grazing_margin", number, "grazing margin of the state-transition model"),
         _field("velocity_divergence", number, "D, the kinetic norm of (dv1, dv2)"),
         _field("dv1", number, "engine minus model, per |v0|; the sum of dv1 of the rungs"),
@@ -233,6 +234,7 @@ def _table(
     columns |= {
         "status": status,
         "reason": reason,
+        "marked": engines["marked"],
         "model_grazing_margin": pa.array(margin, pa.float64(), from_pandas=True),
         "velocity_divergence": numbers(ladders.divergence),
         "dv1": numbers(ladders.total[:, 0]),

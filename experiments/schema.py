@@ -22,6 +22,13 @@ _PARAMETERS = (
 _WHO = (
     ("solver", "text", "-", "name of the solver"),
     ("status", "text", "-", "ok, limit, or why there is no result"),
+    (
+        "marked",
+        "text",
+        "-",
+        "which jump of the solver's exact law or of the model is so near, or which cut-off, that the row counts in no "
+        "statistic; null if none",
+    ),
     ("reason", "text", "-", "one sentence where the status is not ok"),
 )
 _OUTCOME = (

@@ -62,7 +62,7 @@ class Found:
         The worst cells, the worst first, as rows of the table of evaluations.
     confirmed : list of dict
         The worst cell again: ``step_fraction``, ``value`` of the measure (None without a result), ``status``.
-    evaluated, grazing, failed : int
+    evaluated, marked, failed : int
         Cells that were solved; those beside a jump of the model, and those without a result.
     best : list of float
         Largest value so far after each generation.
@@ -72,7 +72,7 @@ class Found:
     rows: list[dict[str, Any]]
     confirmed: list[dict[str, Any]]
     evaluated: int
-    grazing: int
+    marked: int
     failed: int
     best: list[float]
 
@@ -206,10 +206,9 @@ class _Work:
         return part_bytes(pa.concat_tables(tables))
 
     def _counted(self, table: pa.Table) -> NDArray[np.float64]:
-        """Size of the measure; 0 for cells beside a jump, and without a result."""
+        """Size of the measure; 0 for marked cells, and without a result."""
         value = np.abs(table.column(self._search.measure).to_numpy().astype(float))
-        margin = table.column("model_grazing_margin").to_numpy().astype(float)
-        return np.where(np.isnan(value) | (margin < self._config.grazing_threshold), 0.0, value)
+        return np.where(np.isnan(value) | _marked(table), 0.0, value)
 
     def found(self) -> Found:
         """Write the table of evaluations, and say what is in it."""
@@ -223,15 +222,14 @@ class _Work:
         order = order[values[order] > 0][:_LISTED]
         rows = everything.take(order).to_pylist()
         measured = everything.column(self._search.measure).to_numpy().astype(float)
-        margins = everything.column("model_grazing_margin").to_numpy().astype(float)
-        grazing = margins < self._config.grazing_threshold
+        marked = _marked(everything)
         return Found(
             search=self._search,
             rows=rows,
             confirmed=[self._again(int(order[0]), factor) for factor in _STEPS] if len(order) else [],
             evaluated=len(values),
-            grazing=int(grazing.sum()),
-            failed=int((np.isnan(measured) & ~grazing).sum()),
+            marked=int(marked.sum()),
+            failed=int((np.isnan(measured) & ~marked).sum()),
             best=np.maximum.accumulate([values.max() for values in self.values]).tolist(),
         )
 
@@ -272,7 +270,7 @@ def _write(folder: RunFolder, config: Config, found: Found, manifest: dict[str, 
         | {
             "state": "complete",
             "evaluated": found.evaluated,
-            "grazing": found.grazing,
+            "marked": found.marked,
             "failed": found.failed,
             "best": found.best,
             "worst": [{key: _plain(value) for key, value in row.items()} for row in found.rows],
@@ -283,3 +281,7 @@ def _write(folder: RunFolder, config: Config, found: Found, manifest: dict[str, 
 
 def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _marked(table: pa.Table) -> NDArray[np.bool_]:
+    return table.column("marked").is_valid().to_numpy().astype(bool)

@@ -21,7 +21,7 @@ def write_figure(folder: RunFolder, config: Config, found: Found) -> None:
     search = found.search
     label = f"{SUMMARISED[search.measure]} (-)"
     table = pq.read_table(folder.root / EVALUATIONS).to_pandas()
-    table = table[~(table.model_grazing_margin < config.grazing_threshold)]
+    table = table[table.marked.isna()]
     values = table[search.measure].abs()
     generation = table.cell // search.population
     free = search.free()
@@ -55,6 +55,6 @@ def caption(found: Found) -> str:
         f"Search for the largest {SUMMARISED[s.measure]} between {s.solver} and the state-transition model by "
         f"differential evolution: {found.evaluated} cells in {len(found.best)} generations of {s.population}, "
         f"seed {s.seed}. Left: largest value so far. Others: every cell evaluated, over each parameter, coloured "
-        f"by generation; red star: the worst{'; fixed: ' + ', '.join(fixed) if fixed else ''}. {found.grazing} "
+        f"by generation; red star: the worst{'; fixed: ' + ', '.join(fixed) if fixed else ''}. {found.marked} "
         f"cells beside a jump of the model and {found.failed} without a result do not count and are not shown."
     )

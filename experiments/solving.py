@@ -89,6 +89,7 @@ def settings_of(config: Config) -> Settings:
         shortest_state=config.shortest_state,
         record_path=True,
         stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
+        grazing_threshold=config.grazing_threshold,
         convergence=Convergence(config.convergence.tolerance, config.convergence.halvings)
         if config.convergence.enabled
         else None,
@@ -182,6 +183,12 @@ def scaled_diagnostics(collision: Collision, outcome: Outcome) -> dict[str, floa
     }
 
 
+def _marked(model: Outcome, outcome: Outcome) -> str:
+    """Say what a comparison of an outcome with the model's lies beside: a jump of either, or a cut-off."""
+    both = (model, outcome) if outcome is not model else (model,)
+    return "; ".join(f"{each.solver}: {each.marked}" for each in both if each.marked)
+
+
 def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:
     c = cell.collision
     diagnostics = scaled_diagnostics(c, outcome)
@@ -198,6 +205,7 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
         "status": outcome.status,
         "reason": outcome.reason or None,
         "grazing_margin": outcome.grazing_margin,
+        "marked": _marked(model, outcome) or None,
         "gravity_number": config.gravity_number(c.m2),
         "step": diagnostics.get("step"),
         "n_steps": _whole(diagnostics.get("n_steps")),

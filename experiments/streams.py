@@ -186,6 +186,15 @@ def column(path: Path, name: str) -> np.ndarray:
     return np.concatenate(pieces) if pieces else np.empty(0)
 
 
+def present(path: Path, name: str) -> np.ndarray:
+    """Read where one column is not null."""
+    pieces = [
+        block.column(0).is_valid().to_numpy().astype(bool)
+        for block in blocks(path, [name], whole_cells=False)
+    ]
+    return np.concatenate(pieces) if pieces else np.empty(0, bool)
+
+
 def codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
     """Read one column of text as the position of each entry among some values; -1 where it is none of them."""
     known = pa.array(values, pa.string())

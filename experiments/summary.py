@@ -29,7 +29,7 @@ from experiments.laws import in_order_of_laws
 from experiments.levels import Levels
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
-from experiments.streams import blocks, codes, column
+from experiments.streams import blocks, codes, present
 
 __all__ = ["FULL_PATHS", "OWN_LAW", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
 
@@ -60,7 +60,7 @@ class Summary:
     levels : dict of Levels
         Values by which the statistics are grouped, by axis.
     statistics : DataFrame
-        ``solver, cells ("all", "regular" or "grazing"), axis ("all" or an axis), value, measure, n, mean,
+        ``solver, cells ("all", "regular" or "marked"), axis ("all" or an axis), value, measure, n, mean,
         median, p95, max``; measures are taken by size, those of `_SHARES` have only a mean.
     worst : DataFrame
         The regular cells with the largest D of every solver, as rows of the divergence table.
@@ -73,7 +73,7 @@ class Summary:
         max``.
     certificates : DataFrame
         Convergence certificates by solver (`experiments.certificates`); empty without any.
-    n_cells, n_grazing : int
+    n_cells, n_marked : int
         Cells of the grid, and those of them beside a jump.
     ladder : LadderSummary
         What the divergence of the engines is made of.
@@ -88,7 +88,7 @@ class Summary:
     between: Frame
     certificates: Frame
     n_cells: int
-    n_grazing: int
+    n_marked: int
     ladder: LadderSummary
 
     @property
@@ -119,7 +119,7 @@ def summarise(folder: RunFolder) -> Summary:
     config = folder.config()
     cells = folder.table_path("cells.parquet", CELLS_SCHEMA)
     table = load_divergence(folder, config)
-    margins = column(cells, "grazing_margin")[codes(cells, "solver", [REFERENCE]) == 0]
+    marks = present(cells, "marked")[codes(cells, "solver", [REFERENCE]) == 0]
     return Summary(
         config=config,
         levels=table.levels,
@@ -131,8 +131,8 @@ def summarise(folder: RunFolder) -> Summary:
             columns=["solver", "status", "reason", "n"],
         ),
         between=between(cells, config),
-        n_cells=len(margins),
-        n_grazing=int((margins < config.grazing_threshold).sum()),
+        n_cells=len(marks),
+        n_marked=int(marks.sum()),
         certificates=certificates(cells, config.solvers, config.mapping),
         ladder=summarise_ladder(folder, config),
     )

@@ -10,7 +10,7 @@ from rich.table import Table as RichTable
 from experiments.axes import AXES
 from experiments.divergence import COMPARABLE, divergence
 from experiments.document import Table
-from experiments.findings import findings, grazing_table, overall_table, status_table
+from experiments.findings import findings, marked_table, overall_table, status_table
 from experiments.laws import LAWS_WITH_LAWS, by_law
 from experiments.numbers import number, percent
 from experiments.search import Found
@@ -61,7 +61,7 @@ def side_by_side(
 
 def show_summary(console: Console, summary: Summary) -> None:
     """Print what a run found."""
-    for shown in (overall_table(summary), grazing_table(summary), status_table(summary)):
+    for shown in (overall_table(summary), marked_table(summary), status_table(summary)):
         print_table(console, shown)
     print_line(console, "")
     for text in (LAWS_WITH_LAWS, *findings(summary)):
@@ -104,7 +104,7 @@ def show_found(console: Console, found: Found) -> None:
     measure = found.search.measure
     print_line(
         console,
-        f"{found.search.solver}: {found.evaluated} cells evaluated; {found.grazing} beside a jump of the model and "
+        f"{found.search.solver}: {found.evaluated} cells evaluated; {found.marked} marked and "
         f"{found.failed} without a result do not count",
     )
     if not found.rows:

@@ -12,8 +12,8 @@ GRAZING_THRESHOLD = 1e-5
 CUTOFF_THRESHOLD = 1e-9
 
 GRAZING = (
-    f"grazing: a compression rate turned around within {GRAZING_THRESHOLD:g} of zero, relative to its amplitude, "
-    "and the outcome jumps where one reaches zero"
+    "grazing: a compression rate turned around next to zero (grazing_margin), and the outcome jumps where one "
+    "reaches zero"
 )
 CUTOFF = (
     f"cut-off: the outcome without a cut-off differs by more than {CUTOFF_THRESHOLD:g} |v0|, or is not known"
@@ -23,13 +23,17 @@ CUTOFF = (
 MARKS = ("", GRAZING, CUTOFF, f"{GRAZING}; {CUTOFF}")
 
 
-def mark_codes(grazing_margin: ArrayLike, cutoff_effect: ArrayLike) -> NDArray[np.uint8]:
+def mark_codes(
+    grazing_margin: ArrayLike, cutoff_effect: ArrayLike, threshold: float = GRAZING_THRESHOLD
+) -> NDArray[np.uint8]:
     """Index of each result's sentence in `MARKS`.
 
     Parameters
     ----------
     grazing_margin, cutoff_effect : array_like of float
         As in `model.Outcome`; an effect of NaN is one that could not be computed.
+    threshold : float
+        Of the grazing margin.
     """
-    grazing = np.less(grazing_margin, GRAZING_THRESHOLD)
+    grazing = np.less(grazing_margin, threshold)
     return np.asarray(grazing + 2 * ~np.less_equal(cutoff_effect, CUTOFF_THRESHOLD), dtype=np.uint8)

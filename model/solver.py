@@ -24,7 +24,7 @@ from model.automaton import (
 from model.collision import STATES, Collision, Outcome
 from model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
 from model.limits import BOUND
-from model.marks import MARKS, mark_codes
+from model.marks import GRAZING_THRESHOLD, MARKS, mark_codes
 from model.path import trace
 
 NAME = "state-transition"
@@ -47,6 +47,7 @@ def solve(
     path: bool = False,
     max_events: int = MAX_EVENTS,
     impact_law: str = "jia-mason-erdmann",
+    grazing_threshold: float = GRAZING_THRESHOLD,
 ) -> Outcome:
     """Solve one collision by the state transition model of Jia, Mason and Erdmann, exactly.
 
@@ -66,6 +67,8 @@ def solve(
     impact_law : str
         ``jia-mason-erdmann``, the model's own, or ``liu-zhao-brogliato``, which differs from the second compression of
         a contact on: it runs at the original stiffness.
+    grazing_threshold : float
+        Grazing margin below which the outcome is marked.
 
     Returns
     -------
@@ -118,7 +121,7 @@ def solve(
         status=STATUS_OF[code],
         reason=_reason(collision, cutoff, code),
         grazing_margin=margin,
-        marked=MARKS[int(mark_codes(margin, 0.0 if cutoff == EXACT else effect))],
+        marked=MARKS[int(mark_codes(margin, 0.0 if cutoff == EXACT else effect, grazing_threshold))],
         n_events=n_events,
         diagnostics={"energy_residual": 0.5 - loss - 0.5 * (v1 * v1 + mu * v2 * v2), **known},
         path=trail,
