@@ -21,16 +21,16 @@ from numpy.typing import ArrayLike
 
 from compliant_baselines.bistiffness_kernel import COMPRESSION, RESTITUTION, collide
 from compliant_baselines.piecewise import LOG_WIDTH, OPEN
-from compliant_baselines.reference_path import KernelLaw
-from compliant_baselines.reference_solver import (
+from compliant_baselines.reference_batch import (
     MAX_STEPS,
     Floats,
     Followed,
     ReferenceBatch,
-    ReferenceSolver,
     batch_of,
     scaled_inputs,
 )
+from compliant_baselines.reference_path import KernelLaw
+from compliant_baselines.reference_solver import ReferenceSolver
 from compliant_baselines.taylor import LINEAR
 from model.collision import Collision
 
@@ -47,6 +47,7 @@ def bistiffness_batch(
     gravity_number: ArrayLike = 0.0,
     *,
     rigid_ratio: float = RIGID_RATIO,
+    frozen: bool = False,
     max_steps: int = MAX_STEPS,
 ) -> ReferenceBatch:
     r"""Follow many collisions under the bistiffness law at once.
@@ -61,6 +62,9 @@ def bistiffness_batch(
         `drop`.
     rigid_ratio : float
         Where a contact counts as rigid; greater than 1.
+    frozen : bool
+        Whether a contact that has opened returns as soon as its bodies approach, as in the state-transition model
+        (which this is, without gravity).
     max_steps : int
         Stretches after which a cell is given up (status ``timeout``).
 
@@ -76,24 +80,25 @@ def bistiffness_batch(
     if not rigid_ratio > 1:
         raise ValueError(f"rigid_ratio = {rigid_ratio!r}; legal: greater than 1, up to inf")
     shape, (kappa, mu, first, second, g) = scaled_inputs(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
-    results = _follow_all(kappa, mu, first, second, g, float(rigid_ratio), max_steps)
+    results = _follow_all(kappa, mu, first, second, g, float(rigid_ratio), frozen, max_steps)
     return batch_of(shape, mu, g, Followed(*results))
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _follow_all(kappa, mu, e1, e2, g, rigid_ratio, max_steps):
+def _follow_all(kappa, mu, e1, e2, g, rigid_ratio, frozen, max_steps):
     n = kappa.size
-    v1, v2, duration = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    v1, v2 = np.full(n, np.nan), np.full(n, np.nan)
+    duration, fall = np.full(n, np.nan), np.full(n, np.nan)
     end, sequence = np.full(n, -1, np.int8), np.zeros(n, np.uint64)
     n_states, n_events, n_steps = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32)
     limited = np.zeros(n, np.bool_)
     no_log = np.empty((0, LOG_WIDTH))
     for i in prange(n):
         if 0 < kappa[i] < np.inf and e1[i] > 0 and e2[i] > 0:
-            result = collide(kappa[i], mu[i], e1[i], e2[i], g[i], rigid_ratio, max_steps, no_log)
-            v1[i], v2[i], end[i], sequence[i], n_states[i], n_events[i], n_steps[i], duration[i] = result[:8]
-            limited[i] = result[8]
-    return v1, v2, end, sequence, n_states, n_events, n_steps, duration, limited
+            result = collide(kappa[i], mu[i], e1[i], e2[i], g[i], rigid_ratio, frozen, max_steps, no_log)
+            v1[i], v2[i], end[i], sequence[i], n_states[i], n_events[i], n_steps[i] = result[:7]
+            duration[i], fall[i], limited[i] = result[7:]
+    return v1, v2, end, sequence, n_states, n_events, n_steps, duration, fall, limited
 
 
 class BistiffnessSolver(ReferenceSolver):
@@ -104,7 +109,13 @@ class BistiffnessSolver(ReferenceSolver):
     def follow(self, collision: Collision, g: float, max_steps: int, log: Floats) -> Followed:
         """Call the kernel, in scaled units."""
         c = collision
-        return Followed(*collide(c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, g, RIGID_RATIO, max_steps, log))
+        return Followed(
+            *collide(c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, g, RIGID_RATIO, False, max_steps, log)
+        )
+
+    def batch(self, *cells: Floats) -> ReferenceBatch:
+        """Follow many collisions at once."""
+        return bistiffness_batch(*cells)
 
     def law(self, collision: Collision) -> KernelLaw:
         """Springs without damping; phases as in a `Path`."""

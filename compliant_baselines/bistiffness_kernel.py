@@ -14,6 +14,10 @@ leave the two bodies overlapping at the end of restitution, by that same (1 - e^
 first have to grow by the overlap before it could close, or else the contact would return at once, in the
 midst of separating. It would also give back in position what the law has booked as lost in energy.
 
+**Frozen positions.** With `frozen` an OPEN contact does not move: it keeps p = 0 and returns at p' = 0, where its
+bodies begin to approach, whatever gap or rest of a penetration they have by then. Without gravity that is the
+state-transition model, in time.
+
 **When a contact becomes rigid.** Under the steady push F_s of the other contact, a contact with e < 1
 bounces or vibrates without end: each end of compression stiffens it by 1/e^2 and shortens the cycle by e at
 an unchanged peak force F, so that infinitely many events fit in a finite time, after which its bodies move
@@ -121,7 +125,7 @@ def stands_still(mu, p1, d1, p2, v2, k1, k2, g):
 
 
 @njit(cache=True, error_model="numpy")
-def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
+def collide(kappa, mu, e1, e2, g, cutoff, frozen, max_steps, log):
     """Follow one collision to its end.
 
     Parameters
@@ -134,6 +138,8 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         Gravity; 0 is the scenario `impact`, anything else `drop`.
     cutoff : float
         Where a contact is taken for rigid, see the module.
+    frozen : bool
+        Whether an open contact returns as soon as its bodies approach.
     max_steps : int
         Stretches after which the collision is given up.
     log : ndarray, shape (n, LOG_WIDTH)
@@ -149,8 +155,8 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         States two bits each, the last one lowest (S1 is 0), and how many; the sequence holds the last 32.
     n_events, n_steps : int
         Events and stretches.
-    time : float
-        Duration.
+    time, fall : float
+        Duration, and for how long of it gravity acted (`piecewise`).
     limited : bool
         Whether a contact became rigid.
     """
@@ -158,7 +164,7 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
     k1, k2 = 1.0, kappa
     p1, d1, q2, v2 = 0.0, 1.0, 0.0, 0.0
     phase1, phase2 = COMPRESSION, COMPRESSION
-    time, limited = 0.0, False
+    time, fall, limited = 0.0, np.inf, False
     state, sequence, n_states, n_events, n = 1, np.uint64(0), 1, 0, 0
     end, rigid = GOING, 0
     while True:
@@ -171,6 +177,8 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
             end = TOO_LONG
         if end != GOING:
             break
+        if g > 0 and phase1 == OPEN and phase2 == OPEN:
+            q2, g, fall = q2 + mu * g / k2, 0.0, time  # in flight: from here on the bodies no longer fall
 
         r2 = mu * g / k2
         a1, a2 = (k1 if phase1 != OPEN else 0.0), (k2 if phase2 != OPEN else 0.0)
@@ -182,21 +190,21 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         expand(table, degree, h, mu, a1, a2, 0.0, 0.0, carried, carried - g)
 
         # Watched, each positive until its event: the penetration of a contact in restitution, the gap of an
-        # open one; the rate of one in compression, its negative in restitution.
+        # open one, or, frozen, its negative rate; the rate of one in compression, its negative in restitution.
         x, fired = 1.0, -1
         for i in range(5):
             row, phase = (P1, phase1) if i < 2 else (Q2, phase2)
             if i == 0 or i == 2:
-                if phase == COMPRESSION:
+                if phase == COMPRESSION or (frozen and phase == OPEN):
                     continue
                 sign = 1.0 if phase == RESTITUTION else -1.0
             elif i == 4:
                 # B2 at rest counts once B1 no longer approaches: a border of stretches too.
-                if not (g > 0 and phase1 == OPEN and phase2 != OPEN):
+                if frozen or not (g > 0 and phase1 == OPEN and phase2 != OPEN):
                     continue
                 row, sign = D1, (1.0 if d1 > 0 or (d1 == 0 and table[D1, 1] > 0) else -1.0)
             else:
-                if phase == OPEN:
+                if phase == OPEN and not frozen:
                     continue
                 row = D1 if i == 1 else V2
                 sign = (1.0 if phase == COMPRESSION else -1.0) * (1.0 if i == 1 else -1.0)
@@ -208,10 +216,14 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         if x < 0:
             end = TOO_LONG  # numbers beyond what can be certified
             break
-        write_row(log, n, time, (p1, d1, q2, v2), x * h, k1, k2, phase1, phase2)
+        write_row(log, n, time, (p1, d1, q2, v2), x * h, k1, k2, phase1, phase2, g)
         p1, d1, q2, v2 = evaluate(table, degree, x)
         time += x * h
         event = 0
+        if frozen and phase1 == OPEN:
+            p1, d1 = 0.0, min(d1, 0.0)
+        if frozen and phase2 == OPEN:
+            q2, v2 = -r2, max(v2, 0.0)
         if fired == 0:
             p1 = 0.0
             phase1, event = (COMPRESSION, RETURN) if phase1 == OPEN else (OPEN, END_OF_RESTITUTION)
@@ -223,7 +235,8 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
                 push, F = (k2 * q2 + mu * g) / (1 + mu) if phase2 != OPEN else 0.0, k1 * p1
                 rigid = 1 if k1 * push * push > cutoff * k2 * F * F else 0
             else:
-                phase1, event = COMPRESSION, RESTART_OF_COMPRESSION
+                event = RETURN if phase1 == OPEN else RESTART_OF_COMPRESSION
+                phase1 = COMPRESSION
         elif fired == 2:
             q2 = -r2
             phase2, event = (COMPRESSION, RETURN) if phase2 == OPEN else (OPEN, END_OF_RESTITUTION)
@@ -235,7 +248,8 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
                 push, F = (k1 * p1 if phase1 != OPEN else 0.0) + mu * g, k2 * q2 + mu * g
                 rigid = 2 if k2 * push * push > cutoff * k1 * F * F else 0
             else:
-                phase2, event = COMPRESSION, RESTART_OF_COMPRESSION
+                event = RETURN if phase2 == OPEN else RESTART_OF_COMPRESSION
+                phase2 = COMPRESSION
         elif fired == 4:
             d1 = 0.0
         if n < log.shape[0] and event > 0:
@@ -245,7 +259,7 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
         if rigid > 0 and how_over(phase1 != OPEN, phase2 != OPEN, mu, p1, d1, q2, v2, k1, k2, g) == GOING:
             entry = p1, d1, q2, v2
             d1, v2, wait, end = as_one(rigid, mu, p1, d1, q2, v2, k1, k2, e1, e2, phase1, phase2, g)
-            write_row(log, n, time, entry, wait, k1, k2, phase1, phase2)
+            write_row(log, n, time, entry, wait, k1, k2, phase1, phase2, g)
             if n < log.shape[0]:
                 log[n, 10] = LIMIT * 10
             time, limited, phase1, phase2, p1, q2, n = time + wait, True, OPEN, OPEN, 0.0, -mu * g / k2, n + 1
@@ -256,7 +270,7 @@ def collide(kappa, mu, e1, e2, g, cutoff, max_steps, log):
             d1, v2, limited = 0.0, 0.0, True
             end = STUCK if g > 0 else FREE
 
-    write_row(log, n, time, (p1, d1, q2, v2), 0.0, k1, k2, phase1, phase2)
+    write_row(log, n, time, (p1, d1, q2, v2), 0.0, k1, k2, phase1, phase2, g)
     if state != 4:
         sequence, n_states = (sequence << np.uint64(2)) | np.uint64(3), n_states + 1
-    return v2 - d1, v2, end, sequence, n_states, n_events, n, time, limited
+    return v2 - d1, v2, end, sequence, n_states, n_events, n, time, min(fall, time), limited

@@ -78,6 +78,8 @@ class Settings:
         Whether outcomes carry the path.
     stiffness_ratio_cutoff : float
         Of the state-transition model; infinity switches the cut-off off.
+    mark : bool
+        Whether references and engines mark outcomes beside a jump of their exact law (`compliant_baselines.jumps`).
     convergence : Convergence or None
         Whether engines are also run at shorter steps until their limit is known, and how well.
 
@@ -95,6 +97,7 @@ class Settings:
     shortest_state: float = 2.5e-3
     record_path: bool = False
     stiffness_ratio_cutoff: float = 1e5
+    mark: bool = True
     convergence: Convergence | None = None
 
     def __post_init__(self) -> None:

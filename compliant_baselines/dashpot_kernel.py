@@ -16,6 +16,10 @@ that of F:
 A linear dashpot pushes from the first touch (F = c p' at p = 0) and is spent before its bodies are apart. A
 slack contact becomes loaded again without having opened when the third body pushes its bodies together.
 
+**Frozen positions.** With `frozen` an OPEN contact does not move, and none is SLACK: one whose G or p falls to 0 is
+OPEN with p = 0, what was left of its penetration forgotten, and LOADED again at p' = 0, where its bodies begin to
+approach. That is the law in the impulse space of the state-transition model.
+
 Units and unknowns as in `compliant_baselines.taylor` and `compliant_baselines.piecewise`.
 """
 
@@ -36,7 +40,7 @@ from compliant_baselines.piecewise import (
     state_of,
     write_row,
 )
-from compliant_baselines.settling import quiet, settle
+from compliant_baselines.settling import settled
 from compliant_baselines.taylor import (
     D1,
     LINEAR,
@@ -51,7 +55,7 @@ from compliant_baselines.taylor import (
     longest_step,
     trusted,
 )
-from compliant_baselines.trajectory import GOING
+from compliant_baselines.trajectory import GOING, STUCK
 
 LOADED, SLACK = 1, 2
 
@@ -60,7 +64,7 @@ PATIENCE = 6
 
 
 @njit(cache=True, error_model="numpy")
-def collide(law, kappa, mu, c1, c2, g, max_steps, log):
+def collide(law, kappa, mu, c1, c2, g, frozen, max_steps, log):
     r"""Follow one collision to its end.
 
     Parameters
@@ -73,6 +77,8 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
         Damping of the contacts: c per sqrt(k1 m1), or a times \|v0\|.
     g : float
         Gravity; 0 is the scenario `impact`, anything else `drop`.
+    frozen : bool
+        Whether an open contact returns as soon as its bodies approach.
     max_steps : int
         Stretches after which the collision is given up.
     log : ndarray, shape (n, LOG_WIDTH)
@@ -88,15 +94,15 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
         States two bits each, the last one lowest (S1 is 0), and how many; the sequence holds the last 32.
     n_events, n_steps : int
         Ends and returns of a force, and stretches.
-    time : float
-        Duration.
+    time, fall : float
+        Duration, and for how long of it gravity acted (`piecewise`).
     """
     table, G = np.empty((4, ORDER + 1)), np.empty((2, ORDER + 1))
     r2 = mu * g / kappa
     p1, d1, q2, v2 = 0.0, 1.0, 0.0, 0.0
     mode1, mode2 = LOADED, LOADED
     zero1, zero2 = False, False  # whether the force of a contact is zero by the event that just happened
-    time = 0.0
+    time, fall = 0.0, np.inf
     state, sequence, n_states, n_events, n = 1, np.uint64(0), 1, 0, 0
     end, last = GOING, 0
     while True:
@@ -108,16 +114,14 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
             end = TOO_LONG
         if end != GOING:
             break
+        if g > 0 and mode1 == OPEN and mode2 == OPEN:
+            q2, r2, g, fall = q2 + r2, 0.0, 0.0, time  # in flight: from here on the bodies no longer fall
 
-        # A record needs every stretch; without one, the last of a drop may be taken together.
-        if g > 0 and log.shape[0] == 0 and n - last >= PATIENCE and mode1 == LOADED and mode2 == LOADED:
+        if g > 0 and law == LINEAR and n - last >= PATIENCE and mode1 == LOADED and mode2 == LOADED:
             last = n
-            if law == LINEAR and quiet(mu, kappa, c1, c2, g, p1, d1, q2, v2):
-                p1, d1, q2, v2, wait = settle(mu, kappa, c1, c2, g, p1, d1, q2, v2)
-                if wait == np.inf:
-                    end = TOO_LONG
-                    break
-                time += wait
+            if settled(mu, kappa, c1, c2, g, p1, d1, q2, v2):
+                end = STUCK
+                break
 
         k1, a1 = (1.0, c1) if mode1 == LOADED else (0.0, 0.0)
         k2, a2 = (kappa, c2) if mode2 == LOADED else (0.0, 0.0)
@@ -139,7 +143,7 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
             x = trusted(table, degree)
 
         # Watched, each positive until its event: G of a loaded contact, -G of a slack one; the penetration
-        # of a contact whose bodies overlap, the gap of an open one.
+        # of a contact whose bodies overlap, the gap of an open one, or, frozen, its negative rate.
         if mode1 != OPEN:
             for j in range(degree + 1):
                 G[0, j] = table[P1, j] + c1 * table[D1, j] if law == LINEAR else c1 * table[D1, j]
@@ -149,8 +153,9 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
             if root <= x:
                 x, fired = root, 0
         if mode1 != LOADED or law == PRODUCT:
+            row, start = (D1, d1) if frozen and mode1 == OPEN else (P1, p1)
             sign = -1.0 if mode1 == OPEN else 1.0
-            root = first_root(table, P1, sign, sign * p1, degree, x)
+            root = first_root(table, row, sign, sign * start, degree, x)
             if root <= x:
                 x, fired = root, 1
         if mode2 != OPEN:
@@ -162,12 +167,13 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
             if root <= x:
                 x, fired = root, 2
         if mode2 != LOADED or law == PRODUCT:
+            row, start = (V2, -v2) if frozen and mode2 == OPEN else (Q2, q2 + r2)
             sign = -1.0 if mode2 == OPEN else 1.0
-            root = first_root(table, Q2, sign, sign * (q2 + r2), degree, x)
+            root = first_root(table, row, -sign if row == V2 else sign, sign * start, degree, x)
             if root <= x:
                 x, fired = root, 3
         level = False
-        if g > 0 and mode1 == OPEN and mode2 != OPEN:
+        if g > 0 and mode1 == OPEN and mode2 != OPEN and not frozen:
             # B2 at rest counts once B1 no longer approaches: a border of stretches too.
             sign = 1.0 if d1 > 0 or (d1 == 0 and table[D1, 1] > 0) else -1.0
             root = first_root(table, D1, sign, sign * d1, degree, x)
@@ -181,12 +187,16 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
         if x < 0:
             end = TOO_LONG  # numbers beyond what can be certified
             break
-        write_row(log, n, time, (p1, d1, q2, v2), x * h, 1.0, kappa, mode1, mode2)
+        write_row(log, n, time, (p1, d1, q2, v2), x * h, 1.0, kappa, mode1, mode2, g)
         p1, d1, q2, v2 = evaluate(table, degree, x)
         time += x * h
         zero1 = zero2 = False
         if level:
             d1 = 0.0
+        if frozen and mode1 == OPEN:
+            p1, d1 = 0.0, (0.0 if fired == 1 else min(d1, 0.0))
+        if frozen and mode2 == OPEN:
+            q2, v2 = -r2, (0.0 if fired == 3 else max(v2, 0.0))
         was1, was2 = mode1, mode2
         if fired == 0:
             zero1, mode1 = True, (SLACK if mode1 == LOADED else LOADED)
@@ -196,10 +206,11 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
             zero2, mode2 = True, (SLACK if mode2 == LOADED else LOADED)
         elif fired == 3:
             q2, mode2 = -r2, (LOADED if mode2 == OPEN else OPEN)
-        # Without a dashpot the force ends where the bodies part: the contact is never slack.
-        if mode1 == SLACK and law == LINEAR and c1 == 0:
+        # Without a dashpot the force ends where the bodies part: the contact is never slack. Nor is it with frozen
+        # positions.
+        if mode1 == SLACK and (frozen or (law == LINEAR and c1 == 0)):
             p1, mode1 = 0.0, OPEN
-        if mode2 == SLACK and law == LINEAR and c2 == 0:
+        if mode2 == SLACK and (frozen or (law == LINEAR and c2 == 0)):
             q2, mode2 = -r2, OPEN
         event = 0
         if (was1 == LOADED) != (mode1 == LOADED):
@@ -212,7 +223,7 @@ def collide(law, kappa, mu, c1, c2, g, max_steps, log):
         n += 1
         last = n if event > 0 else last
 
-    write_row(log, n, time, (p1, d1, q2, v2), 0.0, 1.0, kappa, mode1, mode2)
+    write_row(log, n, time, (p1, d1, q2, v2), 0.0, 1.0, kappa, mode1, mode2, g)
     if state != 4:
         sequence, n_states = (sequence << np.uint64(2)) | np.uint64(3), n_states + 1
-    return v2 - d1, v2, end, sequence, n_states, n_events, n, time
+    return v2 - d1, v2, end, sequence, n_states, n_events, n, time, min(fall, time)

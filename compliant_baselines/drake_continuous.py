@@ -21,6 +21,7 @@ collision is seen to be over, not on the velocities.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -48,7 +49,9 @@ class DrakeHuntCrossleySolver(DrakeSolver):
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` samples are taken; in order."""
         with quiet():
-            return [follow(_scene(column), column, max_steps, record_path) for column in columns]
+            return [
+                follow(partial(_scene, abs(column.v1)), column, max_steps, record_path) for column in columns
+            ]
 
 
 def dissipation(contact: Contact, speed: float) -> float:
@@ -64,8 +67,8 @@ def dissipation(contact: Contact, speed: float) -> float:
     return float(hunt_crossley_coefficients(np.array([contact.restitution]))[0]) / speed
 
 
-def _scene(column: Column) -> Scene:
-    speed = abs(column.v1)
+def _scene(speed: float, column: Column) -> Scene:
+    """Set a column up whose contacts have their restitution at an approach speed in m/s."""
     one, two = column.contact1, column.contact2
     upper = contact_material(point_stiffness=one.k, dissipation=dissipation(one, speed))
     table = contact_material(point_stiffness=two.k, dissipation=dissipation(two, speed))

@@ -26,8 +26,9 @@ Importing the package takes half a second: nothing here does before it is asked 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -37,6 +38,7 @@ from compliant_baselines.engine import EngineSolver
 from compliant_baselines.engine_run import Run
 from compliant_baselines.mapping import DrakeGeometry, drake_geometries
 from compliant_baselines.recording import Recorder
+from compliant_baselines.trajectory import FLIGHT, GOING
 
 #: Steps between two looks at whether the collision is over.
 WINDOW = 512
@@ -195,28 +197,53 @@ def build(column: Column, properties: Sequence[Any], k1: float, k2: float, *, di
     return Scene(simulator, log, 3 * radius, radius, k2)
 
 
-def follow(scene: Scene, column: Column, max_steps: int, record_path: bool) -> Run:
-    """Advance a scene until its collision is over; what the engine raises ends the run and is its failure."""
-    context = scene.simulator.get_mutable_context()
-    log = scene.log.FindMutableLog(context)
+def started(scene: Scene) -> Any:
+    """Initialise a scene and give its log, which holds the start."""
+    log = scene.log.FindMutableLog(scene.simulator.get_mutable_context())
     scene.simulator.Initialize()
+    return log
+
+
+def follow(make: Callable[[Column], Scene], column: Column, max_steps: int, record_path: bool) -> Run:
+    """Advance a column until its collision is over; what the engine raises ends the run and is its failure.
+
+    Parameters
+    ----------
+    make : callable
+        Sets a scene up in the state and under the gravity of a column.
+    column : Column
+        What is asked.
+    max_steps : int
+        Steps after which it is given up.
+    record_path : bool
+        Whether to keep points.
+    """
+    scene = make(column)
+    log = started(scene)
     first = log.data()[:, 0]
     recorder = Recorder(
         column, first[0] - scene.datum1, first[1] - scene.datum2, scene.k2, max_steps, record_path
     )
-    done = 0
+    done = before = 0  # steps, and those of an earlier scene
     while done < max_steps:
         log.Clear()
         done = min(done + WINDOW, max_steps)
         try:
-            scene.simulator.AdvanceTo(done * column.step)
+            scene.simulator.AdvanceTo((done - before) * column.step)
         except RuntimeError as error:
             return recorder.finish(" ".join(f"Drake: {error}".split()))
         times, data = log.sample_times(), log.data()
         # A window's first sample may repeat the last of the one before.
-        new = times > (recorder.n_steps + 0.5) * column.step
+        new = times > (recorder.n_steps - before + 0.5) * column.step
         heights = data[:2, new].T - (scene.datum1, scene.datum2)
-        if recorder.feed(data[2:, new].T.copy(), heights):
+        end = recorder.feed(data[2:, new].T.copy(), heights)
+        if end == FLIGHT:
+            # Gravity is part of a finished plant: another one goes on from here.
+            (x1, x2), (v1, v2) = (map(float, values) for values in recorder.state)
+            scene = make(replace(column, gravity=0.0, settled=False, x1=x1, x2=x2, v1=v1, v2=v2))
+            log, done, before = started(scene), recorder.n_steps, recorder.n_steps
+            continue
+        if end != GOING:
             break
         if recorder.n_steps != done:
             raise AssertionError(f"{recorder.n_steps} samples logged in {done} steps")
@@ -233,5 +260,7 @@ def run(column: Column, max_steps: int, record_path: bool) -> Run:
     bodies = drake_geometries(column.contact1, column.contact2, column.mapping)
     upper, lower, table = bodies
     k1, k2 = upper.against(lower).stiffness, lower.against(table).stiffness
-    scene = build(column, [discrete_properties(body) for body in bodies], k1, k2, discrete=True)
-    return follow(scene, column, max_steps, record_path)
+    properties = [discrete_properties(body) for body in bodies]
+    return follow(
+        lambda state: build(state, properties, k1, k2, discrete=True), column, max_steps, record_path
+    )

@@ -8,11 +8,14 @@ from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from math import isnan
 
+from compliant_baselines import registry
 from compliant_baselines.certificate import certify
 from compliant_baselines.column import Column, column_of, unrepresentable
 from compliant_baselines.contract import Settings, SolverBase
 from compliant_baselines.convergence import Limit
 from compliant_baselines.engine_run import Run, states_of
+from compliant_baselines.jumps import mark
+from compliant_baselines.reference_solver import ReferenceSolver
 from compliant_baselines.trajectory import REST, STUCK
 from model.collision import Collision, Outcome
 
@@ -76,16 +79,23 @@ class EngineSolver(SolverBase):
             limits = certify(self, list(over.values()), settings.convergence, settings.max_steps)
             for i, (limit, reason) in zip(over, limits, strict=True):
                 outcomes[i] = certified(outcomes[i], limit, reason)
-        return [outcomes[i] for i in range(len(collisions))]
+        answered = [outcomes[i] for i in range(len(collisions))]
+        if settings.mapping == "naive":
+            return answered  # its contacts are not those of the law
+        law = registry.law_of(self.name)
+        exact = registry.get_solver(law)
+        assert isinstance(exact, ReferenceSolver)
+        return mark(answered, collisions, settings, law, exact.batch)
 
 
 def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     """Turn a finished run into an outcome.
 
-    `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy at the start),
-    for a drop `gravity_number` = g/(|v0| omega1), and where B2 came to rest on the table `rest_speed`, its
-    velocity in m/s at the instant the collision was over. Impulses are those of the contacts, support of B2's
-    weight included, and go with the velocities reported: for a B2 at rest without what it still had.
+    `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy at the start), for a
+    drop `gravity_number` = g/(|v0| omega1) and, if there is one, `first_flight` (s, when gravity ended), and where B2
+    came to rest on the table `rest_speed`, its velocity in m/s at the instant the collision was over. Impulses are
+    those of the contacts, support of B2's weight included, and go with the velocities reported: for a B2 at rest
+    without what it still had.
     """
     column = run.column
     if not run.over:
@@ -101,6 +111,8 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     }
     if column.gravity:
         diagnostics["gravity_number"] = column.gravity / (abs(column.v1) * column.contact1.omega)
+    if run.fall is not None:
+        diagnostics["first_flight"] = run.fall[0] * column.step
     v1, v2 = run.reported
     if run.end in (REST, STUCK):
         diagnostics["rest_speed"] = run.v2

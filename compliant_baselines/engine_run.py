@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import nan
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,9 @@ class Run:
         NaN if they never did.
     max_steps : int
         Steps it was allowed.
+    fall : tuple of int and two floats, or None
+        Where its first flight began, from which on the bodies no longer fall: number of steps, heights in m; None
+        if it had none, or no gravity.
     """
 
     column: Column
@@ -58,6 +62,7 @@ class Run:
     starts: float = 0.0
     unloaded: tuple[float, float] = (nan, nan)
     max_steps: int = 0
+    fall: tuple[int, float, float] | None = None
 
     @property
     def duration(self) -> float:
@@ -96,15 +101,20 @@ class Run:
     def impulses(self, v1: float, v2: float) -> tuple[float, float]:
         """Give the total impulses of both contacts, in N s, for final velocities in m/s; gravity put back."""
         c = self.column
-        fallen = c.gravity * self.duration
+        fallen = c.gravity * self._falling(self.duration)
         impulse1 = c.m1 * (v1 - c.v1 + fallen)
         return impulse1, impulse1 + c.m2 * (v2 - c.v2 + fallen)
+
+    def _falling(self, time: Any) -> Any:
+        """For how long up to a time, or to each of some, gravity acted, in s."""
+        return time if self.fall is None else np.minimum(time, self.fall[0] * self.column.step)
 
     def energy_gain(self) -> float:
         """Give the energy gained over the kinetic energy at the start, without what springs hold at the end.
 
-        Kinetic energy and height count, and so does what the support of a settled B2 holds at the start.
-        Dissipation and springs left loaded only make it smaller: a positive value is the engine's doing.
+        Kinetic energy and, as long as the bodies fall, height count, and so does what the support of a settled B2
+        holds at the start. Dissipation and springs left loaded only make it smaller: a positive value is the
+        engine's doing.
         """
         c = self.column
 
@@ -114,7 +124,8 @@ class Run:
         # A linear support that carries m2 g at the penetration -x2_start holds half their product.
         held = -0.5 * c.m2 * c.gravity * self.x2_start if c.settled else 0.0
         before = energy(c.v1, c.v2, self.x1_start, self.x2_start) + held
-        return (energy(self.v1, self.v2, self.x1, self.x2) - before) / energy(c.v1, c.v2, 0, 0)
+        x1, x2 = (self.x1, self.x2) if self.fall is None else self.fall[1:]
+        return (energy(self.v1, self.v2, x1, x2) - before) / energy(c.v1, c.v2, 0, 0)
 
     def path(self, runs: Runs) -> Path:
         """Give the recorded path under a (merged) state sequence; energies unknown."""
@@ -131,8 +142,9 @@ class Run:
         state = runs.state[state_index]
         v1, v2 = self.points[order, 1], self.points[order, 2]
         t = np.asarray(step[order] * c.step, np.float64)
-        impulse1 = c.m1 * (v1 - c.v1 + c.gravity * t)
-        impulse2 = impulse1 + c.m2 * (v2 - c.v2 + c.gravity * t)
+        fallen = c.gravity * self._falling(t)
+        impulse1 = c.m1 * (v1 - c.v1 + fallen)
+        impulse2 = impulse1 + c.m2 * (v2 - c.v2 + fallen)
         phase1 = np.where(np.isin(state, (1, 3)), np.where(v2 > v1, 1, 2), 0)
         phase2 = np.where(np.isin(state, (1, 2)), np.where(v2 < 0, 1, 2), 0)
         return Path(t, impulse1, impulse2, v1, v2, None, None, state, phase1, phase2)

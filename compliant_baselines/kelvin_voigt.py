@@ -28,16 +28,16 @@ from numpy.typing import ArrayLike
 
 from compliant_baselines.dashpot_kernel import LOADED, collide
 from compliant_baselines.piecewise import LOG_WIDTH
-from compliant_baselines.reference_path import KernelLaw
-from compliant_baselines.reference_solver import (
+from compliant_baselines.reference_batch import (
     MAX_STEPS,
     Floats,
     Followed,
     ReferenceBatch,
-    ReferenceSolver,
     batch_of,
     scaled_inputs,
 )
+from compliant_baselines.reference_path import KernelLaw
+from compliant_baselines.reference_solver import ReferenceSolver
 from compliant_baselines.restitution_laws import (
     damping_ratios,
     hunt_crossley_coefficients,
@@ -84,6 +84,7 @@ def kelvin_voigt_batch(
     gravity_number: ArrayLike = 0.0,
     *,
     damping: Damping = "pair",
+    frozen: bool = False,
     max_steps: int = MAX_STEPS,
 ) -> ReferenceBatch:
     r"""Follow many collisions with contacts of spring and dashpot at once.
@@ -98,6 +99,9 @@ def kelvin_voigt_batch(
         `drop`.
     damping : str
         One of `DAMPINGS`, see the module.
+    frozen : bool
+        Whether a contact ends for good when its force does, and returns as soon as its bodies approach: the law in
+        the impulse space of the state-transition model.
     max_steps : int
         Stretches after which a cell is given up (status ``timeout``).
 
@@ -113,21 +117,23 @@ def kelvin_voigt_batch(
     shape, (kappa, mu, first, second, g) = scaled_inputs(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
     with np.errstate(invalid="ignore", over="ignore"):
         law, c1, c2 = dampings(damping, kappa, mu, first, second)
-    return batch_of(shape, mu, g, Followed(*_follow_all(law, kappa, mu, c1, c2, g, max_steps)))
+    return batch_of(shape, mu, g, Followed(*_follow_all(law, kappa, mu, c1, c2, g, frozen, max_steps)))
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _follow_all(law, kappa, mu, c1, c2, g, max_steps):
+def _follow_all(law, kappa, mu, c1, c2, g, frozen, max_steps):
     n = kappa.size
-    v1, v2, duration = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    v1, v2 = np.full(n, np.nan), np.full(n, np.nan)
+    duration, fall = np.full(n, np.nan), np.full(n, np.nan)
     end, sequence = np.full(n, -1, np.int8), np.zeros(n, np.uint64)
     n_states, n_events, n_steps = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32)
     no_log = np.empty((0, LOG_WIDTH))
     for i in prange(n):
         if 0 < kappa[i] < np.inf and c1[i] < np.inf and c2[i] < np.inf:
-            result = collide(law, kappa[i], mu[i], c1[i], c2[i], g[i], max_steps, no_log)
-            v1[i], v2[i], end[i], sequence[i], n_states[i], n_events[i], n_steps[i], duration[i] = result
-    return v1, v2, end, sequence, n_states, n_events, n_steps, duration, np.zeros(n, np.bool_)
+            result = collide(law, kappa[i], mu[i], c1[i], c2[i], g[i], frozen, max_steps, no_log)
+            v1[i], v2[i], end[i], sequence[i], n_states[i], n_events[i], n_steps[i] = result[:7]
+            duration[i], fall[i] = result[7:]
+    return v1, v2, end, sequence, n_states, n_events, n_steps, duration, fall, np.zeros(n, np.bool_)
 
 
 class KelvinVoigtSolver(ReferenceSolver):
@@ -140,7 +146,11 @@ class KelvinVoigtSolver(ReferenceSolver):
         """Call the kernel, in scaled units."""
         law = self.law(collision)
         ratios = collision.stiffness_ratio, collision.mass_ratio
-        return Followed(*collide(law.force, *ratios, law.c1, law.c2, g, max_steps, log), limited=False)
+        return Followed(*collide(law.force, *ratios, law.c1, law.c2, g, False, max_steps, log), limited=False)
+
+    def batch(self, *cells: Floats) -> ReferenceBatch:
+        """Follow many collisions at once."""
+        return kelvin_voigt_batch(*cells, damping=self.damping)
 
     def law(self, collision: Collision) -> KernelLaw:
         """Law and damping, scaled; a contact carries force when loaded, and its phase shows in its rate."""

@@ -33,6 +33,7 @@ from compliant_baselines.engine import EngineSolver
 from compliant_baselines.engine_run import Run
 from compliant_baselines.mapping import MUJOCO_IMPEDANCE, MujocoContact, mujoco_contact
 from compliant_baselines.recording import Recorder
+from compliant_baselines.trajectory import FLIGHT, GOING
 
 if TYPE_CHECKING:
     from mujoco.batch import Batch
@@ -132,20 +133,22 @@ class MujocoSolver(EngineSolver):
         recorders = load(batch, columns, max_steps, record_path)
         failures = [""] * len(columns)
         going = np.arange(len(columns))
-        done = 0
-        while going.size and done < max_steps:
-            n = min(WINDOW, max_steps - done)
+        while going.size:
+            n = min(WINDOW, max_steps - max(recorders[i].n_steps for i in going))
             record = batch.rollout(n, record=("qvel", "qpos"), ids=going)
             warned = batch.warning[going, :, 1].any(axis=1)  # (simulation, kind, (last info, count))
-            done += n
             left = []
             for row, i in enumerate(going):
-                over = recorders[i].feed(record["qvel"][row], record["qpos"][row])
-                if warned[row] and not over:
+                end = recorders[i].feed(record["qvel"][row], record["qpos"][row])
+                if end == FLIGHT:
+                    batch.qpos[i], batch.qvel[i] = recorders[i].state
+                    batch.expand("opt.gravity")[i] = 0.0
+                elif warned[row] and end == GOING:
                     failures[i] = (
                         f"MuJoCo found positions, velocities or accelerations beyond {LARGEST_VALUE:.0e}"
                     )
-                elif not over:
+                    continue
+                if end in (GOING, FLIGHT) and recorders[i].n_steps < max_steps:
                     left.append(i)
             going = np.array(left, dtype=np.intp)
         return [recorder.finish(failure) for recorder, failure in zip(recorders, failures, strict=True)]

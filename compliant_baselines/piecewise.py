@@ -4,7 +4,8 @@ The collision is over by the rule of `compliant_baselines.trajectory`, read in c
 instant at which it holds, not at the end of the step in which it began to. The three ways to be over become
 true
 
-* where a contact opens or B1 and B2 reach the same velocity, which are borders of stretches, or
+* where a contact opens or B1 and B2 reach the same velocity, which are borders of stretches (so is the first flight,
+  from which on a kernel goes on with g = 0), or
 * where energy about equilibrium falls to what it takes to unload the contacts. While the same contacts carry
   force that energy only falls, so that its value at the end of a stretch tells, and bisection finds the
   instant.
@@ -31,8 +32,8 @@ TOO_LONG = 9
 
 #: Columns of a log row, one row a stretch: the state at its start, its length, and the event at its end.
 #: The phases are the modes of the contacts in the kernel that wrote them; k1, k2 the present stiffnesses,
-#: in use or not.
-LOG_COLUMNS = ("time", "p1", "d1", "q2", "v2", "duration", "k1", "k2", "phase1", "phase2", "event")
+#: in use or not; g what gravity there is.
+LOG_COLUMNS = ("time", "p1", "d1", "q2", "v2", "duration", "k1", "k2", "phase1", "phase2", "event", "g")
 LOG_WIDTH = len(LOG_COLUMNS)
 
 # Events, as written to the log times 10, plus the contact.
@@ -137,15 +138,9 @@ def over_within(table, degree, x, loaded1, loaded2, mu, k1, k2, g):
 
 
 @njit(cache=True, error_model="numpy")
-def write_row(log, n, time, state, duration, k1, k2, phase1, phase2):
+def write_row(log, n, time, state, duration, k1, k2, phase1, phase2, g):
     """Write row n of a log, all but its event, if it has one."""
     if n < log.shape[0]:
         log[n, 0], log[n, 1], log[n, 2], log[n, 3], log[n, 4] = time, state[0], state[1], state[2], state[3]
-        log[n, 5], log[n, 6], log[n, 7], log[n, 8], log[n, 9], log[n, 10] = (
-            duration,
-            k1,
-            k2,
-            phase1,
-            phase2,
-            0.0,
-        )
+        log[n, 5], log[n, 6], log[n, 7], log[n, 8], log[n, 9] = duration, k1, k2, phase1, phase2
+        log[n, 10], log[n, 11] = 0.0, g

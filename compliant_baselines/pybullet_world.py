@@ -37,7 +37,7 @@ from compliant_baselines.engine_run import Run
 from compliant_baselines.mapping import PybulletBody, pybullet_bodies
 from compliant_baselines.quiet import Law
 from compliant_baselines.recording import Recorder
-from compliant_baselines.trajectory import Floats
+from compliant_baselines.trajectory import FLIGHT, GOING, Floats
 
 #: Single steps between two looks at what comes next: the first time, and most.
 SHORT_WINDOW, WINDOW = 8, 256
@@ -193,16 +193,41 @@ class World:
             )
             self._p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0), physicsClientId=self._client)
 
-    def singly(self, n: int) -> Floats:
-        """Take n steps; give the velocities after each, shape (n, 2)."""
+    def singly(self, n: int, x: Floats, until_flight: bool) -> tuple[Floats, Floats]:
+        """Take n steps, or fewer, up to the first after which both gaps are open.
+
+        Parameters
+        ----------
+        n : int
+            Steps, at most.
+        x : ndarray, shape (2,)
+            Heights in m before the first.
+        until_flight : bool
+            Whether open gaps end them.
+
+        Returns
+        -------
+        v, x : ndarray, shape (steps, 2)
+            Velocities and heights after each.
+        """
         self._set_stride(0)
-        step, read, client = self._p.stepSimulation, self._p.getBaseVelocity, self._client
+        step, read, client, h = self._p.stepSimulation, self._p.getBaseVelocity, self._client, self._h
         b1, b2 = self.balls
-        v = np.empty((n, 2))
-        for i in range(n):
+        x1, x2 = map(float, x)
+        states = []
+        for _ in range(n):
             step(client)
-            v[i] = read(b1, client)[0][2], read(b2, client)[0][2]
-        return v
+            v1, v2 = read(b1, client)[0][2], read(b2, client)[0][2]
+            x1, x2 = x1 + h * v1, x2 + h * v2
+            states.append((v1, v2, x1, x2))
+            if until_flight and x1 >= x2 >= 0:
+                break
+        taken = np.array(states)
+        return taken[:, :2].copy(), taken[:, 2:].copy()
+
+    def stop_falling(self) -> None:
+        """Switch gravity off."""
+        self._p.setGravity(0, 0, 0, physicsClientId=self._client)
 
     def together(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps in one call, see `exact`; give velocities and heights after the last."""
@@ -241,8 +266,8 @@ def run(world: World, column: Column, max_steps: int, record_path: bool) -> Run:
     recorder = Recorder(column, x1, x2, k2, max_steps, record_path, law)
     most = PATH_STRIDE if record_path else STRIDE
     x = np.array([x1, x2])
-    over, window = False, SHORT_WINDOW
-    while not over and recorder.n_steps < max_steps:
+    end, window, falling = GOING, SHORT_WINDOW, column.gravity > 0
+    while end == GOING and recorder.n_steps < max_steps:
         left = max_steps - recorder.n_steps
         n = min(recorder.quiet_steps(), left, most)
         if n >= LEAST_STRIDE:
@@ -251,9 +276,11 @@ def run(world: World, column: Column, max_steps: int, record_path: bool) -> Run:
             recorder.skip(n, v, x)
             window = SHORT_WINDOW
         else:
-            v = world.singly(min(window, left))
+            v, heights = world.singly(min(window, left), x, falling)
             window = min(2 * window, WINDOW)
-            heights = x + column.step * np.cumsum(v, axis=0)
-            over = recorder.feed(v, heights)
-            x = heights[-1]
+            end, x = recorder.feed(v, heights), heights[-1]
+            if end == FLIGHT:
+                # A flight begins with a step after which both gaps are open: the last of those just taken.
+                world.stop_falling()
+                end, falling = GOING, False
     return recorder.finish()

@@ -9,7 +9,7 @@ from compliant_baselines.column import Column
 from compliant_baselines.engine_run import Run
 from compliant_baselines.quiet import Law, between, quiet_steps
 from compliant_baselines.state_runs import Runs
-from compliant_baselines.trajectory import BROKEN, GOING, Floats, ScanParameters, new_memory, scan
+from compliant_baselines.trajectory import BROKEN, FLIGHT, GOING, Floats, ScanParameters, new_memory, scan
 
 #: A recorded path has about as many points as this between the borders of its states.
 PATH_POINTS = 2000
@@ -57,20 +57,35 @@ class Recorder:
         self._start = (x1, x2)
         self.n_steps = 0
         self._last_code = 0
-        self._packed = np.array([*self.parameters, *law]) if law is not None else None
+        self._law = law
+        self._packed = self._pack()
+        self._fall: tuple[int, float, float] | None = None
         self._memory = new_memory()
         self._starts: list[NDArray[np.int64]] = []
         self._states: list[NDArray[np.int64]] = []
         self._points = [np.array([[0.0, column.v1, column.v2]])] if record_path else None
         self._n_points, self._stride = 1, 1
 
-    def feed(self, v: Floats, x: Floats) -> bool:
-        """Take the next steps; say whether these were the last: the collision over, or given up.
+    def _pack(self) -> Floats | None:
+        return np.array([*self.parameters, *self._law]) if self._law is not None else None
+
+    @property
+    def state(self) -> tuple[Floats, Floats]:
+        """Heights in m and velocities in m/s after the last step taken, shape (2,) each."""
+        return self._x, self._v
+
+    def feed(self, v: Floats, x: Floats) -> int:
+        """Take the next steps, up to the one after which the collision is over, given up or in its first flight.
 
         Parameters
         ----------
         v, x : ndarray, shape (n, 2)
             Velocities in m/s and heights in m of B1 and B2 after each step.
+
+        Returns
+        -------
+        int
+            `GOING`; `FLIGHT` if the engine has to go on from `state` without gravity; else these were the last.
         """
         codes = np.empty(len(v), np.int8)
         left = self._max_steps - self.n_steps - len(v)
@@ -85,7 +100,13 @@ class Recorder:
             self._v, self._x = v[n - 1].copy(), x[n - 1].copy()
             self._last_code = int(codes[-1])
             self.n_steps += n
-        return self.end != GOING
+        if self.end == FLIGHT:
+            self._fall = self.n_steps, float(self._x[0]), float(self._x[1])
+            self.parameters = self.parameters._replace(g=0.0)
+            self._packed = self._pack()
+            self.end = GOING
+            return FLIGHT
+        return self.end
 
     def quiet_steps(self) -> int:
         """Count the next steps in which nothing will happen (`compliant_baselines.quiet`)."""
@@ -174,4 +195,5 @@ class Recorder:
             again,
             (unloaded1, unloaded2),
             self._max_steps,
+            self._fall,
         )

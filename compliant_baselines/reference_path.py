@@ -56,7 +56,7 @@ class KernelLaw(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _sample(log, law, mu, c1, c2, g, loaded1, loaded2, points):
+def _sample(log, law, mu, c1, c2, loaded1, loaded2, points):
     """Fill in p1, d1, q2, v2 at `points` instants of each stretch; shape (stretches, points, 4)."""
     table = np.zeros((4, ORDER + 1))
     out = np.empty((log.shape[0] - 1, points, 4))
@@ -66,6 +66,7 @@ def _sample(log, law, mu, c1, c2, g, loaded1, loaded2, points):
             table[i, 0] = log[n, 1 + i]
         k1, a1 = (log[n, 6], c1) if loaded1[n] else (0.0, 0.0)
         k2, a2 = (log[n, 7], c2) if loaded2[n] else (0.0, 0.0)
+        g = log[n, 11]
         carried = g if loaded2[n] else 0.0
         if law == LINEAR:
             expand(table, ORDER, log[n, 5], mu, k1, k2, a1, a2, carried, carried - g)
@@ -81,7 +82,6 @@ def _sample(log, law, mu, c1, c2, g, loaded1, loaded2, points):
 
 def trace(
     collision: Collision,
-    g: float,
     log: Floats,
     law: KernelLaw,
     with_path: bool,
@@ -92,8 +92,6 @@ def trace(
     ----------
     collision : Collision
         Whose units the result is in.
-    g : float
-        Gravity, scaled.
     log : ndarray, shape (n, LOG_WIDTH)
         As written by a kernel (`piecewise.LOG_COLUMNS`); the last row is the end.
     law : KernelLaw
@@ -116,9 +114,15 @@ def trace(
     unit, speed = math.sqrt(c.m1 / c.k1), -c.v0
     momentum, energy = c.m1 * speed, c.m1 * speed**2
 
+    # Gravity acts from the start or not at all, and until the first flight.
+    falling = log[:, 11] > 0
+    g = log[0, 11]
+    fall = math.inf if falling.all() else log[np.argmin(falling), 0]
+
     def impulses(time: Floats, v1: Floats, v2: Floats) -> tuple[Floats, Floats]:
-        first = 1 + v1 + g * time
-        return first, first + mu * (v2 + g * time)
+        fallen = g * np.minimum(time, fall)
+        first = 1 + v1 + fallen
+        return first, first + mu * (v2 + fallen)
 
     v2 = log[:, 4]
     v1 = v2 - log[:, 2]
@@ -132,7 +136,7 @@ def trace(
     if not with_path:
         return None, tuple(events), names
 
-    points = _sample(log, law.force, mu, law.c1, law.c2, g, loaded[:, 0], loaded[:, 1], POINTS)
+    points = _sample(log, law.force, mu, law.c1, law.c2, loaded[:, 0], loaded[:, 1], POINTS)
     time = log[:-1, :1] + log[:-1, 5:6] * np.linspace(0, 1, POINTS)
     limited = np.flatnonzero(log[:-1, 10] == LIMIT * 10)
     points[limited, 1:] = log[limited + 1, None, 1:5]
@@ -145,7 +149,7 @@ def trace(
     time = np.append(time.ravel(), log[-1, 0])
     w1 = w2 - d1
     I1, I2 = impulses(time, w1, w2)
-    p2 = q2 + mu * g / flat(log[:, 7])
+    p2 = q2 + mu * flat(log[:, 11]) / flat(log[:, 7])
     named = []
     for i, rate in ((0, d1), (1, -w2)):
         told = flat(phase[:, i])

@@ -105,6 +105,7 @@ def _facts(solver: EngineSolver, run: Run) -> str:
         #   contact 2, ball on table: F = max(0, k d + c d'), k = {c.contact2.k!r} N/m, c = {c.contact2.c!r} N s/m
         #   gravity {c.gravity!r} m/s^2, {run.raw.n_steps} steps of {c.step!r} s: then the collision is over
         STEPS, STEP = {run.raw.n_steps}, {c.step!r}
+        FLIGHT = {run.fall and run.fall[0]!r}  # steps until both balls are in the air: no gravity from there on
         V1, V2 = {run.v1!r}, {run.v2!r}  # what {solver.name} {solver.version()} gave in the table, in m/s
         """)
 
@@ -127,7 +128,9 @@ def _mujoco_runner(solver: EngineSolver, run: Run) -> str:
             model = mujoco.MjModel.from_xml_path(str(Path(__file__).with_name("scene.xml")))
             data = mujoco.MjData(model)
             mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
-            for _ in range(STEPS):
+            for i in range(STEPS):
+                if i == FLIGHT:
+                    model.opt.gravity[:] = 0
                 mujoco.mj_step(model, data)
             v1, v2 = (float(data.joint(name).qvel[0]) for name in ("B1", "B2"))
             """)
@@ -215,20 +218,27 @@ def _recorded() -> Iterator[list[str]]:
         yield recording.calls
 
 
+def _setting_up(calls: Sequence[str]) -> Sequence[str]:
+    """Give the calls before the run itself, in which gravity may be switched off: up to the last placing of a ball."""
+    return calls[: 1 + max(i for i, call in enumerate(calls) if call.startswith("p.resetBaseVelocity"))]
+
+
 def _pybullet_script(solver: EngineSolver, run: Run, calls: Sequence[str]) -> str:
     return (
         '"""Runs the collision in PyBullet alone and compares with the table: python run.py"""\n\n'
         "import sys\n\nimport pybullet as p\n\n"
         + _facts(solver, run)
         + f"SPEED = {max(abs(run.column.v1), abs(run.column.v2))!r}\n\n"
-        + "\n".join(calls)
+        + "\n".join(_setting_up(calls))
         + "\n\n"
         + textwrap.dedent("""\
             # From here on as often as the adapter stepped, one step a call.
             p.setPhysicsEngineParameter(fixedTimeStep=STEP, numSubSteps=0)
             balls = [i for i in range(p.getNumBodies()) if p.getDynamicsInfo(i, -1)[0] > 0]
             balls.sort(key=lambda i: p.getBasePositionAndOrientation(i)[0][2])  # B2 below B1
-            for _ in range(STEPS):
+            for i in range(STEPS):
+                if i == FLIGHT:
+                    p.setGravity(0, 0, 0)
                 p.stepSimulation()
             v2, v1 = (p.getBaseVelocity(i)[0][2] for i in balls)
             """)

@@ -12,6 +12,13 @@ fully loaded contact.
 **States** follow step by step from which contacts carry force; the sequence they make is read by the rules of
 `compliant_baselines.state_runs`.
 
+**In flight the bodies do not fall** (drop only). From the first instant at which no contact is closed, read as the end
+of the first step in which none carries force and at whose end both gaps are open, gravity is off, for good: what is
+still to meet meets as in an impact. B2 on the table with its weight is a contact, and so is a contact whose bodies
+overlap without force. Otherwise the outcome would be that of the flight: two balls that part with B2 faster by 1e-4
+|v0| would fall for many times the length of the contact and then meet at whatever speed they have come to. Engines
+and references keep this one rule; an adapter is told by the end `FLIGHT` of a scan.
+
 **The collision is over** at the end of the first step in which B1 is clear of B2, B2 is clear of the table or
 at rest on it, and v1 >= v2 >= 0.
 
@@ -47,7 +54,7 @@ Floats = NDArray[np.float64]
 ROUNDING = 64.0
 
 #: How a scan ended.
-GOING, FREE, REST, STUCK, BROKEN, ALOFT = 0, 1, 2, 3, 4, 5
+GOING, FREE, REST, STUCK, BROKEN, ALOFT, FLIGHT = 0, 1, 2, 3, 4, 5, 6
 
 
 class ScanParameters(NamedTuple):
@@ -125,7 +132,8 @@ def scan(  # pragma: no cover (compiled)
     steps : int
         Number of steps gone through; if the collision is over, it was over after the last of them.
     end : int
-        `GOING`, `FREE`, `REST`, `STUCK`, `ALOFT` (given up), or `BROKEN` (a number that is not finite).
+        `GOING`, `FREE`, `REST`, `STUCK`, `ALOFT` (given up), `FLIGHT` (from here on without gravity: the steps that
+        follow are not those of this collision), or `BROKEN` (a number that is not finite).
     """
     eps = ROUNDING * 2.220446049250313e-16
     gh = p.g * p.h
@@ -157,12 +165,10 @@ def scan(  # pragma: no cover (compiled)
                 if energy <= (p.m2 * p.g) ** 2 / p.k2:
                     return i + 1, REST
         if codes[i] == 4 and x1 >= x2 >= 0:
-            meet = (x1 - x2) / (v2 - v1) if v2 > v1 else np.inf
-            land = np.inf
             if not weightless:
-                land = (v2 + math.sqrt(v2 * v2 + 2 * p.g * x2)) / p.g
-            elif v2 < 0:
-                land = -x2 / v2
+                return i + 1, FLIGHT
+            meet = (x1 - x2) / (v2 - v1) if v2 > v1 else np.inf
+            land = -x2 / v2 if v2 < 0 else np.inf
             if min(meet, land) > (v.shape[0] - i + left) * p.h:
                 return i + 1, ALOFT
         if not weightless and loaded1 and loaded2:

@@ -26,9 +26,13 @@ class Answer(NamedTuple):
 
 
 class Column:
-    """Units m1 = 1, k1 = 1, v0 = -1; y = (p1, p2, v1, v2), p_i the penetration from the present surface."""
+    """Units m1 = 1, k1 = 1, v0 = -1; y = (p1, p2, v1, v2), p_i the penetration from the present surface.
 
-    def __init__(self, kappa, mu, g, finer=1):
+    `frozen`: a contact without force keeps p = 0 and has one again as soon as its bodies approach.
+    """
+
+    def __init__(self, kappa, mu, g, finer=1, frozen=False):
+        self.frozen = frozen
         self.finer = finer  # steps this many times shorter: the usual ones can step over a pair of events
         self.mu, self.g, self.k = mu, g, [1.0, kappa]
         self.y = np.array([0.0, mu * g / kappa, -1.0, 0.0])
@@ -62,6 +66,10 @@ class Column:
     def apply(self, name):
         raise NotImplementedError
 
+    def back(self, i):
+        """What falls through zero where an open contact returns."""
+        return (lambda y: -self.rate(i, y)) if self.frozen else (lambda y: -self.depth(i, y))
+
     # the end, by the rule of the package's trajectory module
     def rest_energy(self, y):
         weight, k = self.mu * self.g, self.k[1]
@@ -94,7 +102,7 @@ class Column:
         if self.g > 0 and not first:
             # With B1 off, a push of the table only lifts the rate of contact 1: from zero it goes up.
             sign = -1 if self.rate(0, self.y) < -1e-13 else 1
-            if second:
+            if second and not self.frozen:
                 watched.append(("level", lambda y, sign=sign: sign * self.rate(0, y)))
             if self.depth(0, self.y) <= 1e-14 and sign < 0 <= self.y[2] and self.rest_energy(self.y) > 0:
                 watched.append(("rest", self.rest_energy))
@@ -103,7 +111,8 @@ class Column:
 
         def rhs(_t, y):
             f1, f2 = self.force(0, y) if first else 0.0, self.force(1, y) if second else 0.0
-            return [y[3] - y[2], -y[3], f1 - self.g, (f2 - f1) / self.mu - self.g]
+            moves = [first or not self.frozen, second or not self.frozen]
+            return [moves[0] * (y[3] - y[2]), moves[1] * -y[3], f1 - self.g, (f2 - f1) / self.mu - self.g]
 
         events = []
         for _, f in watched:
@@ -144,6 +153,12 @@ class Column:
                 if end != "free":
                     v1, v2 = (0.0 if end == "stuck" else v1), 0.0
                 return Answer(v1, v2, end, self.t, tuple(pushes))
+            if (
+                self.g > 0
+                and not any(self.pushes())
+                and max(self.depth(0, self.y), self.depth(1, self.y)) <= 1e-14
+            ):
+                self.g = 0.0  # the first flight: from here on the bodies no longer fall
             name = self.stretch()
             if name == "level":
                 self.y[2] = self.y[3]
@@ -157,8 +172,8 @@ class Column:
 class Dashpots(Column):
     """F = max(0, k delta + c delta') or, `product`, max(0, k delta (1 + c delta')), while delta > 0."""
 
-    def __init__(self, kappa, mu, c1, c2, g=0.0, product=False, finer=1):
-        super().__init__(kappa, mu, g, finer)
+    def __init__(self, kappa, mu, c1, c2, g=0.0, product=False, finer=1, frozen=False):
+        super().__init__(kappa, mu, g, finer, frozen)
         self.c, self.product, self.mode = (c1, c2), product, [LOADED, LOADED]
 
     def force(self, i, y):
@@ -182,14 +197,16 @@ class Dashpots(Column):
                 yield f"load{i}", lambda y, i=i: -self.sign(i, y)
                 yield f"open{i}", lambda y, i=i: self.depth(i, y)
             else:
-                yield f"load{i}", lambda y, i=i: -self.depth(i, y)
+                yield f"load{i}", self.back(i)
 
     def apply(self, name):
         i = int(name[-1])
         mode = {"slack": SLACK, "load": LOADED, "open": OPEN}[name[:-1]]
-        if mode == SLACK and not self.product and self.c[i] == 0:
+        if mode == SLACK and (self.frozen or (not self.product and self.c[i] == 0)):
             mode = OPEN
         self.mode[i] = mode
+        if self.frozen and mode == OPEN:
+            self.y[i] = 0.0
 
 
 class Bistiffness(Column):
@@ -197,8 +214,8 @@ class Bistiffness(Column):
 
     rigid = 1e9
 
-    def __init__(self, kappa, mu, e1, e2, g=0.0, finer=1):
-        super().__init__(kappa, mu, g, finer)
+    def __init__(self, kappa, mu, e1, e2, g=0.0, finer=1, frozen=False):
+        super().__init__(kappa, mu, g, finer, frozen)
         self.e, self.phase, self.ends, self.returns = (e1, e2), [COMPRESSION, COMPRESSION], [0, 0], 0
         self.body = None  # of a contact that became rigid: the one that still works
 
@@ -216,7 +233,7 @@ class Bistiffness(Column):
                 yield f"restart{i}", lambda y, i=i: -self.rate(i, y)
                 yield f"spent{i}", lambda y, i=i: self.depth(i, y)
             else:
-                yield f"return{i}", lambda y, i=i: -self.depth(i, y)
+                yield f"return{i}", self.back(i)
 
     def apply(self, name):
         i = int(name[-1])
@@ -241,6 +258,7 @@ class Bistiffness(Column):
             self.phase[i] = COMPRESSION
         elif name.startswith("spent"):
             self.phase[i] = OPEN
+            y[i] = 0.0 if self.frozen else y[i]
         else:
             self.phase[i], self.returns = COMPRESSION, self.returns + 1
 

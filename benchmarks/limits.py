@@ -1,0 +1,127 @@
+"""How sure the engines' limits dt -> 0 are, and how much the exact references jump: both over random cells.
+
+    python benchmarks/limits.py engines --cells 2000      # some ten minutes on one core
+    python benchmarks/limits.py jumps --cells 200000      # a minute
+
+**engines** draws cells of the default box (`experiments.box.Box`), runs both engines with convergence estimates, and
+holds every limit of status ok and without a mark against the exact Kelvin-Voigt solution: the share further from it
+than three times the stated error, and the furthest. **jumps** solves every cell by an exact reference, then again with
+k2/k1, k1 and both stiffnesses changed by a relative amount, and prints how many of the marked and of the others move
+by more than given amounts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+
+from compliant_baselines import get_solver
+from compliant_baselines.bistiffness import bistiffness_batch
+from compliant_baselines.contract import Settings
+from compliant_baselines.convergence import Convergence
+from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
+from experiments.box import Box
+from model.collision import Collision
+
+BATCHES = {"kelvin-voigt": kelvin_voigt_batch, "bistiffness": bistiffness_batch}
+ENGINES = ("mujoco", "pybullet")
+
+#: Multiples of the stated error beyond which a limit counts as wrong.
+HONEST = 3.0
+
+
+def draw(n: int, seed: int) -> np.ndarray:
+    """k2/k1, m2/m1, e1, e2 of random cells of the default box, shape (4, n)."""
+    return Box().place(np.random.default_rng(seed).random((n, 4))).T
+
+
+def solve(cells: np.ndarray, scenario: str, k1: float) -> list[list[tuple[str, str, float, float, float]]]:
+    """By engine, for each cell: status, mark, distance of the limit from exact, stated error, v1 - v2 of the limit."""
+    collisions = [Collision(1.0, mu, k1, k1 * kappa, e1, e2, -1.0) for kappa, mu, e1, e2 in cells.T]
+    exact = get_solver("kelvin-voigt").solve_many(collisions, Settings(scenario=scenario))
+    rows = []
+    for name in ENGINES:
+        outcomes = get_solver(name).solve_many(
+            collisions, Settings(scenario=scenario, convergence=Convergence())
+        )
+        row = []
+        for outcome, true in zip(outcomes, exact, strict=True):
+            d = outcome.diagnostics
+            v1, v2 = d.get("v1_limit", math.nan), d.get("v2_limit", math.nan)
+            away = max(abs(v1 - true.v1), abs(v2 - true.v2))
+            row.append((outcome.status, outcome.marked, away, d.get("limit_error", math.nan), v1 - v2))
+        rows.append(row)
+    return rows
+
+
+def engines(options: argparse.Namespace) -> None:
+    """Hold the limits of both engines against exact Kelvin-Voigt."""
+    cells = draw(options.cells, options.seed)
+    chunks = np.array_split(cells, max(1, options.cells // 25), axis=1)
+    with ProcessPoolExecutor(options.workers) as pool:
+        done = list(pool.map(solve, chunks, [options.scenario] * len(chunks), [options.k1] * len(chunks)))
+    for i, name in enumerate(ENGINES):
+        rows = [row for chunk in done for row in chunk[i]]
+        away, error = (np.array([row[j] for row in rows]) for j in (2, 3))
+        marked = np.array([bool(row[1]) for row in rows])
+        judged = np.array([row[0] == "ok" for row in rows]) & ~marked
+        wrong = judged & (away > HONEST * error)
+        statuses = ", ".join(f"{n} {status}" for status, n in Counter(row[0] for row in rows).items())
+        print(f"{name}: {statuses}; {marked.sum()} marked of {len(rows)}")
+        print(
+            f"  ok and unmarked: {judged.sum()}, of which {wrong.sum()} ({wrong.sum() / judged.sum():.2%}) further "
+            f"than {HONEST:g} stated errors from exact; furthest {away[judged].max():.2e}, "
+            f"most stated errors {np.max((away / error)[judged]):.1f}"
+        )
+        for j in np.flatnonzero(judged)[np.argsort(-(away / error)[judged])][: options.show]:
+            cell = ", ".join(repr(float(x)) for x in cells[:, j])
+            print(f"    {away[j]:.2e}, stated {error[j]:.2e}: {cell}")
+
+
+def jumps(options: argparse.Namespace) -> None:
+    """Change stiffnesses a little and count what moves."""
+    kappa, mu, e1, e2 = draw(options.cells, options.seed)
+    number = 9.81 / np.sqrt(options.k1 * (1 + 1 / mu)) * (options.scenario == "drop")
+    c = 1 + options.change
+    for name, batch in BATCHES.items():
+        base = batch(kappa, mu, e1, e2, number)
+        moved = np.zeros(options.cells)
+        for other in (
+            batch(kappa * c, mu, e1, e2, number),
+            batch(kappa / c, mu, e1, e2, number / math.sqrt(c)),
+            batch(kappa, mu, e1, e2, number / math.sqrt(c)),
+        ):
+            moved = np.fmax(moved, np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2)))
+        marked = base.marked != ""
+        print(
+            f"{name}, {options.scenario}: {marked.sum()} of {options.cells} marked; unmarked cells that "
+            f"{options.change:g} in k2, k1 or both moves by more than "
+            + ", ".join(f"{a:g}: {np.sum(~marked & (moved > a))}" for a in (0.02, 5e-3, 1e-3))
+            + f" (marked: {np.sum(marked & (moved > 0.02))} beyond 0.02); furthest {moved[~marked].max():.2e}"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=("engines", "jumps"))
+    parser.add_argument("--cells", type=int)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--scenario", choices=("drop", "impact"), default="drop")
+    parser.add_argument("--k1", type=float, default=1e8, help="N/m, at m1 = 1 kg and v0 = -1 m/s")
+    parser.add_argument("--change", type=float, default=1e-3, help="relative change of stiffnesses (jumps)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes (engines)")
+    parser.add_argument("--show", type=int, default=0, help="cells to list, the least honest first (engines)")
+    options = parser.parse_args()
+    options.cells = options.cells or {"engines": 2000, "jumps": 200_000}[options.what]
+    {"engines": engines, "jumps": jumps}[options.what](options)
+
+
+if __name__ == "__main__":
+    main()

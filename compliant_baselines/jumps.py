@@ -1,0 +1,112 @@
+"""How near a collision is to a jump of the outcome of its exact law, found by changing its parameters a little.
+
+The outcome of a law in time is a function of k2/k1, m2/m1, e1, e2 and, in a drop, of gravity. It has jumps:
+
+* bistiffness, where an end of compression nearly does not happen: it loses (1 - e^2) of an energy, or does not;
+* any law in a drop, where the first flight nearly does not happen, or a ball that has left comes down again just before
+  the other one is at rest. Without gravity a law of forces alone has none: its motion is continuous in all of them, and
+  so is what is left when its balls part.
+
+Next to one an engine cannot be held to the exact outcome, since all that a finite step does moves it across. A cell is
+*marked* where a relative change of one parameter by `CHANGE`, either way, moves a velocity by more than `STEEP` times
+as much, per abs(v0); smooth outcomes move by less than three times as much over the default box (`benchmarks/limits.py
+jumps`). The mark says which parameter and how far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import isfinite, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compliant_baselines.contract import Settings
+from compliant_baselines.reference_batch import ReferenceBatch
+from model.collision import Collision, Outcome
+
+Floats = NDArray[np.float64]
+
+#: Relative change of a parameter that is tried, either way.
+CHANGE = 1e-3
+
+#: Change of a velocity per abs(v0), over that of the parameter, from which on it is a jump.
+STEEP = 10.0
+
+#: What is changed, as arguments of a batch, and how a reader knows it.
+CHANGED = ("k2/k1", "m2/m1", "e1", "e2", "gravity")
+
+
+def jumps(batch: Callable[..., ReferenceBatch], *cells: Floats) -> tuple[Floats, NDArray[np.intp]]:
+    r"""Change every parameter a little and see how far the outcome moves.
+
+    Parameters
+    ----------
+    batch : callable
+        A law, such as `kelvin_voigt_batch`.
+    *cells : five ndarray, shape (n,)
+        k2/k1, m2/m1, e1, e2 and the gravity number.
+
+    Returns
+    -------
+    moved : ndarray, shape (n,)
+        The furthest that a velocity moves, per \|v0\|; infinite if a change leaves no result, NaN where the cell itself
+        has none.
+    parameter : ndarray of int, shape (n,)
+        Position in `CHANGED` of the parameter that moves it so far.
+    """
+    base = batch(*cells)
+    moved = np.zeros((len(CHANGED), base.v1.size))
+    for i, values in enumerate(cells):
+        if not np.any(values):
+            continue  # no gravity
+        for sign in (1, -1):
+            changed = values * (1 + sign * CHANGE)
+            others = list(cells)
+            others[i] = np.minimum(changed, 1) if CHANGED[i] in ("e1", "e2") else changed
+            other = batch(*others)
+            away = np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2))
+            moved[i] = np.maximum(moved[i], np.where(np.isnan(away), np.inf, away))
+    moved[:, np.isnan(base.v1)] = np.nan
+    return moved.max(axis=0), np.argmax(moved, axis=0)
+
+
+def mark(
+    outcomes: Sequence[Outcome],
+    collisions: Sequence[Collision],
+    settings: Settings,
+    law: str,
+    batch: Callable[..., ReferenceBatch],
+) -> list[Outcome]:
+    """Mark the outcomes that lie beside a jump of their exact law.
+
+    Parameters
+    ----------
+    outcomes, collisions : sequence
+        Of a solver that has the law or was asked for it.
+    settings : Settings
+        Under which they were solved.
+    law : str
+        Name of the law.
+    batch : callable
+        What solves it.
+    """
+    there = [i for i, outcome in enumerate(outcomes) if isfinite(outcome.v1)]
+    marked = list(outcomes)
+    if not settings.mark or not there:
+        return marked
+    some = [collisions[i] for i in there]
+    gravity = settings.gravity if settings.scenario == "drop" else 0.0
+    cells = np.array(
+        [
+            (c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, gravity / (-c.v0 * sqrt(c.k1 / c.reduced_mass)))
+            for c in some
+        ]
+    ).T
+    moved, parameter = jumps(batch, *cells)
+    for i, far, which in zip(there, moved.tolist(), parameter.tolist(), strict=True):
+        if far > STEEP * CHANGE:
+            says = f"a change of {CHANGE:g} in {CHANGED[which]} moves the exact outcome of {law} by {far:.2g} |v0|"
+            marked[i] = replace(outcomes[i], marked=says)
+    return marked
