@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -11,6 +12,7 @@ from compliant_baselines.registry import KELVIN_VOIGT
 from experiments.document import Table
 from experiments.errors import UserError
 from experiments.folders import finished
+from experiments.ladder import cancelling
 from experiments.ladder_document import (
     alternatives_table,
     axis_share_table,
@@ -19,9 +21,9 @@ from experiments.ladder_document import (
     share_table,
 )
 from experiments.ladder_summary import LadderSummary, ladder_statistics, summarise_ladder
-from experiments.ladder_table import LADDER, LADDER_SCHEMA, write_ladder
+from experiments.ladder_table import LADDER, LADDER_SCHEMA, between, write_ladder
 from experiments.numbers import number, percent
-from experiments.rungs import LAWS, RUNGS
+from experiments.rungs import CAUSES, LAWS, RUNGS, Rung
 from experiments.schema import CELLS_SCHEMA
 from experiments.store import RunFolder
 from experiments.terminal import make_console, print_line, print_table
@@ -80,17 +82,29 @@ def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
             print_line(console, "")
             print_line(console, f"{row.solver}: {row.status}: {row.reason}")
             continue
+        there = [r for r in RUNGS if f"{r.name}_norm" in row and not np.isnan(row[f"{r.name}_norm"])]
+        pair = cancelling([row[f"{rung.name}_share"] for rung in there]) or ()
         lines = [
-            (rung.label, *(_exact(row[f"{rung.name}_{part}"]) for part in ("dv1", "dv2", "norm")),
-             percent(row[f"{rung.name}_share"]))
-            for rung in RUNGS
-            if f"{rung.name}_norm" in row and not np.isnan(row[f"{rung.name}_norm"])
-        ]  # fmt: skip
-        lines.append(("sum", _exact(row.dv1), _exact(row.dv2), _exact(row.velocity_divergence), "100.0 %"))
-        header = ("cause", "dv1/|v0|", "dv2/|v0|", "kinetic norm", "share")
+            (
+                rung.label,
+                *(_exact(row[f"{rung.name}_{part}"]) for part in ("dv1", "dv2", "norm")),
+                *(("cancels", "") if i in pair else _share(row, rung)),
+            )
+            for i, rung in enumerate(there)
+        ]
+        lines.append(
+            ("sum", _exact(row.dv1), _exact(row.dv2), _exact(row.velocity_divergence), "100.0 %", "")
+        )
+        header = ("cause", "dv1/|v0|", "dv2/|v0|", "kinetic norm", "share", "by order")
         print_table(console, Table(row.sentence, header, lines))
         if isinstance(row.reason, str):
             print_line(console, f"({row.reason})")
+
+
+def _share(row: Any, rung: Rung) -> tuple[str, str]:
+    """Share of a rung, and the range of it over the orders of the causes."""
+    range_ = between(row[f"{rung.name}_share_low"], row[f"{rung.name}_share_high"]) if rung in CAUSES else ""
+    return percent(row[f"{rung.name}_share"]), range_
 
 
 def _exact(value: float) -> str:

@@ -6,11 +6,12 @@ import numpy as np
 
 from experiments.axes import AXES
 from experiments.document import Block, Heading, Paragraph, Table
+from experiments.ladder import CANCEL, cancelling
 from experiments.ladder_figures import present
 from experiments.ladder_summary import BAND, BANDS, Frame, LadderSummary
 from experiments.ladder_table import NO_LIMIT
 from experiments.numbers import number, percent
-from experiments.rungs import RUNGS, Rung
+from experiments.rungs import CAUSES, RUNGS, Rung
 
 #: Longest table along an axis.
 _ROWS = 40
@@ -18,7 +19,10 @@ _ROWS = 40
 #: What a reader has to know of every number here; in every caption.
 SHARES = (
     "The share of a cause is the component of its difference of (v1, v2) along the whole difference, in the kinetic "
-    "norm, over D: signed, and 100 % in sum. Over a region: summed over cells, over the sum of D."
+    "norm, over D: signed, and 100 % in sum. Over a region: summed over cells, over the sum of D. Frozen positions, "
+    "dissipation law and gravity are three switches between the model and the law of the engine; each is the mean over "
+    "the six orders of turning them on, and in brackets stand the least and the largest share by these orders. Where "
+    f"one share is above {100 * CANCEL[1]:g} % and another below {100 * CANCEL[0]:g} %, two large causes cancel."
 )
 
 
@@ -29,9 +33,9 @@ def ladder_section(ladder: LadderSummary) -> list[Block]:
     return [
         Heading("Why they diverge"),
         Paragraph(
-            "From the model to an engine one thing is changed at a time, and the differences sum to the engine's "
-            "divergence exactly, in every cell: "
-            + "; ".join(f"{rung.label}, {rung.after} minus {rung.before}" for rung in present(ladder))
+            "Between the model and what an engine was asked for one thing is changed at a time, in every order, and "
+            "the mean differences sum to the engine's divergence exactly, in every cell: "
+            + "; ".join(_meaning(rung) for rung in present(ladder))
             + ". All but what begins or ends with the engine is computed without one."
         ),
         share_table(ladder),
@@ -46,6 +50,12 @@ def ladder_findings(ladder: LadderSummary) -> list[str]:
     return [_finding(ladder, solver) for solver in ladder.solvers] + _what_if(ladder)
 
 
+def _meaning(rung: Rung) -> str:
+    if rung in CAUSES:
+        return f"{rung.label}, from {rung.before} to {rung.after}"
+    return f"{rung.label}, {rung.after} minus {rung.before}"
+
+
 def _label(name: str) -> str:
     return next(rung.label for rung in RUNGS if rung.name == name)
 
@@ -53,14 +63,16 @@ def _label(name: str) -> str:
 def _finding(ladder: LadderSummary, solver: str) -> str:
     whole = ladder.region(solver)
     ordered = whole.share.sort_values(ascending=False)
-    parts = [f"{percent(share)} {_label(str(name))}" for name, share in ordered.items()]
+    parts = [f"{share_text(whole, str(name))} {_label(str(name))}" for name in ordered.index]
     bands = []
     for edge, band in BANDS.items():
         region = ladder.region(solver, BAND, edge)
         if len(region):
             name = str(region.share.idxmax())
-            bands.append(f"{_label(name)} ({percent(region.share[name])}) at {band}")
-    where = f" The largest cause is {', '.join(bands)}." if len(bands) > 1 else ""
+            bands.append(f"{_label(name)}, {share_text(region, name)}, at {band}")
+    where = f" The largest cause is {'; '.join(bands)}." if len(bands) > 1 else ""
+    agreed = whole.agreed.iloc[0]
+    same = f" In {percent(agreed)} of the cells it is the same by all six orders." if agreed < 1 else ""
     detour = float((whole["mean"] * whole.n).sum() / whole.n.max() / whole.total.iloc[0])
     against = (
         f" The causes are {number(detour, 2)} times as long as their sum: in part they cancel."
@@ -74,9 +86,7 @@ def _finding(ladder: LadderSummary, solver: str) -> str:
         if not np.isnan(doubt)
         else ""
     )
-    return (
-        f"Of {solver}'s mean D of {number(whole.total.iloc[0])}: {', '.join(parts)}.{where}{against}{known}"
-    )
+    return f"Of {solver}'s mean D of {number(whole.total.iloc[0])}: {'; '.join(parts)}.{where}{same}{against}{known}"
 
 
 def _what_if(ladder: LadderSummary) -> list[str]:
@@ -92,8 +102,20 @@ def _what_if(ladder: LadderSummary) -> list[str]:
     ]
 
 
+def share_text(region: Frame, name: str) -> str:
+    """Write the share of a rung of a region with its range; of two large causes that cancel, that they do."""
+    if name not in region.index:
+        return "-"
+    row = region.loc[name]
+    pair = cancelling(region.share)
+    if pair is not None and name in region.index[list(pair)]:
+        return f"cancels (norm {number(row['mean'])})"
+    share, low, high = percent(row.share), percent(row.low), percent(row.high)
+    return share if low == high else f"{share} ({low.removesuffix(' %')} to {high.removesuffix(' %')})"
+
+
 def _shares(region: Frame, rungs: list[Rung]) -> list[str]:
-    return [percent(region.share[rung.name]) if rung.name in region.index else "-" for rung in rungs]
+    return [share_text(region, rung.name) for rung in rungs]
 
 
 def share_table(ladder: LadderSummary) -> Table:
@@ -177,9 +199,12 @@ def alternatives_table(ladder: LadderSummary) -> Table:
 
 
 def csv_rows(ladder: LadderSummary) -> Frame:
-    """Return the statistics in the columns of ``summary.csv``: a share and a norm for every rung and region."""
+    """Return the statistics in the columns of ``summary.csv``: a share, its range and a norm, by rung and region."""
     table = ladder.statistics.assign(cells="regular")
-    shares = table.assign(measure="share_" + table.rung, mean=table.share)
-    norms = table.assign(measure="norm_" + table.rung)
-    shares[["median", "p95", "max"]] = np.nan
-    return [frame.drop(columns=["rung", "total", "share", "dominant", "doubt"]) for frame in (shares, norms)]
+    frames = [table.assign(measure="norm_" + table.rung)]
+    for measure, statistic in (("share", "share"), ("share_low", "low"), ("share_high", "high")):
+        shares = table.assign(measure=f"{measure}_" + table.rung, mean=table[statistic])
+        shares[["median", "p95", "max"]] = np.nan
+        frames.append(shares)
+    left_out = ["rung", "total", "share", "low", "high", "dominant", "agreed", "doubt"]
+    return [frame.drop(columns=left_out) for frame in frames]

@@ -11,18 +11,23 @@ from matplotlib.patches import Patch
 
 from experiments.ladder_summary import LadderSummary
 from experiments.numbers import number
-from experiments.rungs import RUNGS, Rung
+from experiments.rungs import CAUSES, RUNGS, Rung
 from experiments.style import drawing
 
 #: Norms below this are drawn at this height on logarithmic axes.
 _FLOOR = 1e-7
 
+#: Where in a bar the whisker of each cause stands.
+_WHISKERS = (-0.24, -0.08, 0.08, 0.24)
+
 _MEANING = (
-    "Each cause is a difference of (v1, v2) between neighbours on the way from the model to the engine; drawn is the "
+    "Each cause is a difference of (v1, v2) made by one change on the way from the model to the engine; drawn is the "
     "mean of its component along the whole difference, in the kinetic norm. The components of a cell sum to its D, so "
     "that the bars, those below zero subtracted, sum to the mean D (black line). Below zero: a cause that takes the "
-    "engine back towards the model. D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)), dimensionless; cells beside a jump of "
-    "the model are left out."
+    "engine back towards the model. Whiskers: frozen positions, dissipation law and gravity can be changed in six "
+    "orders; a bar is the mean over them, and its whisker reaches from where it ends by the order that gives least to "
+    "where by the one that gives most. D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)), dimensionless; cells "
+    "beside a jump of the model are left out."
 )
 
 
@@ -72,6 +77,15 @@ def _stacks(ladder: LadderSummary, axes: Sequence[tuple[str, str]]) -> tuple[Fig
                     part = total * share.get(rung.name, 0 * share.iloc[:, 0]).fillna(0).to_numpy()
                     bottom = np.where(part >= 0, above, below)
                     ax.bar(x, part, 0.8, bottom=bottom, color=rung.color, edgecolor="white", linewidth=0.4)
+                    if rung in CAUSES and rung.name in share:
+                        ends = [
+                            bottom + total * _columns(ladder, solver, axis, end)[1][rung.name]
+                            for end in ("low", "high")
+                        ]
+                        # side by side: those of neighbours would lie on each other
+                        beside = x + _WHISKERS[CAUSES.index(rung)]
+                        ax.vlines(beside, *ends, color="black", linewidth=2.4)
+                        ax.vlines(beside, *ends, color=rung.color, linewidth=1.2)
                     above += np.maximum(part, 0)
                     below += np.minimum(part, 0)
                 ax.plot(x, total, color="black", marker="_", markersize=9, linewidth=1)

@@ -1,7 +1,8 @@
 """What the divergence of the engines is made of, over many cells: by engine and by region.
 
 The share of a rung over a region is the sum of its components along the total over the sum of D (`ladder`): the
-shares of an engine and region sum to 1. Grazing cells are left out, as in the rest of a summary.
+shares of an engine and region sum to 1. Its range is that of the same quotient over the six orders of the causes.
+Grazing cells are left out, as in the rest of a summary.
 """
 
 from __future__ import annotations
@@ -20,10 +21,11 @@ from compliant_baselines.bistiffness import bistiffness_batch
 from compliant_baselines.registry import KELVIN_VOIGT, kind_of
 from experiments.axes import AXES
 from experiments.config import REFERENCE, Config
-from experiments.ladder import Floats
+from experiments.corners import corner_names
+from experiments.ladder import NOTHING, Floats, by_order
 from experiments.ladder_table import LADDER, LADDER_SCHEMA
 from experiments.levels import levels_of
-from experiments.rungs import LAWS, MAPPING, RUNGS
+from experiments.rungs import CAUSES, CHOICE, LAWS, MAPPING, RUNGS
 from experiments.store import RunFolder
 from experiments.streams import codes, column
 
@@ -35,8 +37,22 @@ BAND = "stiffness_band"
 BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
 
 _STATISTICS = [
-    *("solver", "axis", "value", "rung", "n", "total", "share", "mean", "median", "p95", "max"),
-    *("dominant", "doubt"),
+    *(
+        "solver",
+        "axis",
+        "value",
+        "rung",
+        "n",
+        "total",
+        "share",
+        "low",
+        "high",
+        "mean",
+        "median",
+        "p95",
+        "max",
+    ),
+    *("dominant", "agreed", "doubt"),
 ]
 
 #: Largest run whose cells are asked "what if" for a summary: some ten seconds.
@@ -50,10 +66,12 @@ class LadderSummary:
     Attributes
     ----------
     statistics : DataFrame
-        ``solver, axis ("all", an axis of the grid or "stiffness_band"), value, rung, n, total, share, mean, median,
-        p95, max, dominant, doubt``: `n` cells have the rung, `total` is the mean D of the region, `share` the rung's
-        share of it, `mean` to `max` are of its norm, it has the largest share in the fraction `dominant` of the cells,
-        and `doubt` is the median of the estimated error of the engine's limit, where there is one.
+        ``solver, axis ("all", an axis of the grid or "stiffness_band"), value, rung, n, total, share, low, high, mean,
+        median, p95, max, dominant, agreed, doubt``: `n` cells have the rung, `total` is the mean D of the region,
+        `share` the rung's share of it, `low` and `high` the least and largest that the six orders of the causes give
+        (the share itself for a rung that is no cause), `mean` to `max` are of its norm, it has the largest share in the
+        fraction `dominant` of the cells, in the fraction `agreed` of the region the largest cause is the same by every
+        order, and `doubt` is the median of the estimated error of the engine's limit, where there is one.
     alternatives : DataFrame
         "What if" without an engine, no gravity: ``law, value (a band's lower edge, NaN for all), n, median, p95`` of D
         from the model, ``closer``, the fraction of cells in which that D is less than kelvin-voigt's, and
@@ -106,6 +124,8 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
     regions = _regions(path, rows, config)
     total = column(path, "velocity_divergence")[rows]
     dominant = codes(path, "dominant", [rung.name for rung in rungs])[rows]
+    agreed = column(path, "dominant_by_every_order")[rows]
+    orders = _shares_by_order(path, rows, total, regions, CHOICE in rungs)
     apart = ~np.isnan(column(path, f"{MAPPING.name}_norm")[rows])
     doubt = np.where(apart, column(path, "limit_error")[rows], np.nan)
     frames = []
@@ -116,11 +136,17 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
                 "along": column(path, f"{rung.name}_share")[rows] * total,
                 "total": total,
                 "dominant": dominant == i,
+                "agreed": agreed,
                 "doubt": doubt,
             }
         )
         for axis, region in regions.items():
-            frames.append(_by_region(values, region).assign(solver=solver, axis=axis, rung=rung.name))
+            found = _by_region(values, region).assign(solver=solver, axis=axis, rung=rung.name)
+            low, high = found.share, found.share
+            if rung in CAUSES:
+                shares = orders[axis][:, i]  # the causes are the first rungs
+                low, high = shares.min(axis=0), shares.max(axis=0)
+            frames.append(found.assign(low=low, high=high))
     statistics = pd.concat(frames, ignore_index=True)
     order = {name: i for i, name in enumerate(regions)}
     # by axis, then by value, then by rung, as they came
@@ -129,6 +155,32 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
     )
     statistics.loc[statistics.axis == "all", "value"] = np.nan
     return statistics[statistics.n > 0][_STATISTICS]
+
+
+def _shares_by_order(
+    path: Path, rows: NDArray[np.bool_], total: Floats, regions: dict[str, Floats], alternative: bool
+) -> dict[str, Floats]:
+    """By axis, the share of every cause by order and value of the region, shape (6, causes, values).
+
+    Components along the total are linear: those of the corners are summed over a region before they are split.
+    """
+    weighted = column(path, "dv1")[rows], column(path, "mass_ratio")[rows] * column(path, "dv2")[rows]
+    names = corner_names(alternative)
+    shape = tuple(1 + max(index[i] for index in names) for i in range(3))
+    sums: dict[str, Floats] = {}
+    for index, name in names.items():
+        product = sum(column(path, f"{name}_v{i + 1}")[rows] * dv for i, dv in enumerate(weighted))
+        along = np.divide(product, total, out=np.zeros_like(total), where=total >= NOTHING)
+        for axis, region in regions.items():
+            values, place = np.unique(region, return_inverse=True)
+            cube = sums.setdefault(axis, np.empty((*shape, len(values))))
+            cube[index] = np.bincount(place, along)
+    found = {}
+    for axis, region in regions.items():
+        whole = np.bincount(np.unique(region, return_inverse=True)[1], total)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found[axis] = np.where(whole > 0, by_order(sums[axis]) / whole, np.nan)
+    return found
 
 
 def _regions(path: Path, rows: NDArray[np.bool_], config: Config) -> dict[str, Floats]:
@@ -158,6 +210,7 @@ def _by_region(values: Frame, region: Floats) -> Frame:
             "p95": norm.quantile(0.95),
             "max": norm.max(),
             "dominant": groups["dominant"].mean(),
+            "agreed": groups["agreed"].mean(),
             "doubt": groups["doubt"].median(),
         }
     ).reset_index(names="value")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -14,9 +14,10 @@ import pyarrow.parquet as pq
 from compliant_baselines.registry import KELVIN_VOIGT, engine_free_names, law_of
 from experiments.axes import AXES
 from experiments.config import REFERENCE
+from experiments.corners import Corners, corner_names, corners
 from experiments.divergence import COMPARABLE
-from experiments.ladder import NOTHING, Floats, Split, posts, split
-from experiments.rungs import ENGINE, Rung, rungs_of
+from experiments.ladder import NOTHING, Floats, Split, cancelling, split
+from experiments.rungs import CAUSES, CHOICE, ENGINE, Rung, rungs_of
 from experiments.schema import COLUMNS
 from experiments.streams import blocks, replacing, table_writer
 
@@ -24,6 +25,9 @@ LADDER, LADDER_CSV = "ladder.parquet", "ladder.csv"
 
 #: Status of an engine's result that changes with its step: it has a ladder, which no statistic counts.
 UNCONVERGED = "unconverged"
+
+#: Least width of a range that a sentence mentions.
+_WIDE = 0.005
 
 #: Why the last two rungs are one.
 NO_LIMIT = "no certified limit of small steps for this cell"
@@ -60,21 +64,37 @@ def ladder_schema(rungs: Sequence[Rung]) -> pa.Schema:
         _field("dv2", number, "engine minus model, per |v0|; the sum of dv2 of the rungs"),
     ]
     for rung in rungs:
-        difference = f"{rung.label}: {rung.after} minus {rung.before}"
-        fields += [
-            _field(f"{rung.name}_dv1", number, f"{difference}; v1 per |v0|"),
-            _field(f"{rung.name}_dv2", number, f"{difference}; v2 per |v0|"),
-            _field(f"{rung.name}_norm", number, f"kinetic norm of ({rung.name}_dv1, {rung.name}_dv2)"),
-            _field(
-                f"{rung.name}_share", number, "component along (dv1, dv2) over D; shares of a row sum to 1"
-            ),
-        ]
+        fields += _rung_fields(rung)
     fields += [
         _field("limit_error", number, "estimated error of the engine's limit of small steps"),
         _field("dominant", text, "the rung with the largest share"),
+        _field("dominant_by_every_order", pa.bool_(), "whether it has the largest by each of the six orders"),
         _field("sentence", text, "the row in words"),
     ]
+    for name in corner_names(CHOICE in rungs).values():
+        told = f"corner {name.replace('_', ', ')}: final velocity of"
+        fields += [_field(f"{name}_v{i}", number, f"{told} B{i} per |v0|") for i in (1, 2)]
     return pa.schema(fields)
+
+
+def _rung_fields(rung: Rung) -> list[pa.Field]:
+    number = pa.float64()
+    difference = f"{rung.label}: {rung.after} minus {rung.before}"
+    if rung in CAUSES:
+        mean = "mean over the six orders of the causes (Shapley value)"
+        difference = f"{rung.label}, {mean}: {rung.before} -> {rung.after}"
+    fields = [
+        _field(f"{rung.name}_dv1", number, f"{difference}; v1 per |v0|"),
+        _field(f"{rung.name}_dv2", number, f"{difference}; v2 per |v0|"),
+        _field(f"{rung.name}_norm", number, f"kinetic norm of ({rung.name}_dv1, {rung.name}_dv2)"),
+        _field(f"{rung.name}_share", number, "component along (dv1, dv2) over D; shares of a row sum to 1"),
+    ]
+    if rung in CAUSES:
+        fields += [
+            _field(f"{rung.name}_share_low", number, "least share by the six orders of the causes"),
+            _field(f"{rung.name}_share_high", number, "largest share by the six orders of the causes"),
+        ]
+    return fields
 
 
 LADDER_SCHEMA = ladder_schema(rungs_of(KELVIN_VOIGT))
@@ -153,14 +173,15 @@ def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Ta
     # The references know nothing of engines: one answer a cell.
     at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
     kappa, mu, e1, e2 = (_numbers(model, name) for name in AXES)
-    here = posts(kappa, mu, e1, e2, _numbers(model, "gravity_number"), law, obeyed).take(at)
-    reference, engine = _velocities(model, COMPARABLE)[at], _velocities(engines, (*COMPARABLE, UNCONVERGED))
+    reference, number = _velocities(model, COMPARABLE), _numbers(model, "gravity_number")
+    here = corners(reference, (kappa, mu, e1, e2), number, law, obeyed).take(at)
+    engine = _velocities(engines, (*COMPARABLE, UNCONVERGED))
     limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])
     # A limit that did not converge is none.
     limit[engines["status"].to_numpy(zero_copy_only=False) == UNCONVERGED] = np.nan
-    ladders = split(mu[at], reference, here, limit, engine)
+    ladders = split(mu[at], here, limit, engine)
     status, reason = _statuses(engines, model, at, here.reason, ladders)
-    return _table(engines, _numbers(model, "grazing_margin")[at], ladders, status, reason)
+    return _table(engines, _numbers(model, "grazing_margin")[at], here, ladders, status, reason)
 
 
 def _numbers(table: pa.Table, name: str) -> Floats:
@@ -200,7 +221,9 @@ def _statuses(
     return statuses, reasons
 
 
-def _table(engines: pa.Table, margin: Floats, ladders: Split, status: list[str], reason: Any) -> pa.Table:
+def _table(
+    engines: pa.Table, margin: Floats, here: Corners, ladders: Split, status: list[str], reason: Any
+) -> pa.Table:
     ok = ~np.isnan(ladders.divergence) & np.array([s in ("ok", UNCONVERGED) for s in status])
     columns: dict[str, Any] = {name: engines[name] for name in _PARAMETERS}
 
@@ -215,34 +238,60 @@ def _table(engines: pa.Table, margin: Floats, ladders: Split, status: list[str],
         "dv1": numbers(ladders.total[:, 0]),
         "dv2": numbers(ladders.total[:, 1]),
     }
-    shares = ladders.shares
+    shares, (low, high) = ladders.shares, ladders.ranges
     for i, rung in enumerate(ladders.rungs):
         columns[f"{rung.name}_dv1"] = numbers(ladders.vectors[i, :, 0])
         columns[f"{rung.name}_dv2"] = numbers(ladders.vectors[i, :, 1])
         columns[f"{rung.name}_norm"] = numbers(ladders.norms[i])
         columns[f"{rung.name}_share"] = numbers(shares[i])
+        columns[f"{rung.name}_share_low"] = numbers(low[i])
+        columns[f"{rung.name}_share_high"] = numbers(high[i])
     names = [rung.name for rung in ladders.rungs]
     first = np.where(ok, ladders.dominant(), -1)
     columns["limit_error"] = engines["limit_error"]
     columns["dominant"] = [names[i] if i >= 0 else None for i in first.tolist()]
-    columns["sentence"] = _sentences(engines["solver"].to_pylist(), ladders, ok, shares)
-    return pa.table(columns, schema=ladder_schema(ladders.rungs))
+    columns["dominant_by_every_order"] = pa.array(ladders.agreed(), mask=first < 0)
+    columns["sentence"] = _sentences(engines["solver"].to_pylist(), ladders, ok)
+    for index, name in corner_names(CHOICE in ladders.rungs).items():
+        for i in range(2):
+            columns[f"{name}_v{i + 1}"] = numbers(here.velocities[index][:, i])
+    schema = ladder_schema(ladders.rungs)
+    return pa.table({name: columns[name] for name in schema.names}, schema=schema)
 
 
-def _sentences(solvers: list[str], ladders: Split, ok: Any, shares: Floats) -> list[str | None]:
+class Part(NamedTuple):
+    """A rung in a sentence: its phrase, share and norm, and its least and largest share by the orders."""
+
+    phrase: str
+    share: float
+    norm: float
+    low: float
+    high: float
+
+    @property
+    def percent(self) -> str:
+        """The share, with its range where that can be seen."""
+        text = f"{100 * self.share:.3g} %"
+        return f"{text}, by order {between(self.low, self.high)}" if self.high - self.low >= _WIDE else text
+
+
+def between(low: float, high: float) -> str:
+    """Write a range of shares, in per cent."""
+    return f"{100 * low:.3g} to {100 * high:.3g} %"
+
+
+def _sentences(solvers: list[str], ladders: Split, ok: Any) -> list[str | None]:
     phrases = [rung.phrase for rung in ladders.rungs]
+    shares, (low, high) = ladders.shares, ladders.ranges
     sentences: list[str | None] = []
     for i, name in enumerate(solvers):
-        found = [
-            (phrase, float(share), float(norm))
-            for phrase, share, norm in zip(phrases, shares[:, i], ladders.norms[:, i], strict=True)
-            if not np.isnan(norm)
-        ]
+        columns = (values[:, i].tolist() for values in (shares, ladders.norms, low, high))
+        found = [Part(*row) for row in zip(phrases, *columns, strict=True) if not np.isnan(row[2])]
         sentences.append(sentence(name, float(ladders.divergence[i]), found) if ok[i] else None)
     return sentences
 
 
-def sentence(solver: str, divergence: float, rungs: Sequence[tuple[str, float, float]]) -> str:
+def sentence(solver: str, divergence: float, parts: Sequence[Part]) -> str:
     """Say in words which rung carries most of a divergence.
 
     Parameters
@@ -251,20 +300,24 @@ def sentence(solver: str, divergence: float, rungs: Sequence[tuple[str, float, f
         Name of the engine.
     divergence : float
         D.
-    rungs : sequence of (str, float, float)
-        Phrase, share and norm of every rung there is.
+    parts : sequence of Part
+        Every rung there is.
     """
     if divergence < NOTHING:
         return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."
-    (first, share, norm), *others = sorted(rungs, key=lambda rung: -rung[1])
-    how_much = "most of it" if share > 0.5 else "the largest part of it"
+    pair = cancelling([part.share for part in parts])
+    if pair is not None:
+        one, two = (f"{parts[i].phrase} (norm {parts[i].norm:.3g})" for i in pair)
+        return f"{solver} ends D = {divergence:.3g} from the model, where two large causes cancel: {one} and {two}."
+    first, *others = sorted(parts, key=lambda part: -part.share)
+    how_much = "most of it" if first.share > 0.5 else "the largest part of it"
     text = (
-        f"{solver} ends D = {divergence:.3g} from the model, {how_much} by {first} "
-        f"({100 * share:.3g} %, norm {norm:.3g})"
+        f"{solver} ends D = {divergence:.3g} from the model, {how_much} by {first.phrase} "
+        f"({first.percent}, norm {first.norm:.3g})"
     )
-    other = max(others, key=lambda rung: abs(rung[1]))
-    if other[1] <= -_MENTIONED:
-        return f"{text}, taken back in part by {other[0]} ({100 * other[1]:.3g} %, norm {other[2]:.3g})."
-    if other[1] >= _MENTIONED:
-        return f"{text}, then by {other[0]} ({100 * other[1]:.3g} %)."
+    other = max(others, key=lambda part: abs(part.share))
+    if other.share <= -_MENTIONED:
+        return f"{text}, taken back in part by {other.phrase} ({other.percent}, norm {other.norm:.3g})."
+    if other.share >= _MENTIONED:
+        return f"{text}, then by {other.phrase} ({other.percent})."
     return f"{text}."

@@ -1,8 +1,8 @@
 """Dense maps over the plane of k2/k1 and m2/m1: where each cause of divergence matters that needs no engine.
 
-Every cell of the plane is solved by the model, by bistiffness and by kelvin-voigt, without gravity and in the scenario
-asked for, exactly; the rungs are those of `experiments.rungs`. A map is made block by block, so that its memory does
-not grow with its size.
+Every cell of the plane is solved at all corners between the model and kelvin-voigt in the scenario asked for, exactly,
+and split as `experiments.ladder` splits an engine: the causes are means over their six orders. A map is made block by
+block, so that its memory does not grow with its size.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from compliant_baselines.bistiffness import bistiffness_batch
-from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
-from compliant_baselines.reference_solver import ReferenceBatch
+from compliant_baselines.reference_batch import ReferenceBatch
+from compliant_baselines.registry import KELVIN_VOIGT
 from compliant_baselines.state_paths import model_paths
-from experiments.ladder import NOTHING, Floats
+from experiments.corners import FREE, WEIGHTLESS, gather, laws_of, solve_corners
+from experiments.ladder import Floats, split
 from experiments.rungs import FROZEN, GRAVITY, LAW
 from experiments.streams import replacing
-from model import solve_batch
+from model import Cutoff, solve_batch
 
 #: Cells solved together.
 _BLOCK = 25_000
@@ -36,6 +36,8 @@ PATHS = (
     "kelvin-voigt alone leaves it: dissipation law",
     "not told: a closed-form limit ended a path",
 )
+
+RUNGS = (FROZEN, LAW, GRAVITY)
 
 _FIELDS = (
     ("stiffness_ratio", pa.float64(), "k2/k1"),
@@ -52,9 +54,14 @@ _FIELDS = (
         )
         for v, ball in (("v1", "B1"), ("v2", "B2"))
     ),
-    ("frozen_positions_norm", pa.float64(), "kinetic norm of bistiffness minus model"),
-    ("dissipation_law_norm", pa.float64(), "kinetic norm of kelvin-voigt minus bistiffness, no gravity"),
-    ("gravity_norm", pa.float64(), "kinetic norm of kelvin-voigt in the scenario minus without gravity"),
+    *(
+        (
+            f"{rung.name}_norm",
+            pa.float64(),
+            f"kinetic norm of {rung.phrase}, mean over the six orders of the causes (Shapley value)",
+        )
+        for rung in RUNGS
+    ),
     ("repeats_norm", pa.float64(), "kinetic norm of the law of Liu, Zhao and Brogliato minus the model"),
     ("velocity_divergence", pa.float64(), "D of kelvin-voigt in the scenario from the model"),
     (
@@ -81,8 +88,6 @@ DRAWN = (
     "failed",
 )
 
-RUNGS = (FROZEN, LAW, GRAVITY)
-
 
 @dataclass(frozen=True, slots=True)
 class Plane:
@@ -98,7 +103,7 @@ class Plane:
         Cells along each side.
     gravity : float
         g/(abs(v0) sqrt(k1/m1)); 0 for an impact.
-    stiffness_ratio_cutoff : float
+    stiffness_ratio_cutoff : float or "exact"
         Of the model.
     """
 
@@ -108,7 +113,7 @@ class Plane:
     mass_ratio: tuple[float, float]
     side: int
     gravity: float
-    stiffness_ratio_cutoff: float
+    stiffness_ratio_cutoff: Cutoff
 
     def axes(self) -> tuple[Floats, Floats]:
         """Values of k2/k1 and m2/m1."""
@@ -157,42 +162,31 @@ def _solve(plane: Plane, kappa: Floats, mu: Floats) -> pa.Table:
     number = plane.gravity / np.sqrt(1 + 1 / mu)
     model = solve_batch(*cells, stiffness_ratio_cutoff=cutoff)
     repeats = solve_batch(*cells, stiffness_ratio_cutoff=cutoff, impact_law="liu-zhao-brogliato")
-    stiff, dashpot = bistiffness_batch(*cells), kelvin_voigt_batch(*cells)
-    scenario = kelvin_voigt_batch(*cells, number) if plane.gravity else dashpot
+    laws = laws_of(KELVIN_VOIGT, KELVIN_VOIGT)
+    batches = dict(solve_corners(cells, number, laws))
+    corners = gather(np.column_stack([model.v1, model.v2]), batches.items(), laws)
+    stiff, dashpot = batches[FREE, 0, WEIGHTLESS], batches[FREE, 1, WEIGHTLESS]
     outcomes = {
-        "model": model,
-        "liu_zhao_brogliato": repeats,
-        "bistiffness": stiff,
-        "kelvin_voigt": dashpot,
-        "scenario": scenario,
+        "model": corners.model,
+        "liu_zhao_brogliato": np.column_stack([repeats.v1, repeats.v2]),
+        "bistiffness": corners.velocities[FREE, 0, WEIGHTLESS],
+        "kelvin_voigt": corners.velocities[FREE, 1, WEIGHTLESS],
+        "scenario": corners.asked,
     }
     columns = {
         "stiffness_ratio": kappa,
         "mass_ratio": mu,
         "gravity_number": number,
-        **{f"{name}_{v}": getattr(o, v) for name, o in outcomes.items() for v in ("v1", "v2")},
+        **{f"{name}_v{i + 1}": v[:, i] for name, v in outcomes.items() for i in range(2)},
     }
-    at = {name: np.stack([o.v1, np.sqrt(mu) * o.v2]) for name, o in outcomes.items()}
-    vectors = np.stack(
-        [
-            at["bistiffness"] - at["model"],
-            at["kelvin_voigt"] - at["bistiffness"],
-            at["scenario"] - at["kelvin_voigt"],
-        ]
-    )
-    total = at["scenario"] - at["model"]
-    divergence = np.hypot(*total)
-    failed = (
-        np.isnan(divergence)
-        | np.isnan(vectors).any(axis=(0, 1))
-        | np.isnan(at["liu_zhao_brogliato"]).any(axis=0)
-    )
-    along = np.where(failed, 0.0, (vectors * total).sum(axis=1))
-    columns |= {f"{rung.name}_norm": np.hypot(*vector) for rung, vector in zip(RUNGS, vectors, strict=True)}
-    columns["repeats_norm"] = np.hypot(*(at["liu_zhao_brogliato"] - at["model"]))
+    parts = split(mu, corners, np.full_like(corners.asked, np.nan), corners.asked)
+    away = outcomes["liu_zhao_brogliato"] - corners.model
+    failed = (corners.reason != "") | np.isnan(corners.model).any(axis=1) | np.isnan(away).any(axis=1)
+    columns |= {f"{rung.name}_norm": parts.norms[parts.rungs.index(rung)] for rung in RUNGS}
     columns |= {
-        "velocity_divergence": divergence,
-        "dominant": np.where(failed | (divergence < NOTHING), -1, along.argmax(axis=0)),
+        "repeats_norm": np.hypot(away[:, 0], np.sqrt(mu) * away[:, 1]),
+        "velocity_divergence": parts.divergence,
+        "dominant": np.where(failed, -1, parts.dominant()),
         "paths": _compare_paths(model_paths(*cells, cutoff), model.status == "ok", stiff, dashpot),
         "grazing_margin": model.grazing_margin,
         "failed": failed,

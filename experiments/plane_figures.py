@@ -20,9 +20,9 @@ _RANGE = (1e-5, 1.0)
 
 _PATH_COLORS = ("#F7F7F7", "#CC79A7", "#009E73", "#B0B0B0")
 _NORMS = {
-    "frozen_positions_norm": "frozen positions: bistiffness - model",
-    "dissipation_law_norm": "dissipation law: kelvin-voigt - bistiffness",
-    "gravity_norm": "gravity: kelvin-voigt with - without",
+    "frozen_positions_norm": "frozen positions: with gaps - without",
+    "dissipation_law_norm": "dissipation law: dashpots - restitution",
+    "gravity_norm": "gravity: with - without",
     "repeats_norm": "restart stiffness: Liu-Zhao-Brogliato - model",
 }
 
@@ -77,7 +77,8 @@ def _causes(plane: Plane, images: Images) -> tuple[Figure, str]:
     return figure, (
         f"Where each cause of divergence that needs no engine matters, over {plane.side} x {plane.side} collisions at "
         f"{_where(plane)}. Colour: kinetic norm, sqrt(dv1^2 + (m2/m1) dv2^2) per |v0|, of the difference of final "
-        "velocities between two exact solvers that differ in this alone; black: "
+        "velocities between exact solvers that differ in this alone, the mean over the orders in which positions, law "
+        "and gravity can be changed; black: "
         f"{number(_RANGE[0])} or less. Sharp edges are jumps of the model and of bistiffness, whose outcomes are "
         "discontinuous where a compression just ends or just does not. 'Restart stiffness' is the second impulse-level "
         "model, in which a repeated compression starts at the original stiffness."
@@ -113,7 +114,8 @@ def _kinds(plane: Plane, images: Images) -> tuple[Figure, str]:
     return figure, (
         f"What divergence is made of, over {plane.side} x {plane.side} collisions at {_where(plane)}. Left: the cause "
         "with the largest share of D, the kinetic norm of the difference of kelvin-voigt in this scenario from the "
-        "model; a share is the component of the cause along the whole difference. Right: whether bistiffness and "
+        "model; a share is the component along the whole difference of the cause, the mean over all orders of the "
+        "causes. Right: whether bistiffness and "
         "kelvin-voigt, without gravity, pass through the same contact states (S1 both contacts active, S2 ball on "
         "table, S3 ball on ball, S4 none) as the model; where a closed-form limit ended a path, that is not told."
     )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
-from compliant_baselines.reference_solver import ReferenceBatch
+from compliant_baselines.reference_batch import ReferenceBatch
 from compliant_baselines.registry import KELVIN_VOIGT
 
 
@@ -23,7 +24,8 @@ class Rung:
     phrase : str
         In a sentence about an engine, after "by".
     before, after : str
-        The two outcomes it is the difference of, after minus before.
+        What it changes. Of the rungs below the causes these are two outcomes, of which it is the difference, after
+        minus before; of a cause (`CAUSES`) one of the three switches of `corners`.
     color : str
         In figures.
     """
@@ -40,32 +42,32 @@ FROZEN = Rung(
     "frozen_positions",
     "frozen positions",
     "frozen positions",
-    "the state-transition model",
-    "the same impact law in real time, with gaps (bistiffness, no gravity)",
+    "contacts that return when their bodies approach",
+    "contacts that return when their gap has closed",
     "#CC79A7",
 )
 LAW = Rung(
     "dissipation_law",
     "dissipation law",
     "the dissipation law",
-    "bistiffness, no gravity",
-    "the law the engine was asked for (spring and dashpot, kelvin-voigt), no gravity",
+    "energetic restitution",
+    "the law the engine was asked for (spring and dashpot, kelvin-voigt), or an alternative to it",
     "#009E73",
 )
 CHOICE = Rung(
     "law_choice",
     "choice of the dashpot",
     "the choice of the dashpot",
-    "the alternative law, no gravity",
-    "kelvin-voigt, no gravity",
+    "the alternative law",
+    "the law the engine was asked for",
     "#F0E442",
 )
 GRAVITY = Rung(
     "gravity",
     "gravity",
     "gravity",
-    "kelvin-voigt, no gravity",
-    "kelvin-voigt in the scenario of the run",
+    "no gravity",
+    "gravity as in the scenario of the run, B2 in static equilibrium",
     "#E69F00",
 )
 MAPPING = Rung(
@@ -93,16 +95,19 @@ ENGINE = Rung(
     "#56B4E9",
 )
 
+#: Those that need no engine, in the order of `ladder.by_order`: averages over the orders in which they can be made.
+CAUSES = (FROZEN, LAW, CHOICE, GRAVITY)
+
 #: The rungs in their order; a cell has either the last one or the two before it, and `CHOICE` only where another
 #: law than kelvin-voigt is asked about. Where a rung says kelvin-voigt, an engine of another law has its own.
-RUNGS = (FROZEN, LAW, CHOICE, GRAVITY, MAPPING, STEP, ENGINE)
+RUNGS = (*CAUSES, MAPPING, STEP, ENGINE)
 
 #: Laws that "what if" may put in the place of kelvin-voigt, and what answers for them.
 LAWS: Mapping[str, Callable[..., ReferenceBatch]] = {
     KELVIN_VOIGT: kelvin_voigt_batch,
-    "kelvin-voigt-anchored": lambda *cells: kelvin_voigt_batch(*cells, damping="anchored"),
-    "kelvin-voigt-textbook": lambda *cells: kelvin_voigt_batch(*cells, damping="textbook"),
-    "hunt-crossley": lambda *cells: kelvin_voigt_batch(*cells, damping="hunt-crossley"),
+    "kelvin-voigt-anchored": partial(kelvin_voigt_batch, damping="anchored"),
+    "kelvin-voigt-textbook": partial(kelvin_voigt_batch, damping="textbook"),
+    "hunt-crossley": partial(kelvin_voigt_batch, damping="hunt-crossley"),
 }
 
 

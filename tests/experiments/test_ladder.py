@@ -1,6 +1,9 @@
 """The ladder: it closes, each rung is the difference it says, and what is said of it is so."""
 
+import itertools
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,16 +12,18 @@ import pyarrow.parquet as pq
 import pytest
 
 from compliant_baselines import get_solver
+from compliant_baselines.bistiffness import bistiffness_batch
 from compliant_baselines.contract import Settings
 from compliant_baselines.registry import KELVIN_VOIGT
 from experiments import streams
 from experiments.cli import main
 from experiments.config import parse_config
+from experiments.corners import Corners, corner_names, corners
 from experiments.grid import CellGrid
-from experiments.ladder import posts, split
+from experiments.ladder import by_order, cancelling, split
 from experiments.ladder_document import ladder_findings
 from experiments.ladder_summary import BAND, ladder_statistics, summarise_ladder
-from experiments.ladder_table import LADDER_SCHEMA, NO_LIMIT, ladder_rows, sentence, write_ladder
+from experiments.ladder_table import LADDER_SCHEMA, NO_LIMIT, Part, ladder_rows, sentence, write_ladder
 from experiments.rungs import LAWS, RUNGS, rungs_of
 from experiments.schema import CELLS_SCHEMA
 from experiments.summary import summarise
@@ -79,57 +84,86 @@ def test_rungs_sum_to_the_divergence_that_the_run_measured(run):
     np.testing.assert_allclose(shares, 1, atol=1e-9)
 
 
-def test_each_rung_is_the_difference_of_the_solvers_it_names(run):
-    config, table = run.config(), table_of(run)
-    drop = Settings(scenario=config.scenario, gravity=config.gravity)
-    grid = CellGrid(config)
-    for row in table[table.solver == "mujoco"].itertuples():
-        c = grid[row.cell].collision
-        at = {
-            "model": get_solver("state-transition").solve(c),
-            "stiff": get_solver("bistiffness").solve(c, Settings()),
-            "dashpot": get_solver("kelvin-voigt").solve(c, Settings()),
-            "drop": get_solver("kelvin-voigt").solve(c, drop),
-        }
-        for name, before, after in (
-            ("frozen_positions", "model", "stiff"),
-            ("dissipation_law", "stiff", "dashpot"),
-            ("gravity", "dashpot", "drop"),
-        ):
-            for v in ("v1", "v2"):
-                difference = getattr(at[after], v) - getattr(at[before], v)
-                assert getattr(row, f"{name}_d{v}") == pytest.approx(difference, abs=1e-10)
-        assert row.engine_dv1 == pytest.approx(at["model"].v1 + 0.01 - at["drop"].v1, abs=1e-10)
-    gravity = table.gravity_norm[table.status == "ok"]
-    assert (gravity == 0).all() if config.scenario == "impact" else (gravity > 1e-6).all()
+def solved(c, law, settings=None):
+    """v1 and v2 of one collision; laws with frozen positions have no solver."""
+    name, _, frozen = law.partition(", ")
+    if not frozen:
+        o = get_solver(name).solve(c, settings) if settings else get_solver(name).solve(c)
+        assert o.status in ("ok", "limit")
+        return np.array([o.v1, o.v2])
+    number = 0.0
+    if settings and settings.scenario == "drop":
+        number = settings.gravity / (abs(c.v0) * math.sqrt(c.k1 * (1 / c.m1 + 1 / c.m2)))
+    cell = c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, number
+    o = bistiffness_batch(*cell, frozen=True) if name == "bistiffness" else LAWS[name](*cell, frozen=True)
+    return np.array([float(o.v1), float(o.v2)]) * abs(c.v0)
 
 
-def test_an_engine_of_another_law_is_held_against_that_law(run):
+def cube_of(c, config, law):
+    """The eight corners of a collision, shape (2, 2, 2, 2)."""
+    still, scenario = Settings(), Settings(scenario=config.scenario, gravity=config.gravity)
+    cube = np.array(
+        [
+            [[solved(c, f"{name}{frozen}", s) for s in (still, scenario)] for name in ("bistiffness", law)]
+            for frozen in (", frozen", "")
+        ]
+    )
+    cube[0, 0, 0] = solved(c, "state-transition")
+    if config.scenario == "impact":
+        cube[0, 0, 1] = cube[0, 0, 0]
+    return cube
+
+
+def shapley(cube, cause):
+    """The textbook's sum over sets of the other causes, with weights |S|! (2 - |S|)!/3!."""
+    value = 0.0
+    for others in itertools.product((0, 1), repeat=2):
+        at = list(others)
+        at.insert(cause, 0)
+        on = [*at]
+        on[cause] = 1
+        weight = {0: 1 / 3, 1: 1 / 6, 2: 1 / 3}[sum(others)]
+        value = value + weight * (cube[tuple(on)] - cube[tuple(at)])
+    return value
+
+
+@pytest.mark.parametrize(
+    ("engine", "law"), [("mujoco", "kelvin-voigt"), ("drake-hunt-crossley", "hunt-crossley")]
+)
+def test_each_cause_is_the_shapley_value_of_the_solvers_at_the_corners(run, engine, law):
     config, cells = run.config(), run.read_table("cells.parquet", CELLS_SCHEMA)
-    names = ["drake-hunt-crossley" if name == "mujoco" else name for name in cells["solver"].to_pylist()]
+    names = [engine if name == "mujoco" else name for name in cells["solver"].to_pylist()]
     renamed = cells.set_column(cells.column_names.index("solver"), "solver", pa.array(names))
-    before, after = ladder_rows(cells).to_pandas(), ladder_rows(renamed).to_pandas()
-    others = before.solver != "mujoco"
-    pd.testing.assert_frame_equal(after[others], before[others])
-    drop, grid = Settings(scenario=config.scenario, gravity=config.gravity), CellGrid(config)
-    rows = after[(after.solver == "drake-hunt-crossley") & (after.status == "ok")]
-    assert len(rows) > 10
+    table = ladder_rows(renamed).to_pandas()
+    rows = table[(table.solver == engine) & (table.status == "ok")]
+    assert len(rows) > 30
+    # an engine of another law changes nothing for the others
+    pd.testing.assert_frame_equal(table[table.solver != engine], table_of(run)[table.solver != engine])
+    grid = CellGrid(config)
     for row in rows.itertuples():
         c = grid[row.cell].collision
-        stiff = get_solver("bistiffness").solve(c, Settings())
-        asked, dropped = (get_solver("hunt-crossley").solve(c, s) for s in (Settings(), drop))
-        for v in ("v1", "v2"):
-            law, gravity = getattr(row, f"dissipation_law_d{v}"), getattr(row, f"gravity_d{v}")
-            assert law == pytest.approx(getattr(asked, v) - getattr(stiff, v), abs=1e-10)
-            assert gravity == pytest.approx(getattr(dropped, v) - getattr(asked, v), abs=1e-10)
-    assert np.abs(np.nansum(vectors(rows), axis=0) - rows[["dv1", "dv2"]].to_numpy()).max() < 1e-14
+        cube = cube_of(c, config, law)
+        for index, name in corner_names(alternative=False).items():
+            found = getattr(row, f"{name}_v1"), getattr(row, f"{name}_v2")
+            assert found == pytest.approx(tuple(cube[index]), abs=1e-10)
+        for cause, name in enumerate(("frozen_positions", "dissipation_law", "gravity")):
+            expected = shapley(cube, cause)
+            found = getattr(row, f"{name}_dv1"), getattr(row, f"{name}_dv2")
+            assert found == pytest.approx(tuple(expected), abs=1e-10)
+        assert row.engine_dv1 == pytest.approx(cube[0, 0, 0][0] + 0.01 - cube[1, 1, 1][0], abs=1e-10)
+    gravity = rows.gravity_norm
+    assert (gravity == 0).all() if config.scenario == "impact" else (gravity > 1e-7).all()
+
+
+def velocities(batch):
+    return np.column_stack([batch.v1, batch.v2])
 
 
 def test_published_numbers():
     cells = [np.array([x]) for x in (1.0, MU, 0.9, 0.7)]
-    model, between = solve_batch(*cells), posts(*cells, np.zeros(1))
-    here = np.array([[model.v1[0], model.v2[0]]])
-    ladder = split(cells[1], here, between, np.full((1, 2), np.nan), here)
+    model = velocities(solve_batch(*cells))
+    between = corners(model, cells, np.zeros(1))
+    ladder = split(cells[1], between, np.full((1, 2), np.nan), model)
     first_two = ladder.vectors[0] + ladder.vectors[1]
     expected = (0.65159996 - 0.61394941925041, 0.31646952 - 0.20971952034697)
     np.testing.assert_allclose(first_two[0], expected, atol=6e-9)
@@ -138,11 +172,9 @@ def test_published_numbers():
 @pytest.mark.parametrize("ratio", [4, 5, 10, 40, 100])
 def test_elastic_without_return_leaves_the_engine_alone(ratio):
     cells = [np.array([x]) for x in (float(ratio), MU, 1.0, 1.0)]
-    model = solve_batch(*cells)
-    here = np.column_stack([model.v1, model.v2])
-    ladder = split(
-        cells[1], here, posts(*cells, np.zeros(1)), np.full((1, 2), np.nan), here + np.array([[0.02, -0.01]])
-    )
+    model = velocities(solve_batch(*cells))
+    engine = model + np.array([[0.02, -0.01]])
+    ladder = split(cells[1], corners(model, cells, np.zeros(1)), np.full((1, 2), np.nan), engine)
     assert ladder.norms[:3].max() < 1e-11
     assert ladder.rungs[ladder.dominant()[0]].name == "engine"
     assert ladder.shares[-1, 0] == pytest.approx(1, abs=1e-9)
@@ -150,27 +182,103 @@ def test_elastic_without_return_leaves_the_engine_alone(ratio):
 
 def test_closes_for_any_outcomes_in_between():
     cells = cells_of(1500, 3)
-    model, rng = solve_batch(*cells), np.random.default_rng(4)
+    model, rng = velocities(solve_batch(*cells)), np.random.default_rng(4)
     engine = rng.normal(size=(1500, 2))
     limit = np.where(rng.uniform(size=(1500, 1)) < 0.5, engine + 1e-3, np.nan)
+    ladders = {}
     for law in LAWS:
-        between = posts(*cells, np.full(1500, 0.05), law=law)
+        between = corners(model, cells, np.full(1500, 0.05), law=law)
         assert set(between.reason) == {""}
-        ladder = split(cells[1], np.column_stack([model.v1, model.v2]), between, limit, engine)
+        ladders[law] = ladder = split(cells[1], between, limit, engine)
         assert ladder.residual().max() < 1e-14
         np.testing.assert_allclose(np.nansum(ladder.along, axis=0), ladder.divergence, rtol=1e-12)
+        np.testing.assert_allclose(np.nansum(ladder.orders, axis=1), [ladder.divergence] * 6, rtol=1e-12)
         # a component is no longer than its vector
         assert np.all(
             np.abs(ladder.along) <= ladder.norms * (1 + 1e-12) + 1e-15, where=~np.isnan(ladder.along)
         )
+        low, high = ladder.ranges
+        there = ~np.isnan(ladder.shares)
+        assert np.all((low <= ladder.shares + 1e-12) & (ladder.shares <= high + 1e-12), where=there)
+        assert np.all(low == high, where=there, axis=1)[
+            -3:
+        ].all()  # no order of what begins or ends with the engine
+        assert not np.all(low == high, where=there, axis=1)[:3].any()
+    # an alternative splits the law's own part and nothing else
+    plain = ladders[KELVIN_VOIGT]
+    for law, ladder in ladders.items():
+        if law != KELVIN_VOIGT:
+            names = [rung.name for rung in ladder.rungs]
+            both = ladder.vectors[names.index("dissipation_law")] + ladder.vectors[names.index("law_choice")]
+            np.testing.assert_allclose(both, plain.vectors[1], atol=1e-14)
+            np.testing.assert_array_equal(ladder.vectors[0], plain.vectors[0])
+            np.testing.assert_array_equal(ladder.vectors[names.index("gravity")], plain.vectors[2])
+
+
+def test_a_cell_in_which_the_order_matters():
+    # By hand, along v1 alone: positions move v1 by 1, or by 3 once the law is changed; gravity by 2 with free positions
+    # only; the law by 1, or by 3 with free positions.
+    def v1(positions, law, gravity):
+        return positions + law + 2 * positions * law + 2 * positions * gravity
+
+    cube = np.zeros((2, 2, 2, 1, 2))
+    for index in np.ndindex(2, 2, 2):
+        cube[index][0, 0] = v1(*index)
+    engine = cube[1, 1, 1] + np.array([0.5, 0.0])
+    ladder = split(np.ones(1), Corners(cube, np.array([""])), np.full((1, 2), np.nan), engine)
+    # 2 positions law is shared by positions and law, 2 positions gravity by positions and gravity
+    np.testing.assert_allclose(ladder.vectors[:3, 0, 0], [1 + 1 + 1, 1 + 1, 1], atol=1e-15)
+    assert ladder.vectors[-1, 0, 0] == 0.5
+    assert ladder.divergence[0] == 6.5
+    low, high = ladder.ranges
+    np.testing.assert_allclose(6.5 * low[:3, 0], [1, 1, 0], atol=1e-14)
+    np.testing.assert_allclose(6.5 * high[:3, 0], [5, 3, 2], atol=1e-14)
+    assert ladder.rungs[ladder.dominant()[0]].name == "frozen_positions"
+    assert not ladder.agreed()[0]  # positions first: 1 to 3 of the law, last
+
+
+def test_causes_do_not_depend_on_how_they_are_numbered():
+    cube = np.random.default_rng(5).normal(size=(2, 2, 2, 7, 2))
+    plain = by_order(cube)
+    np.testing.assert_allclose(
+        plain.sum(axis=1), np.broadcast_to(cube[1, 1, 1] - cube[0, 0, 0], (6, 7, 2)), atol=1e-14
+    )
+    for order in itertools.permutations(range(3)):
+        other = by_order(cube.transpose(*order, 3, 4))
+        np.testing.assert_allclose(other.mean(axis=0), plain.mean(axis=0)[list(order)], atol=1e-15)
+        np.testing.assert_allclose(np.sort(other, axis=0), np.sort(plain, axis=0)[:, list(order)], atol=1e-15)
+
+
+def printed(text):
+    """Share, least and largest of a cell of a table such as ``57.9 % (53.4 to 62.2)``, as fractions."""
+    return [float(x) / 100 for x in re.fullmatch(r"(-?[\d.]+) % \((-?[\d.]+) to (-?[\d.]+)\)", text).groups()]
+
+
+@pytest.mark.parametrize("k1", ["1e7", "1e8", "1e9", "1e10"])
+def test_shares_over_the_default_grid_are_what_the_documentation_prints(k1):
+    page = (Path(__file__).parents[2] / "docs" / "ladder.md").read_text(encoding="utf-8")
+    (line,) = (line for line in page.splitlines() if line.startswith(f"| {k1} |"))
+    mean, *shares, soft = [cell.strip() for cell in line.strip("| ").split("|")][3:]
+    config = parse_config({})
+    cells = [axis.ravel() for axis in np.meshgrid(*config.grid.axes().values(), indexing="ij")]
+    model = solve_batch(*cells, stiffness_ratio_cutoff=math.inf)
+    number = config.gravity / (abs(config.v0) * math.sqrt(float(k1) / config.m1)) / np.sqrt(1 + 1 / cells[1])
+    between = corners(velocities(model), cells, number)
+    ladder = split(cells[1], between, np.full((len(number), 2), np.nan), between.asked)
+    assert ladder.divergence.mean() == pytest.approx(float(mean), abs=5.1e-4)
+    by_region = [(i, text, cells[0] > 0) for i, text in enumerate(shares)] + [(2, soft, cells[0] < 0.1)]
+    for cause, text, here in by_region:
+        orders = ladder.orders[:, cause, here].sum(axis=1) / ladder.divergence[here].sum()
+        assert [orders.mean(), orders.min(), orders.max()] == pytest.approx(printed(text), abs=5.1e-4)
 
 
 def test_gravity_goes_away_at_first_order():
     cells = [np.array([x]) for x in (1.0, MU, 0.9, 0.7)]
+    model = velocities(solve_batch(*cells))
     numbers = 10.0 ** -np.arange(3, 7)
-    steps = [posts(*cells, np.array([g])) for g in numbers]
-    norms = [np.abs(p.scenario - p.compliant).max() for p in steps]
-    slopes = np.diff(np.log10(norms)) / np.diff(np.log10(numbers))
+    causes = [by_order(corners(model, cells, np.array([g])).velocities) for g in numbers]
+    norms = np.array([np.abs(found[:, 2]).max(axis=(1, 2)) for found in causes])
+    slopes = np.diff(np.log10(norms), axis=0) / np.diff(np.log10(numbers))[:, None]
     np.testing.assert_allclose(slopes, 1, atol=0.03)
 
 
@@ -301,6 +409,23 @@ def test_shares_of_a_region_are_of_its_sum_of_d(run):
         along = (weight * vector * total).sum(axis=1) / d
         assert region.share[name] == pytest.approx(along.sum() / d.sum(), abs=1e-12)
     assert region.share.sum() == pytest.approx(1, abs=1e-12)
+    # of one order: positions, then the law, then gravity
+    path = [
+        "frozen_energetic_weightless",
+        "free_energetic_weightless",
+        "free_asked_weightless",
+        "free_asked_scenario",
+    ]
+    at = [here[[f"{name}_v1", f"{name}_v2"]].to_numpy() for name in path]
+    for name, before, after in zip(
+        ("frozen_positions", "dissipation_law", "gravity"), at, at[1:], strict=False
+    ):
+        share = ((weight * (after - before) * total).sum(axis=1) / d).sum() / d.sum()
+        assert region.low[name] - 1e-12 <= share <= region.high[name] + 1e-12
+    assert np.all(found.statistics.low <= found.statistics.share + 1e-12)
+    assert np.all(found.statistics.share <= found.statistics.high + 1e-12)
+    assert region.high["frozen_positions"] - region.low["frozen_positions"] > 1e-3
+    assert region.low["engine"] == region.high["engine"] == region.share["engine"]
     assert region.total.iloc[0] == pytest.approx(d.mean(), rel=1e-12)
     for (_, axis, value), part in found.statistics.groupby(["solver", "axis", "value"], dropna=False):
         assert part.share.sum() == pytest.approx(1, abs=1e-9), (axis, value)
@@ -330,23 +455,42 @@ def test_the_summary_says_it_by_engine_and_by_region(run):
 
 
 @pytest.mark.parametrize(
-    ("rungs", "expected"),
+    ("parts", "expected"),
     [
         (
-            [("a", 0.9, 0.09), ("b", 0.1, 0.01)],
-            "D = 0.1 from the model, most of it by a (90 %, norm 0.09), then by b",
+            [("a", 0.9, 0.09, 0.9, 0.9), ("b", 0.1, 0.01, 0.1, 0.1)],
+            "D = 0.1 from the model, most of it by a (90 %, norm 0.09), then by b (10 %).",
         ),
         (
-            [("a", 5.0, 0.5), ("b", -4.0, 0.4)],
-            "by a (500 %, norm 0.5), taken back in part by b (-400 %, norm 0.4).",
+            [("a", 0.9, 0.09, 0.8, 0.95), ("b", 0.1, 0.01, 0.05, 0.2)],
+            "most of it by a (90 %, by order 80 to 95 %, norm 0.09), then by b (10 %, by order 5 to 20 %).",
         ),
-        ([("a", 0.995, 0.1), ("b", 0.005, 0.001)], "most of it by a (99.5 %, norm 0.1)."),
-        ([("a", 0.4, 0.1), ("b", 0.3, 0.1), ("c", 0.3, 0.1)], "the largest part of it by a (40 %"),
+        (
+            [("a", 1.8, 0.2, 1.8, 1.8), ("b", -0.8, 0.1, -0.8, -0.8)],
+            "by a (180 %, norm 0.2), taken back in part by b (-80 %, norm 0.1).",
+        ),
+        (
+            [("a", 13.0, 1.3, 12, 14), ("b", -12.3, 1.23, -13, -11), ("c", 0.3, 0.1, 0.3, 0.3)],
+            "from the model, where two large causes cancel: a (norm 1.3) and b (norm 1.23).",
+        ),
+        (
+            [("a", 0.995, 0.1, 0.995, 0.995), ("b", 0.005, 0.001, 0.005, 0.005)],
+            "most of it by a (99.5 %, norm 0.1).",
+        ),
+        ([("a", 0.4, 0.1, 0.4, 0.4), *[("b", 0.3, 0.1, 0.3, 0.3)] * 2], "the largest part of it by a (40 %"),
     ],
 )
-def test_sentences(rungs, expected):
-    assert expected in sentence("engine", 0.1, rungs)
-    assert "nothing to split" in sentence("engine", 1e-12, rungs)
+def test_sentences(parts, expected):
+    parts = [Part(*part) for part in parts]
+    assert expected in sentence("engine", 0.1, parts)
+    assert "nothing to split" in sentence("engine", 1e-12, parts)
+
+
+def test_two_large_causes_cancel_beyond_a_stated_rule():
+    assert cancelling([0.3, 13.0, -12.3]) == (1, 2)
+    assert cancelling([2.01, -1.01, np.nan]) == (0, 1)
+    for shares in ([1.99, -1.01], [2.5, -0.75, -0.75], [0.9, 0.1], [np.nan, np.nan]):
+        assert cancelling(shares) is None
 
 
 def test_every_rung_begins_where_another_ends():
@@ -354,7 +498,7 @@ def test_every_rung_begins_where_another_ends():
         rungs = rungs_of(law)
         assert len({r.name for r in rungs}) == len(rungs) <= len(RUNGS)
     with pytest.raises(ValueError, match="law = 'newton'; legal: kelvin-voigt, "):
-        posts(*cells_of(1, 1), np.zeros(1), law="newton")
+        corners(np.zeros((1, 2)), cells_of(1, 1), np.zeros(1), law="newton")
 
 
 def test_the_command_shows_a_run_a_cell_and_a_what_if(run, capsys):
@@ -363,6 +507,7 @@ def test_the_command_shows_a_run_a_cell_and_a_what_if(run, capsys):
     assert main(["ladder", str(run.root), "--cell", "0", "--law", "kelvin-voigt-anchored"]) == 0
     out = capsys.readouterr().out
     assert "choice of the dashpot" in out
+    assert "by order" in out
     assert "ladder-kelvin-voigt-anchored.parquet" in out
     table = pq.read_table(run.root / "ladder-kelvin-voigt-anchored.parquet").to_pandas()
     total = np.nansum(vectors(table, "kelvin-voigt-anchored"), axis=0)

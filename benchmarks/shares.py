@@ -1,0 +1,67 @@
+"""How the shares of the causes move with the gravity number: over the built-in grid, without an engine.
+
+Run as ``python benchmarks/shares.py``. What diverges here is exact Kelvin-Voigt in a drop from the model: all of an
+engine's divergence but its regularisation, its mapping and its time step. For every k1 it prints, by band of k2/k1, the
+mean D and the shares of frozen positions, dissipation law and gravity as `experiments.ladder` defines them, with the
+least and the largest over the six orders of the causes, and in how many cells the largest cause is another by another
+order.
+
+Of m1, k1, v0 and g only the number g/(|v0| omega1) counts (Theorem 5, and one number for gravity): k1 = 1e8 at 1 m/s
+is k1 = 1e6 at 10 m/s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+import numpy as np
+
+from experiments.config import Config
+from experiments.corners import corners
+from experiments.ladder import NOTHING, split
+from experiments.ladder_summary import BANDS, band_of
+from experiments.numbers import percent
+from model import solve_batch
+
+
+def _plain(share: float) -> str:
+    return percent(share).removesuffix(" %")
+
+
+def main() -> None:
+    """Compute and print, as rows of Markdown."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--exponents", type=int, nargs=2, default=(5, 10), help="k1 from 10^A to 10^B N/m")
+    arguments = parser.parse_args()
+    config = Config.model_validate({})
+    axes = np.meshgrid(*config.grid.axes().values(), indexing="ij")
+    cells = [axis.ravel() for axis in axes]
+    kappa, mu = cells[:2]
+    model = solve_batch(*cells, stiffness_ratio_cutoff=math.inf)
+    velocities, band = np.column_stack([model.v1, model.v2]), band_of(kappa)
+    print(
+        "| k1, N/m | v0 at 1e8 N/m | number | region | cells | mean D | positions | law | gravity | undecided |"
+    )
+    for exponent in range(arguments.exponents[0], arguments.exponents[1] + 1):
+        k1 = 10.0**exponent
+        unit = config.gravity / (abs(config.v0) * math.sqrt(k1 / config.m1))
+        between = corners(velocities, cells, unit / np.sqrt(1 + 1 / mu))
+        ladder = split(mu, between, np.full_like(velocities, np.nan), between.asked)
+        counted = (between.reason == "") & (model.grazing_margin >= config.grazing_threshold)
+        counted &= ladder.divergence >= NOTHING
+        for edge, label in ((math.nan, "all"), *BANDS.items()):
+            here = counted & (math.isnan(edge) | (band == edge))
+            total = ladder.divergence[here].sum()
+            orders = ladder.orders[:, :3, here].sum(axis=2) / total
+            shares = (f"{percent(x.mean())} ({_plain(x.min())} to {_plain(x.max())})" for x in orders.T)
+            print(
+                f"| 1e{exponent} | {abs(config.v0) * math.sqrt(k1 / 1e8):.3g} | {unit:.2g} | {label} | {here.sum()} "
+                f"| {total / here.sum():.3f} | {' | '.join(shares)} | {np.count_nonzero(~ladder.agreed()[here])} |"
+            )
+
+
+if __name__ == "__main__":
+    main()
