@@ -1,4 +1,8 @@
-"""State paths of the model in bulk, in the code of `ReferenceBatch`, to be compared with a reference's."""
+"""State paths of the model in bulk, in the code of `ReferenceBatch`, to be compared with a reference's.
+
+Both are exact and complete, so they are compared as they are: without an engine there is nothing that the filter of
+`compliant_baselines.state_runs` would have to make up for. A path that parts in a state of any duration parts.
+"""
 
 from __future__ import annotations
 

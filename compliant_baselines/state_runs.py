@@ -17,7 +17,8 @@ S4 can occur on the way as well: both contacts open, the balls not yet apart for
 whatever the step. At a step h a state held for a time L shows in the whole number of steps below or above L/h. The
 default share, 2.5e-3, is two and a half of the default steps of 1e-3: three steps count and two do not, rounding
 decides nothing, and only a state held for two to three steps can count in one solver and not in another that agrees
-with it. At a step above that time an engine misses states that count, which is its discretisation: no filter can tell.
+with it. Of short states in a row, one below the step may not show at all, and its neighbours then pass for one that
+counts. At a step above that time an engine misses states that count, which is its discretisation: no filter can tell.
 
 **Limits.** A rigid contact has no period: the time is then 0, and nothing is merged. A contact without stiffness has
 an infinite one, so that the other's is the shorter. A stretch that takes no time in a closed form is short; one that
