@@ -30,6 +30,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 from compliant_baselines.convergence import Convergence
 from model.collision import RESULT_STATUSES, Collision, Outcome, Status
+from model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
 
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive"]
@@ -76,8 +77,9 @@ class Settings:
         (`compliant_baselines.state_runs`).
     record_path : bool
         Whether outcomes carry the path.
-    stiffness_ratio_cutoff : float
-        Of the state-transition model; infinity switches the cut-off off.
+    stiffness_ratio_cutoff : float or "exact"
+        Of the state-transition model (`model.solve`): a number, infinity for none, or by default the rule that gives
+        the outcome without one.
     mark : bool
         Whether references and engines mark outcomes beside a jump of their exact law (`compliant_baselines.jumps`).
     convergence : Convergence or None
@@ -96,7 +98,7 @@ class Settings:
     mapping: MappingName = "calibrated"
     shortest_state: float = 2.5e-3
     record_path: bool = False
-    stiffness_ratio_cutoff: float = 1e5
+    stiffness_ratio_cutoff: Cutoff = "exact"
     mark: bool = True
     convergence: Convergence | None = None
 
@@ -119,7 +121,7 @@ class Settings:
             0 <= self.shortest_state <= 0.1,
             "from 0 to 0.1 (of the shorter contact period)",
         )
-        require("stiffness_ratio_cutoff", self.stiffness_ratio_cutoff > 1, "greater than 1, up to inf")
+        require("stiffness_ratio_cutoff", legal_cutoff(self.stiffness_ratio_cutoff), LEGAL_CUTOFF)
 
 
 @runtime_checkable

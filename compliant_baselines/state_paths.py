@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from model.automaton import LOG_WIDTH, STIFFENING, collide
 from model.compiled import OPTIONS
+from model.inputs import Cutoff
+from model.solver import check_cutoff
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +42,7 @@ def model_paths(
     mass_ratio: Floats,
     e1: Floats,
     e2: Floats,
-    stiffness_ratio_cutoff: float,
+    stiffness_ratio_cutoff: Cutoff,
     max_events: int = 100_000,
 ) -> tuple[NDArray[np.uint64], NDArray[np.int64]]:
     """Follow the model's state paths.
@@ -49,7 +51,7 @@ def model_paths(
     ----------
     stiffness_ratio, mass_ratio, e1, e2 : ndarray, shape (n,)
         k2/k1, m2/m1 and the coefficients of restitution, legal values.
-    stiffness_ratio_cutoff : float
+    stiffness_ratio_cutoff : float or "exact"
         As for `model.solve`.
     max_events : int
         As for `model.solve`.
@@ -61,4 +63,4 @@ def model_paths(
     n_states : ndarray of int, shape (n,)
         Length of the path, S4 included; 0 where it was not followed to its end.
     """
-    return _paths(stiffness_ratio, mass_ratio, e1, e2, float(stiffness_ratio_cutoff), max_events)
+    return _paths(stiffness_ratio, mass_ratio, e1, e2, check_cutoff(stiffness_ratio_cutoff), max_events)

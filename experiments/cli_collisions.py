@@ -43,7 +43,7 @@ def solve(
     v0: Annotated[str, V0] = "-1",
     step_fraction: Annotated[str, STEP_FRACTION] = "1e-3",
     mapping: Annotated[str, MAPPING] = "calibrated",
-    cutoff: Annotated[str, CUTOFF] = "1e5",
+    cutoff: Annotated[str, CUTOFF] = "exact",
 ) -> None:
     """Solve one collision by every solver and show the results side by side.
 
@@ -175,7 +175,7 @@ def draw_map(
     m1: Annotated[str, M1] = "1",
     k1: Annotated[str, K1] = "1e8",
     v0: Annotated[str, V0] = "-1",
-    cutoff: Annotated[str, CUTOFF] = "1e5",
+    cutoff: Annotated[str, CUTOFF] = "exact",
 ) -> None:
     """Map where each cause of divergence matters that needs no engine, over k2/k1 and m2/m1.
 

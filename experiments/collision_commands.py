@@ -14,6 +14,7 @@ from experiments.config import REFERENCE, solvers_problem
 from experiments.errors import UserError
 from experiments.folders import finished
 from experiments.grid import collision_of
+from experiments.laws import one_vote
 from experiments.options import RATIOS, one_cell
 from experiments.solving import answer, scaled_diagnostics, settings_of
 from experiments.terminal import error_line, make_console, print_line
@@ -56,6 +57,8 @@ def solve(values: dict[str, str], solvers: list[str] | None, *, as_json: bool) -
     reference = next((o for n, o in zip(names, outcomes, strict=True) if n == REFERENCE), None)
     console = make_console()
     console.print(side_by_side(names, collision, outcomes, reference))
+    if said := one_vote(names):
+        print_line(console, said)
     for name, outcome in zip(names, outcomes, strict=True):
         if outcome.reason:
             print_line(console, f"{name}: {outcome.status}: {outcome.reason}")

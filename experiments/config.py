@@ -16,8 +16,9 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from experiments.axes import MAX_CELLS, Axis, axis_problem, expand_axis
 from experiments.box import Sample, Search
-from experiments.config_errors import FieldName, dotted, hint, read_toml, validated
+from experiments.config_errors import FieldName, dotted, hint, read_toml, short, validated
 from experiments.plain import plain_values, revive
+from model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
 DESIGNS = ("grid", "sample", "cells")
@@ -114,7 +115,7 @@ class Config(_Strict):
         2.5e-3, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
     )
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
-    stiffness_ratio_cutoff: float = Field(1e5, gt=1, description="greater than 1, up to inf")
+    stiffness_ratio_cutoff: Cutoff = Field("exact", description=LEGAL_CUTOFF)
     grazing_threshold: float = Field(1e-5, ge=0, le=1, description="from 0 to 1")
     cell_timeout: float = Field(
         300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"
@@ -142,6 +143,14 @@ class Config(_Strict):
         if not value.isprintable() or not value.strip():
             raise ValueError(f"{value!r}; legal: 1 to 100 printable characters")
         return value
+
+    @field_validator("stiffness_ratio_cutoff", mode="plain")
+    @classmethod
+    def _cutoff(cls, value: Any) -> Cutoff:
+        # Not the union's own validation: it would tell one mistake twice, once for each type.
+        if not legal_cutoff(value):
+            raise ValueError(f"{short(value)}; legal: {LEGAL_CUTOFF}")
+        return "exact" if isinstance(value, str) else float(value)
 
     @field_validator("solvers")
     @classmethod

@@ -15,6 +15,7 @@ from experiments.curve_figures import draw_cell_curves, draw_supplement
 from experiments.curves import CURVES, CURVES_SCHEMA
 from experiments.ladder_figures import draw_ladders
 from experiments.ladder_summary import LadderSummary, summarise_ladder
+from experiments.laws import in_order_of_laws, with_votes
 from experiments.numbers import number
 from experiments.store import RunFolder, write_json
 from experiments.style import drawing, look, save
@@ -51,9 +52,9 @@ class Data:
 
     @property
     def solvers(self) -> list[str]:
-        """The compared solvers that have a result somewhere, in the order of the configuration."""
+        """The compared solvers that have a result somewhere, grouped by the law they were asked for."""
         there = set(self.regular.solver)
-        return [name for name in self.config.solvers if name in there]
+        return in_order_of_laws(name for name in self.config.solvers if name in there)
 
 
 def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> list[tuple[Path, str]]:
@@ -101,9 +102,11 @@ def _figures(data: Data) -> Iterator[tuple[str, Figure, str]]:
             ("energy", _energy),
         ]
     for name, draw in drawers:
-        yield name, *draw(data)
+        figure, caption = draw(data)
+        yield name, figure, with_votes(caption, data.solvers)
     yield from draw_ladders(data.ladder)
-    yield "impulse-curves", *draw_cell_curves(data.curves, data.config.solvers)
+    figure, caption = draw_cell_curves(data.curves, in_order_of_laws(data.config.solvers))
+    yield "impulse-curves", figure, with_votes(caption, data.config.solvers)
     yield "supplement-1b-2b", *draw_supplement(data.curves)
 
 

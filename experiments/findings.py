@@ -5,19 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from compliant_baselines.registry import law_of
+from compliant_baselines.registry import is_naive, law_of
 from experiments.axes import AXES
 from experiments.certificates import certificate_blocks
 from experiments.config import REFERENCE
 from experiments.divergence import COMPARABLE
 from experiments.document import Block, Heading, Paragraph, Table
 from experiments.ladder_document import ladder_findings, ladder_section
+from experiments.laws import LAWS_WITH_LAWS, one_vote, with_votes
 from experiments.numbers import number, percent
 from experiments.summary import FULL_PATHS, OWN_LAW, SUMMARISED, Frame, Summary
 
 _CUTS = ("median", "p95", "max")
 #: Longest table along an axis.
 _ROWS = 40
+#: What the agreement of an engine with its own law depends on.
+LONGER_STEPS = (
+    "An engine's distance from the law it was asked for grows with the step: docs/convergence.md tabulates it up to a "
+    "tenth of the contact period."
+)
 _CUT_NAMES = ("median", "95th percentile", "maximum")
 
 
@@ -25,6 +31,7 @@ def build_document(summary: Summary) -> list[Block]:
     """Arrange the summary of a run."""
     return [
         Heading(f"Divergence from the state-transition model: {summary.config.name}", level=1),
+        Paragraph(LAWS_WITH_LAWS),
         Paragraph(_what_was_run(summary)),
         Heading("What was found"),
         *(Paragraph(text) for text in findings(summary)),
@@ -51,6 +58,7 @@ def build_document(summary: Summary) -> list[Block]:
 def findings(summary: Summary) -> list[str]:
     """Say in plain words what the run found, most important first."""
     texts = [text for name in summary.solvers if (text := _finding(summary, name))]
+    texts += [said] if texts and (said := one_vote(summary.solvers)) else []
     texts += _closest(summary)
     texts += ladder_findings(summary.ladder)
     return [*texts, _grazing(summary)] if texts else ["No cell could be compared.", _grazing(summary)]
@@ -114,18 +122,25 @@ def _velocities(row: Frame) -> str:
 
 
 def _closest(summary: Summary) -> list[str]:
-    """Compare the engines with the engine-free reference they should converge to."""
+    """Compare the engines with the exact solver of the law they were asked for, at the step of the run."""
     texts = []
-    for row in summary.between.itertuples():
-        if "kelvin-voigt" in (row.solver, row.other):
-            name = row.other if row.solver == "kelvin-voigt" else row.solver
-            model = summary.get(str(name), "velocity_divergence")["median"]
-            texts.append(
-                f"Between {name} and kelvin-voigt D is {number(row.median)} (median) and at most "
-                f"{number(row.max)} over {row.n} cells, beside {number(model)} (median) between {name} and "
-                "the model."
-            )
-    return texts
+    step = f"At the step of this run, {number(summary.config.step_fraction)} of the fastest contact period,"
+    pairs = [(row, *pair) for row in summary.between.itertuples() for pair in _both_ways(row)]
+    for row, name, law in pairs:
+        if law_of(name) != law:
+            continue
+        naively = ", by the naive mapping" if summary.config.mapping == "naive" or is_naive(name) else ""
+        model = summary.get(name, "velocity_divergence")["median"]
+        texts.append(
+            f"{step} D between {name} and {law}, the exact solver of the law it was asked for{naively}, is "
+            f"{number(row.median)} (median) and at most {number(row.max)} over {row.n} cells, beside "
+            f"{number(model)} (median) between {name} and the model."
+        )
+    return [*texts, LONGER_STEPS] if texts else []
+
+
+def _both_ways(row: Frame) -> tuple[tuple[str, str], tuple[str, str]]:
+    return (row.solver, row.other), (row.other, row.solver)
 
 
 def _grazing(summary: Summary) -> str:
@@ -143,13 +158,16 @@ def overall_table(summary: Summary) -> Table:
     for name in summary.solvers:
         for measure, label in SUMMARISED.items():
             row = summary.get(name, measure)
-            rows.append((name, label, str(int(row.n)), *(number(row[cut]) for cut in _CUTS)))
+            rows.append((law_of(name), name, label, str(int(row.n)), *(number(row[cut]) for cut in _CUTS)))
+    caption = (
+        "Divergence of each solver from the model, by the law it was asked for, all cells but the grazing ones "
+        "(velocities per |v0|, impulses and distances of impulse curves per m1 |v0|, sizes)"
+    )
     return Table(
-        "Divergence of each solver from the model, all cells but the grazing ones (velocities per |v0|, "
-        "impulses and distances of impulse curves per m1 |v0|, sizes)",
-        ("solver", "measure", "cells", *_CUT_NAMES),
+        with_votes(caption, summary.solvers),
+        ("law", "solver", "measure", "cells", *_CUT_NAMES),
         rows,
-        text_columns=2,
+        text_columns=3,
     )
 
 
@@ -175,7 +193,10 @@ def axis_table(summary: Summary, axis: str) -> Table:
             cells.append(" / ".join(number(row[cut], 2) for cut in _CUTS) if row.n else "-")
         rows.append(cells)
     return Table(
-        f"D by {AXES[axis]}: median / 95th percentile / maximum over the other axes{note}",
+        with_votes(
+            f"D by {AXES[axis]}: median / 95th percentile / maximum over the other axes{note}",
+            summary.solvers,
+        ),
         (AXES[axis], *summary.solvers),
         rows,
     )
@@ -192,9 +213,9 @@ def detail_table(summary: Summary, axis: str) -> Table:
             rows.append(
                 (number(value), name, *cells, percent(summary.get(name, FULL_PATHS, axis, value)["mean"]))
             )
+    caption = f"Every measure by {AXES[axis]}: median / 95th percentile / maximum, and the share of equal paths{note}"
     return Table(
-        f"Every measure by {AXES[axis]}: median / 95th percentile / maximum, and the share of equal "
-        f"paths{note}",
+        with_votes(caption, summary.solvers),
         (AXES[axis], "solver", *SUMMARISED.values(), "equal paths"),
         rows,
         text_columns=2,
@@ -204,6 +225,7 @@ def detail_table(summary: Summary, axis: str) -> Table:
 
 def worst_table(summary: Summary) -> Table:
     """Tabulate the cells with the largest D."""
+    order = summary.worst.solver.map(summary.solvers.index)
     rows = [
         (
             str(row["solver"]),
@@ -214,10 +236,11 @@ def worst_table(summary: Summary) -> Table:
             number(row["dv1"]),
             number(row["dv2"]),
         )
-        for _, row in summary.worst.iterrows()
+        for _, row in summary.worst.loc[order.sort_values(kind="stable").index].iterrows()
     ]
     header = ("solver", "model's path", "solver's path", "cell", *AXES.values(), "D", "dv1", "dv2")
-    return Table("The cells that diverge most, by solver, grazing cells left out", header, _compact(rows), 3)
+    caption = with_votes("The cells that diverge most, by solver, grazing cells left out", summary.solvers)
+    return Table(caption, header, _compact(rows), 3)
 
 
 def _compact(rows: list[tuple[str, ...]]) -> Sequence[Sequence[str]]:
@@ -266,8 +289,10 @@ def grazing_table(summary: Summary) -> Table:
     for name in summary.solvers:
         row = summary.get(name, "velocity_divergence", cells="grazing")
         equal = summary.get(name, "states_equal", cells="grazing")
-        rows.append((name, str(int(row.n)), *(number(row[cut]) for cut in _CUTS), percent(equal["mean"])))
-    return Table("D in the grazing cells", ("solver", "cells", *_CUT_NAMES, "equal paths"), rows)
+        cuts = (number(row[cut]) for cut in _CUTS)
+        rows.append((law_of(name), name, str(int(row.n)), *cuts, percent(equal["mean"])))
+    header = ("law", "solver", "cells", *_CUT_NAMES, "equal paths")
+    return Table("D in the grazing cells, by the law asked for", header, rows, text_columns=2)
 
 
 def status_table(summary: Summary) -> Table:

@@ -1,8 +1,9 @@
-"""How numbers are written for a reader."""
+"""How numbers and lists are written for a reader."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -15,3 +16,9 @@ def number(value: float, digits: int = 3) -> str:
 def percent(share: float) -> str:
     """Write a share as a percentage; a dash where there is none."""
     return "-" if math.isnan(share) else f"{round(100 * share, 1) + 0.0:.1f} %"
+
+
+def listed(words: Iterable[str]) -> str:
+    """Join words as a list in a sentence."""
+    words = list(words)
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

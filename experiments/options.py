@@ -164,5 +164,7 @@ STEP_FRACTION: Any = typer.Option(
 )
 MAPPING: Any = typer.Option(metavar="NAME", help="'calibrated' or 'naive'.")
 CUTOFF: Any = typer.Option(
-    metavar="X", help="Stiffness ratio beyond which the model takes a limit; inf: never."
+    metavar="X",
+    help="Stiffness ratio beyond which the model takes a limit (the supplement: 1e5; inf: never), or "
+    "'exact': as soon as it no longer matters.",
 )

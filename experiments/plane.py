@@ -23,7 +23,7 @@ from experiments.corners import FREE, WEIGHTLESS, gather, laws_of, solve_corners
 from experiments.ladder import Floats, split
 from experiments.rungs import FROZEN, GRAVITY, LAW
 from experiments.streams import replacing
-from model import solve_batch
+from model import Cutoff, solve_batch
 
 #: Cells solved together.
 _BLOCK = 25_000
@@ -103,7 +103,7 @@ class Plane:
         Cells along each side.
     gravity : float
         g/(abs(v0) sqrt(k1/m1)); 0 for an impact.
-    stiffness_ratio_cutoff : float
+    stiffness_ratio_cutoff : float or "exact"
         Of the model.
     """
 
@@ -113,7 +113,7 @@ class Plane:
     mass_ratio: tuple[float, float]
     side: int
     gravity: float
-    stiffness_ratio_cutoff: float
+    stiffness_ratio_cutoff: Cutoff
 
     def axes(self) -> tuple[Floats, Floats]:
         """Values of k2/k1 and m2/m1."""

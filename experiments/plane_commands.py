@@ -15,6 +15,7 @@ from experiments.errors import UserError
 from experiments.figures import CAPTIONS
 from experiments.folders import new_folder
 from experiments.options import number_or_text, one_cell
+from experiments.plain import plain_values
 from experiments.plane import PATHS, PLANE_SCHEMA, RUNGS, Plane, write_plane
 from experiments.plane_figures import draw_plane
 from experiments.store import write_json
@@ -147,9 +148,7 @@ def _description(plane: Plane, config: Config, lines: list[str], seconds: float)
         "cells_along_a_side": plane.side,
         "scenario": config.scenario,
         "gravity_over_v0_sqrt_k1_m1": plane.gravity,
-        "stiffness_ratio_cutoff": "inf"
-        if math.isinf(plane.stiffness_ratio_cutoff)
-        else plane.stiffness_ratio_cutoff,
+        "stiffness_ratio_cutoff": plain_values(plane.stiffness_ratio_cutoff),
         "version": version("impact-xval"),
         "columns": {field.name: field.metadata[b"meaning"].decode() for field in PLANE_SCHEMA},
         "findings": lines,

@@ -25,6 +25,7 @@ from experiments.aggregates import (
 from experiments.certificates import certificates
 from experiments.config import REFERENCE, Config
 from experiments.ladder_summary import LadderSummary, summarise_ladder
+from experiments.laws import in_order_of_laws
 from experiments.levels import Levels
 from experiments.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from experiments.store import RunFolder
@@ -92,8 +93,8 @@ class Summary:
 
     @property
     def solvers(self) -> list[str]:
-        """The solvers that were compared with the reference, in the order of the configuration."""
-        return [name for name in self.config.solvers if name != REFERENCE]
+        """The solvers that were compared with the reference, grouped by the law they were asked for."""
+        return in_order_of_laws(name for name in self.config.solvers if name != REFERENCE)
 
     def get(
         self, solver: str, measure: str, axis: str = "all", value: float = np.nan, cells: str = "regular"
@@ -144,4 +145,6 @@ def load_divergence(folder: RunFolder, config: Config) -> Compared:
 
 def _statuses(folder: RunFolder, config: Config) -> Frame:
     counts = pd.DataFrame.from_dict(folder.statuses(), orient="index").fillna(0).astype(int)
-    return counts.reindex(index=config.solvers, columns=sorted(counts.columns), fill_value=0)
+    return counts.reindex(
+        index=in_order_of_laws(config.solvers), columns=sorted(counts.columns), fill_value=0
+    )

@@ -11,6 +11,7 @@ from experiments.axes import AXES
 from experiments.divergence import COMPARABLE, divergence
 from experiments.document import Table
 from experiments.findings import findings, grazing_table, overall_table, status_table
+from experiments.laws import LAWS_WITH_LAWS, by_law
 from experiments.numbers import number, percent
 from experiments.search import Found
 from experiments.status import RunStatus
@@ -25,17 +26,20 @@ _REASONS = 12
 def side_by_side(
     names: list[str], collision: Collision, outcomes: list[Outcome], reference: Outcome | None
 ) -> RichTable:
-    """Tabulate one collision by several solvers; velocities per abs(v0), impulses per m1 abs(v0)."""
+    """Tabulate one collision by several solvers, grouped by law; velocities per abs(v0), impulses per m1 abs(v0)."""
     shown = RichTable(box=None, pad_edge=False)
+    shown.add_column("law")
     shown.add_column("solver")
     shown.add_column("status")
     for title in ("v1/|v0|", "v2/|v0|", "I1/(m1|v0|)", "I2/(m1|v0|)", "D"):
         shown.add_column(title, justify="right")
     shown.add_column("states")
     speed = abs(collision.v0)
-    for name, outcome in zip(names, outcomes, strict=True):
+    by_name = dict(zip(names, outcomes, strict=True))
+    for law, name in ((law, name) for law, group in by_law(names).items() for name in group):
+        outcome = by_name[name]
         if outcome.status not in COMPARABLE:
-            shown.add_row(name, outcome.status, *["-"] * 6)
+            shown.add_row(law, name, outcome.status, *["-"] * 6)
             continue
         impulse = collision.m1 * speed
         away = None
@@ -50,7 +54,7 @@ def side_by_side(
         )
         cells = [f"{value:.6f}" for value in scaled]
         shown.add_row(
-            name, outcome.status, *cells, "-" if away is None else number(away), " ".join(outcome.states)
+            law, name, outcome.status, *cells, "-" if away is None else number(away), " ".join(outcome.states)
         )
     return shown
 
@@ -60,7 +64,7 @@ def show_summary(console: Console, summary: Summary) -> None:
     for shown in (overall_table(summary), grazing_table(summary), status_table(summary)):
         print_table(console, shown)
     print_line(console, "")
-    for text in findings(summary):
+    for text in (LAWS_WITH_LAWS, *findings(summary)):
         print_line(console, text)
 
 

@@ -5,6 +5,17 @@
 
 from model.batch import BatchOutcome, solve_batch
 from model.collision import Collision, Event, Outcome, Path
+from model.inputs import SUPPLEMENT_CUTOFF, Cutoff
 from model.solver import solve
 
-__all__ = ["BatchOutcome", "Collision", "Event", "Outcome", "Path", "solve", "solve_batch"]
+__all__ = [
+    "SUPPLEMENT_CUTOFF",
+    "BatchOutcome",
+    "Collision",
+    "Cutoff",
+    "Event",
+    "Outcome",
+    "Path",
+    "solve",
+    "solve_batch",
+]

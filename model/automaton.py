@@ -21,16 +21,17 @@ compiled once and called by `model.solve` and `model.solve_batch` alike.
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import inf, isnan, sqrt
 
 from model.collision import Status
 from model.compiled import compiled
-from model.events import first_event
+from model.events import first_event, next_turn
 from model.limits import (
     complete_ball_ball,
     complete_ball_table,
     one_body,
     part_of_table,
+    runaway,
     static_energy1,
     static_energy2,
 )
@@ -67,6 +68,12 @@ COLLAPSED = 1e-30
 #: A running stiffness ratio beyond this, or below its inverse, cannot be told from infinity in double precision.
 PRECISION_RATIO = 1e30
 
+#: In the place of a cut-off: no ratio, but the closed form as soon as it changes less than `model.limits.BOUND`.
+EXACT = 0.0
+
+#: Running ratio from which on that is looked at.
+RUNAWAY_RATIO = 1e3
+
 
 @compiled
 def restarted(k, E, e, loss):
@@ -85,7 +92,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
     e1, e2 : float
         Coefficients of restitution.
     cutoff : float
-        The running stiffness ratio is taken for infinite above it and for zero below its inverse.
+        The running stiffness ratio is taken for infinite above it and for zero below its inverse; `EXACT` for the
+        outcome without a cut-off, sooner.
     max_events : int
         Events after which the collision is given up.
     law : int
@@ -118,7 +126,8 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
     code = DONE
     n_states, n_events, n, steps = 1, 0, 0, 0
     margin, loss = inf, 0.0
-    highest = min(cutoff, PRECISION_RATIO)
+    exact = cutoff == EXACT
+    highest = PRECISION_RATIO if exact else min(cutoff, PRECISION_RATIO)
     modes_k1 = modes_k2 = -1.0
     omega = phi1 = sigma = delta = phi2 = force1 = force2 = (0.0, 0.0)
 
@@ -140,6 +149,15 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
             rigid1, rigid2 = k2 < k1 / highest, k1 < k2 / highest
             if rigid1 or rigid2:
                 code = LIMIT if highest == cutoff else PRECISION_LIMIT
+        if exact and law == STIFFENING and state == S1 and not (rigid1 or rigid2):
+            if d1 == 0 and phase1 == RESTITUTION and k1 > RUNAWAY_RATIO * k2:
+                gain = runaway(1 + mu, M, 1 / (1 + mu), -v2, F2, k2, F1, k1, e1)
+                if not isnan(gain):
+                    rigid1, code, loss, E1, E2 = True, LIMIT, loss + E1 - gain, 0.0, E2 + gain
+            elif v2 == 0 and phase2 == RESTITUTION and k2 > RUNAWAY_RATIO * k1:
+                gain = runaway(1.0, mu, 1.0, d1, F1, k1, F2, k2, e2)
+                if not isnan(gain):
+                    rigid2, code, loss, E1, E2 = True, LIMIT, loss + E2 - gain, E1 + gain, 0.0
         governed = rigid1 or rigid2
 
         if state == S1 and rigid1:
@@ -184,20 +202,25 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
                 modes_k1, modes_k2 = k1, k2
             a, b = amplitudes(d1, v2, F1 / k1, F2 / k2, phi1, sigma, force1, force2)
             signs = (1.0 if phase1 == COMPRESSION else -1.0, -1.0 if phase2 == COMPRESSION else 1.0)
-            duration, fired, at_event, margin, windows = first_event(
-                mu,
-                k1,
-                k2,
-                (d1, v2, F1, F2),
-                signs,
-                (phase1 == RESTITUTION, phase2 == RESTITUTION),
-                (1 - e1 * e1, 1 - e2 * e2),
-                (delta, phi2, force1, force2),
-                omega,
-                a,
-                b,
-                margin,
-            )
+            now, shape = (d1, v2, F1, F2), (delta, phi2, force1, force2)
+            duration, windows, fired, at_event = 0.0, 1, (False, False, False, False), now
+            if exact:
+                duration, fired, at_event = next_turn(k1, k2, now, signs, shape, omega, a, b)
+            if duration == 0:
+                duration, fired, at_event, margin, windows = first_event(
+                    mu,
+                    k1,
+                    k2,
+                    now,
+                    signs,
+                    (phase1 == RESTITUTION, phase2 == RESTITUTION),
+                    (1 - e1 * e1, 1 - e2 * e2),
+                    shape,
+                    omega,
+                    a,
+                    b,
+                    margin,
+                )
             d1, v2, F1, F2 = at_event
             steps += windows
             E1, E2 = 0.5 * F1 * F1 / k1, 0.5 * F2 * F2 / k2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.automaton import (
     BEYOND_PRECISION,
+    EXACT,
     LIMIT,
     LOG_WIDTH,
     MASS_PRECISION,
@@ -18,10 +20,12 @@ from model.automaton import (
     collide,
 )
 from model.compiled import OPTIONS
-from model.inputs import broadcast_inputs
-from model.solver import CUTOFF_RAISED, MAX_EVENTS, check_cutoff, check_law
+from model.inputs import Cutoff, broadcast_inputs
+from model.marks import MARKS, mark_codes
+from model.solver import MAX_EVENTS, beyond, check_cutoff, check_law
 
 _STATUS_OF = np.array(STATUS_OF)
+_MARKS = np.array(MARKS, dtype=object)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +45,10 @@ class BatchOutcome:
     energy_residual : ndarray of float
         Residual of the energy balance per m1 v0^2.
     cutoff_effect : ndarray of float, or None
-        As in `model.solve`, NaN where the collision with the raised cut-off is not over after `max_events`; None unless
-        asked for.
+        As in `model.solve`, NaN where the collision without a cut-off is not over after `max_events`; None unless asked
+        for, or needed to mark results, as with any finite cut-off.
+    mark : ndarray of uint8
+        Which results are marked, as `model.marks` counts it; `marked` says it in words.
     """
 
     v1: NDArray[np.float64]
@@ -53,11 +59,17 @@ class BatchOutcome:
     grazing_margin: NDArray[np.float64]
     energy_residual: NDArray[np.float64]
     cutoff_effect: NDArray[np.float64] | None
+    mark: NDArray[np.uint8]
 
     @property
     def status(self) -> NDArray[np.str_]:
         """As in `Outcome`; made when asked for, for it takes more room than all the rest."""
         return _STATUS_OF[self.code]
+
+    @property
+    def marked(self) -> NDArray[np.object_]:
+        """As in `Outcome`: a sentence, or the empty text."""
+        return _MARKS[self.mark]
 
 
 def solve_batch(
@@ -66,7 +78,7 @@ def solve_batch(
     e1: ArrayLike,
     e2: ArrayLike,
     *,
-    stiffness_ratio_cutoff: float = 1e5,
+    stiffness_ratio_cutoff: Cutoff = "exact",
     max_events: int = MAX_EVENTS,
     impact_law: str = "jia-mason-erdmann",
     cutoff_effect: bool = False,
@@ -80,7 +92,8 @@ def solve_batch(
     stiffness_ratio_cutoff, max_events, impact_law
         As for `solve`.
     cutoff_effect : bool
-        Whether to estimate the effect of the cut-off, by solving once more those that used it.
+        Whether to say what the cut-off changes, by solving once more those that used it; with a finite cut-off it is
+        said in any case.
 
     Returns
     -------
@@ -95,13 +108,13 @@ def solve_batch(
     shape, flat = broadcast_inputs(stiffness_ratio, mass_ratio, e1, e2)
     v1, v2, code, n_states, n_events, margin, residual = _solve_all(*flat, cutoff, max_events, law)  # pyright: ignore
     effect = None
-    if cutoff_effect:
+    if cutoff_effect or 1 < cutoff < math.inf:
         effect = np.zeros(v1.shape)
         used = np.flatnonzero(code == LIMIT)
         cells = [a[used] for a in flat]
-        u1, u2, *_ = _solve_all(*cells, cutoff * CUTOFF_RAISED, max_events, law)  # pyright: ignore
+        u1, u2, *_ = _solve_all(*cells, beyond(cutoff), max_events, law)  # pyright: ignore
         effect[used] = np.hypot(u1 - v1[used], np.sqrt(cells[1]) * (u2 - v2[used]))
-        effect = effect.reshape(shape)
+    mark = mark_codes(margin, 0.0 if effect is None or cutoff == EXACT else effect)
     return BatchOutcome(
         v1=v1.reshape(shape),
         v2=v2.reshape(shape),
@@ -110,7 +123,8 @@ def solve_batch(
         n_events=n_events.reshape(shape),
         grazing_margin=margin.reshape(shape),
         energy_residual=residual.reshape(shape),
-        cutoff_effect=effect,
+        cutoff_effect=None if effect is None else effect.reshape(shape),
+        mark=mark.reshape(shape),
     )
 
 

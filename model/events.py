@@ -23,11 +23,12 @@ and restart of compression of one contact coincide, restitution ends (what is le
 
 from __future__ import annotations
 
-from math import cos, inf, sin, sqrt
+from math import atan2, cos, inf, pi, sin, sqrt
 
 from model.certificates import leaves_zero, near_miss, positive_between, time_above_zero, two_extrema
 from model.compiled import inlined
-from model.motion import modal, motion, turn
+from model.limits import CLEAR
+from model.motion import modal, motion, turn, turn_little
 from model.roots import EPSILON, NEAR, envelope_time, extremum_between, root_before
 from model.sinusoid import cos_sin
 
@@ -50,6 +51,15 @@ ENVELOPE_RATIO = 6.0
 #: Near-misses at which an end of compression would lose less than this, as a fraction of the energy of impact, do not
 #: count: whether it happens or not hardly changes the outcome.
 STAKE = 1e-6
+
+#: A contact that is stiffer than the other by this factor may ring (`next_turn`).
+STIFFER = 10.0
+
+#: The slow sinusoid of its rate is then at most this share of the fast one.
+RINGING = 0.8
+
+#: Newton's steps from one zero of that rate to the next, in radians of the fast mode, and how short the last one is.
+LONGEST_STEP, LAST_STEP = 0.1, 1e-8
 
 
 @inlined
@@ -262,3 +272,66 @@ def first_event(mu, k1, k2, state, signs, watched, losses, shape, omega, a, b, m
                 d1, v2, F1, F2 = motion(q, r, delta, phi2, force1, force2)
                 f0, f1, f2, f3 = jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M)
                 q, r = modal(t + h, omega, a, b)
+
+
+@inlined
+def next_turn(k1, k2, state, signs, shape, omega, a, b):
+    """Find the first event of a stretch of S1 where it is sure to be the next zero of a ringing contact's rate.
+
+    It saves `first_event` where a stiff contact rings and its rate is zero at the start. While the slow
+    sinusoid of the stiff rate is smaller than its fast one, that rate is zero twice in each turn and the force of its
+    contact is monotonic in between. The soft rate keeps its sign while its slow sinusoid stays above the amplitude of
+    its fast one, and the force of its contact then is monotonic too: that neither force vanishes is seen at the end.
+    Near-misses of the soft rate closer than `CLEAR` are thereby excluded; the others are not counted.
+
+    Parameters
+    ----------
+    k1, k2, state, signs, shape, omega, a, b
+        As for `first_event`.
+
+    Returns
+    -------
+    time : float
+        Zero if nothing is sure.
+    fired, state
+        As from `first_event`.
+    """
+    delta, phi2, force1, force2 = shape
+    first = state[0] == 0 and k1 > STIFFER * k2
+    fired = (first, not first, False, False)
+    if not (first or (state[1] == 0 and k2 > STIFFER * k1)):
+        return 0.0, fired, state
+    stiff, soft, s, t = (delta, phi2, *signs) if first else (phi2, delta, signs[1], signs[0])
+    slow, fast = sqrt(a[0] * a[0] + b[0] * b[0]), sqrt(a[1] * a[1] + b[1] * b[1])
+    leaves = s * (stiff[0] * omega[0] * b[0] + stiff[1] * omega[1] * b[1]) > 0
+    # The fast sinusoid is back at its value on the other side of its extremum.
+    angle = 2 * atan2(b[1], a[1])
+    angle = angle if angle > 0 else angle + 2 * pi
+    per_turn = omega[0] / omega[1]
+    cos_slow, sin_slow = cos_sin(angle * per_turn)
+    q, r = (
+        (a[0] * cos_slow + b[0] * sin_slow, a[1]),
+        (b[0] * cos_slow - a[0] * sin_slow, -b[1]),
+    )
+    nearest = min(t * soft[0] * a[0], t * soft[0] * q[0])
+    # Between the two ends, and in Newton's steps beyond the second, the slow sinusoid falls little below them.
+    reserve = CLEAR + per_turn * (1 + 5 * per_turn)
+    if not (
+        leaves
+        and abs(stiff[0]) * slow < RINGING * abs(stiff[1]) * fast
+        and nearest > abs(soft[1]) * fast + reserve * abs(soft[0]) * slow
+    ):
+        return 0.0, fired, state
+    time, longest = angle / omega[1], LONGEST_STEP / omega[1]
+    h = longest
+    for _ in range(10):
+        slope = stiff[0] * omega[0] * r[0] + stiff[1] * omega[1] * r[1]
+        h = min(max(-(stiff[0] * q[0] + stiff[1] * q[1]) / slope, -longest), longest)
+        time += h
+        q, r = turn_little(h, omega, q, r)
+        if abs(h) * omega[1] < LAST_STEP:
+            break
+    d1, v2, F1, F2 = motion(q, r, delta, phi2, force1, force2)
+    if abs(h) * omega[1] >= LAST_STEP or F1 <= 0 or F2 <= 0:
+        return 0.0, fired, state
+    return time, fired, (0.0 if first else d1, v2 if first else 0.0, F1, F2)

@@ -1,9 +1,10 @@
-"""The ratios that decide a collision (Theorem 5): what is legal, and arrays of them made ready for a kernel."""
+"""The ratios that decide a collision (Theorem 5) and the cut-off: what is legal, and arrays made ready for a kernel."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from numbers import Real
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,18 @@ class Legal(NamedTuple):
 STIFFNESS_RATIO = Legal("stiffness_ratio", 0.0, math.inf, "from 0 to inf (k2/k1)")
 MASS_RATIO = Legal("mass_ratio", math.ulp(0.0), float(np.finfo(float).max), "a finite number > 0 (m2/m1)")
 E1, E2 = (Legal(name, 0.0, 1.0, "from 0 to 1") for name in ("e1", "e2"))
+
+#: A cut-off of the running stiffness ratio: a number, or the rule that gives the outcome without one (`model.solve`).
+Cutoff = float | Literal["exact"]
+LEGAL_CUTOFF = "greater than 1, up to inf, or 'exact'"
+
+#: The supplement's own (3.4).
+SUPPLEMENT_CUTOFF = 1e5
+
+
+def legal_cutoff(value: object) -> bool:
+    """Whether a value is a legal cut-off."""
+    return value == "exact" if isinstance(value, str) else isinstance(value, Real) and float(value) > 1
 
 
 def broadcast_inputs(

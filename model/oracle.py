@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from model.collision import STATES, Collision, Outcome
+from model.inputs import SUPPLEMENT_CUTOFF
 from model.oracle_events import NODES, first_fall
 from model.oracle_start import series, straight_first_step
 
@@ -67,7 +68,7 @@ Slope = Callable[[float, Vector], list[float]]
 def solve_oracle(
     collision: Collision,
     *,
-    stiffness_ratio_cutoff: float = 1e5,
+    stiffness_ratio_cutoff: float = SUPPLEMENT_CUTOFF,
     first_step: float | None = None,
     rtol: float = 1e-12,
     max_steps: int = MAX_STEPS,
@@ -80,7 +81,7 @@ def solve_oracle(
         Finite, positive k2/k1; e1, e2 > 0. Limits are not represented.
     stiffness_ratio_cutoff : float
         In S1, once the running k2/k1 exceeds this or falls below its inverse, the supplement's closed form (3.4)
-        finishes the collision. As for `model.solve`, and by default the same; with infinity the cost of a cell grows
+        finishes the collision. As for `model.solve`, whose default needs none; with infinity the cost of a cell grows
         with the square root of the ratio it drifts to. The closed form is applied as it is printed; `model.solve` first
         lets a stiff contact that still holds energy part its bodies, which for e below about 0.03 shows at the order of
         1/stiffness_ratio_cutoff.

@@ -10,6 +10,7 @@ from model.automaton import (
     BEYOND_PRECISION,
     COLLAPSE,
     DONE,
+    EXACT,
     LIMIT,
     LOG_WIDTH,
     MASS_PRECISION,
@@ -21,6 +22,9 @@ from model.automaton import (
     collide,
 )
 from model.collision import STATES, Collision, Outcome
+from model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
+from model.limits import BOUND
+from model.marks import MARKS, mark_codes
 from model.path import trace
 
 NAME = "state-transition"
@@ -32,9 +36,6 @@ IMPACT_LAWS = {"jia-mason-erdmann": STIFFENING, "liu-zhao-brogliato": ORIGINAL}
 #: them, for e of the contact that oscillates, or as many as the modes' frequencies are apart if that is fewer.
 MAX_EVENTS = 100_000_000
 
-#: The effect of the cut-off is the change of the outcome when it is raised by this factor.
-CUTOFF_RAISED = 1e4
-
 #: Rows of the first try at a log; a collision that needs more is run once more.
 LOG_ROWS = 256
 
@@ -42,7 +43,7 @@ LOG_ROWS = 256
 def solve(
     collision: Collision,
     *,
-    stiffness_ratio_cutoff: float = 1e5,
+    stiffness_ratio_cutoff: Cutoff = "exact",
     path: bool = False,
     max_events: int = MAX_EVENTS,
     impact_law: str = "jia-mason-erdmann",
@@ -53,9 +54,11 @@ def solve(
     ----------
     collision : Collision
         Every limit is legal: k2/k1 = 0 or infinity, e_i = 0, e_i = 1.
-    stiffness_ratio_cutoff : float
-        When the running ratio k2/k1 exceeds this, or falls below its inverse, the closed form of the limiting case
-        finishes the collision (supplement, 3.4). Greater than 1; infinity switches the cut-off off.
+    stiffness_ratio_cutoff : float or "exact"
+        A number greater than 1: when the running ratio k2/k1 exceeds it, or falls below its inverse, the closed form of
+        the limiting case finishes the collision (supplement, 3.4, where it is `SUPPLEMENT_CUTOFF`). Infinity switches
+        that off. By default the outcome is that without a cut-off, to `model.limits.BOUND`: the closed form finishes
+        the collision once it cannot change more.
     path : bool
         Whether the outcome carries `path` and `events`.
     max_events : int
@@ -68,10 +71,11 @@ def solve(
     -------
     Outcome
         Status ``limit`` where a closed-form limit was used, ``unconverged`` after `max_events`, ``unrepresentable``
-        where m2/m1 or its inverse exceeds `MASS_PRECISION`, else ``ok``. Its ``diagnostics``: ``energy_residual``, of
-        the energy balance per m1 v0^2, and ``cutoff_effect``, by how much (v1, v2) would change if the cut-off were
-        raised by `CUTOFF_RAISED` (kinetic norm per sqrt(m1) abs(v0)); not there if with that cut-off the collision is
-        not over after `max_events`.
+        where m2/m1 or its inverse exceeds `MASS_PRECISION`, else ``ok``. Marked where its grazing margin is below
+        `GRAZING_THRESHOLD` or a cut-off changed it by more than `CUTOFF_THRESHOLD` (`model.marks`). Its
+        ``diagnostics``: ``energy_residual``, of the energy balance per m1 v0^2, and ``cutoff_effect``, by how much
+        (v1, v2) differ from the outcome without a cut-off (kinetic norm per sqrt(m1) abs(v0)); not there if that is not
+        reached within `max_events`.
 
     Raises
     ------
@@ -96,13 +100,13 @@ def solve(
     states = log[:, 0].astype(int)
     sequence = states[np.concatenate([[True], states[1:] != states[:-1]])]
     speed = -collision.v0
-    effect = {"cutoff_effect": 0.0}
-    if code == LIMIT and math.isfinite(cutoff):
-        u1, u2, raised, *_ = collide(
-            kappa, mu, collision.e1, collision.e2, CUTOFF_RAISED * cutoff, max_events, law, log[:0]
+    effect = 0.0
+    if code == LIMIT and cutoff != math.inf:
+        u1, u2, end, *_ = collide(
+            kappa, mu, collision.e1, collision.e2, beyond(cutoff), max_events, law, log[:0]
         )
-        known = raised != TOO_MANY_EVENTS
-        effect = {"cutoff_effect": math.hypot(u1 - v1, math.sqrt(mu) * (u2 - v2))} if known else {}
+        effect = math.nan if end == TOO_MANY_EVENTS else math.hypot(u1 - v1, math.sqrt(mu) * (u2 - v2))
+    known = {} if math.isnan(effect) else {"cutoff_effect": effect}
     trail, events = trace(collision, log, law) if path else (None, ())
     return Outcome(
         solver=NAME,
@@ -114,28 +118,30 @@ def solve(
         status=STATUS_OF[code],
         reason=_reason(collision, cutoff, code),
         grazing_margin=margin,
+        marked=MARKS[int(mark_codes(margin, 0.0 if cutoff == EXACT else effect))],
         n_events=n_events,
-        diagnostics={"energy_residual": 0.5 - loss - 0.5 * (v1 * v1 + mu * v2 * v2), **effect},
+        diagnostics={"energy_residual": 0.5 - loss - 0.5 * (v1 * v1 + mu * v2 * v2), **known},
         path=trail,
         events=events,
     )
 
 
-def check_cutoff(cutoff: float) -> float:
-    """Return the cut-off as a float.
+def check_cutoff(cutoff: Cutoff) -> float:
+    """Return the cut-off as the kernel counts it.
 
     Raises
     ------
     ValueError
-        Unless it is a number greater than 1.
+        Unless it is ``"exact"`` or a number greater than 1.
     """
-    try:
-        number = float(cutoff)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not number > 1:
-        raise ValueError(f"stiffness_ratio_cutoff = {cutoff!r}; legal: greater than 1, up to inf")
-    return number
+    if not legal_cutoff(cutoff):
+        raise ValueError(f"stiffness_ratio_cutoff = {cutoff!r}; legal: {LEGAL_CUTOFF}")
+    return EXACT if cutoff == "exact" else float(cutoff)
+
+
+def beyond(cutoff: float) -> float:
+    """Return the cut-off to compare an outcome with: the exact rule, and none at all for an outcome by that rule."""
+    return math.inf if cutoff == EXACT else EXACT
 
 
 def check_law(name: str) -> int:
@@ -160,11 +166,13 @@ def _reason(collision: Collision, cutoff: float, code: int) -> str:
     ratio = c.stiffness_ratio
     if ratio == 0 or math.isinf(ratio):
         return f"closed form of k2/k1 = {ratio:g}"
-    if not 1 / cutoff <= ratio <= cutoff:
+    if cutoff != EXACT and not 1 / cutoff <= ratio <= cutoff:
         return f"k2/k1 = {ratio:g} lies beyond the cut-off {cutoff:g}: closed form of the limit"
     if code == PRECISION_LIMIT:
         return "the running stiffness ratio left double precision: closed form of the limit from there on"
     plastic = [f"e{i} = 0" for i, e in ((1, c.e1), (2, c.e2)) if e == 0]
     if plastic:
         return f"closed form of {' and '.join(plastic)}"
+    if cutoff == EXACT:
+        return f"the running stiffness ratio runs away: closed form of the limit, to {BOUND:g} |v0|"
     return f"the running stiffness ratio left the cut-off {cutoff:g}: closed form of the limit from there on"

@@ -15,6 +15,7 @@ from experiments.hypothesis.folder import write_all
 from experiments.hypothesis.prose import abstract
 from experiments.hypothesis.run import Results, run_hypothesis
 from experiments.hypothesis.tables import verdict_text
+from experiments.laws import LAWS_WITH_LAWS
 from experiments.terminal import make_console, print_line, show_progress
 
 DEFAULT_FOLDER = Path("runs") / "hypothesis"
@@ -33,18 +34,19 @@ def run_command(path: Path | None, out: Path | None, workers: int | None) -> Non
     print_line(console, "")
     console.print(_verdicts(results))
     print_line(console, "")
-    print_line(console, abstract(results))
+    for text in (LAWS_WITH_LAWS, abstract(results)):
+        print_line(console, text)
     print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {page}")
 
 
 def _verdicts(results: Results) -> RichTable:
-    """One row a limit and solver."""
+    """One row a limit and solver, grouped by law."""
     shown = RichTable(box=None, pad_edge=False)
-    for title in ("limit", "solver", "verdict"):
+    for title in ("limit", "law", "solver", "verdict"):
         shown.add_column(title)
     for case in CASES:
         for name in results.solvers:
             found = results.verdict(name, case.key)
             if found:
-                shown.add_row(Text(case.key), Text(name), Text(verdict_text(found)))
+                shown.add_row(*map(Text, (case.key, found.law, name, verdict_text(found))))
     return shown

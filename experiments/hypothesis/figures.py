@@ -19,7 +19,9 @@ from experiments.hypothesis.mechanism import POINTS
 from experiments.hypothesis.ringing import end_share, mean_more_ends
 from experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
 from experiments.hypothesis.series import Series
-from experiments.numbers import number
+from experiments.hypothesis.tables import group_points
+from experiments.laws import with_votes
+from experiments.numbers import listed, number
 from experiments.style import Look, drawing, look, save
 
 _DPI = 150
@@ -68,14 +70,17 @@ def write_figures(results: Results, folder: Path) -> dict[str, Picture]:
 
 
 def _figures(results: Results) -> Iterator[tuple[str, Figure, str]]:
-    yield "distance", *_distance(results)
+    def of_all(drawn: tuple[Figure, str]) -> tuple[Figure, str]:
+        return drawn[0], with_votes(drawn[1], results.solvers)
+
+    yield "distance", *of_all(_distance(results))
     if results.motions:
-        yield "relative-motion", *_relative_motion(results)
+        yield "relative-motion", *of_all(_relative_motion(results))
     if results.branches:
         yield "no-limit", *_no_limit(results)
     for e1, e2 in results.config.map.restitutions:
         if any((one.e1, one.e2) == (e1, e2) for one in results.maps):
-            yield f"map-{e1:g}-{e2:g}", *_map(results, e1, e2)
+            yield f"map-{e1:g}-{e2:g}", *of_all(_map(results, e1, e2))
 
 
 def _distance(results: Results) -> tuple[Figure, str]:
@@ -119,8 +124,19 @@ def _distance(results: Results) -> tuple[Figure, str]:
         "design whose other contacts are lossy. Open markers: engines, extrapolated to no time step. Thin "
         "dotted lines with a number: the power law fitted to the last decades of a line, D falling as "
         "contrast to the minus that number, where the verdict of this class is 'supported'. A line that "
-        "levels out goes to another limit. Below about 1e-13 there is rounding only."
+        "levels out goes to another limit. Below about 1e-13 there is rounding only. " + _supporting(results)
     )
+
+
+def _supporting(results: Results) -> str:
+    """Say which verdicts on the class drawn are `supported`, and at how many of its points."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for result in results.verdicts:
+        for group in result.classes:
+            if group.name in LOSSY and group.verdict == "supported":
+                found.setdefault((result.case.key, group_points(group)), []).append(result.solver)
+    each = "; ".join(f"{case} by {listed(names)} ({points})" for (case, points), names in found.items())
+    return f"Supported of this class: {each}." if found else "Of this class none is supported."
 
 
 def _slope(ax: Any, results: Results, series: Series, median: np.ndarray, color: str) -> None:
@@ -182,9 +198,8 @@ def _relative_motion(results: Results) -> tuple[Figure, str]:
         "Relative motion of the stiff pair (B1 and B2 in the first two columns, B2 and the table in the "
         f"last) at a contrast of {number(DRAWN_CONTRAST)}. Top: its relative velocity, positive where it "
         "separates. Bottom: its separation since first touch, per largest compression of the soft contact "
-        "(of the model, which has no positions, the one that its velocities imply). Engines lie on "
-        "kelvin-voigt, whose law they run. Dots: the instant of equal velocities at which the hypothesis "
-        f"joins the pair, for the model and for bistiffness. {where}."
+        "(of the model, which has no positions, the one that its velocities imply). Dots: the instant of equal "
+        f"velocities at which the hypothesis joins the pair, for the model and for bistiffness. {where}."
     )
 
 

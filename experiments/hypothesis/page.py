@@ -10,7 +10,8 @@ from experiments.hypothesis import mechanism, prose, prose_sure, prose_why
 from experiments.hypothesis.cases import CASES
 from experiments.hypothesis.figures import Picture
 from experiments.hypothesis.run import Results
-from experiments.hypothesis.tables import class_frame, need_frame, overview_table, rate_text, short
+from experiments.hypothesis.tables import class_frame, need_frame, overview_table, rate_text, said, short
+from experiments.laws import LAWS_WITH_LAWS, with_votes
 from experiments.numbers import number, percent
 
 Part = Block | Picture
@@ -25,6 +26,7 @@ def build_page(results: Results, pictures: dict[str, Picture], versions: dict[st
 
     return [
         Heading("Does an infinitely stiff pair act as one body?", level=1),
+        Paragraph(LAWS_WITH_LAWS),
         Paragraph(prose.abstract(results)),
         Heading("What was asked"),
         *map(Paragraph, prose.question()),
@@ -113,10 +115,13 @@ def mechanism_table(results: Results) -> Table:
                 ]
             )
     return Table(
-        "The stiff pair after the instant at which the hypothesis joins it, at the highest contrast "
-        "followed: its separation at that instant per largest compression of the soft contact, its largest "
-        "relative speed from then on per |v0| and how fast that falls with the contrast (rate), and when, "
-        "in half periods of the soft contact, and at what speed per |v0| it collides again",
+        with_votes(
+            "The stiff pair after the instant at which the hypothesis joins it, at the highest contrast "
+            "followed: its separation at that instant per largest compression of the soft contact, its largest "
+            "relative speed from then on per |v0| and how fast that falls with the contrast (rate), and when, "
+            "in half periods of the soft contact, and at what speed per |v0| it collides again",
+            results.solvers,
+        ),
         [
             "limit",
             "solver",
@@ -140,8 +145,9 @@ def prediction_table(results: Results) -> Table:
         rows.append(
             [
                 row.case,
+                row.law,
                 row.solver,
-                f"{row.n_refuted} of {row.points}",
+                f"{row.n_refuted} of {row.points}, {percent(row.share_refuted)}",
                 f"{short(row.offset_least, 2)} to {short(row.offset_largest, 2)}",
                 short(row.offset_median, 2),
                 short(row.limit_error_largest, 1),
@@ -150,12 +156,15 @@ def prediction_table(results: Results) -> Table:
             ]
         )
     return Table(
-        "Where the hypothesis is refuted: distance of the extrapolated limit from the closed form (range "
-        "and median over the refuted points), largest error of an extrapolated limit, and largest distance "
-        "from what the solver's law alone predicts",
-        ["limit", "solver", "points", "off by", "median", "error", "off prediction", "prediction"],
+        with_votes(
+            "Where the hypothesis is refuted: points at which it is, distance of the extrapolated limit from the "
+            "closed form (range and median over these points), largest error of the extrapolation, and largest "
+            "distance from what the solver's law alone predicts",
+            results.solvers,
+        ),
+        ["limit", "law", "solver", "points", "off by", "median", "error", "off prediction", "prediction"],
         rows,
-        text_columns=3,
+        text_columns=4,
     )
 
 
@@ -198,8 +207,11 @@ def need_table(results: Results) -> Table:
         for row in chosen.itertuples()
     ]
     return Table(
-        "Contrast (max(k2/k1, k1/k2)) from which on, to the end of the map, treating the stiff pair as one "
-        f"body is good to 1, 5 and 20 % of the impact's kinetic norm, at e1 = {e1:g}, e2 = {e2:g}",
+        with_votes(
+            "Contrast (max(k2/k1, k1/k2)) from which on, to the end of the map, treating the stiff pair as one "
+            f"body is good to 1, 5 and 20 % of the impact's kinetic norm, at e1 = {e1:g}, e2 = {e2:g}",
+            results.solvers,
+        ),
         ["solver", "side", "m2/m1", "1 %", "5 %", "20 %"],
         rows,
         text_columns=2,
@@ -211,25 +223,29 @@ def class_table(results: Results) -> Table:
     rows = []
     for result in results.verdicts:
         for group in result.classes:
-            again = results.redrawn.get((result.solver, result.case.key, group.name), "")
+            again = results.redrawn.get((result.solver, result.case.key, group.name))
             rows.append(
                 [
                     result.case.key,
+                    result.law,
                     result.solver,
                     group.name,
-                    group.verdict + (" (within error)" if group.agrees else ""),
+                    said(group) + (" within error" if group.agrees else ""),
                     "/".join(str(group.counts.get(w, 0)) for w in ("supported", "refuted", "undecided")),
                     rate_text(group),
-                    group.shifted if result.shiftable else "-",
-                    again or "-",
+                    said(group, shifted=True) if result.shiftable else "-",
+                    said(again) if again else "-",
                 ]
             )
     return Table(
-        "Every class of points: verdict, points supported/refuted/undecided, median rate of the supported "
-        "points with its 95 % interval, the verdict of the fit a decade before, and that of a design drawn "
-        "with another seed",
-        ["limit", "solver", "class", "verdict", "points", "rate", "a decade before", "redrawn"],
+        with_votes(
+            "Every class of points: verdict with the points at which it was reached (of an undecided one: that "
+            "refute), points supported/refuted/undecided, median rate of the supported points with its 95 % "
+            "interval, the verdict of the fit a decade before, and that of a design drawn with another seed",
+            results.solvers,
+        ),
+        ["limit", "law", "solver", "class", "verdict", "points", "rate", "a decade before", "redrawn"],
         rows,
-        text_columns=4,
+        text_columns=5,
         detail=True,
     )

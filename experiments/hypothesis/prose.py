@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 from experiments.hypothesis.cases import CASES
 from experiments.hypothesis.run import Results
+from experiments.hypothesis.tables import group_points
 from experiments.hypothesis.verdicts import CaseResult
-from experiments.hypothesis.words import FROZEN, MODEL, listed, of_case, span, verdict_of
+from experiments.hypothesis.words import FROZEN, MODEL, of_case, per_law, shares, span
+from experiments.laws import one_vote, voters
+from experiments.numbers import listed
 
 
 def abstract(results: Results) -> str:
     """Say the whole in a paragraph."""
     n = results.config.points
-    others = [name for name in results.solvers if name not in FROZEN]
+    others = voters(name for name in results.solvers if name not in FROZEN)
     text = (
         "The supplement of Jia, Mason and Erdmann (Multiple Impacts: A State Transition Diagram Approach, "
         "IJRR 32(1), 2013) rests its limiting cases on a hypothesis: if one of the two contacts is "
         "infinitely stiffer than the other, its two bodies act as one once they reach the same velocity, "
         f"and the rest of the collision is a single impact with the third body. We approached {len(CASES)} "
-        f"limits with {len(results.solvers)} solvers, at {n} collisions or more for each limit. "
+        f"limits with {len(results.solvers)} solvers of {len(voters(results.solvers))} laws, at {n} collisions or "
+        "more for each limit. "
     )
-    model = {case.key: results.verdict(MODEL, case.key) for case in CASES}
-    by = Counter(found.whole.verdict for found in model.values() if found)
-    if by:
-        text += f"In the model itself the hypothesis is supported in {by['supported']} of {sum(by.values())} limits"
-        undecided = [f for f in model.values() if f and f.whole.verdict != "supported"]
+    if asked := one_vote(results.solvers):
+        text += f"{asked} "
+    tested = [found for found in results.verdicts if found.solver == MODEL]
+    if tested:
+        supported = [found for found in tested if found.whole.verdict == "supported"]
+        text += f"In the model itself the hypothesis is supported in {len(supported)} of {len(tested)} limits"
+        text += f" ({shares(supported)} of each)" if supported else ""
+        undecided = [found for found in tested if found.whole.verdict != "supported"]
         text += "".join(
             f", and {f.whole.verdict} in {f.case.key} ({f.case.title}) at the points of class "
-            f"'{listed(g.name for g in f.classes if g.verdict == f.whole.verdict)}'"
+            + listed(f"'{g.name}' ({group_points(g)})" for g in f.classes if g.verdict == f.whole.verdict)
             + (
                 ", where it has no limit: its outcome depends on the phase of the stiff contact's ringing "
                 "for ever"
@@ -38,23 +43,20 @@ def abstract(results: Results) -> str:
             for f in undecided
         )
         text += ". "
-    held = [
-        case.key
-        for case in CASES
-        if others and all(verdict_of(results, o, case.key) == "supported" for o in others)
-    ]
-    failed = [
-        case.key
-        for case in CASES
-        if others and all(verdict_of(results, o, case.key) == "refuted" for o in others)
-    ]
+    agreed: dict[str, dict[str, str]] = {"refuted": {}, "supported": {}}
+    for case in CASES:
+        found = [one for one in results.verdicts if one.case == case and one.solver in others]
+        for verdict, limits in agreed.items():
+            if found and all(one.whole.verdict == verdict for one in found):
+                limits[case.key] = f"{case.key} ({shares(found)})"
+    failed, held = agreed["refuted"], agreed["supported"]
     if failed:
-        text += f"Every solver that moves in time refutes it in {listed(failed)}: it goes to another limit. "
+        text += f"Every law that acts in time refutes it in {listed(failed.values())}: there it goes to another limit. "
     if held:
-        text += f"Every such solver supports it in {listed(held)}. "
+        text += f"Every law that acts in time supports it in {listed(held.values())}. "
     mixed = [case.key for case in CASES if case.key not in (*held, *failed)]
     if mixed and others:
-        text += f"In {listed(mixed)} the answer depends on the law of the contact."
+        text += f"In {listed(mixed)} the laws do not all come to the same verdict."
     return text
 
 
@@ -81,31 +83,28 @@ def by_limit(results: Results) -> list[str]:
         parts = []
         supported = of_case(results, case.key, "supported")
         if supported:
-            rates = [
-                f"{r.solver} (rate {r.whole.rate:.2f}, points "
-                f"{span([r.whole.least_rate, r.whole.largest_rate])})"
-                for r in supported
-            ]
-            parts.append(f"supported by {listed(rates)}")
+            parts.append(f"supported by {per_law(supported, _supports)}")
         refuted = of_case(results, case.key, "refuted")
         if refuted:
-            named = []
-            for r in refuted:
-                except_for = [g.name for g in r.classes if g.verdict == "supported"]
-                but = f", but supported for {listed(except_for)}" if except_for else ""
-                off = span([r.whole.offset[0], r.whole.offset[2]])
-                named.append(
-                    f"{r.solver} (off by {off}, at {r.whole.counts.get('refuted', 0)} of {len(r.points)} "
-                    f"points{but})"
-                )
-            parts.append(f"refuted by {listed(named)}")
+            parts.append(f"refuted by {per_law(refuted, _refutes)}")
         undecided = of_case(results, case.key, "undecided")
         if undecided:
-            named = [f"{r.solver} ({listed(_open_classes(r))}: {r.whole.reason})" for r in undecided]
-            parts.append(f"undecided for {listed(named)}")
+            parts.append(f"undecided for {per_law(undecided, _leaves_open)}")
         texts.append(f"{case.title} ({case.key}): {'; '.join(parts) or 'not tested'}.")
     return texts
 
 
-def _open_classes(result: CaseResult) -> list[str]:
-    return [g.name for g in result.classes if g.verdict == "undecided" and not g.agrees] or ["all"]
+def _supports(result: CaseResult) -> str:
+    rates = span([result.whole.least_rate, result.whole.largest_rate])
+    return f"rate {result.whole.rate:.2f}, {rates} over the points; {group_points(result.whole)}"
+
+
+def _refutes(result: CaseResult) -> str:
+    except_for = [f"{g.name} ({group_points(g)})" for g in result.classes if g.verdict == "supported"]
+    but = f", but supported for {listed(except_for)}" if except_for else ""
+    return group_points(result.whole) + but
+
+
+def _leaves_open(result: CaseResult) -> str:
+    classes = [g for g in result.classes if g.verdict == "undecided" and not g.agrees] or [result.whole]
+    return f"{listed(f'{g.name}, {group_points(g)}' for g in classes)}: {result.whole.reason}"

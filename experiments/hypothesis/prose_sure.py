@@ -9,10 +9,10 @@ import numpy as np
 from experiments.hypothesis import design, judging, subjects
 from experiments.hypothesis.maps import LEVELS, share_within
 from experiments.hypothesis.run import Results
-from experiments.hypothesis.tables import short
-from experiments.hypothesis.verdicts import REFUTING_SHARE
-from experiments.hypothesis.words import listed
-from experiments.numbers import percent
+from experiments.hypothesis.tables import said, short
+from experiments.hypothesis.verdicts import REFUTING_SHARE, CaseResult
+from experiments.laws import voters
+from experiments.numbers import listed, percent
 from model.collision import RESULT_STATUSES
 
 
@@ -48,34 +48,38 @@ def _shares(results: Results, name: str, e1: float, e2: float, *, soft_table: bo
 
 def sureness(results: Results) -> list[str]:
     """Say how robust the verdicts are."""
-    shiftable = [r for r in results.verdicts if r.shiftable]
+    counted = voters(results.solvers)
+    shiftable = [r for r in results.verdicts if r.shiftable and r.solver in counted]
     groups = [(r, g) for r in shiftable for g in r.classes]
     moved = [
-        f"{r.solver} in {r.case.key}, {g.name}: {g.verdict} to {g.shifted}"
+        f"{r.solver} in {r.case.key}, {g.name}: {said(g)} to {said(g, shifted=True)}"
         for r, g in groups
         if g.verdict != g.shifted
     ]
     whole = [r for r in shiftable if r.whole.verdict != r.whole.shifted]
+    others = [r for r in results.verdicts if r.shiftable and r.solver not in counted]
+    others_moved = [r for r in others if r.whole.verdict != r.whole.shifted]
     again = [
         (r, results.redrawn[r.solver, r.case.key, "all"])
         for r in results.verdicts
         if (r.solver, r.case.key, "all") in results.redrawn
     ]
     changed = [
-        f"{r.solver} in {r.case.key}: {r.whole.verdict} to {word}"
-        for r, word in again
-        if r.whole.verdict != word
+        f"{r.solver} in {r.case.key}: {said(r.whole)} to {said(group)}"
+        for r, group in again
+        if r.whole.verdict != group.verdict
     ]
     texts = [
-        f"Fits a decade earlier change {len(whole)} of {len(shiftable)} verdicts on a solver and a "
-        "limit"
-        + (
-            f" ({listed(f'{r.solver} in {r.case.key}: {r.whole.verdict} to {r.whole.shifted}' for r in whole)})"
-            if whole
-            else ""
-        )
+        f"Fits a decade earlier change {len(whole)} of {len(shiftable)} verdicts on a law and a limit"
+        + (f" ({'; '.join(map(_moved, whole))})" if whole else "")
         + f", and {len(moved)} of {len(groups)} verdicts on a class of points"
         + (f" ({'; '.join(moved)})" if moved else "")
+        + (
+            f"; of {len(others)} verdicts on further solvers that were asked for a law counted already, "
+            f"{len(others_moved)}" + (f" ({'; '.join(map(_moved, others_moved))})" if others_moved else "")
+            if others
+            else ""
+        )
         + f". A design drawn with the seed {results.config.seed + 1} changes {len(changed)} of {len(again)} "
         "verdicts of the solvers without a step" + (f" ({'; '.join(changed)})" if changed else "") + "."
     ]
@@ -113,6 +117,10 @@ def sureness(results: Results) -> list[str]:
             "Not tested: " + "; ".join(f"{n} ({why})" for n, why in results.unavailable.items()) + "."
         )
     return texts
+
+
+def _moved(result: CaseResult) -> str:
+    return f"{result.solver} in {result.case.key}: {said(result.whole)} to {said(result.whole, shifted=True)}"
 
 
 def _costly(results: Results) -> str:
@@ -153,7 +161,9 @@ def method(results: Results) -> list[str]:
         f"distance falls by {judging.LEAST_FALL:g} from the first to the last decade of the fit, and the "
         "series settles without a jump; else it is undecided. A class of points (by which contacts are "
         f"elastic) is refuted by {percent(REFUTING_SHARE)} of its points; supported by half of them if "
-        "every other agrees with the closed form within its error; else undecided. Over the classes of a "
+        "every other agrees with the closed form within its error; else undecided. So a refuted class is one in "
+        "which the limit does not hold everywhere; at how many points it fails, and by how much, is said beside "
+        "every verdict. Over the classes of a "
         "limit the worst counts. Rates of a class are the median over its supported points, with a "
         "bootstrap interval.",
     ]

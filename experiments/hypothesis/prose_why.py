@@ -9,19 +9,21 @@ from experiments.hypothesis import hard_contact, ringing
 from experiments.hypothesis.cases import BY_KEY, CASES, Case
 from experiments.hypothesis.mechanism import POINTS
 from experiments.hypothesis.run import Results
-from experiments.hypothesis.tables import class_frame, short
+from experiments.hypothesis.tables import class_frame, group_points, said, short
 from experiments.hypothesis.verdicts import CaseResult
 from experiments.hypothesis.words import (
     FROZEN,
     MODEL,
     OTHER_LAW,
-    listed,
     motion_at,
     of_case,
+    per_law,
+    said_of,
     span,
     verdict_of,
 )
-from experiments.numbers import number, percent
+from experiments.laws import voters
+from experiments.numbers import listed, number, percent
 from model import Collision, solve
 
 
@@ -56,7 +58,7 @@ def why(results: Results) -> list[str]:
                 if low[m.solver].largest_rate > 0
             ]
             text += (
-                f"In all {len(apart)} solvers that move in time the balls are "
+                f"By all {len(voters(m.solver for m in apart))} laws that act in time the balls are "
                 f"{span([m.gap_then for m in apart])} of that compression apart at that instant, which is "
                 "that of the largest gap: equal velocities are where a gap stops growing. They meet again "
                 f"{span([m.again_after for m in apart])} half periods of the table contact later, at "
@@ -65,21 +67,29 @@ def why(results: Results) -> list[str]:
                 f"{percent(max(change))} from the lowest to the highest contrast followed."
             )
         elif high:
-            text += f"Of the {len(high)} solvers that move in time, {len(apart)} part and collide again."
+            laws = voters(high)
+            parting = [name for name in laws if high[name].opens]
+            text += f"By {len(parting)} of the {len(laws)} laws that act in time the balls part and collide again."
         texts.append(text)
     if (
         verdict_of(results, "bistiffness", "zero-late") == "refuted"
         and verdict_of(results, MODEL, "zero-late") == "supported"
     ):
+        both = (
+            f"in {case} {said_of(results, 'bistiffness', case)} by bistiffness and {said_of(results, MODEL, case)} by "
+            "the model"
+            for case in ("zero-early", "zero-late")
+        )
         texts.append(
             "The bistiffness reference obeys the model's own impact law and differs from the model in "
-            "nothing but that a contact returns when its gap has closed. It refutes the hypothesis in "
-            "these two regimes while the model supports it: what makes the stiff pair one body there is "
-            "the frozen positions of the model, not the stiffness."
+            "nothing but that a contact returns when its gap has closed. The hypothesis is "
+            f"{'; '.join(both)}. What makes the stiff pair one body where the model supports it is the frozen "
+            "positions of the model, not the stiffness."
         )
     high, low = motion_at(results, "infinity"), motion_at(results, "infinity", highest=False)
     if high:
-        closed = [m for m in high.values() if not m.opens]
+        laws = voters(high)
+        closed = [name for name in laws if not high[name].opens]
         rates = [
             -math.log(m.largest_rate / low[name].largest_rate) / math.log(m.contrast / low[name].contrast)
             for name, m in high.items()
@@ -87,14 +97,14 @@ def why(results: Results) -> list[str]:
         ]
         text = (
             "Towards k2/k1 → infinity the stiff pair is B2 and the table, at rest from the start, and "
-            f"contact 1 loads it gradually. In {len(closed)} of {len(high)} solvers it does not open before "
+            f"contact 1 loads it gradually. By {len(closed)} of {len(laws)} laws it does not open before "
             f"the end; the largest speed of B2 is {span([m.largest_rate for m in high.values()])} |v0| at "
             f"the highest contrast followed, and falls at rates of {span(rates)}."
         )
-        if len(closed) == len(high) and min(rates) > 0:
+        if not any(m.opens for m in high.values()) and min(rates) > 0:
             text += (
-                " No gap, no second collision: here the pair does act as one body, and what the solvers "
-                "disagree about is the restitution of contact 1 against it."
+                " No gap, no second collision: here the pair does act as one body, and what the laws "
+                "differ in is the restitution of contact 1 against it."
             )
         texts.append(text)
     high, low = (
@@ -155,7 +165,11 @@ def instead(results: Results) -> list[str]:
         texts.append(
             f"{name} was asked for Kelvin-Voigt contacts. Where it refutes the hypothesis its extrapolated "
             "limits come as near as this to the prediction for them, at every refuted point: "
-            + listed(f"{row.case} {short(row.missed_prediction_largest, 1)}" for row in rows)
+            + listed(
+                f"{row.case} {short(row.missed_prediction_largest, 1)} ({row.n_refuted} of {row.points} points, "
+                f"{percent(row.share_refuted)})"
+                for row in rows
+            )
             + "."
         )
     return texts
@@ -179,26 +193,27 @@ def mapping(results: Results) -> list[str]:
             texts.append(f"{case.key}: {_returns(found) if found else ''} {_mapping_because(case)}")
         elif law == "refuted":
             texts.append(
-                f"{case.key}: bistiffness refutes the hypothesis too, "
+                f"{case.key}: bistiffness refutes the hypothesis too ({_points(results, 'bistiffness', case)}), "
                 + ("as do all mappings of a dashpot" if refuted >= set(linear) else "as do some mappings")
                 + ": the gap is the cause, whatever the law."
             )
         elif refuted:
-            offs = {
-                r.solver: r.whole.offset for r in of_case(results, case.key, "refuted") if r.solver in refuted
-            }
+            found = [r for r in of_case(results, case.key, "refuted") if r.solver in refuted]
             good = [n for n in results.solvers if n not in refuted and n not in (*FROZEN, "bistiffness")]
+            kept = [r for n in good if (r := results.verdict(n, case.key))]
             texts.append(
-                f"{case.key}: bistiffness supports it; the refutations are those of "
-                + listed(f"{n} (off by up to {short(o[2], 2)})" for n, o in offs.items())
-                + (
-                    f", whereas {listed(good)} {'does' if len(good) == 1 else 'do'} not refute it"
-                    if good
-                    else ""
-                )
+                f"{case.key}: by bistiffness the hypothesis is {said_of(results, 'bistiffness', case.key)}; the "
+                "refutations are those of "
+                + per_law(found, lambda r: group_points(r.whole))
+                + (f", whereas it is not refuted by {per_law(kept, lambda r: said(r.whole))}" if kept else "")
                 + f". {_mapping_because(case)}"
             )
     return texts
+
+
+def _points(results: Results, solver: str, case: Case) -> str:
+    found = results.verdict(solver, case.key)
+    return group_points(found.whole) if found else ""
 
 
 def _returns(found: CaseResult) -> str:
@@ -210,10 +225,10 @@ def _returns(found: CaseResult) -> str:
         n, returns = counts[result.judgement.verdict]
         counts[result.judgement.verdict] = (n + 1, returns + (states.count("S1") > 1))
     return (
-        f"bistiffness refutes the hypothesis at {counts['refuted'][0]} of {len(found.points)} points. In "
+        f"bistiffness refutes the hypothesis at {group_points(found.whole)}. In "
         f"the model a contact returns at {counts['refuted'][1]} of these, and at {counts['supported'][1]} "
-        f"of the {counts['supported'][0]} at which it is supported: what separates the two is again when a "
-        "contact returns."
+        f"of the {counts['supported'][0]} at which it is supported. Where none returns, the two have the same "
+        "motion."
     )
 
 
@@ -263,7 +278,8 @@ def no_limit(results: Results) -> list[str]:
         "share 1 - |n - 1 - r| of the phases, or never where that is negative: once or twice where r is "
         "below 1, which is where m2/m1 > 0.121 (q < 4.603), and always twice or more below that.",
         f"The fit says so without knowing it: {counts.get('undecided', 0)} of {sum(counts.values())} points "
-        f"of that class are undecided because they do not settle. Over {ringing.COUNT} contrasts from "
+        f"({percent(counts.get('undecided', 0) / max(1, sum(counts.values())))}) of that class are undecided because "
+        f"they do not settle. Over {ringing.COUNT} contrasts from "
         f"{short(ringing.RANGE[0])} to {short(ringing.RANGE[1])}, drawn at random, the share of two ends "
         f"differs from that by at most {worst:.1f} times its 95 % half-width, and at most "
         f"{percent(neither)} of the outcomes lie at neither v nor e2 v"
@@ -275,6 +291,6 @@ def no_limit(results: Results) -> list[str]:
         texts.append(
             f"The law of Liu, Zhao and Brogliato ({OTHER_LAW}) shares the model's frozen positions, but loses "
             "nothing more in a repeated compression. Under it the verdict on the same limit is: "
-            f"{other.whole.verdict}{rate}."
+            f"{said(other.whole)}{rate}."
         )
     return texts

@@ -23,7 +23,8 @@ from experiments.hypothesis.mechanism import CONTRASTS, ENGINE_CONTRASTS, POINTS
 from experiments.hypothesis.ringing import Branches, count_branches
 from experiments.hypothesis.series import Series, examine, ratios_of
 from experiments.hypothesis.subjects import Answers, Subject, subject
-from experiments.hypothesis.verdicts import CaseResult
+from experiments.hypothesis.verdicts import CaseResult, Group
+from experiments.laws import in_order_of_laws
 from experiments.solving import Resolve
 
 Floats = NDArray[np.float64]
@@ -50,7 +51,7 @@ class Results:
     verdicts : list of CaseResult
         In the order of `series`.
     redrawn : dict
-        Verdict by (solver, limit, class; ``all`` for all) with another seed; exact solvers only.
+        Group by (solver, limit, class; ``all`` for all) with another seed; exact solvers only.
     mechanisms : list of Mechanism
     motions : dict
         Relative motion by (solver, limit) at `DRAWN_CONTRAST`.
@@ -69,7 +70,7 @@ class Results:
     config: HypothesisConfig
     series: list[Series]
     verdicts: list[CaseResult]
-    redrawn: dict[tuple[str, str, str], str]
+    redrawn: dict[tuple[str, str, str], Group]
     mechanisms: list[Mechanism]
     motions: dict[tuple[str, str], Motion]
     branches: list[Branches]
@@ -84,8 +85,8 @@ class Results:
 
     @property
     def solvers(self) -> list[str]:
-        """The solvers that were tested, in the order of the configuration."""
-        return [name for name in self.config.solvers if name not in self.unavailable]
+        """The solvers that were tested, grouped by the law they were asked for."""
+        return in_order_of_laws(name for name in self.config.solvers if name not in self.unavailable)
 
 
 def run_hypothesis(
@@ -117,7 +118,7 @@ def run_hypothesis(
     workers = workers or config.workers or available_cores()
     seconds: dict[str, float] = {}
     subjects, unavailable = [], {}
-    for name in config.solvers:
+    for name in in_order_of_laws(config.solvers):
         reason = resolve(name).unavailable()
         if reason is None:
             subjects.append(subject(name, config.steps, resolve))
@@ -150,7 +151,7 @@ def run_hypothesis(
 
         start = time.perf_counter()
         answers: dict[tuple[str, str], Answers] = {}
-        redrawn: dict[tuple[str, str, str], str] = {}
+        redrawn: dict[tuple[str, str, str], Group] = {}
         for case, one in series_asked:
             contrast = contrasts(config, case, one)
             answers[one.name, case.key] = one.ask(*ratios_of(case, points[case.key], contrast))
@@ -161,7 +162,7 @@ def run_hypothesis(
             series = Series(one, case, again, contrast, one.ask(*ratios_of(case, again, contrast)))
             found = examine(series, config.fit_decades)
             for group in (found.whole, *found.classes):
-                redrawn[one.name, case.key, group.name] = group.verdict
+                redrawn[one.name, case.key, group.name] = group
             advance()
         maps: dict[tuple[str, float, float], ErrorMap] = {}
         for one, (e1, e2) in maps_asked:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
 
+from compliant_baselines.registry import law_of
 from experiments.document import Table
 from experiments.hypothesis.cases import CASES, pair_class
 from experiments.hypothesis.maps import LEVELS, contrast_needed, share_within
 from experiments.hypothesis.run import Results
-from experiments.hypothesis.verdicts import CaseResult, Group
-from experiments.numbers import number
+from experiments.hypothesis.verdicts import FAR, REFUTING_SHARE, CaseResult, Group
+from experiments.laws import with_votes
+from experiments.numbers import number, percent
 
 #: Mass ratios of the table of contrasts that are needed.
 MASSES = (0.2, 0.5, 1.0, 2.0, 5.0)
@@ -34,16 +37,39 @@ def rate_text(group: Group) -> str:
     return f"{group.rate:.2f} ({group.rate_low:.2f} to {group.rate_high:.2f})"
 
 
+def points_text(verdict: str, counts: Mapping[str, int]) -> str:
+    """Write at how many points a verdict was reached; of an undecided one, how many refute the hypothesis."""
+    n = sum(counts.values())
+    k = counts.get("refuted" if verdict == "undecided" else verdict, 0)
+    return f"{'refuted at ' if verdict == 'undecided' else ''}{k} of {n} points, {percent(k / n)}"
+
+
+def group_points(group: Group) -> str:
+    """Write at how many points the verdict of a group was reached; of a refutation, by how much."""
+    text = points_text(group.verdict, group.counts)
+    if group.verdict != "refuted":
+        return text
+    least, most = short(group.offset[0], 2), short(group.offset[2], 2)
+    size = least if least == most else f"{least} to {most}"
+    return f"{text}, by D = {size}, above {FAR:g} at {group.far} of {sum(group.counts.values())}"
+
+
+def said(group: Group, *, shifted: bool = False) -> str:
+    """Write the verdict of a group, or that of the fits a decade before, with its points."""
+    if shifted:
+        return f"{group.shifted} ({points_text(group.shifted, group.shifted_counts)})"
+    return f"{group.verdict} ({group_points(group)})"
+
+
 def verdict_text(result: CaseResult) -> str:
     """Write a verdict in a few words, with the classes that differ."""
-    word = result.whole.verdict
-    if word == "supported":
-        word += f", rate {result.whole.rate:.2f}"
+    whole = result.whole
+    text = said(whole) + (f", rate {whole.rate:.2f}" if whole.verdict == "supported" else "")
     others = [
-        f"{group.verdict if not group.agrees else 'within error'} for {group.name}"
+        f"; {'within error' if group.agrees else group.verdict} for {group.name} ({group_points(group)})"
         for group in result.differing
     ]
-    return f"{word} ({'; '.join(others)})" if others else word
+    return text + "".join(others)
 
 
 def overview_table(results: Results) -> Table:
@@ -51,14 +77,20 @@ def overview_table(results: Results) -> Table:
     rows = []
     for name in results.solvers:
         found = [results.verdict(name, case.key) for case in CASES]
-        rows.append([name, *(verdict_text(one) if one else "-" for one in found)])
+        rows.append([law_of(name), name, *(verdict_text(one) if one else "-" for one in found)])
+    caption = (
+        "Verdict on the hypothesis by law, solver and limit. Supported: the distance from the closed form falls to "
+        "nothing at the rate stated (as contrast to the minus rate). Refuted: it goes to another limit. In brackets: "
+        "the points at which that verdict was reached (of an undecided one: those that refute), the distances D "
+        f"of the refuted points' limits from the closed form, and at how many D exceeds {FAR:g}. A class counts "
+        f"as refuted from {percent(REFUTING_SHARE)} of its points, however small D is. "
+        "After a semicolon: classes with another verdict"
+    )
     return Table(
-        "Verdict on the hypothesis by solver and limit. Supported: the distance from the closed form falls "
-        "to nothing at the rate stated (as contrast to the minus rate). Refuted: it goes to another limit. "
-        "In brackets: classes of points with another verdict",
-        ["solver", *(case.key for case in CASES)],
+        with_votes(caption, results.solvers),
+        ["law", "solver", *(case.key for case in CASES)],
         rows,
-        text_columns=1 + len(CASES),
+        text_columns=2 + len(CASES),
     )
 
 
@@ -71,15 +103,20 @@ def class_frame(results: Results) -> pd.DataFrame:
             missed = [
                 p.missed for p in members if p.judgement.verdict == "refuted" and math.isfinite(p.missed)
             ]
+            again = results.redrawn.get((result.solver, result.case.key, group.name))
             rows.append(
                 {
                     "case": result.case.key,
+                    "law": result.law,
                     "solver": result.solver,
                     "class": group.name,
                     "verdict": group.verdict,
+                    **_shares(group.counts),
                     "within_solver_error": group.agrees,
                     "verdict_a_decade_before": group.shifted if result.shiftable else "",
-                    "verdict_redrawn": results.redrawn.get((result.solver, result.case.key, group.name), ""),
+                    **_shares(group.shifted_counts if result.shiftable else {}, "_a_decade_before"),
+                    "verdict_redrawn": again.verdict if again else "",
+                    **_shares(again.counts if again else {}, "_redrawn"),
                     "points": len(members),
                     **{
                         f"n_{word}": group.counts.get(word, 0)
@@ -91,6 +128,7 @@ def class_frame(results: Results) -> pd.DataFrame:
                     "least_rate": group.least_rate,
                     "largest_rate": group.largest_rate,
                     "decades": result.decades,
+                    f"n_offset_above_{FAR:g}": group.far,
                     "offset_least": group.offset[0],
                     "offset_median": group.offset[1],
                     "offset_largest": group.offset[2],
@@ -101,6 +139,15 @@ def class_frame(results: Results) -> pd.DataFrame:
                 }
             )
     return pd.DataFrame(rows)
+
+
+def _shares(counts: Mapping[str, int], suffix: str = "") -> dict[str, float]:
+    """Shares of the points that support and that refute; NaN without points."""
+    n = sum(counts.values())
+    return {
+        f"share_{word}{suffix}": counts.get(word, 0) / n if n else math.nan
+        for word in ("supported", "refuted")
+    }
 
 
 def point_frame(results: Results) -> pd.DataFrame:

@@ -21,12 +21,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from compliant_baselines.registry import law_of
 from experiments.hypothesis.cases import Case, Point, pair_class
 from experiments.hypothesis.judging import Judgement, Verdict
 from experiments.hypothesis.predictions import Prediction
 
 #: Share of refuted points from which a class is.
 REFUTING_SHARE = 0.1
+
+#: Distance D of a limit from the closed form that is told apart from lesser ones: one per cent of the impact.
+FAR = 0.01
 
 #: Resamples of a bootstrap, and its seed.
 _RESAMPLES, _SEED = 2000, 2013
@@ -77,18 +81,20 @@ class Group:
         Of the class; ``all`` for all.
     verdict, shifted : str
         On the last decades, and a decade before.
+    counts, shifted_counts : dict
+        Points by verdict, likewise.
     reason : str
         If undecided.
     agrees : bool
         Undecided, but the closed form lies within the error of every limit.
-    counts : dict
-        Points by verdict.
     rate, rate_low, rate_high : float
         Median over the supported points and its 95 % bootstrap interval.
     least_rate, largest_rate : float
         Over the supported points.
     offset : tuple of float
         Least, median and largest distance of the limit from the closed form, over the refuted points.
+    far : int
+        Refuted points whose limit lies further than `FAR` from the closed form.
     limit_error : float
         Largest error of a limit over the refuted points.
     """
@@ -96,15 +102,17 @@ class Group:
     name: str
     verdict: Verdict
     shifted: Verdict
+    counts: dict[str, int]
+    shifted_counts: dict[str, int]
     reason: str
     agrees: bool
-    counts: dict[str, int]
     rate: float
     rate_low: float
     rate_high: float
     least_rate: float
     largest_rate: float
     offset: tuple[float, float, float]
+    far: int
     limit_error: float
 
 
@@ -137,6 +145,11 @@ class CaseResult:
     shiftable: bool
 
     @property
+    def law(self) -> str:
+        """The law the solver has or was asked for."""
+        return law_of(self.solver)
+
+    @property
     def differing(self) -> tuple[Group, ...]:
         """Classes whose verdict is not that of the whole."""
         return tuple(group for group in self.classes if group.verdict != self.whole.verdict)
@@ -167,7 +180,6 @@ def group_of(
     name: str, results: Sequence[PointResult], verdict: Verdict, shifted: Verdict, reason: str
 ) -> Group:
     """Summarise points under a verdict."""
-    counts = Counter(r.judgement.verdict for r in results)
     rates = np.array([r.judgement.rate for r in results if r.judgement.verdict == "supported"])
     refuted = [r.judgement for r in results if r.judgement.verdict == "refuted"]
     low = high = math.nan
@@ -179,15 +191,17 @@ def group_of(
         name=name,
         verdict=verdict,
         shifted=shifted,
+        counts=dict(Counter(r.judgement.verdict for r in results)),
+        shifted_counts=dict(Counter(r.shifted.verdict for r in results)),
         reason=reason,
         agrees=verdict == "undecided" and agrees([r.judgement for r in results]),
-        counts=dict(counts),
         rate=float(np.median(rates)) if rates.size else math.nan,
         rate_low=float(low),
         rate_high=float(high),
         least_rate=float(rates.min()) if rates.size else math.nan,
         largest_rate=float(rates.max()) if rates.size else math.nan,
         offset=(float(offsets[0]), float(offsets[1]), float(offsets[2])),
+        far=sum(j.offset > FAR for j in refuted),
         limit_error=max((j.limit_error for j in refuted), default=math.nan),
     )
 

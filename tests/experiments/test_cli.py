@@ -83,15 +83,18 @@ def test_solve_shows_solvers_side_by_side(capsys, monkeypatch):
         == 0
     )
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[:2] for line in lines[1:4]] == [
-        ["pybullet", "unavailable"],
-        ["state-transition", "ok"],
-        ["mujoco", "ok"],
+    assert [line.split()[:3] for line in lines[1:4]] == [
+        ["kelvin-voigt", "pybullet", "unavailable"],
+        ["kelvin-voigt", "mujoco", "ok"],
+        ["state-transition", "state-transition", "ok"],
     ]
-    assert "0.889811" in lines[2]
-    assert "0.01" in lines[3]
-    assert "S1 S3 S1 S2 S4" in lines[3]
-    assert lines[4] == "pybullet: unavailable: no wheel for this Python; use Python 3.11"
+    assert "0.01" in lines[2]
+    assert "S1 S3 S1 S2 S4" in lines[2]
+    assert "0.889811" in lines[3]
+    assert lines[4:] == [
+        "pybullet and mujoco were asked for the same law: one vote, not two.",
+        "pybullet: unavailable: no wheel for this Python; use Python 3.11",
+    ]
 
 
 def test_help_and_version_are_quick_and_load_nothing_heavy():

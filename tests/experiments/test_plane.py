@@ -16,7 +16,7 @@ from experiments.ladder import split
 from experiments.plane import ALIKE, FROZEN_PARTS, LAW_PARTS, NO_PATH, PLANE_SCHEMA, Plane, write_plane
 from model import Collision, solve
 
-PLANE = Plane(0.9, 0.7, (1e-2, 1e2), (0.2, 5), 9, 0.02, 1e5)
+PLANE = Plane(0.9, 0.7, (1e-2, 1e2), (0.2, 5), 9, 0.02, "exact")
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compliant_baselines import Settings, SolverError, get_solver, solver_names
-from model import Collision, solve, solve_batch
+from model import SUPPLEMENT_CUTOFF, Collision, solve, solve_batch
 from model.oracle import solve_oracle
 from model.oracle_events import NODES, first_fall
 from model.oracle_start import series, straight_first_step
@@ -31,13 +31,18 @@ def random_cells(n, seed):
     )
 
 
-def compare(cells):
+#: Cut-offs of the model and of the oracle: the same, or none and one at which the oracle has converged.
+CUTOFFS = [(SUPPLEMENT_CUTOFF, SUPPLEMENT_CUTOFF), ("exact", 1e8)]
+
+
+def compare(cells, cutoff, of_oracle):
     """Assert agreement wherever the margin promises it; how many cells are beside a jump, and how many are limits."""
-    batch = solve_batch(*cells)
+    batch = solve_batch(*cells, stiffness_ratio_cutoff=cutoff)
     grazing = limits = 0
     for i, cell in enumerate(cells.T.tolist()):
         collision = Collision.from_ratios(*cell)
-        ours, theirs = solve(collision), solve_oracle(collision)
+        ours = solve(collision, stiffness_ratio_cutoff=cutoff)
+        theirs = solve_oracle(collision, stiffness_ratio_cutoff=of_oracle)
         assert theirs.status in ("ok", "limit"), cell
         if ours.grazing_margin < GRAZING:
             grazing += 1
@@ -53,22 +58,24 @@ def compare(cells):
     return grazing, limits
 
 
-def test_sixty_random_cells():
-    grazing, _ = compare(random_cells(60, seed=31))
+@pytest.mark.parametrize("cutoffs", CUTOFFS)
+def test_sixty_random_cells(cutoffs):
+    grazing, _ = compare(random_cells(60, seed=31), *cutoffs)
     assert grazing <= 1
 
 
+@pytest.mark.parametrize("cutoffs", CUTOFFS)
 @pytest.mark.parametrize(("e1", "e2"), [(1.0, 1.0), (1.0, 0.6), (0.6, 1.0)])
-def test_elastic_contacts(e1, e2):
+def test_elastic_contacts(e1, e2, cutoffs):
     ratios, masses = np.meshgrid([0.02, 0.7, 30.0], [0.3, 1.7])
     ones = np.ones(ratios.size)
-    grazing, _ = compare(np.array([ratios.ravel(), masses.ravel(), e1 * ones, e2 * ones]))
+    grazing, _ = compare(np.array([ratios.ravel(), masses.ravel(), e1 * ones, e2 * ones]), *cutoffs)
     assert grazing == 0
 
 
 @pytest.mark.slow
 def test_two_thousand_random_cells():
-    grazing, limits = compare(random_cells(2000, seed=7))
+    grazing, limits = compare(random_cells(2000, seed=7), *CUTOFFS[0])
     assert grazing <= 20
     assert limits > 300  # the closed form beyond the cut-off is compared too
 
@@ -188,7 +195,7 @@ def test_limits_are_refused_by_name(change, message):
     with pytest.raises(ValueError, match=message):
         solve_oracle(collision)
     with pytest.raises(SolverError, match=message) as caught:
-        get_solver("oracle").solve(collision)
+        get_solver("oracle").solve(collision, Settings(stiffness_ratio_cutoff=SUPPLEMENT_CUTOFF))
     assert caught.value.status == "unrepresentable"
 
 
