@@ -8,7 +8,7 @@ Run as ``python benchmarks/references.py``. The cells are random: k2/k1 log-unif
   DOP853 at rtol 1e-8, a largest step of a radian of the fastest motion. It looks at signs at the ends of steps only:
   how many of its answers are off by more than 1e-5 is printed too. It runs on the first cells, as impacts;
 * a map of 1000 x 1000 cells over k2/k1 and m2/m1 of each reference, and one of every engine-free rung of the ladder
-  (five solvers, written to a file as ``impact-xval map`` does), and the peak memory.
+  (nine batches, written to a file as ``impact-xval map`` does), and the peak memory.
 
 Times are the best of several repetitions; what was compiled is compiled before.
 """
