@@ -19,6 +19,7 @@ from experiments.box import Sample, Search
 from experiments.config_errors import FieldName, dotted, hint, read_toml, short, validated
 from experiments.plain import plain_values, revive
 from model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
+from model.marks import GRAZING_THRESHOLD
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
 DESIGNS = ("grid", "sample", "cells")
@@ -116,7 +117,7 @@ class Config(_Strict):
     )
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
     stiffness_ratio_cutoff: Cutoff = Field("exact", description=LEGAL_CUTOFF)
-    grazing_threshold: float = Field(1e-5, ge=0, le=1, description="from 0 to 1")
+    grazing_threshold: float = Field(GRAZING_THRESHOLD, ge=0, le=1, description="from 0 to 1")
     cell_timeout: float = Field(
         300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"
     )

@@ -150,10 +150,10 @@ def _marked(summary: Summary) -> str:
         if (n := int(summary.get(name, "velocity_divergence", cells="marked").n) - summary.n_marked) > 0
     ]
     return (
-        f"{summary.n_marked} of {summary.n_cells} cells are marked and kept apart: next to them the model's outcome jumps "
-        "in the parameters, where a compression nearly ends or nearly does not, or it depends on a cut-off. "
-        f"{' and '.join(more) or 'No solver'} is marked because its exact law jumps there; the column marked says which "
-        "and why."
+        f"{summary.n_marked} of {summary.n_cells} cells are marked and kept apart: next to them the model's outcome "
+        "jumps in the parameters, where a compression nearly ends or nearly does not, or it depends on a cut-off. "
+        f"{' and '.join(more) or 'No solver'} is marked because its exact law jumps there; the column marked says "
+        "which and why."
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 #: A grazing margin below this marks a result. `benchmarks/grazing.py` says how well that tells the cells that jump.
-GRAZING_THRESHOLD = 1e-5
+GRAZING_THRESHOLD = 5e-5
 
 #: So does a cut-off that changes (v1, v2) by more than this, in the kinetic norm per sqrt(m1) abs(v0).
 CUTOFF_THRESHOLD = 1e-9
