@@ -151,12 +151,13 @@ def limit_of(
     """
     differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
     limits = 2 * velocities[1:] - velocities[:-1]
-    v1, v2 = parted(*map(float, limits[-1]), mass_ratio)
+    outside1, outside2 = map(float, limits[-1])
+    v1, v2 = parted(outside1, outside2, mass_ratio)
     error = max(
         float(np.abs(limits[-1] - limits[-2]).max()),
         (DOUBT if alike else 1.0) * float(differences[-1]),
         CHANCE * abs(starts),
-        float(np.abs(limits[-1] - (v1, v2)).max()),
+        max(abs(v1 - outside1), abs(v2 - outside2)),
     )
     return Limit(v1, v2, error, regularisation, fitted_order(differences), step)
 

@@ -26,7 +26,7 @@ def sequence(f):
 
 
 def test_a_first_order_error_is_removed():
-    limit = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, 1e-6)
+    limit = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, 1e-6, 1.0)
     assert (limit.v1, limit.v2) == (pytest.approx(0.3, abs=1e-15), 0)
     assert limit.order == pytest.approx(1)
     # three differences that agree may do so by accident: a tenth of the last correction stays doubted
@@ -34,7 +34,7 @@ def test_a_first_order_error_is_removed():
 
 
 def test_a_second_order_error_is_estimated():
-    limit = limit_of(sequence(lambda h: 0.3 + 0.01 * h + 0.2 * h**2), 0.0, 1e-6)
+    limit = limit_of(sequence(lambda h: 0.3 + 0.01 * h + 0.2 * h**2), 0.0, 1e-6, 1.0)
     assert abs(limit.v1 - 0.3) == pytest.approx(0.2 / 8)
     assert limit.error == pytest.approx(3 * 0.2 / 8)
 
@@ -45,21 +45,21 @@ def test_the_chance_of_contact_starts_is_estimated():
     errors, estimates = [], []
     for _ in range(4000):
         theta = rng.uniform(0, 1, 3)
-        limit = limit_of(sequence(lambda h, theta=theta: 0.05 * h * theta), 0.05 * H[-1], 1e-6)
+        limit = limit_of(sequence(lambda h, theta=theta: 0.05 * h * theta), 0.05 * H[-1], 1e-6, 1.0)
         errors.append(abs(limit.v1))
         estimates.append(limit.error)
     errors, estimates = np.array(errors), np.array(estimates)
     assert np.mean(errors <= 3 * estimates) > 0.99
     # of which the differences alone would miss what the starts tell
     blind = [
-        limit_of(sequence(lambda h, theta=theta: 0.05 * h * theta), 0.0, 1e-6)
+        limit_of(sequence(lambda h, theta=theta: 0.05 * h * theta), 0.0, 1e-6, 1.0)
         for theta in rng.uniform(0, 1, (4000, 3))
     ]
     assert np.mean([abs(limit.v1) <= 3 * limit.error for limit in blind]) < 0.97
 
 
 def test_nothing_but_rounding_has_no_order():
-    limit = limit_of(sequence(lambda h: 0.3 + 0 * h), 0.0, 1e-6)
+    limit = limit_of(sequence(lambda h: 0.3 + 0 * h), 0.0, 1e-6, 1.0)
     assert math.isnan(limit.order)
     assert limit.error == 0
     assert fitted_order(np.array([8.0, 2.0, 0.5])) == pytest.approx(2)
