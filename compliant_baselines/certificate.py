@@ -47,7 +47,7 @@ class _Case:
         velocities = np.array([run.reported for run in self.runs])
         last = self.runs[-1]
         ratio = self.column.m2 / self.column.m1
-        paths = {states_of(run, SHORTEST_STATE).names for run in self.runs[-3:]}
+        paths = {states_of(run, SHORTEST_STATE).names for run in self.runs[-2:]}
         return limit_of(
             velocities,
             last.starts,

@@ -20,7 +20,7 @@ counts):
 1. |L - L'|, with L' = 2 V(n-1) - V(n-2) the limit of the steps before: for errors a h + b h^2 three times the
    error of L;
 2. a tenth of |Vn - V(n-1)|, the correction that was made: three differences can agree by accident. All of it where
-   the last three runs do not pass through the same states (`state_runs`): between a run in which the balls meet once
+   the last two runs do not pass through the same states (`state_runs`): between a run in which the balls meet once
    more and one in which they do not the velocities have a kink, across which no straight line leads;
 3. half of what contacts that closed again did in their first step, in the run of the shortest step, as a
    change of the relative velocity of their pair (`Run.starts`): L takes twice what the shortest step has of
@@ -147,7 +147,7 @@ def limit_of(
     regularisation : float
         What regularisation does, in m/s.
     alike : bool
-        Whether the last three runs pass through the same states.
+        Whether the last two runs pass through the same states.
     """
     differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
     limits = 2 * velocities[1:] - velocities[:-1]

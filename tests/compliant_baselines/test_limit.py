@@ -45,17 +45,39 @@ def test_the_chance_of_contact_starts_is_estimated():
     errors, estimates = [], []
     for _ in range(4000):
         theta = rng.uniform(0, 1, 3)
-        limit = limit_of(sequence(lambda h, theta=theta: 0.05 * h * theta), 0.05 * H[-1], 1e-6, 1.0)
-        errors.append(abs(limit.v1))
+        limit = limit_of(sequence(lambda h, theta=theta: 0.5 + 0.05 * h * theta), 0.05 * H[-1], 1e-6, 1.0)
+        errors.append(abs(limit.v1 - 0.5))
         estimates.append(limit.error)
     errors, estimates = np.array(errors), np.array(estimates)
     assert np.mean(errors <= 3 * estimates) > 0.99
     # of which the differences alone would miss what the starts tell
     blind = [
-        limit_of(sequence(lambda h, theta=theta: 0.05 * h * theta), 0.0, 1e-6, 1.0)
+        limit_of(sequence(lambda h, theta=theta: 0.5 + 0.05 * h * theta), 0.0, 1e-6, 1.0)
         for theta in rng.uniform(0, 1, (4000, 3))
     ]
-    assert np.mean([abs(limit.v1) <= 3 * limit.error for limit in blind]) < 0.97
+    assert np.mean([abs(limit.v1 - 0.5) <= 3 * limit.error for limit in blind]) < 0.97
+
+
+def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
+    # v2 - v1 falls by 0.01 with each halving and is 0.005 beyond the last: the balls have yet to meet there.
+    velocities = np.array([[0.4, 0.365], [0.4, 0.375], [0.4, 0.385]])
+    velocities[:, 1] += 0.01
+    limit = limit_of(velocities, 0.0, 1e-6, 3.0)
+    assert limit.v1 == limit.v2 == pytest.approx(0.4 * 0.25 + 0.405 * 0.75)  # momentum is kept
+    assert limit.error == pytest.approx(0.01)  # the differences do not fall
+    # B2 would go into the table
+    limit = limit_of(np.array([[0.4, 0.012], [0.4, 0.004], [0.4, 0.0]]), 0.0, 1e-6, 3.0)
+    assert (limit.v1, limit.v2) == (0.4, 0)
+    assert limit.error == pytest.approx(0.004)
+    # what is inside stays where it is
+    assert limit_of(np.array([[0.4, 0.3], [0.4, 0.2], [0.4, 0.15]]), 0.0, 1e-6, 3.0).v2 == pytest.approx(0.1)
+
+
+def test_runs_that_meet_a_different_number_of_times_are_doubted():
+    velocities = sequence(lambda h: 0.3 + 0.2 * h)
+    known, unknown = (limit_of(velocities, 0.0, 1e-6, 1.0, alike=alike) for alike in (True, False))
+    assert unknown.error == pytest.approx(0.2 / 4)
+    assert known.error == pytest.approx(0.1 * 0.2 / 4)
 
 
 def test_nothing_but_rounding_has_no_order():

@@ -104,10 +104,11 @@ def test_identity_ignores_what_does_not_change_results():
         return Config.model_validate(changes).identity()
 
     base = identity()
-    assert identity(name="other", workers=3, grazing_threshold=0.5, figure_cell={"e1": 0.5}) == base
+    assert identity(name="other", workers=3, figure_cell={"e1": 0.5}) == base
     assert identity(grid={"mass_ratio": [0.5, 2 / math.sqrt(3), 2]}) == base
     for change in (
         {"step_fraction": 1e-2},
+        {"grazing_threshold": 0.5},  # rows are marked by it
         {"scenario": "impact"},
         {"grid": {"e1": [0.5]}},
         {"chunk_size": 5},

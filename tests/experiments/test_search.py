@@ -95,7 +95,7 @@ def test_grazing_cells_do_not_count(tmp_path):
     found = search_worst(
         config.model_copy(update={"grazing_threshold": 0.1}), tmp_path / "a", isolate=False, resolve=peaked
     )
-    assert found.grazing > 0
+    assert found.marked > 0
     assert all(row["model_grazing_margin"] >= 0.1 for row in found.rows)
 
 

@@ -107,4 +107,4 @@ def test_a_summary_does_not_depend_on_the_blocks(tmp_path, monkeypatch):
     cut = summarise(folder)
     for name in ("statistics", "worst", "statuses", "reasons", "between"):
         assert getattr(cut, name).equals(getattr(whole, name)), name
-    assert (cut.n_cells, cut.n_grazing) == (whole.n_cells, whole.n_grazing)
+    assert (cut.n_cells, cut.n_marked) == (whole.n_cells, whole.n_marked)
