@@ -47,8 +47,8 @@ class _Case:
         velocities = np.array([run.reported for run in self.runs])
         last = self.runs[-1]
         ratio = self.column.m2 / self.column.m1
-        paths = {states_of(run, SHORTEST_STATE).names for run in self.runs[-2:]}
-        return limit_of(
+        paths = {(states_of(run, SHORTEST_STATE).names, run.fall is None) for run in self.runs[-2:]}
+        limit = limit_of(
             velocities,
             last.starts,
             last.column.step,
@@ -56,6 +56,7 @@ class _Case:
             *self.regularisation[-1:],
             alike=len(paths) == 1,
         )
+        return replace(limit, flight=last.fall is not None)
 
     def refine(self) -> Column:
         return replace(self.column, step=self.column.step / 2 ** len(self.runs))

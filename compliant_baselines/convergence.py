@@ -101,6 +101,8 @@ class Limit:
         Fitted order of convergence; NaN where there is nothing but rounding.
     step : float
         The shortest step, in s.
+    flight : bool
+        Whether gravity ended in a first flight at that step.
     """
 
     v1: float
@@ -109,6 +111,7 @@ class Limit:
     regularisation: float
     order: float
     step: float
+    flight: bool = False
 
     @property
     def error(self) -> float:
