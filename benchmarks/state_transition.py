@@ -1,15 +1,17 @@
 """Collisions per second of the state transition model, beside the ways it could have been computed instead.
 
 Run as ``python benchmarks/state_transition.py``. One run measures, on the same random cells (k2/k1 log-uniform in
-[1e-2, 1e2], m2/m1 log-uniform in [0.1, 10], e1 and e2 uniform in [0.3, 1], default cut-off):
+[1e-2, 1e2], m2/m1 log-uniform in [0.1, 10], e1 and e2 uniform in [0.3, 1]):
 
-* `solve_batch` with one and with two threads, `solve`, and the oracle;
+* `solve_batch` with one and with two threads, `solve`, and the oracle; the two slow ways, here and below, with the
+  supplement's cut-off;
 * a plain event integration in time with scipy's solve_ivp, as one would write it who knows scipy well: positions and
   velocities, terminal events with a direction, rtol 1e-8, RK45 and DOP853, a largest step of a radian of the fastest
   motion. It looks at signs at the ends of steps only, so it misses some events; how often is printed too.
 
-The slow ways run on the first cells of the batch. Then: how the time grows with the number of cells, and with the
-number of events of a collision. Times are the best of several repetitions; what was compiled is compiled before.
+The slow ways run on the first cells of the batch. Then: what a cut-off costs and changes, in three boxes (`--only
+cutoffs`); how the time grows with the number of cells, and with the number of events of a collision. Times are the best
+of several repetitions; what was compiled is compiled before.
 """
 
 from __future__ import annotations
@@ -31,21 +33,32 @@ from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
 
-from model import Collision, Outcome, solve, solve_batch
+from model import SUPPLEMENT_CUTOFF, Collision, Cutoff, Outcome, solve, solve_batch
+from model.automaton import STIFFENING
+from model.batch import _solve_all
 from model.oracle import solve_oracle
+from model.solver import MAX_EVENTS, check_cutoff
 
-CUTOFF = 1e5
+#: Decades of k2/k1 and of m2/m1, and the least e: the box of all the rest, that of the default run, and a wide one, in
+#: which cut-offs are compared.
+BOXES = {
+    "k2/k1 1e-2 to 1e2, m2/m1 0.1 to 10, e 0.3 to 1": ((-2, 2), (-1, 1), 0.3),
+    "k2/k1 1e-3 to 1e3, m2/m1 0.5 to 2, e 0.5 to 1": ((-3, 3), (math.log10(0.5), math.log10(2)), 0.5),
+    "k2/k1 1e-6 to 1e6, m2/m1 0.01 to 100, e 0.05 to 1": ((-6, 6), (-2, 2), 0.05),
+}
+CUTOFFS: tuple[Cutoff, ...] = (SUPPLEMENT_CUTOFF, "exact", 1e10, math.inf)
 
 
-def random_cells(n: int, seed: int) -> np.ndarray:
+def random_cells(n: int, seed: int, box: str = next(iter(BOXES))) -> np.ndarray:
     """Draw n cells: rows k2/k1, m2/m1, e1, e2."""
     rng = np.random.default_rng(seed)
+    ratio, mass, least = BOXES[box]
     return np.array(
         [
-            10 ** rng.uniform(-2, 2, n),
-            10 ** rng.uniform(-1, 1, n),
-            rng.uniform(0.3, 1, n),
-            rng.uniform(0.3, 1, n),
+            10 ** rng.uniform(ratio[0], ratio[1], n),
+            10 ** rng.uniform(mass[0], mass[1], n),
+            rng.uniform(least, 1, n),
+            rng.uniform(least, 1, n),
         ]
     )
 
@@ -62,7 +75,7 @@ def plain(
     active, compressing = [True, True], [True, True]
     while any(active):
         ratio = k[1] / k[0]
-        if all(active) and not 1 / CUTOFF <= ratio <= CUTOFF:
+        if all(active) and not 1 / SUPPLEMENT_CUTOFF <= ratio <= SUPPLEMENT_CUTOFF:
             if ratio < 1:
                 v = math.sqrt(k[1] * y[3] ** 2 / (1 + mu) + y[1] ** 2) * (e2 if compressing[1] else 1)
                 return v, v
@@ -131,7 +144,8 @@ def best_time(action: Callable[[], object], repeats: int) -> float:
 def compare(console: Console, options: argparse.Namespace) -> None:
     """Print the rates of all ways on the same cells, and how far the slow ones are off."""
     cells = random_cells(options.cells, options.seed)
-    batch = solve_batch(*cells)
+    exact = solve_batch(*cells)
+    cut = solve_batch(*cells[:, : options.slow], stiffness_ratio_cutoff=SUPPLEMENT_CUTOFF)
     table = Table(
         "way", "cells", "collisions/s", "solve_batch is faster by", "off by, median", "off by > 1e-6"
     )
@@ -163,6 +177,7 @@ def compare(console: Console, options: argparse.Namespace) -> None:
         ("solve_ivp, DOP853, rtol 1e-8", options.slow, lambda *cell: plain(*cell, method="DOP853")),
     ]
     for name, n, way in ways:
+        batch = exact if way is ways[0][2] else cut
         some = cells[:, :n].T.tolist()
         answers: list[tuple[float, float]] = []
         start = time.perf_counter()
@@ -179,6 +194,40 @@ def compare(console: Console, options: argparse.Namespace) -> None:
             f"{wrong:.1%}",
         )
     console.print(table)
+
+
+def compare_cutoffs(console: Console, options: argparse.Namespace) -> None:
+    """Print what each cut-off costs and changes, in three boxes; processor time of one thread, counted in turns."""
+    numba.set_num_threads(1)
+    table = Table(
+        "box", "cut-off", "collisions/s", "per that of 1e5", "events", "off by > 1e-9", "off, largest"
+    )
+    for box in BOXES:
+        cells = random_cells(max(1000, options.cells // 10), options.seed, box)
+        without = solve_batch(*cells, stiffness_ratio_cutoff=math.inf)
+        times: dict[Cutoff, float] = dict.fromkeys(CUTOFFS, math.inf)
+        for _ in range(options.repeats):
+            for cutoff in CUTOFFS:
+                start = time.process_time()
+                _kernel_only(cells, cutoff)
+                times[cutoff] = min(times[cutoff], time.process_time() - start)
+        for cutoff in CUTOFFS:
+            outcome = solve_batch(*cells, stiffness_ratio_cutoff=cutoff)
+            off = np.maximum(abs(outcome.v1 - without.v1), abs(outcome.v2 - without.v2))
+            table.add_row(
+                cutoff if isinstance(cutoff, str) else f"{cutoff:g}",
+                f"{cells.shape[1] / times[cutoff]:,.0f}",
+                f"{times[SUPPLEMENT_CUTOFF] / times[cutoff]:.2f}",
+                f"{outcome.n_events.mean():.1f}",
+                f"{np.mean(off > 1e-9):.2%}",
+                f"{off.max():.1e}",
+            )
+        console.print(table)
+
+
+def _kernel_only(cells: np.ndarray, cutoff: Cutoff) -> None:
+    # `solve_batch` solves cells twice that a finite cut-off changed; its time is not that of the cut-off.
+    _solve_all(*cells, check_cutoff(cutoff), MAX_EVENTS, STIFFENING)  # pyright: ignore
 
 
 def grow(console: Console, options: argparse.Namespace) -> None:
@@ -250,13 +299,17 @@ def main() -> int:
         "--repeats", type=int, default=3, help="the best of so many counts (default: %(default)s)"
     )
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    parser.add_argument("--only", choices=("cutoffs",), help="a part of it")
     options = parser.parse_args()
     console = Console(width=max(110, Console().width))
     console.print(machine(), highlight=False)
     solve(Collision.from_ratios(1, 1, 0.5, 0.5))
     solve_batch(*random_cells(1000, options.seed))
-    compare(console, options)
-    grow(console, options)
+    if options.only is None:
+        compare(console, options)
+    compare_cutoffs(console, options)
+    if options.only is None:
+        grow(console, options)
     return 0
 
 

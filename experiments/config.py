@@ -151,7 +151,7 @@ class Config(_Strict):
         # Not the union's own validation: it would tell one mistake twice, once for each type.
         if not legal_cutoff(value):
             raise ValueError(f"{short(value)}; legal: {LEGAL_CUTOFF}")
-        return "exact" if isinstance(value, str) else float(value)
+        return "exact" if value == "exact" else float(value)
 
     @field_validator("solvers")
     @classmethod

@@ -11,7 +11,7 @@ def named(code, n):
     return tuple(f"S{1 + (int(code) >> 2 * (n - 1 - i) & 3)}" for i in range(n))
 
 
-@pytest.mark.parametrize("cutoff", [1e5, 30.0])
+@pytest.mark.parametrize("cutoff", [1e5, 30.0, "exact"])
 def test_paths_are_those_of_single_collisions(cutoff):
     rng = np.random.default_rng(4)
     kappa, mu = 10 ** rng.uniform(-3, 3, 400), 10 ** rng.uniform(-2, 2, 400)

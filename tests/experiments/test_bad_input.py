@@ -77,6 +77,10 @@ CONFIGS = {
     "key of version 0.2.0": ("min_run = 3", ["min_run = 3: of version 0.2.0", "legal: shortest_state"]),
     "mapping": ("mapping = 'none'", ["mapping = 'none'", "'calibrated' or 'naive'"]),
     "cut-off": ("stiffness_ratio_cutoff = 1", ["stiffness_ratio_cutoff = 1", "greater than 1, up to inf"]),
+    "cut-off is another word": (
+        "stiffness_ratio_cutoff = 'none'",
+        ["stiffness_ratio_cutoff = 'none'", "or 'exact'"],
+    ),
     "cut-off is nan": ("stiffness_ratio_cutoff = nan", ["stiffness_ratio_cutoff = nan", "greater than 1"]),
     "workers": ("workers = 0", ["workers = 0", "a whole number from 1 to 4096"]),
     "chunk size": ("chunk_size = -3", ["chunk_size = -3", "a whole number from 1"]),
@@ -207,6 +211,10 @@ OPTIONS = {
     "k1": ({"--k1": "-1"}, ["--k1 = -1", "a finite number > 0"]),
     "gravity": ({"--gravity": "-9"}, ["--gravity = -9", "a finite number > 0"]),
     "cut-off": ({"--cutoff": "0.5"}, ["--cutoff = 0.5", "greater than 1"]),
+    "cut-off is another word": (
+        {"--cutoff": "none"},
+        ["--cutoff = 'none'", "greater than 1, up to inf, or 'exact'"],
+    ),
     "solver": ({"--solver": "bullet"}, ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
     "no impulse": ({"--m1": "1e-200", "--v0": "-1e-200"}, ["--m1", "times |v0| = 1e-200", "product > 0"]),
     "overflow": ({"--stiffness-ratio": "1e305"}, ["--stiffness-ratio", "1e+305", "double precision"]),
