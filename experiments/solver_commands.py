@@ -8,7 +8,7 @@ import typer
 
 from compliant_baselines import conformance, get_solver
 from compliant_baselines.plugins import ThirdPartySolver
-from compliant_baselines.registry import origins
+from compliant_baselines.registry import law_of, origins
 from experiments.config import solvers_problem
 from experiments.document import Table
 from experiments.errors import UserError
@@ -22,9 +22,10 @@ def show_solvers() -> None:
         solver = get_solver(name)
         reason = solver.unavailable()
         said = "" if reason is None else f"unavailable: {reason}"
-        rows.append((name, solver.version() or "-", origin, said))
-    header = ("solver", "version", "from", "")
-    print_table(make_console(), Table("Solvers that are known here", header, rows, text_columns=4))
+        rows.append((name, law_of(name), solver.version() or "-", origin, said))
+    header = ("solver", "law asked for", "version", "from", "")
+    caption = "Solvers that are known here; those that are asked for the same law are one vote on it"
+    print_table(make_console(), Table(caption, header, rows, text_columns=5))
 
 
 def conform(name: str, law: Any) -> None:
