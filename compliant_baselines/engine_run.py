@@ -91,6 +91,8 @@ class Run:
         if self.end == BROKEN:
             why = self.failure or "velocities are no longer finite"
             return f"after {self.raw.n_steps} steps of {self.column.step:.3g} s: {why}"
+        if self.fall is not None and self.fall[0] == self.raw.n_steps < self.max_steps:
+            return "it ended with the first flight: its adapter has to go on from Recorder.state, without gravity"
         reason = f"not over after max_steps = {self.max_steps} steps of {self.column.step:.3g} s"
         if self.end == ALOFT:
             reason += (
