@@ -5,10 +5,13 @@ import pytest
 
 from compliant_baselines import get_solver
 from compliant_baselines.bistiffness import bistiffness_batch
+from compliant_baselines.column import column_of
 from compliant_baselines.contract import Settings
 from compliant_baselines.convergence import Convergence
 from compliant_baselines.jumps import CHANGE, STEEP, jumps
 from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
+from compliant_baselines.recording import Recorder
+from compliant_baselines.trajectory import FLIGHT
 from model.collision import Collision
 
 DROP = Settings(scenario="drop", convergence=Convergence())
@@ -113,3 +116,15 @@ def test_moving_is_measured_against_each_parameter():
             if far > expected:
                 expected, at = far, i
     assert (moved[0], which[0]) == (expected, at)
+
+
+def test_an_adapter_that_ends_with_the_flight_is_told():
+    column = column_of(collision(*PARTING[0]), Settings(scenario="drop"))
+    recorder = Recorder(column, 0.0, 0.0, column.contact2.k, 1000, False)
+    fall = column.gravity * column.step
+    v = np.array([[0.3, 0.5], [0.3 - fall, 0.5 - fall]])  # both fall freely in the second step
+    assert recorder.feed(v, np.array([[2e-3, 1e-3], [2e-3, 1e-3]])) == FLIGHT
+    assert [values.tolist() for values in recorder.state] == [[2e-3, 1e-3], v[1].tolist()]
+    run = recorder.finish()
+    assert run.status == "timeout"
+    assert "without gravity" in run.problem()
