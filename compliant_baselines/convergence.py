@@ -14,7 +14,7 @@ Balls that part for good have v1 >= v2 >= 0, and so has their limit. Where L is 
 step goes to zero, or B2 meets the table, and not at the steps that were run: L is then replaced by the nearest point
 inside, in the kinetic norm. That is what a plastic meeting makes of it, and an elastic one goes as far again.
 
-The estimate of the error of L is therefore the largest of four numbers (the larger of the two velocities
+The estimate of the error of L is therefore the largest of five numbers (the larger of the two velocities
 counts):
 
 1. |L - L'|, with L' = 2 V(n-1) - V(n-2) the limit of the steps before: for errors a h + b h^2 three times the
@@ -25,7 +25,9 @@ counts):
 3. half of what contacts that closed again did in their first step, in the run of the shortest step, as a
    change of the relative velocity of their pair (`Run.starts`): L takes twice what the shortest step has of
    this and once what the step before has, either between nothing and all of it;
-4. how far L was moved to v1 >= v2 >= 0.
+4. how far L was moved to v1 >= v2 >= 0;
+5. in a drop, where it is not known whether gravity ends in a first flight before two bodies meet again or goes on, what
+   it does in that contact: g times half its period (`certificate`).
 
 A contact that is met at the start is met at the beginning of the first step, whatever the step: it counts in
 1 and 2 only.
@@ -101,8 +103,6 @@ class Limit:
         Fitted order of convergence; NaN where there is nothing but rounding.
     step : float
         The shortest step, in s.
-    flight : bool
-        Whether gravity ended in a first flight at that step.
     """
 
     v1: float
@@ -111,7 +111,6 @@ class Limit:
     regularisation: float
     order: float
     step: float
-    flight: bool = False
 
     @property
     def error(self) -> float:
@@ -134,6 +133,7 @@ def limit_of(
     regularisation: float = 0.0,
     *,
     alike: bool = True,
+    flight: float = 0.0,
 ) -> Limit:
     """Extrapolate to a step of zero; see the module.
 
@@ -151,6 +151,8 @@ def limit_of(
         What regularisation does, in m/s.
     alike : bool
         Whether the last two runs pass through the same states.
+    flight : float
+        What a first flight that is in doubt may change, in m/s.
     """
     differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
     limits = 2 * velocities[1:] - velocities[:-1]
@@ -161,6 +163,7 @@ def limit_of(
         (DOUBT if alike else 1.0) * float(differences[-1]),
         CHANCE * abs(starts),
         max(abs(v1 - outside1), abs(v2 - outside2)),
+        flight,
     )
     return Limit(v1, v2, error, regularisation, fitted_order(differences), step)
 

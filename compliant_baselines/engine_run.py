@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import nan
+from math import inf, nan
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,9 @@ class Run:
     fall : tuple of int and two floats, or None
         Where its first flight began, from which on the bodies no longer fall: number of steps, heights in m; None
         if it had none, or no gravity.
+    lead : tuple of float and int
+        By how much time, in s, its first flight began, or, negative, did not, and the contact that decided on it
+        (`trajectory.scan`).
     """
 
     column: Column
@@ -63,6 +66,7 @@ class Run:
     unloaded: tuple[float, float] = (nan, nan)
     max_steps: int = 0
     fall: tuple[int, float, float] | None = None
+    lead: tuple[float, int] = (inf, 0)
 
     @property
     def duration(self) -> float:

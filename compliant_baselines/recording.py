@@ -196,4 +196,5 @@ class Recorder:
             (unloaded1, unloaded2),
             self._max_steps,
             self._fall,
+            (float(self._memory[15]) * self.column.step, int(self._memory[16])),
         )

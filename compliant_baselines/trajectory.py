@@ -71,7 +71,8 @@ class ScanParameters(NamedTuple):
 
 def new_memory() -> Floats:
     """Memory of `scan` in which nothing has happened yet."""
-    return np.array([0.0, np.nan, np.nan, 0.0, -1.0, -1.0, np.nan, np.nan, np.nan, np.nan])
+    gaps = [1.0, 1.0, -np.inf, -np.inf, -1.0, np.inf, 0.0]  # both closed as far back as there was a past
+    return np.array([0.0, np.nan, np.nan, 0.0, -1.0, -1.0, np.nan, np.nan, np.nan, np.nan, *gaps])
 
 
 @numba.njit(cache=True)
@@ -88,6 +89,26 @@ def _remember(memory, contact, loaded, impulse, inverse_mass, h):  # pragma: no 
         memory[state] = 1.0 if loaded else 0.0
     memory[before] = memory[last]
     memory[last] = impulse
+
+
+@numba.njit(cache=True)
+def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
+    """Note by how much time the first flight begins or not; see `scan`."""
+    now = memory[3]
+    for contact in range(2):
+        closed, other = (closed1, closed2) if contact == 0 else (closed2, closed1)
+        was, lead, met = memory[10 + contact] > 0, np.inf, contact
+        if closed and not was:
+            memory[12 + contact] = now
+            if memory[14] >= 0:
+                lead, memory[14] = now - memory[14], -2.0
+        elif was and not closed and other:
+            lead, met = memory[13 - contact] - now, 1 - contact
+        if abs(lead) < abs(memory[15]):
+            memory[15], memory[16] = lead, met + 1
+    memory[10], memory[11] = 1.0 if closed1 else 0.0, 1.0 if closed2 else 0.0
+    if memory[14] == -1 and not (closed1 or closed2):
+        memory[14] = now
 
 
 @numba.njit(cache=True)
@@ -114,7 +135,7 @@ def scan(  # pragma: no cover (compiled)
         Number of steps that may still be taken after these.
     codes : ndarray of int8, shape (n,)
         Filled with the raw state, 1 to 4, of each step.
-    memory : ndarray, shape (10,)
+    memory : ndarray, shape (17,)
         Of the stretches before, `new_memory` before the first. What a caller may want of it:
 
         * 0: what contacts that began to carry force *again* did in their first step, summed as changes of the
@@ -122,10 +143,14 @@ def scan(  # pragma: no cover (compiled)
         * 1, 2: when contacts 1 and 2 last ceased to carry force, in s: where the straight line through their
           mean forces in the last two steps, each counted at the middle of its step, comes to zero. NaN as
           long as they have not;
-        * 3: number of steps so far.
+        * 3: number of steps so far;
+        * 15, 16: by how many steps the first flight of a drop began or did not, and which contact decided on that:
+          after so many of flight it closed, or, negative, it had closed so many before the other one opened. The
+          nearest such event; infinite without one.
 
         The rest is for the next stretch: whether each contact carries force (1, 0, or -1 as long as it never
-        has), and its impulses in the last two steps.
+        has), and its impulses in the last two steps; whether the gaps are closed, the steps at which they last
+        closed, and that of the first flight (-1 before it, -2 once a gap has closed again).
 
     Returns
     -------
@@ -157,6 +182,8 @@ def scan(  # pragma: no cover (compiled)
         _remember(memory, 1, loaded2, impulse2, 1 / p.m2, p.h)
 
         weightless = p.g == 0
+        if not weightless or memory[14] >= 0:
+            _follow_gaps(memory, x1 < x2, x2 < 0)
         if not loaded1 and (weightless or x1 >= x2) and v1 >= v2:
             if not loaded2 and (weightless or x2 >= 0) and v2 >= 0:
                 return i + 1, FREE
