@@ -48,22 +48,23 @@ class _Case:
         velocities = np.array([run.reported for run in self.runs])
         last = self.runs[-1]
         ratio = self.column.m2 / self.column.m1
-        paths = {states_of(run, SHORTEST_STATE).names for run in self.runs[-2:]}
-        return limit_of(
+        paths = {(states_of(run, SHORTEST_STATE).names, run.fall is None) for run in self.runs[-2:]}
+        limit = limit_of(
             velocities,
             last.starts,
             last.column.step,
             ratio,
             *self.regularisation[-1:],
             alike=len(paths) == 1,
-            flight=self.flight_doubt(),
+            flight_doubt=self.flight_doubt(),
         )
+        return replace(limit, flight=last.fall is not None)
 
     def flight_doubt(self) -> float:
-        """Bound what gravity may add that is not known, in m/s: in a contact that a first flight may or may not precede.
+        """Bound, in m/s, what gravity does in a contact that a first flight may or may not precede.
 
         Its lead is extrapolated as velocities are. Where it changes its sign on the way to a step of zero, or is too
-        short to tell, the flight is in doubt, and gravity acts in the contact that decides on it, or does not.
+        short to tell, the flight is in doubt, and gravity acts in the contact that decides on it or does not.
         """
         (before, _), (now, contact) = (run.lead for run in self.runs[-2:])
         sure = now * before > 0 and now * (2 * now - before) > 0 and abs(now) > 2 * self.runs[-1].column.step

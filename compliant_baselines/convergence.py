@@ -103,6 +103,8 @@ class Limit:
         Fitted order of convergence; NaN where there is nothing but rounding.
     step : float
         The shortest step, in s.
+    flight : bool
+        Whether gravity ended in a first flight at that step.
     """
 
     v1: float
@@ -111,6 +113,7 @@ class Limit:
     regularisation: float
     order: float
     step: float
+    flight: bool = False
 
     @property
     def error(self) -> float:
@@ -133,7 +136,7 @@ def limit_of(
     regularisation: float = 0.0,
     *,
     alike: bool = True,
-    flight: float = 0.0,
+    flight_doubt: float = 0.0,
 ) -> Limit:
     """Extrapolate to a step of zero; see the module.
 
@@ -151,7 +154,7 @@ def limit_of(
         What regularisation does, in m/s.
     alike : bool
         Whether the last two runs pass through the same states.
-    flight : float
+    flight_doubt : float
         What a first flight that is in doubt may change, in m/s.
     """
     differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
@@ -163,7 +166,7 @@ def limit_of(
         (DOUBT if alike else 1.0) * float(differences[-1]),
         CHANCE * abs(starts),
         max(abs(v1 - outside1), abs(v2 - outside2)),
-        flight,
+        flight_doubt,
     )
     return Limit(v1, v2, error, regularisation, fitted_order(differences), step)
 

@@ -74,18 +74,21 @@ class EngineSolver(SolverBase):
         runs = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
         for i, run in zip(columns, runs, strict=True):
             outcomes[i] = outcome_of(self.name, run, settings)
+        flights: dict[int, bool] = {}
         if settings.convergence is not None:
             over = {i: run for i, run in zip(columns, runs, strict=True) if run.over}
             limits = certify(self, list(over.values()), settings.convergence, settings.max_steps)
             for i, (limit, reason) in zip(over, limits, strict=True):
                 outcomes[i] = certified(outcomes[i], limit, reason)
+                if limit is not None:
+                    flights[i] = limit.flight
         answered = [outcomes[i] for i in range(len(collisions))]
         if settings.mapping == "naive":
             return answered  # its contacts are not those of the law
         law = registry.law_of(self.name)
         exact = registry.get_solver(law)
         assert isinstance(exact, ReferenceSolver)
-        return mark(answered, collisions, settings, law, exact.batch)
+        return mark(answered, collisions, settings, law, exact.batch, flights)
 
 
 def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:

@@ -10,12 +10,14 @@ The outcome of a law in time is a function of k2/k1, m2/m1, e1, e2 and, in a dro
 Next to one an engine cannot be held to the exact outcome, since all that a finite step does moves it across. A cell is
 *marked* where a relative change of one parameter by `CHANGE`, either way, moves a velocity by more than `STEEP` times
 as much, per abs(v0); smooth outcomes move by less than three times as much over the default box (`benchmarks/limits.py
-jumps`). The mark says which parameter and how far.
+jumps`). The mark says which parameter and how far. A limit dt -> 0 is marked too where gravity ended in a first flight
+at its shortest step and does not under the exact law, or the other way round: by what gravity does in one contact of
+the balls, 1e-3 |v0| or so, the two are then different collisions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite, sqrt
 
@@ -78,6 +80,7 @@ def mark(
     settings: Settings,
     law: str,
     batch: Callable[..., ReferenceBatch],
+    flights: Mapping[int, bool] | None = None,
 ) -> list[Outcome]:
     """Mark the outcomes that lie beside a jump of their exact law.
 
@@ -91,6 +94,8 @@ def mark(
         Name of the law.
     batch : callable
         What solves it.
+    flights : dict, optional
+        Of outcomes by their position whether the run that decides on them had a first flight.
     """
     there = [i for i, outcome in enumerate(outcomes) if isfinite(outcome.v1)]
     marked = list(outcomes)
@@ -105,8 +110,14 @@ def mark(
         ]
     ).T
     moved, parameter = jumps(batch, *cells)
-    for i, far, which in zip(there, moved.tolist(), parameter.tolist(), strict=True):
+    exact = batch(*cells)
+    flew = (exact.fall < exact.duration).tolist()
+    for i, far, which, flight in zip(there, moved.tolist(), parameter.tolist(), flew, strict=True):
         if far > STEEP * CHANGE:
             says = f"a change of {CHANGE:g} in {CHANGED[which]} moves the exact outcome of {law} by {far:.2g} |v0|"
+            marked[i] = replace(outcomes[i], marked=says)
+        elif flights and gravity and flights.get(i, flight) != flight:
+            one, other = (f"exact {law}", "the engine") if flight else ("the engine", f"exact {law}")
+            says = f"gravity ends in a first flight of {one}, and {other} has none"
             marked[i] = replace(outcomes[i], marked=says)
     return marked

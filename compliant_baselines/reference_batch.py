@@ -71,8 +71,8 @@ class ReferenceBatch:
         Total impulses per m1 \|v0\|.
     retained_energy : ndarray of float
         Kinetic energy of v1, v2 over that of B1 before the collision.
-    duration : ndarray of float
-        Per sqrt(m1/k1).
+    duration, fall : ndarray of float
+        How long it took, and for how long of that gravity acted (`piecewise`), per sqrt(m1/k1).
     status : ndarray of str
         ``ok``, ``limit`` (a closed-form limit finished the collision), ``timeout`` or ``unrepresentable``.
     end : ndarray of str
@@ -90,6 +90,7 @@ class ReferenceBatch:
     impulse2: Floats
     retained_energy: Floats
     duration: Floats
+    fall: Floats
     status: NDArray[np.str_]
     end: NDArray[np.str_]
     sequence: NDArray[np.uint64]
@@ -153,6 +154,7 @@ def batch_of(shape: tuple[int, ...], mu: Floats, g: Floats, results: Followed) -
         impulse2=impulse2.reshape(shape),
         retained_energy=(v1 * v1 + mu * v2 * v2).reshape(shape),
         duration=np.where(failed, np.nan, duration).reshape(shape),
+        fall=np.where(failed, np.nan, fall).reshape(shape),
         status=status.reshape(shape),
         end=ENDS[end].reshape(shape),
         sequence=sequence.reshape(shape),

@@ -128,3 +128,22 @@ def test_an_adapter_that_ends_with_the_flight_is_told():
     run = recorder.finish()
     assert run.status == "timeout"
     assert "without gravity" in run.problem()
+
+
+def test_a_flight_in_doubt_is_not_taken_for_known():
+    # At h, h/2 and h/4 PyBullet's balls meet before B2 has left the table, in the limit after it: 2e-3 |v0| apart.
+    c = collision(1e-3, 2 / np.sqrt(3), 1.0, 0.5)
+    exact = get_solver("kelvin-voigt").solve(c, DROP)
+    outcome = get_solver("pybullet").solve_many([c], DROP)[0]
+    limit = outcome.diagnostics
+    assert limit["finest_step"] < limit["step"] / 4
+    assert abs(limit["v1_limit"] - exact.v1) < 3 * limit["limit_error"]
+    assert outcome.status == "unconverged"  # and says so, where the differences alone see nothing
+
+
+def test_a_limit_with_another_flight_than_the_exact_law_is_marked():
+    # MuJoCo's least impedance lets B2 leave the table 9 microseconds before the balls meet; exactly, they meet first.
+    c = collision(0.00553308751813229, 0.8101045963654292, 0.5562510847276028, 0.5158582821238982)
+    outcome = get_solver("mujoco").solve(c, DROP)
+    assert outcome.marked == "gravity ends in a first flight of the engine, and exact kelvin-voigt has none"
+    assert get_solver("mujoco").solve(c, Settings(scenario="impact", convergence=Convergence())).marked == ""

@@ -117,6 +117,28 @@ def test_a_flight_that_is_not_the_end_is_one_without_gravity():
     assert look(*flight(0.3, 0.5, 0.02, 0.01), GRAVITY._replace(g=0.0))[1] == GOING
 
 
+def gaps(*states):
+    """Memory after steps in which the gaps of contacts 1 and 2 are open (1) or closed (0)."""
+    v = [(0.0, 0.0)] * len(states)
+    x = [(1e-4 * (2 * one - 1) + 1e-5 * (2 * two - 1), 1e-5 * (2 * two - 1)) for one, two in states]
+    memory = new_memory()
+    for each, at in zip(v, x, strict=True):
+        p = GRAVITY if memory[14] == -1 else GRAVITY._replace(g=0.0)
+        look([each], [at], each, p, memory=memory)
+    return memory[15:17].tolist()
+
+
+def test_by_how_much_a_flight_begins_or_does_not():
+    # B1 leaves, B2 leaves three steps later and flies for two until B1 is back: a flight by two steps
+    assert gaps((1, 0), (1, 0), (1, 0), (1, 1), (1, 1), (0, 1)) == [2, 1]
+    # B1 is back one step before B2 leaves: none, by one step
+    assert gaps((1, 0), (1, 0), (0, 0), (0, 1), (1, 1)) == [-1, 1]
+    # B1 leaves last, and B2 is back after a step
+    assert gaps((0, 1), (0, 1), (1, 1), (1, 0)) == [1, 2]
+    # nothing comes near: both have been closed from the start
+    assert gaps((0, 0), (1, 0), (1, 0))[0] == math.inf
+
+
 @pytest.mark.parametrize(("v2", "end"), [(0.099, REST), (0.101, GOING), (-0.099, REST), (-0.101, GOING)])
 def test_at_rest_is_what_cannot_lift_off(v2, end):
     # At equilibrium all of the vibration's energy is kinetic: lift-off takes g/omega2 = 0.1 m/s.
