@@ -8,11 +8,11 @@ The outcome of a law in time is a function of k2/k1, m2/m1, e1, e2 and, in a dro
   so is what is left when its balls part.
 
 Next to one an engine cannot be held to the exact outcome, since all that a finite step does moves it across. A cell is
-*marked* where a relative change of one parameter by `CHANGE`, either way, moves a velocity by more than `STEEP` times
-as much, per abs(v0); smooth outcomes move by less than three times as much over the default box (`benchmarks/limits.py
-jumps`). The mark says which parameter and how far. A limit dt -> 0 is marked too where gravity ended in a first flight
-at its shortest step and does not under the exact law, or the other way round: by what gravity does in one contact of
-the balls, 1e-3 |v0| or so, the two are then different collisions.
+*marked* where a relative change of one parameter, either way, moves a velocity per abs(v0) by more than `JUMPS` says;
+smooth outcomes move by less than three times the change over the default box (`benchmarks/limits.py jumps`). The mark
+says which parameter and how far. A limit dt -> 0 is marked too where gravity ended in a first flight at its shortest
+step and does not under the exact law, or the other way round: by what gravity does in one contact of the balls, 1e-3
+|v0| or so, the two are then different collisions.
 """
 
 from __future__ import annotations
@@ -30,14 +30,15 @@ from model.collision import Collision, Outcome
 
 Floats = NDArray[np.float64]
 
-#: Relative change of a parameter that is tried, either way.
-CHANGE = 1e-3
-
-#: Change of a velocity per abs(v0), over that of the parameter, from which on it is a jump.
-STEEP = 10.0
+#: Relative changes of a parameter that are tried, and the change of a velocity per abs(v0) from which on it is a jump.
+#: To a restitution an engine's finest step does more than a thousandth.
+JUMPS = {1e-3: 0.01, 4e-3: 0.02}
 
 #: What is changed, as arguments of a batch, and how a reader knows it.
 CHANGED = ("k2/k1", "m2/m1", "e1", "e2", "gravity")
+
+#: Position in `CHANGED` and relative change of every try.
+TRIED = tuple((i, sign * size) for i in range(len(CHANGED)) for size in JUMPS for sign in (1, -1))
 
 
 def jumps(batch: Callable[..., ReferenceBatch], *cells: Floats) -> tuple[Floats, NDArray[np.intp]]:
@@ -52,26 +53,25 @@ def jumps(batch: Callable[..., ReferenceBatch], *cells: Floats) -> tuple[Floats,
 
     Returns
     -------
-    moved : ndarray, shape (n,)
-        The furthest that a velocity moves, per \|v0\|; infinite if a change leaves no result, NaN where the cell itself
-        has none.
-    parameter : ndarray of int, shape (n,)
-        Position in `CHANGED` of the parameter that moves it so far.
+    excess : ndarray, shape (n,)
+        The largest change of a velocity over what `JUMPS` says: above 1 it is a jump. Infinite if a change leaves no
+        result, NaN where the cell itself has none.
+    which : ndarray of int, shape (n,)
+        Which of `TRIED` gives it.
     """
     base = batch(*cells)
-    moved = np.zeros((len(CHANGED), base.v1.size))
-    for i, values in enumerate(cells):
-        if not np.any(values):
+    excess = np.zeros((len(TRIED), base.v1.size))
+    for n, (i, change) in enumerate(TRIED):
+        if not np.any(cells[i]):
             continue  # no gravity
-        for sign in (1, -1):
-            changed = values * (1 + sign * CHANGE)
-            others = list(cells)
-            others[i] = np.minimum(changed, 1) if CHANGED[i] in ("e1", "e2") else changed
-            other = batch(*others)
-            away = np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2))
-            moved[i] = np.maximum(moved[i], np.where(np.isnan(away), np.inf, away))
-    moved[:, np.isnan(base.v1)] = np.nan
-    return moved.max(axis=0), np.argmax(moved, axis=0)
+        others = list(cells)
+        changed = cells[i] * (1 + change)
+        others[i] = np.minimum(changed, 1) if CHANGED[i] in ("e1", "e2") else changed
+        other = batch(*others)
+        away = np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2))
+        excess[n] = np.where(np.isnan(away), np.inf, away) / JUMPS[abs(change)]
+    excess[:, np.isnan(base.v1)] = np.nan
+    return excess.max(axis=0), np.argmax(excess, axis=0)
 
 
 def mark(
@@ -109,12 +109,14 @@ def mark(
             for c in some
         ]
     ).T
-    moved, parameter = jumps(batch, *cells)
+    excess, which = jumps(batch, *cells)
     exact = batch(*cells)
     flew = (exact.fall < exact.duration).tolist()
-    for i, far, which, flight in zip(there, moved.tolist(), parameter.tolist(), flew, strict=True):
-        if far > STEEP * CHANGE:
-            says = f"a change of {CHANGE:g} in {CHANGED[which]} moves the exact outcome of {law} by {far:.2g} |v0|"
+    for i, over, tried, flight in zip(there, excess.tolist(), which.tolist(), flew, strict=True):
+        if over > 1:
+            parameter, change = TRIED[tried]
+            far = over * JUMPS[abs(change)]
+            says = f"a change of {change:g} in {CHANGED[parameter]} moves the exact outcome of {law} by {far:.2g} |v0|"
             marked[i] = replace(outcomes[i], marked=says)
         elif flights and gravity and flights.get(i, flight) != flight:
             one, other = (f"exact {law}", "the engine") if flight else ("the engine", f"exact {law}")

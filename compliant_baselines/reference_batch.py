@@ -141,10 +141,10 @@ def batch_of(shape: tuple[int, ...], mu: Floats, g: Floats, results: Followed) -
     """
     v1, v2, end, sequence, n_states, n_events, n_steps, duration, fall, limited = results
     failed = (end < 0) | (end == TOO_LONG)
-    impulse1 = np.where(failed, np.nan, 1 + v1 + g * fall)
-    impulse2 = np.where(failed, np.nan, impulse1 + mu * (v2 + g * fall))
     v1 = np.where(failed, np.nan, np.where(end == STUCK, 0.0, v1))
     v2 = np.where(failed, np.nan, np.where(end != FREE, 0.0, v2))
+    impulse1 = 1 + v1 + g * fall
+    impulse2 = impulse1 + mu * (v2 + g * fall)
     status = np.where(limited, "limit", "ok")
     status = np.where(end == TOO_LONG, "timeout", np.where(end < 0, "unrepresentable", status))
     return ReferenceBatch(

@@ -77,11 +77,12 @@ class ReferenceSolver(SolverBase):
             diagnostics["gravity_number"] = g / math.sqrt(1 + 1 / c.mass_ratio)
             if fall < duration:
                 diagnostics["first_flight"] = fall * unit
-        impulse1 = 1 + v1 + g * fall
-        impulse2 = impulse1 + c.mass_ratio * (v2 + g * fall)
         if end != FREE:
             diagnostics["rest_speed"] = v2 * speed
             v1, v2 = (0.0 if end == STUCK else v1), 0.0
+        # Impulses go with the velocities reported, as those of engines do.
+        impulse1 = 1 + v1 + g * fall
+        impulse2 = impulse1 + c.mass_ratio * (v2 + g * fall)
         momentum = c.m1 * speed
         return Outcome(
             solver=self.name,

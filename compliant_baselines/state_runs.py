@@ -77,6 +77,11 @@ def merge_runs(raw: Runs, shortest: float) -> Runs:
     shortest : float
         Time for which a state must be held to count, in the unit of `raw`.
     """
+    # A run without a length is none, and what it parts is one: how a path is written down decides nothing.
+    ends = np.append(raw.start[1:], raw.end)[: len(raw.start)]
+    held = (ends != raw.start) | ~np.isfinite(raw.start)
+    held[:1] = True
+    raw = Runs(raw.start[held], raw.state[held], raw.end)
     state = raw.state.copy()
     # Rule 1. Contact 1 carries force in S1 and S3, contact 2 in S1 and S2.
     for carries, without in (((1, 3), {2: 1, 4: 3}), ((1, 2), {3: 1, 4: 2})):

@@ -201,7 +201,7 @@ def reasons_of(tables: Iterable[pa.Table]) -> list[tuple[str, str, str, int]]:
 
 
 def between(path: Path, config: Config) -> Frame:
-    """D between compliant solvers: near zero where they share what makes them differ from the model.
+    """D between compliant solvers, marked rows left out: near zero where they share what tells them from the model.
 
     Parameters
     ----------
@@ -213,6 +213,7 @@ def between(path: Path, config: Config) -> Frame:
     u1 = (column(path, "v1") / speed).reshape(-1, len(config.solvers))
     u2 = (np.sqrt(column(path, "mass_ratio")) * column(path, "v2") / speed).reshape(-1, len(config.solvers))
     done = np.isin(codes(path, "status", COMPARABLE), range(len(COMPARABLE))).reshape(u1.shape)
+    done &= ~present(path, "marked").reshape(u1.shape)
     u1[~done], u2[~done] = np.nan, np.nan
     rows = []
     for i, name in enumerate(names):

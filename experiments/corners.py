@@ -18,12 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compliant_baselines.bistiffness import bistiffness_batch
+from compliant_baselines.jumps import JUMPS, jumps
 from compliant_baselines.reference_batch import ReferenceBatch
 from compliant_baselines.registry import KELVIN_VOIGT
 from experiments.rungs import LAWS
@@ -107,13 +109,47 @@ def solve_corners(
     laws : sequence of str
         From `laws_of`.
     """
+    for index, solve, number in _solvers(gravity_number, laws):
+        yield index, solve(*cells, number)
+
+
+def _solvers(
+    gravity_number: Floats, laws: Sequence[str]
+) -> Iterator[tuple[Index, Callable[..., ReferenceBatch], Floats]]:
+    """Give what solves each corner but the model, and its gravity number."""
     for gravity in (WEIGHTLESS, SCENARIO) if np.any(gravity_number > 0) else (WEIGHTLESS,):
         for positions, law in product((FREE, FROZEN), range(len(laws))):
             index = positions, law, gravity
             if index != MODEL:
                 solve: Callable[..., ReferenceBatch] = LAWS[laws[law]] if law else bistiffness_batch
                 number = gravity_number if gravity else np.zeros_like(gravity_number)
-                yield index, solve(*cells, number, frozen=positions == FROZEN)
+                yield index, partial(solve, frozen=positions == FROZEN), number
+
+
+def corner_marks(
+    cells: Sequence[Floats], gravity_number: Floats, law: str = KELVIN_VOIGT, obeyed: str = KELVIN_VOIGT
+) -> Texts:
+    """Say of each cell which corner jumps beside it (`compliant_baselines.jumps`): its shares would be others.
+
+    Parameters
+    ----------
+    cells, gravity_number, law, obeyed
+        As for `corners`.
+
+    Returns
+    -------
+    ndarray of str, shape (n,)
+        Empty where no corner between the model and the engine's law does.
+    """
+    laws = laws_of(law, obeyed)
+    marks = np.full(len(gravity_number), "", dtype="U120")
+    for index, solve, number in _solvers(gravity_number, laws):
+        excess, _ = jumps(solve, *cells, number)
+        found = (excess > 1) & (marks == "")
+        marks[found] = (
+            f"ladder: {_called(index, laws)} jumps where a parameter changes by {max(JUMPS):g} or less"
+        )
+    return marks
 
 
 def gather(model: Floats, batches: Iterable[tuple[Index, ReferenceBatch]], laws: Sequence[str]) -> Corners:

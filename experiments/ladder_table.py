@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from compliant_baselines.registry import KELVIN_VOIGT, engine_free_names, law_of
 from experiments.axes import AXES
 from experiments.config import REFERENCE
-from experiments.corners import Corners, corner_names, corners
+from experiments.corners import Corners, Texts, corner_marks, corner_names, corners
 from experiments.divergence import COMPARABLE
 from experiments.ladder import NOTHING, Floats, Split, cancelling, split
 from experiments.rungs import CAUSES, CHOICE, ENGINE, Rung, rungs_of
@@ -182,7 +182,15 @@ def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Ta
     limit[engines["status"].to_numpy(zero_copy_only=False) == UNCONVERGED] = np.nan
     ladders = split(mu[at], here, limit, engine)
     status, reason = _statuses(engines, model, at, here.reason, ladders)
-    return _table(engines, _numbers(model, "grazing_margin")[at], here, ladders, status, reason)
+    marks = corner_marks((kappa, mu, e1, e2), number, law, obeyed)[at]
+    return _table(engines, _numbers(model, "grazing_margin")[at], marks, here, ladders, status, reason)
+
+
+def _marks(solvers: list[str | None], corners: list[str]) -> list[str | None]:
+    """Join the mark of each row's solver with that of the corners."""
+    return [
+        "; ".join(filter(None, (mine, other))) or None for mine, other in zip(solvers, corners, strict=True)
+    ]
 
 
 def _numbers(table: pa.Table, name: str) -> Floats:
@@ -223,7 +231,13 @@ def _statuses(
 
 
 def _table(
-    engines: pa.Table, margin: Floats, here: Corners, ladders: Split, status: list[str], reason: Any
+    engines: pa.Table,
+    margin: Floats,
+    marks: Texts,
+    here: Corners,
+    ladders: Split,
+    status: list[str],
+    reason: Any,
 ) -> pa.Table:
     ok = ~np.isnan(ladders.divergence) & np.array([s in ("ok", UNCONVERGED) for s in status])
     columns: dict[str, Any] = {name: engines[name] for name in _PARAMETERS}
@@ -234,7 +248,7 @@ def _table(
     columns |= {
         "status": status,
         "reason": reason,
-        "marked": engines["marked"],
+        "marked": _marks(engines["marked"].to_pylist(), marks.tolist()),
         "model_grazing_margin": pa.array(margin, pa.float64(), from_pandas=True),
         "velocity_divergence": numbers(ladders.divergence),
         "dv1": numbers(ladders.total[:, 0]),
@@ -286,14 +300,17 @@ def _sentences(solvers: list[str], ladders: Split, ok: Any) -> list[str | None]:
     phrases = [rung.phrase for rung in ladders.rungs]
     shares, (low, high) = ladders.shares, ladders.ranges
     sentences: list[str | None] = []
+    agreed = ladders.agreed()
     for i, name in enumerate(solvers):
         columns = (values[:, i].tolist() for values in (shares, ladders.norms, low, high))
         found = [Part(*row) for row in zip(phrases, *columns, strict=True) if not np.isnan(row[2])]
-        sentences.append(sentence(name, float(ladders.divergence[i]), found) if ok[i] else None)
+        sentences.append(
+            sentence(name, float(ladders.divergence[i]), found, bool(agreed[i])) if ok[i] else None
+        )
     return sentences
 
 
-def sentence(solver: str, divergence: float, parts: Sequence[Part]) -> str:
+def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool = True) -> str:
     """Say in words which rung carries most of a divergence.
 
     Parameters
@@ -304,6 +321,8 @@ def sentence(solver: str, divergence: float, parts: Sequence[Part]) -> str:
         D.
     parts : sequence of Part
         Every rung there is.
+    agreed : bool
+        Whether the largest is the same by every order.
     """
     if divergence < NOTHING:
         return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."
@@ -312,7 +331,9 @@ def sentence(solver: str, divergence: float, parts: Sequence[Part]) -> str:
         one, two = (f"{parts[i].phrase} (norm {parts[i].norm:.3g})" for i in pair)
         return f"{solver} ends D = {divergence:.3g} from the model, where two large causes cancel: {one} and {two}."
     first, *others = sorted(parts, key=lambda part: -part.share)
-    how_much = "most of it" if first.share > 0.5 else "the largest part of it"
+    sure = first.low if np.isfinite(first.low) else first.share
+    how_much = "most of it" if sure > 0.5 else "the largest part of it"
+    how_much += "" if agreed else " (another by another order)"
     text = (
         f"{solver} ends D = {divergence:.3g} from the model, {how_much} by {first.phrase} "
         f"({first.percent}, norm {first.norm:.3g})"

@@ -22,7 +22,7 @@ from model.automaton import (
 from model.compiled import OPTIONS
 from model.inputs import Cutoff, broadcast_inputs
 from model.marks import MARKS, mark_codes
-from model.solver import MAX_EVENTS, beyond, check_cutoff, check_law
+from model.solver import MAX_EVENTS, beyond, check_cutoff, check_law, nearest_jump
 
 _STATUS_OF = np.array(STATUS_OF)
 _MARKS = np.array(MARKS, dtype=object)
@@ -114,7 +114,7 @@ def solve_batch(
         cells = [a[used] for a in flat]
         u1, u2, *_ = _solve_all(*cells, beyond(cutoff), max_events, law)  # pyright: ignore
         effect[used] = np.hypot(u1 - v1[used], np.sqrt(cells[1]) * (u2 - v2[used]))
-    mark = mark_codes(margin, 0.0 if effect is None or cutoff == EXACT else effect)
+    mark = mark_codes(nearest_jump(margin, law), 0.0 if effect is None or cutoff == EXACT else effect)
     return BatchOutcome(
         v1=v1.reshape(shape),
         v2=v2.reshape(shape),

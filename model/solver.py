@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -121,12 +122,19 @@ def solve(
         status=STATUS_OF[code],
         reason=_reason(collision, cutoff, code),
         grazing_margin=margin,
-        marked=MARKS[int(mark_codes(margin, 0.0 if cutoff == EXACT else effect, grazing_threshold))],
+        marked=MARKS[
+            int(mark_codes(nearest_jump(margin, law), 0.0 if cutoff == EXACT else effect, grazing_threshold))
+        ],
         n_events=n_events,
         diagnostics={"energy_residual": 0.5 - loss - 0.5 * (v1 * v1 + mu * v2 * v2), **known},
         path=trail,
         events=events,
     )
+
+
+def nearest_jump(margin: Any, law: int) -> Any:
+    """Grazing margin, or infinity under a law that has no jumps: a restart that takes back the loss leaves none."""
+    return margin if law == STIFFENING else np.full_like(margin, np.inf)
 
 
 def check_cutoff(cutoff: Cutoff) -> float:

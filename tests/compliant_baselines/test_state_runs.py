@@ -270,3 +270,10 @@ def test_an_engine_is_no_nearer_to_the_model_than_its_exact_law(side_by_side):
     # Through the engine's filter alone it is: an artefact.
     states = [o.states for o in model]
     assert share_of(engine, states) > share_of([o.states for o in exact], states) + 0.04
+
+
+def test_how_a_path_is_written_down_decides_nothing():
+    # S2 in one piece, and in two with an S1 of no length between them
+    whole = Runs(np.array([0, 3, 4.8]), np.array([1, 2, 3]), 8.0)
+    parted = Runs(np.array([0, 3, 3.9, 3.9, 4.8]), np.array([1, 2, 1, 2, 3]), 8.0)
+    assert merge_runs(parted, 1.0).names == merge_runs(whole, 1.0).names == ("S1", "S2", "S3", "S4")

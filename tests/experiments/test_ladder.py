@@ -18,7 +18,7 @@ from compliant_baselines.registry import KELVIN_VOIGT
 from experiments import streams
 from experiments.cli import main
 from experiments.config import parse_config
-from experiments.corners import Corners, corner_names, corners
+from experiments.corners import Corners, corner_marks, corner_names, corners
 from experiments.grid import CellGrid
 from experiments.ladder import by_order, cancelling, split
 from experiments.ladder_document import ladder_findings
@@ -485,6 +485,24 @@ def test_sentences(parts, expected):
     parts = [Part(*part) for part in parts]
     assert expected in sentence("engine", 0.1, parts)
     assert "nothing to split" in sentence("engine", 1e-12, parts)
+
+
+def test_a_cause_carries_most_only_if_it_does_so_by_every_order():
+    wide = [Part("a", 0.62, 0.1, 0.04, 1.2), Part("b", 0.38, 0.1, -0.2, 0.96)]
+    assert "the largest part of it (another by another order) by a" in sentence("engine", 0.1, wide, False)
+    narrow = [Part("a", 0.62, 0.1, 0.58, 0.7), Part("b", 0.38, 0.1, 0.3, 0.42)]
+    assert "most of it by a" in sentence("engine", 0.1, narrow)
+
+
+def test_a_cell_is_marked_where_a_corner_of_its_ladder_jumps():
+    # Model and kelvin-voigt stay where they are; with frozen positions and gravity bistiffness moves by 0.1 within
+    # 1e-3 in k2/k1, and gravity's share with it from 4 to 75 %.
+    cell = 0.0367233421504446, 0.6889490525763244, 0.5694414020068647, 0.7990332863355147
+    cells = [np.array([x, y]) for x, y in zip(cell, (1.0, 1.0, 0.8, 0.8), strict=True)]
+    number = 9.81 / np.sqrt(1e8 * (1 + 1 / cells[1]))
+    first, second = corner_marks(cells, number)
+    assert first == "ladder: frozen bistiffness with gravity jumps where a parameter changes by 0.004 or less"
+    assert second == ""
 
 
 def test_two_large_causes_cancel_beyond_a_stated_rule():

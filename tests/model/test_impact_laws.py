@@ -120,3 +120,22 @@ def test_unknown_law():
         solve(c, impact_law="newton")
     with pytest.raises(ValueError, match="impact_law"):
         solve_batch(1.0, 1.0, 1.0, 1.0, impact_law="newton")
+
+
+def test_a_law_without_jumps_is_marked_for_none():
+    rng = np.random.default_rng(3)
+    cells = (
+        10 ** rng.uniform(-2, 2, 60_000),
+        10 ** rng.uniform(-1, 1, 60_000),
+        *rng.uniform(0.3, 1, (2, 60_000)),
+    )
+    here, there = solve_batch(*cells), solve_batch(*cells, impact_law=LZB)
+    near = np.flatnonzero(there.grazing_margin < 2e-4)
+    assert len(near) > 20
+    assert not there.mark.any()
+    assert here.mark[here.grazing_margin < 5e-5].all()
+    # next to where it would be marked, nothing moves
+    some = [x[near] for x in cells]
+    moved = solve_batch(some[0] * (1 + 1e-5), *some[1:], impact_law=LZB)
+    assert np.abs(moved.v1 - there.v1[near]).max() < 1e-3
+    assert solve(Collision.from_ratios(*(float(x[0]) for x in some)), impact_law=LZB).marked == ""
