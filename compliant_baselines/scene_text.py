@@ -81,10 +81,15 @@ def mjcf(column: Column) -> str:
         option.set(name, _words(loaded(f"opt.{name}")))
     for name in ("B1", "B2"):
         body, geom = model.body(name).id, model.geom(name).id
-        element(f".//body[@name='{name}']").set("pos", _words(loaded("body_pos", body)))
+        placed = element(f".//body[@name='{name}']")
+        placed.set("pos", _words(loaded("body_pos", body)))
+        # As in the batch, where masses and sizes are written after compiling: the inertia, which nothing turns on a
+        # slide, is the template's, and no compiler finds that of a small ball too small.
+        inertial = {"pos": "0 0 0", "mass": _words(loaded("body_mass", body)), "diaginertia": "1 1 1"}
+        placed.insert(0, ElementTree.Element("inertial", inertial))
         shape = element(f".//geom[@name='{name}']")
         shape.set("size", _words(loaded("geom_size", geom)[0]))
-        shape.set("mass", _words(loaded("body_mass", body)))
+        del shape.attrib["mass"]
     for name in ("ball-ball", "ball-table"):
         pair = element(f".//pair[@name='{name}']")
         pair.set("solref", _words(loaded("pair_solref", model.pair(name).id)))
