@@ -65,8 +65,9 @@ def jumps(batch: Callable[..., ReferenceBatch], *cells: Floats) -> tuple[Floats,
         if not np.any(cells[i]):
             continue  # no gravity
         others = list(cells)
-        changed = cells[i] * (1 + change)
-        others[i] = np.minimum(changed, 1) if CHANGED[i] in ("e1", "e2") else changed
+        most = 1.0 if CHANGED[i] in ("e1", "e2") else np.finfo(float).max
+        with np.errstate(over="ignore"):
+            others[i] = np.minimum(cells[i] * (1 + change), most)
         other = batch(*others)
         away = np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2))
         excess[n] = np.where(np.isnan(away), np.inf, away) / JUMPS[abs(change)]

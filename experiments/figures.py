@@ -144,8 +144,8 @@ def _divergence_by_stiffness(data: Data) -> tuple[Figure, str]:
     return figure, (
         f"Velocity divergence D of each solver from the {REFERENCE} model over the stiffness ratio k2/k1. "
         "Line with markers: median over mass ratios and restitutions; band: 5th to 95th percentile; dotted: "
-        "maximum. D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)), dimensionless; cells beside a jump of the "
-        f"model are left out; values below {number(_FLOOR)} are drawn there."
+        "maximum. D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)), dimensionless; marked cells "
+        f"(beside a jump) are left out; values below {number(_FLOOR)} are drawn there."
     )
 
 
@@ -156,7 +156,7 @@ def _divergence_map(data: Data) -> tuple[Figure, str]:
     return _median_maps(data, across, up, size), (
         f"Median over the restitutions e1, e2 of the velocity divergence D from the {REFERENCE} model, by "
         "stiffness ratio k2/k1 and mass ratio m2/m1, one panel a solver and one colour scale for all. "
-        "White: nothing to compare. Cells beside a jump of the model are left out."
+        "White: nothing to compare. Marked cells (beside a jump) are left out."
     )
 
 
@@ -166,7 +166,7 @@ def _divergence_by_restitution(data: Data) -> tuple[Figure, str]:
     return _median_maps(data, across, up, size, written=36), (
         f"Median over stiffness and mass ratios of the velocity divergence D from the {REFERENCE} model, by "
         "the coefficients of restitution e1 (ball on ball) and e2 (ball on table), one panel a solver. "
-        "Cells beside a jump of the model are left out."
+        "Marked cells (beside a jump) are left out."
     )
 
 
@@ -234,8 +234,8 @@ def _state_paths(data: Data) -> tuple[Figure, str]:
     return figure, (
         "Share of cells in which a solver passes through the same sequence of contact states (S1 both "
         f"contacts active, S2 ball on table, S3 ball on ball, S4 none) as the {REFERENCE} model, over the "
-        "stiffness ratio k2/k1, of the cells in which the model took no limit (its path ends there). Cells "
-        "beside a jump of the model are left out."
+        "stiffness ratio k2/k1, of the cells in which the model took no limit (its path ends there). Marked "
+        "cells (beside a jump) are left out."
     )
 
 
@@ -264,5 +264,5 @@ def _energy(data: Data) -> tuple[Figure, str]:
         "Difference of the fraction of kinetic energy that is left after the collision, solver minus "
         f"{REFERENCE} model, over the stiffness ratio k2/k1: marker the median, bar the 5th to 95th "
         "percentile over mass ratios and restitutions. Above zero the solver dissipates less than the "
-        "model. Solvers are set side by side for legibility; cells beside a jump of the model are left out."
+        "model. Solvers are set side by side for legibility; marked cells (beside a jump) are left out."
     )

@@ -72,7 +72,7 @@ def _what_was_run(summary: Summary) -> str:
         f"{summary.n_cells} cells of scenario '{c.scenario}' at {scale}{gravity}; step fraction "
         f"{number(c.step_fraction)}, {c.mapping} mapping. D is the kinetic norm of the difference of the "
         "final velocities, sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)); velocities are per |v0|, impulses per m1 "
-        "|v0|. Unless said otherwise, cells beside a jump of the model are left out."
+        "|v0|. Unless said otherwise, marked cells are left out."
     )
 
 
@@ -145,15 +145,15 @@ def _both_ways(row: Frame) -> tuple[tuple[str, str], tuple[str, str]]:
 
 def _marked(summary: Summary) -> str:
     more = [
-        f"{name} in {n} more"
+        f"{name} in {n}"
         for name in summary.solvers
         if (n := int(summary.get(name, "velocity_divergence", cells="marked").n) - summary.n_marked) > 0
     ]
     return (
         f"{summary.n_marked} of {summary.n_cells} cells are marked and kept apart: next to them the model's outcome "
         "jumps in the parameters, where a compression nearly ends or nearly does not, or it depends on a cut-off. "
-        f"{' and '.join(more) or 'No solver'} is marked because its exact law jumps there; the column marked says "
-        "which and why."
+        f"Rows of a solver are marked beyond these where its exact law jumps: {', '.join(more) or 'none'}. The column "
+        "marked says which and why."
     )
 
 

@@ -26,8 +26,8 @@ _MEANING = (
     "that the bars, those below zero subtracted, sum to the mean D (black line). Below zero: a cause that takes the "
     "engine back towards the model. Whiskers: frozen positions, dissipation law and gravity can be changed in six "
     "orders; a bar is the mean over them, and its whisker reaches from where it ends by the order that gives least to "
-    "where by the one that gives most. D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)), dimensionless; cells "
-    "beside a jump of the model are left out."
+    "where by the one that gives most. D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)), dimensionless; marked "
+    "cells (beside a jump) are left out."
 )
 
 
@@ -123,5 +123,5 @@ def _norms(ladder: LadderSummary) -> tuple[Figure, str]:
         "How large each cause of divergence is by itself, whatever its direction: kinetic norm of its difference of "
         "(v1, v2), per |v0|, over the stiffness ratio k2/k1. Line with markers: median over mass ratios and "
         "restitutions; dotted: 95th percentile. Causes may oppose each other, so norms do not add up to D. Values "
-        f"below {number(_FLOOR)} are drawn there; cells beside a jump of the model are left out."
+        f"below {number(_FLOOR)} are drawn there; marked cells (beside a jump) are left out."
     )

@@ -1,8 +1,8 @@
 """The worst divergence in a box of parameters, by differential evolution.
 
 Generations of a population are batches of cells, solved side by side like those of a sweep, kept as parts,
-and found again by a search that is resumed: with the same seed it takes the same way. Cells beside a jump of
-the model count as nothing, since there any divergence is found; so do cells without a result. What is found
+and found again by a search that is resumed: with the same seed it takes the same way. Marked cells, beside
+a jump, count as nothing, since there any divergence is found; so do cells without a result. What is found
 is confirmed with the step halved twice: a divergence that moves with the step would be the integrator's, not
 the law's.
 """
@@ -63,7 +63,7 @@ class Found:
     confirmed : list of dict
         The worst cell again: ``step_fraction``, ``value`` of the measure (None without a result), ``status``.
     evaluated, marked, failed : int
-        Cells that were solved; those beside a jump of the model, and those without a result.
+        Cells that were solved; those marked, and those without a result.
     best : list of float
         Largest value so far after each generation.
     """

@@ -56,5 +56,5 @@ def caption(found: Found) -> str:
         f"differential evolution: {found.evaluated} cells in {len(found.best)} generations of {s.population}, "
         f"seed {s.seed}. Left: largest value so far. Others: every cell evaluated, over each parameter, coloured "
         f"by generation; red star: the worst{'; fixed: ' + ', '.join(fixed) if fixed else ''}. {found.marked} "
-        f"cells beside a jump of the model and {found.failed} without a result do not count and are not shown."
+        f"marked cells (beside a jump) and {found.failed} without a result do not count and are not shown."
     )

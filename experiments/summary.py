@@ -1,6 +1,6 @@
 """What the table of divergence says: statistics by solver and axis, worst cells, agreement of paths.
 
-Cells beside a jump of the model (grazing margin below the threshold of the configuration) are kept apart
+Marked rows, beside a jump of the model or of the exact law of their solver, are kept apart
 everywhere: there an arbitrarily small difference may end in another outcome, so they say little about
 physics.
 """
@@ -74,7 +74,7 @@ class Summary:
     certificates : DataFrame
         Convergence certificates by solver (`experiments.certificates`); empty without any.
     n_cells, n_marked : int
-        Cells of the grid, and those of them beside a jump.
+        Cells of the grid, and those of them in which the model is marked.
     ladder : LadderSummary
         What the divergence of the engines is made of.
     """

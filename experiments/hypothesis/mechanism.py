@@ -199,7 +199,7 @@ def observe(
     case = BY_KEY[case_key]
     collision = Collision.from_ratios(*POINTS[case_key].ratios(case, contrast))
     solver = resolve(solver_name)
-    settings = Settings(record_path=True, stiffness_ratio_cutoff=math.inf, max_steps=50_000_000)
+    settings = Settings(record_path=True, stiffness_ratio_cutoff=math.inf, mark=False, max_steps=50_000_000)
     if isinstance(solver, EngineSolver):
         settings = replace(settings, step_fraction=1 / ENGINE_STEPS)
     outcome = answer(solver, [collision], settings)[0]

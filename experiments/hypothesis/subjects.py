@@ -221,7 +221,9 @@ def subject(name: str, steps: int, resolve: Resolve = get_solver) -> Subject:
         return Subject(name, "exact", _EXACT[name], name)
     costly = registry.is_costly(name)
     fraction = (3 if costly else 1) / steps
-    settings = Settings(step_fraction=fraction, stiffness_ratio_cutoff=math.inf, max_steps=50_000_000)
+    settings = Settings(
+        step_fraction=fraction, stiffness_ratio_cutoff=math.inf, mark=False, max_steps=50_000_000
+    )
     solver = resolve(name)
     if isinstance(solver, EngineSolver):
         family = "kelvin-voigt" if name in solver_names() else "none"
