@@ -29,14 +29,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from compliant_baselines import get_solver
-from compliant_baselines.column import Column, column_of
-from compliant_baselines.contract import Settings
-from compliant_baselines.convergence import Convergence
-from compliant_baselines.engine import EngineSolver
-from experiments.config import parse_config
-from experiments.grid import CellGrid
-from model.collision import Collision
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contact.column import Column, column_of
+from impact_xval.compliant_baselines.contract.convergence import Convergence
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.grid import CellGrid
+from impact_xval.model.collision import Collision
 
 
 def cells(chunks: int) -> list[Collision]:
@@ -62,7 +62,7 @@ def bare_mujoco(columns: Sequence[Column], steps: Sequence[int]) -> float:
     """Step every column by mj_step alone."""
     from mujoco.batch import Batch
 
-    from compliant_baselines import mujoco_drop
+    from impact_xval.compliant_baselines.engines import mujoco_drop
 
     mujoco: Any = import_module("mujoco")
     spent = 0.0
@@ -79,7 +79,7 @@ def bare_pybullet(columns: Sequence[Column], steps: Sequence[int], stride: int =
     """Step every column by stepSimulation alone, many sub-steps a call."""
     import pybullet as p
 
-    from compliant_baselines import pybullet_world
+    from impact_xval.compliant_baselines.engines import pybullet_world
 
     spent = 0.0
     with pybullet_world.connected() as client:

@@ -17,7 +17,7 @@ import time
 
 import numpy as np
 
-from model import solve_batch
+from impact_xval.model import solve_batch
 
 BLOCK = 100_000
 

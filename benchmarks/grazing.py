@@ -14,7 +14,7 @@ import argparse
 
 import numpy as np
 
-from model import solve_batch
+from impact_xval.model import solve_batch
 
 
 def main() -> None:

@@ -16,14 +16,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from experiments.hypothesis.cases import CASES, LOSSY, Case, pair_class
-from experiments.hypothesis.config import parse
-from experiments.hypothesis.design import draw
-from experiments.hypothesis.run import contrasts
-from experiments.hypothesis.series import Series, ratios_of
-from experiments.hypothesis.subjects import default_names, subject
-from experiments.hypothesis.verdicts import FAR
-from experiments.numbers import percent
+from impact_xval.experiments.hypothesis.cases import (
+    CASES,
+    LOSSY,
+    Case,
+    pair_class,
+)
+from impact_xval.experiments.hypothesis.config import parse
+from impact_xval.experiments.hypothesis.design import draw
+from impact_xval.experiments.hypothesis.run import contrasts
+from impact_xval.experiments.hypothesis.series import Series, ratios_of
+from impact_xval.experiments.hypothesis.subjects import default_names, subject
+from impact_xval.experiments.hypothesis.verdicts import FAR
+from impact_xval.experiments.tables.numbers import percent
 
 #: D up to which a cell counts as agreeing.
 NEAR = 1e-3

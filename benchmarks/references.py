@@ -30,10 +30,10 @@ from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
 
-from compliant_baselines.bistiffness import bistiffness_batch
-from compliant_baselines.kelvin_voigt import dampings, kelvin_voigt_batch
-from compliant_baselines.reference_solver import ReferenceBatch
-from experiments.plane import Plane, write_plane
+from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, kelvin_voigt_batch
+from impact_xval.compliant_baselines.references.reference_solver import ReferenceBatch
+from impact_xval.experiments.measures.plane import Plane, write_plane
 
 GRAVITY_NUMBER = 0.05
 REFERENCES: dict[str, Callable[..., ReferenceBatch]] = {

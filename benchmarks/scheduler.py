@@ -27,12 +27,12 @@ from distributed import Client, LocalCluster
 from rich.console import Console
 from rich.table import Table
 
-from compliant_baselines import get_solver
-from experiments.config import parse_config
-from experiments.designs import cells_of
-from experiments.executors import in_flight
-from experiments.solving import Job, compute
-from experiments.store import RunFolder, part_bytes
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.sweep.designs import cells_of
+from impact_xval.experiments.sweep.executors import in_flight
+from impact_xval.experiments.sweep.solving import Job, compute
+from impact_xval.experiments.tables.store import RunFolder, part_bytes
 
 CHUNK = 16
 

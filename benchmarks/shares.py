@@ -2,7 +2,7 @@
 
 Run as ``python benchmarks/shares.py``. What diverges here is exact Kelvin-Voigt in a drop from the model: all of an
 engine's divergence but its regularisation, its mapping and its time step. For every k1 it prints, by band of k2/k1, the
-mean D and the shares of frozen positions, dissipation law and gravity as `experiments.ladder` defines them, with the
+mean D and the shares of frozen positions, dissipation law and gravity as `measures.ladder` defines them, with the
 least and the largest over the six orders of the causes, and in how many cells the largest cause is another by another
 order.
 
@@ -17,12 +17,12 @@ import math
 
 import numpy as np
 
-from experiments.config import Config
-from experiments.corners import corners
-from experiments.ladder import NOTHING, split
-from experiments.ladder_summary import BANDS, band_of
-from experiments.numbers import percent
-from model import solve_batch
+from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.measures.corners import corners
+from impact_xval.experiments.measures.ladder import NOTHING, split
+from impact_xval.experiments.measures.ladder_summary import BANDS, band_of
+from impact_xval.experiments.tables.numbers import percent
+from impact_xval.model import solve_batch
 
 
 def _plain(share: float) -> str:

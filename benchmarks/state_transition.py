@@ -33,11 +33,18 @@ from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
 
-from model import SUPPLEMENT_CUTOFF, Collision, Cutoff, Outcome, solve, solve_batch
-from model.automaton import STIFFENING
-from model.batch import _solve_all
-from model.oracle import solve_oracle
-from model.solver import MAX_EVENTS, check_cutoff
+from impact_xval.model import (
+    SUPPLEMENT_CUTOFF,
+    Collision,
+    Cutoff,
+    Outcome,
+    solve,
+    solve_batch,
+)
+from impact_xval.model.automaton import STIFFENING
+from impact_xval.model.batch import _solve_all
+from impact_xval.model.oracle import solve_oracle
+from impact_xval.model.solver import MAX_EVENTS, check_cutoff
 
 #: Decades of k2/k1 and of m2/m1, and the least e: the box of all the rest, that of the default run, and a wide one, in
 #: which cut-offs are compared.

@@ -18,13 +18,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from compliant_baselines import get_solver
-from compliant_baselines.contract import Settings
-from compliant_baselines.registry import law_of
-from experiments.config import parse_config
-from experiments.grid import CellGrid
-from experiments.numbers import number
-from model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.grid import CellGrid
+from impact_xval.experiments.tables.numbers import number
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 ENGINES = ("mujoco", "pybullet")
 FRACTIONS = (1e-3, 1e-2, 0.03, 0.1)

@@ -31,12 +31,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from compliant_baselines import get_solver, solver_names
-from experiments.config import REFERENCE, Config, parse_config
-from experiments.designs import cells_of
-from experiments.report import write_tables
-from experiments.solving import Job, compute
-from experiments.sweep import run_sweep
+from impact_xval.compliant_baselines import get_solver, solver_names
+from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
+from impact_xval.experiments.presentation.report import write_tables
+from impact_xval.experiments.sweep.designs import cells_of
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.solving import Job, compute
 
 ENGINE_FREE = ["bistiffness", "kelvin-voigt"]
 

@@ -3,10 +3,15 @@
 `Collision` and `Outcome` are the vocabulary; `solve` answers one collision, `solve_batch` arrays of them.
 """
 
-from model.batch import BatchOutcome, solve_batch
-from model.collision import Collision, Event, Outcome, Path
-from model.inputs import SUPPLEMENT_CUTOFF, Cutoff
-from model.solver import solve
+from impact_xval.model.batch import BatchOutcome, solve_batch
+from impact_xval.model.collision import (
+    Collision,
+    Event,
+    Outcome,
+    Path,
+)
+from impact_xval.model.inputs import SUPPLEMENT_CUTOFF, Cutoff
+from impact_xval.model.solver import solve
 
 __all__ = [
     "SUPPLEMENT_CUTOFF",

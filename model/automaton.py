@@ -23,10 +23,10 @@ from __future__ import annotations
 
 from math import inf, isnan, sqrt
 
-from model.collision import Status
-from model.compiled import compiled
-from model.events import first_event, next_turn
-from model.limits import (
+from impact_xval.model.collision import Status
+from impact_xval.model.compiled import compiled
+from impact_xval.model.events import first_event, next_turn
+from impact_xval.model.limits import (
     complete_ball_ball,
     complete_ball_table,
     one_body,
@@ -35,7 +35,7 @@ from model.limits import (
     static_energy1,
     static_energy2,
 )
-from model.motion import amplitudes, modes, single_contact
+from impact_xval.model.motion import amplitudes, modes, single_contact
 
 INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
 S1, S2, S3, S4 = 1, 2, 3, 4

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from model.automaton import (
+from impact_xval.model.automaton import (
     BEYOND_PRECISION,
     EXACT,
     LIMIT,
@@ -19,10 +19,16 @@ from model.automaton import (
     TOO_MANY_EVENTS,
     collide,
 )
-from model.compiled import OPTIONS
-from model.inputs import Cutoff, broadcast_inputs
-from model.marks import MARKS, mark_codes
-from model.solver import MAX_EVENTS, beyond, check_cutoff, check_law, nearest_jump
+from impact_xval.model.compiled import OPTIONS
+from impact_xval.model.inputs import Cutoff, broadcast_inputs
+from impact_xval.model.marks import MARKS, mark_codes
+from impact_xval.model.solver import (
+    MAX_EVENTS,
+    beyond,
+    check_cutoff,
+    check_law,
+    nearest_jump,
+)
 
 _STATUS_OF = np.array(STATUS_OF)
 _MARKS = np.array(MARKS, dtype=object)

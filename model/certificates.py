@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from model.compiled import inlined
+from impact_xval.model.compiled import inlined
 
 
 @inlined

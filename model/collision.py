@@ -15,7 +15,12 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from model.inputs import E1, E2, MASS_RATIO, STIFFNESS_RATIO
+from impact_xval.model.inputs import (
+    E1,
+    E2,
+    MASS_RATIO,
+    STIFFNESS_RATIO,
+)
 
 Status = Literal["ok", "limit", "unconverged", "timeout", "unrepresentable", "unavailable", "crashed"]
 STATUSES: tuple[str, ...] = get_args(Status)

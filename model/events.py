@@ -25,12 +25,29 @@ from __future__ import annotations
 
 from math import atan2, cos, inf, pi, sin, sqrt
 
-from model.certificates import leaves_zero, near_miss, positive_between, time_above_zero, two_extrema
-from model.compiled import inlined
-from model.limits import CLEAR
-from model.motion import modal, motion, turn, turn_little
-from model.roots import EPSILON, NEAR, envelope_time, extremum_between, root_before
-from model.sinusoid import cos_sin
+from impact_xval.model.certificates import (
+    leaves_zero,
+    near_miss,
+    positive_between,
+    time_above_zero,
+    two_extrema,
+)
+from impact_xval.model.compiled import inlined
+from impact_xval.model.limits import CLEAR
+from impact_xval.model.motion import (
+    modal,
+    motion,
+    turn,
+    turn_little,
+)
+from impact_xval.model.roots import (
+    EPSILON,
+    NEAR,
+    envelope_time,
+    extremum_between,
+    root_before,
+)
+from impact_xval.model.sinusoid import cos_sin
 
 #: Rounding of a watched function, relative to its amplitude.
 NOISE = 4 * EPSILON

@@ -27,8 +27,8 @@ from __future__ import annotations
 
 from math import inf, nan, pi, sqrt
 
-from model.compiled import compiled
-from model.motion import single_contact
+from impact_xval.model.compiled import compiled
+from impact_xval.model.motion import single_contact
 
 
 @compiled

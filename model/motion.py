@@ -20,8 +20,8 @@ from __future__ import annotations
 
 from math import sqrt
 
-from model.compiled import compiled, inlined
-from model.sinusoid import cos_sin
+from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.sinusoid import cos_sin
 
 
 @inlined

@@ -33,10 +33,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from model.collision import STATES, Collision, Outcome
-from model.inputs import SUPPLEMENT_CUTOFF
-from model.oracle_events import NODES, first_fall
-from model.oracle_start import series, straight_first_step
+from impact_xval.model.collision import STATES, Collision, Outcome
+from impact_xval.model.inputs import SUPPLEMENT_CUTOFF
+from impact_xval.model.oracle_events import NODES, first_fall
+from impact_xval.model.oracle_start import series, straight_first_step
 
 NAME = "oracle"
 

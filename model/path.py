@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from model.automaton import (
+from impact_xval.model.automaton import (
     COMPRESSION,
     RATE1,
     RATE2,
@@ -28,9 +28,19 @@ from model.automaton import (
     SPENT2,
     STIFFENING,
 )
-from model.collision import STATES, Collision, Event, Path
-from model.compiled import compiled
-from model.motion import amplitudes, modal, modes, motion
+from impact_xval.model.collision import (
+    STATES,
+    Collision,
+    Event,
+    Path,
+)
+from impact_xval.model.compiled import compiled
+from impact_xval.model.motion import (
+    amplitudes,
+    modal,
+    modes,
+    motion,
+)
 
 #: Points per half period of the fastest sinusoid of a stretch.
 POINTS = 48

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from math import acos, atan2, pi
 
-from model.compiled import compiled, inlined
-from model.motion import modal, turn_little
+from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.motion import modal, turn_little
 
 EPSILON = 2.0**-52
 

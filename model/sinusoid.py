@@ -11,7 +11,7 @@ from math import cos, factorial, pi, sin
 
 import numpy as np
 
-from model.compiled import inlined
+from impact_xval.model.compiled import inlined
 
 #: pi in two parts; the first has 33 bits, so that its product with the multiples in use is exact.
 PI = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a626331p-33"))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from model.automaton import (
+from impact_xval.model.automaton import (
     BEYOND_PRECISION,
     COLLAPSE,
     DONE,
@@ -22,11 +22,11 @@ from model.automaton import (
     TOO_MANY_EVENTS,
     collide,
 )
-from model.collision import STATES, Collision, Outcome
-from model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
-from model.limits import BOUND
-from model.marks import GRAZING_THRESHOLD, MARKS, mark_codes
-from model.path import trace
+from impact_xval.model.collision import STATES, Collision, Outcome
+from impact_xval.model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
+from impact_xval.model.limits import BOUND
+from impact_xval.model.marks import GRAZING_THRESHOLD, MARKS, mark_codes
+from impact_xval.model.path import trace
 
 NAME = "state-transition"
 

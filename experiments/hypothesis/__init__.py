@@ -1,1 +1,1 @@
-"""The limiting case put to the test: whether an infinitely stiff pair acts as one body."""
+"""The limiting case put to the test: is an infinitely stiff pair one body? Imports `presentation` and below."""

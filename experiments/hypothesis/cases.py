@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model import Collision, solve
+from impact_xval.model import Collision, solve
 
 Floats = NDArray[np.float64]
 

@@ -8,11 +8,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from experiments.config import solvers_problem
-from experiments.config_errors import counted, read_toml, short, validated
-from experiments.hypothesis.cases import BY_KEY, Point
-from experiments.hypothesis.design import outside
-from experiments.hypothesis.subjects import default_names
+from impact_xval.experiments.config.config_errors import (
+    counted,
+    read_toml,
+    short,
+    validated,
+)
+from impact_xval.experiments.config.configuration import solvers_problem
+from impact_xval.experiments.hypothesis.cases import BY_KEY, Point
+from impact_xval.experiments.hypothesis.design import outside
+from impact_xval.experiments.hypothesis.subjects import default_names
 
 #: TOML has lists only: they may stand for pairs, whose numbers are no less strict for it.
 _Range = Annotated[tuple[float, float], Field(strict=False)]

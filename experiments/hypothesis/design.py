@@ -13,7 +13,7 @@ import math
 import numpy as np
 from scipy.stats import qmc
 
-from experiments.hypothesis.cases import Case, Point, border
+from impact_xval.experiments.hypothesis.cases import Case, Point, border
 
 #: Least distance from the border of a regime, in velocity per abs(v0). Beside a border the balls also move apart, or
 #: together, so slowly that an engine needs most of its steps for a few collisions.

@@ -14,15 +14,20 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from experiments.hypothesis.cases import CASES, LOSSY, pair_class
-from experiments.hypothesis.mechanism import POINTS
-from experiments.hypothesis.ringing import end_share, mean_more_ends
-from experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
-from experiments.hypothesis.series import Series
-from experiments.hypothesis.tables import group_points
-from experiments.laws import with_votes
-from experiments.numbers import listed, number
-from experiments.style import Look, drawing, look, save
+from impact_xval.experiments.hypothesis.cases import CASES, LOSSY, pair_class
+from impact_xval.experiments.hypothesis.mechanism import POINTS
+from impact_xval.experiments.hypothesis.ringing import end_share, mean_more_ends
+from impact_xval.experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
+from impact_xval.experiments.hypothesis.series import Series
+from impact_xval.experiments.hypothesis.tables import group_points
+from impact_xval.experiments.measures.laws import with_votes
+from impact_xval.experiments.presentation.style import (
+    Look,
+    drawing,
+    look,
+    save,
+)
+from impact_xval.experiments.tables.numbers import listed, number
 
 _DPI = 150
 

@@ -13,13 +13,11 @@ from typing import Any
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from compliant_baselines import get_solver
-from experiments.document import Block, Heading, Table, escape_markdown, to_latex, to_markdown
-from experiments.executors import available_cores
-from experiments.hypothesis.figures import Picture, write_figures
-from experiments.hypothesis.page import Part, build_page
-from experiments.hypothesis.run import Results
-from experiments.hypothesis.tables import (
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.hypothesis.figures import Picture, write_figures
+from impact_xval.experiments.hypothesis.page import Part, build_page
+from impact_xval.experiments.hypothesis.run import Results
+from impact_xval.experiments.hypothesis.tables import (
     class_frame,
     map_frame,
     mechanism_frame,
@@ -27,8 +25,17 @@ from experiments.hypothesis.tables import (
     outcome_frame,
     point_frame,
 )
-from experiments.store import write_json, write_text
-from experiments.streams import replacing
+from impact_xval.experiments.sweep.executors import available_cores
+from impact_xval.experiments.tables.document import (
+    Block,
+    Heading,
+    Table,
+    escape_markdown,
+    to_latex,
+    to_markdown,
+)
+from impact_xval.experiments.tables.store import write_json, write_text
+from impact_xval.experiments.tables.streams import replacing
 
 PAGE = "hypothesis.md"
 
@@ -119,5 +126,9 @@ def html(parts: Sequence[Part], figures: Path) -> str:
             data = base64.b64encode((figures / f"{part.name}.png").read_bytes()).decode("ascii")
             entry |= {"number": number, "data": data}
         blocks.append(entry)
-    environment = Environment(loader=PackageLoader("experiments"), autoescape=True, undefined=StrictUndefined)
+    environment = Environment(
+        loader=PackageLoader("impact_xval.experiments.presentation"),
+        autoescape=True,
+        undefined=StrictUndefined,
+    )
     return environment.get_template("hypothesis.html.j2").render(blocks=blocks)

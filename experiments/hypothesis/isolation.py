@@ -16,12 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.executors import DirectExecutor, SandboxExecutor, local_executor
-from experiments.hypothesis.cases import BY_KEY
-from experiments.hypothesis.mechanism import POINTS, Mechanism, Motion, observe
-from experiments.hypothesis.subjects import Answers, Ask, Subject
-from experiments.sandbox import Beat, FaultError, Sandbox
-from experiments.solving import Resolve
+from impact_xval.experiments.hypothesis.cases import BY_KEY
+from impact_xval.experiments.hypothesis.mechanism import (
+    POINTS,
+    Mechanism,
+    Motion,
+    observe,
+)
+from impact_xval.experiments.hypothesis.subjects import Answers, Ask, Subject
+from impact_xval.experiments.sweep.executors import DirectExecutor, SandboxExecutor, local_executor
+from impact_xval.experiments.sweep.sandbox import Beat, FaultError, Sandbox
+from impact_xval.experiments.sweep.solving import Resolve
 
 Floats = NDArray[np.float64]
 

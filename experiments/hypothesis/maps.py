@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.hypothesis.cases import nearer_limit
-from experiments.hypothesis.config import MapConfig
-from experiments.hypothesis.subjects import Answers, Subject
-from model.collision import RESULT_STATUSES
+from impact_xval.experiments.hypothesis.cases import nearer_limit
+from impact_xval.experiments.hypothesis.config import MapConfig
+from impact_xval.experiments.hypothesis.subjects import Answers, Subject
+from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from compliant_baselines import get_solver
-from compliant_baselines.contract import Settings
-from compliant_baselines.engine import EngineSolver
-from experiments.hypothesis.cases import BY_KEY, Case, Point
-from experiments.solving import Resolve, answer
-from model import Collision
-from model.collision import Path
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.experiments.hypothesis.cases import BY_KEY, Case, Point
+from impact_xval.experiments.sweep.solving import Resolve, answer
+from impact_xval.model import Collision
+from impact_xval.model.collision import Path
 
 Floats = NDArray[np.float64]
 

@@ -4,15 +4,32 @@ from __future__ import annotations
 
 import math
 
-from experiments.aggregates import Frame
-from experiments.document import Block, Heading, Paragraph, Table
-from experiments.hypothesis import mechanism, prose, prose_sure, prose_why
-from experiments.hypothesis.cases import CASES
-from experiments.hypothesis.figures import Picture
-from experiments.hypothesis.run import Results
-from experiments.hypothesis.tables import class_frame, need_frame, overview_table, rate_text, said, short
-from experiments.laws import LAWS_WITH_LAWS, with_votes
-from experiments.numbers import number, percent
+from impact_xval.experiments.hypothesis import (
+    mechanism,
+    prose,
+    prose_sure,
+    prose_why,
+)
+from impact_xval.experiments.hypothesis.cases import CASES
+from impact_xval.experiments.hypothesis.figures import Picture
+from impact_xval.experiments.hypothesis.run import Results
+from impact_xval.experiments.hypothesis.tables import (
+    class_frame,
+    need_frame,
+    overview_table,
+    rate_text,
+    said,
+    short,
+)
+from impact_xval.experiments.measures.aggregates import Frame
+from impact_xval.experiments.measures.laws import LAWS_WITH_LAWS, with_votes
+from impact_xval.experiments.tables.document import (
+    Block,
+    Heading,
+    Paragraph,
+    Table,
+)
+from impact_xval.experiments.tables.numbers import number, percent
 
 Part = Block | Picture
 

@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from compliant_baselines.mapping import damping_ratio, restitution, textbook_damping_ratio
-from compliant_baselines.restitution_laws import hunt_crossley_coefficients
-from experiments.hypothesis.cases import Case, Point, after_first_impact
-from experiments.hypothesis.hard_contact import Table, hard_ball_ball
+from impact_xval.compliant_baselines.contact.mapping import damping_ratio, restitution, textbook_damping_ratio
+from impact_xval.compliant_baselines.contact.restitution_laws import hunt_crossley_coefficients
+from impact_xval.experiments.hypothesis.cases import Case, Point, after_first_impact
+from impact_xval.experiments.hypothesis.hard_contact import Table, hard_ball_ball
 
 #: Families with a law to predict from.
 FAMILIES = (

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from experiments.hypothesis.cases import CASES
-from experiments.hypothesis.run import Results
-from experiments.hypothesis.tables import group_points
-from experiments.hypothesis.verdicts import CaseResult
-from experiments.hypothesis.words import FROZEN, MODEL, of_case, per_law, shares, span
-from experiments.laws import one_vote, voters
-from experiments.numbers import listed
+from impact_xval.experiments.hypothesis.cases import CASES
+from impact_xval.experiments.hypothesis.run import Results
+from impact_xval.experiments.hypothesis.tables import group_points
+from impact_xval.experiments.hypothesis.verdicts import CaseResult
+from impact_xval.experiments.hypothesis.words import (
+    FROZEN,
+    MODEL,
+    of_case,
+    per_law,
+    shares,
+    span,
+)
+from impact_xval.experiments.measures.laws import one_vote, voters
+from impact_xval.experiments.tables.numbers import listed
 
 
 def abstract(results: Results) -> str:

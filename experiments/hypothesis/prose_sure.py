@@ -6,14 +6,14 @@ from collections import Counter
 
 import numpy as np
 
-from experiments.hypothesis import design, judging, subjects
-from experiments.hypothesis.maps import LEVELS, share_within
-from experiments.hypothesis.run import Results
-from experiments.hypothesis.tables import said, short
-from experiments.hypothesis.verdicts import REFUTING_SHARE, CaseResult
-from experiments.laws import voters
-from experiments.numbers import listed, percent
-from model.collision import RESULT_STATUSES
+from impact_xval.experiments.hypothesis import design, judging, subjects
+from impact_xval.experiments.hypothesis.maps import LEVELS, share_within
+from impact_xval.experiments.hypothesis.run import Results
+from impact_xval.experiments.hypothesis.tables import said, short
+from impact_xval.experiments.hypothesis.verdicts import REFUTING_SHARE, CaseResult
+from impact_xval.experiments.measures.laws import voters
+from impact_xval.experiments.tables.numbers import listed, percent
+from impact_xval.model.collision import RESULT_STATUSES
 
 
 def stiff_enough(results: Results) -> list[str]:

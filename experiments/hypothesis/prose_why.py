@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 
-from experiments.aggregates import Frame
-from experiments.hypothesis import hard_contact, ringing
-from experiments.hypothesis.cases import BY_KEY, CASES, Case
-from experiments.hypothesis.mechanism import POINTS
-from experiments.hypothesis.run import Results
-from experiments.hypothesis.tables import class_frame, group_points, said, short
-from experiments.hypothesis.verdicts import CaseResult
-from experiments.hypothesis.words import (
+from impact_xval.experiments.hypothesis import hard_contact, ringing
+from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, Case
+from impact_xval.experiments.hypothesis.mechanism import POINTS
+from impact_xval.experiments.hypothesis.run import Results
+from impact_xval.experiments.hypothesis.tables import (
+    class_frame,
+    group_points,
+    said,
+    short,
+)
+from impact_xval.experiments.hypothesis.verdicts import CaseResult
+from impact_xval.experiments.hypothesis.words import (
     FROZEN,
     MODEL,
     OTHER_LAW,
@@ -22,9 +26,10 @@ from experiments.hypothesis.words import (
     span,
     verdict_of,
 )
-from experiments.laws import voters
-from experiments.numbers import listed, number, percent
-from model import Collision, solve
+from impact_xval.experiments.measures.aggregates import Frame
+from impact_xval.experiments.measures.laws import voters
+from impact_xval.experiments.tables.numbers import listed, number, percent
+from impact_xval.model import Collision, solve
 
 
 def why(results: Results) -> list[str]:

@@ -34,8 +34,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.hypothesis.cases import Point, distance
-from experiments.hypothesis.subjects import model_batch
+from impact_xval.experiments.hypothesis.cases import Point, distance
+from impact_xval.experiments.hypothesis.subjects import model_batch
 
 #: Contrasts over which shares are counted, and how many.
 RANGE, COUNT = (1e4, 1e6), 1500

@@ -12,20 +12,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compliant_baselines import get_solver
-from experiments.executors import available_cores
-from experiments.hypothesis.cases import CASES, Case, Point
-from experiments.hypothesis.config import HypothesisConfig
-from experiments.hypothesis.design import draw
-from experiments.hypothesis.isolation import Job, ask, follow, open_executor
-from experiments.hypothesis.maps import ErrorMap, axes, error_map, map_ratios
-from experiments.hypothesis.mechanism import CONTRASTS, ENGINE_CONTRASTS, POINTS, Mechanism, Motion
-from experiments.hypothesis.ringing import Branches, count_branches
-from experiments.hypothesis.series import Series, examine, ratios_of
-from experiments.hypothesis.subjects import Answers, Subject, subject
-from experiments.hypothesis.verdicts import CaseResult, Group
-from experiments.laws import in_order_of_laws
-from experiments.solving import Resolve
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.hypothesis.cases import CASES, Case, Point
+from impact_xval.experiments.hypothesis.config import HypothesisConfig
+from impact_xval.experiments.hypothesis.design import draw
+from impact_xval.experiments.hypothesis.isolation import (
+    Job,
+    ask,
+    follow,
+    open_executor,
+)
+from impact_xval.experiments.hypothesis.maps import (
+    ErrorMap,
+    axes,
+    error_map,
+    map_ratios,
+)
+from impact_xval.experiments.hypothesis.mechanism import (
+    CONTRASTS,
+    ENGINE_CONTRASTS,
+    POINTS,
+    Mechanism,
+    Motion,
+)
+from impact_xval.experiments.hypothesis.ringing import Branches, count_branches
+from impact_xval.experiments.hypothesis.series import Series, examine, ratios_of
+from impact_xval.experiments.hypothesis.subjects import Answers, Subject, subject
+from impact_xval.experiments.hypothesis.verdicts import CaseResult, Group
+from impact_xval.experiments.measures.laws import in_order_of_laws
+from impact_xval.experiments.sweep.executors import available_cores
+from impact_xval.experiments.sweep.solving import Resolve
 
 Floats = NDArray[np.float64]
 

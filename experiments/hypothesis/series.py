@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.hypothesis.cases import Case, Point, closed_form
-from experiments.hypothesis.judging import judge
-from experiments.hypothesis.predictions import predict
-from experiments.hypothesis.subjects import Answers, Subject
-from experiments.hypothesis.verdicts import CaseResult, PointResult, gather
-from model.collision import RESULT_STATUSES
+from impact_xval.experiments.hypothesis.cases import Case, Point, closed_form
+from impact_xval.experiments.hypothesis.judging import judge
+from impact_xval.experiments.hypothesis.predictions import predict
+from impact_xval.experiments.hypothesis.subjects import Answers, Subject
+from impact_xval.experiments.hypothesis.verdicts import CaseResult, PointResult, gather
+from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
 

@@ -21,14 +21,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from compliant_baselines import get_solver, registry, solver_names
-from compliant_baselines.bistiffness import bistiffness_batch
-from compliant_baselines.contract import Settings
-from compliant_baselines.engine import EngineSolver
-from compliant_baselines.kelvin_voigt import kelvin_voigt_batch
-from experiments.solving import Resolve, answer
-from model import Collision, solve_batch
-from model.collision import RESULT_STATUSES, Status
+from impact_xval.compliant_baselines import get_solver, solver_names
+from impact_xval.compliant_baselines.contract import registry
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
+from impact_xval.experiments.sweep.solving import Resolve, answer
+from impact_xval.model import Collision, solve_batch
+from impact_xval.model.collision import RESULT_STATUSES, Status
 
 Floats = NDArray[np.float64]
 Kind = Literal["exact", "stepped", "single"]
@@ -38,7 +39,7 @@ Kind = Literal["exact", "stepped", "single"]
 MAX_EVENTS = 300_000
 
 #: Least error of an engine's outcome, per abs(v0), however short the step: MuJoCo's smallest impedance makes its
-#: contacts differ by so much from springs and dashpots (`compliant_baselines.mapping`).
+#: contacts differ by so much from springs and dashpots (`contact.mapping`).
 LEAST_ERROR = 1e-4
 
 #: Rounding of an exact solver's velocities, per abs(v0).

@@ -8,14 +8,19 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from compliant_baselines.registry import law_of
-from experiments.document import Table
-from experiments.hypothesis.cases import CASES, pair_class
-from experiments.hypothesis.maps import LEVELS, contrast_needed, share_within
-from experiments.hypothesis.run import Results
-from experiments.hypothesis.verdicts import FAR, REFUTING_SHARE, CaseResult, Group
-from experiments.laws import with_votes
-from experiments.numbers import number, percent
+from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.experiments.hypothesis.cases import CASES, pair_class
+from impact_xval.experiments.hypothesis.maps import LEVELS, contrast_needed, share_within
+from impact_xval.experiments.hypothesis.run import Results
+from impact_xval.experiments.hypothesis.verdicts import (
+    FAR,
+    REFUTING_SHARE,
+    CaseResult,
+    Group,
+)
+from impact_xval.experiments.measures.laws import with_votes
+from impact_xval.experiments.tables.document import Table
+from impact_xval.experiments.tables.numbers import number, percent
 
 #: Mass ratios of the table of contrasts that are needed.
 MASSES = (0.2, 0.5, 1.0, 2.0, 5.0)

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compliant_baselines.registry import law_of
-from experiments.hypothesis.cases import Case, Point, pair_class
-from experiments.hypothesis.judging import Judgement, Verdict
-from experiments.hypothesis.predictions import Prediction
+from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.experiments.hypothesis.cases import Case, Point, pair_class
+from impact_xval.experiments.hypothesis.judging import Judgement, Verdict
+from impact_xval.experiments.hypothesis.predictions import Prediction
 
 #: Share of refuted points from which a class is.
 REFUTING_SHARE = 0.1

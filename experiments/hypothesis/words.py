@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
-from compliant_baselines.registry import engine_free_names, kind_of
-from experiments.hypothesis.mechanism import Mechanism
-from experiments.hypothesis.run import Results
-from experiments.hypothesis.tables import said, short
-from experiments.hypothesis.verdicts import CaseResult
-from experiments.laws import by_law
-from experiments.numbers import listed, percent
+from impact_xval.compliant_baselines.contract.registry import engine_free_names, kind_of
+from impact_xval.experiments.hypothesis.mechanism import Mechanism
+from impact_xval.experiments.hypothesis.run import Results
+from impact_xval.experiments.hypothesis.tables import said, short
+from impact_xval.experiments.hypothesis.verdicts import CaseResult
+from impact_xval.experiments.measures.laws import by_law
+from impact_xval.experiments.tables.numbers import listed, percent
 
 MODEL = "state-transition"
 

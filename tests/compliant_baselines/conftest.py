@@ -1,6 +1,6 @@
 import pytest
 
-from compliant_baselines import get_solver
+from impact_xval.compliant_baselines import get_solver
 
 
 @pytest.fixture(params=["mujoco", "pybullet"])

@@ -1,6 +1,6 @@
 import pytest
 
-from experiments.config import parse_config
+from impact_xval.experiments.config.configuration import parse_config
 
 SMALL = {
     "name": "small",

@@ -3,9 +3,9 @@
 import dataclasses
 import math
 
-from compliant_baselines import get_solver
-from compliant_baselines.contract import SolverBase
-from model import Outcome, solve
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.solver import SolverBase
+from impact_xval.model import Outcome, solve
 
 
 class Shifted(SolverBase):

@@ -5,7 +5,7 @@ import os
 import signal
 import time
 
-from compliant_baselines import get_solver
+from impact_xval.compliant_baselines import get_solver
 from tests.experiments.fakes import Missing, Shifted
 
 #: Values of e1 that make a cell fatal, by what happens.

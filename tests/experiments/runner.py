@@ -6,8 +6,8 @@ A run that is in the folder is continued.
 import argparse
 from pathlib import Path
 
-from experiments.config import load_config
-from experiments.sweep import run_sweep
+from impact_xval.experiments.config.configuration import load_config
+from impact_xval.experiments.sweep.run import run_sweep
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()

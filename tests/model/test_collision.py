@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from model import Collision, solve_batch
+from impact_xval.model import Collision, solve_batch
 
 GOOD = {"m1": 1.0, "m2": 1.0, "k1": 1.0, "k2": 1.0, "e1": 0.5, "e2": 0.5, "v0": -1.0}
 

@@ -5,10 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from model import Collision, solve
-from model.certificates import positive_between
-from model.events import first_event
-from model.motion import amplitudes, modal, modes, motion, single_contact
+from impact_xval.model import Collision, solve
+from impact_xval.model.certificates import positive_between
+from impact_xval.model.events import first_event
+from impact_xval.model.motion import (
+    amplitudes,
+    modal,
+    modes,
+    motion,
+    single_contact,
+)
 
 MOTION = getattr(motion, "py_func", motion)
 COMPRESSING, RESTORING = 1, 2

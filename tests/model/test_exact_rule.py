@@ -5,10 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from model import SUPPLEMENT_CUTOFF, Collision, solve, solve_batch
-from model.limits import BOUND
-from model.marks import CUTOFF, CUTOFF_THRESHOLD, GRAZING, GRAZING_THRESHOLD
-from model.oracle import solve_oracle
+from impact_xval.model import (
+    SUPPLEMENT_CUTOFF,
+    Collision,
+    solve,
+    solve_batch,
+)
+from impact_xval.model.limits import BOUND
+from impact_xval.model.marks import (
+    CUTOFF,
+    CUTOFF_THRESHOLD,
+    GRAZING,
+    GRAZING_THRESHOLD,
+)
+from impact_xval.model.oracle import solve_oracle
 from tests.model.reference import integrate
 
 #: The supplement's cut-off changes the outcome of this cell by 0.19: a ringing ball-ball contact takes v2 through zero

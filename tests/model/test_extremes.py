@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from model import Collision, solve, solve_batch
+from impact_xval.model import Collision, solve, solve_batch
 
 
 def extreme_cells(n, seed):

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from model import Collision, solve, solve_batch
+from impact_xval.model import Collision, solve, solve_batch
 from tests.compliant_baselines.impulse_law_oracle import integrate
 
 LZB = "liu-zhao-brogliato"

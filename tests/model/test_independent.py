@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model import SUPPLEMENT_CUTOFF, Collision, solve
+from impact_xval.model import SUPPLEMENT_CUTOFF, Collision, solve
 from tests.model.reference import integrate
 
 #: Cells whose compression rate turned around this near zero are told apart: beside a jump, rounding decides.

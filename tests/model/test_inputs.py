@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from model import Collision, solve_batch
-from model.automaton import (
+from impact_xval.model import Collision, solve_batch
+from impact_xval.model.automaton import (
     BEYOND_PRECISION,
     COLLAPSE,
     DONE,
@@ -13,8 +13,15 @@ from model.automaton import (
     STATUS_OF,
     TOO_MANY_EVENTS,
 )
-from model.collision import RESULT_STATUSES, STATUSES
-from model.inputs import E1, E2, MASS_RATIO, STIFFNESS_RATIO, Legal, broadcast_inputs
+from impact_xval.model.collision import RESULT_STATUSES, STATUSES
+from impact_xval.model.inputs import (
+    E1,
+    E2,
+    MASS_RATIO,
+    STIFFNESS_RATIO,
+    Legal,
+    broadcast_inputs,
+)
 
 
 def test_arrays_are_broadcast_and_flat_in_the_order_given():

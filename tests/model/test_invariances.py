@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from model import Collision, solve
+from impact_xval.model import Collision, solve
 
 ratios = st.floats(-3, 3).map(lambda x: 10.0**x)
 masses = st.floats(-2, 2).map(lambda x: 10.0**x)

@@ -5,11 +5,21 @@ import math
 import numpy as np
 import pytest
 
-from compliant_baselines import Settings, SolverError, get_solver, solver_names
-from model import SUPPLEMENT_CUTOFF, Collision, solve, solve_batch
-from model.oracle import solve_oracle
-from model.oracle_events import NODES, first_fall
-from model.oracle_start import series, straight_first_step
+from impact_xval.compliant_baselines import (
+    Settings,
+    SolverError,
+    get_solver,
+    solver_names,
+)
+from impact_xval.model import (
+    SUPPLEMENT_CUTOFF,
+    Collision,
+    solve,
+    solve_batch,
+)
+from impact_xval.model.oracle import solve_oracle
+from impact_xval.model.oracle_events import NODES, first_fall
+from impact_xval.model.oracle_start import series, straight_first_step
 
 #: Solver and oracle may part beside a jump of the model: where a rate turned around this near zero (per |v0|).
 GRAZING = 1e-7
@@ -139,7 +149,7 @@ def test_series_leaves_a_residual_of_the_next_order(stiffness_ratio, mass_ratio)
 def test_outcome_does_not_depend_on_where_the_series_is_left(monkeypatch):
     collision = Collision.from_ratios(1, MASS_RATIO, 0.9, 0.7)
     nominal = solve_oracle(collision)
-    monkeypatch.setattr("model.oracle.SERIES_STEP", 1e-4)
+    monkeypatch.setattr("impact_xval.model.oracle.SERIES_STEP", 1e-4)
     earlier = solve_oracle(collision)
     assert earlier.v1 == pytest.approx(nominal.v1, abs=1e-11)
     assert earlier.v2 == pytest.approx(nominal.v2, abs=1e-11)

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from model.roots import ENVELOPE_RESERVE, EPSILON, NEAR, envelope_time, extremum_between, root_before
+from impact_xval.model.roots import (
+    ENVELOPE_RESERVE,
+    EPSILON,
+    NEAR,
+    envelope_time,
+    extremum_between,
+    root_before,
+)
 
 
 def value(c, omega, a, b, t, order=0):

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from model import Collision, solve
+from impact_xval.model import Collision, solve
 
 MASS_RATIO = 2 / math.sqrt(3)  # parameters (44) of the paper: m1 = 1, m2 = 2/sqrt(3), e1 = 0.9, e2 = 0.7
 

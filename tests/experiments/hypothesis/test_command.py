@@ -7,11 +7,11 @@ import tomllib
 import pandas as pd
 import pytest
 
-from experiments.cli import main
-from experiments.hypothesis.cases import CASES
-from experiments.hypothesis.config import parse
-from experiments.hypothesis.run import run_hypothesis
-from experiments.hypothesis.tables import class_frame, outcome_frame
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.hypothesis.cases import CASES
+from impact_xval.experiments.hypothesis.config import parse
+from impact_xval.experiments.hypothesis.run import run_hypothesis
+from impact_xval.experiments.hypothesis.tables import class_frame, outcome_frame
 
 SMALL = """
 points = 6

@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.hypothesis import figures, page, prose_why
-from experiments.hypothesis.cases import BY_KEY, Point
-from experiments.hypothesis.config import parse
-from experiments.hypothesis.mechanism import Motion
-from experiments.hypothesis.ringing import count_branches
-from experiments.hypothesis.run import Results
-from experiments.hypothesis.series import Series, ratios_of
-from experiments.hypothesis.subjects import subject
+from impact_xval.experiments.hypothesis import figures, page, prose_why
+from impact_xval.experiments.hypothesis.cases import BY_KEY, Point
+from impact_xval.experiments.hypothesis.config import parse
+from impact_xval.experiments.hypothesis.mechanism import Motion
+from impact_xval.experiments.hypothesis.ringing import count_branches
+from impact_xval.experiments.hypothesis.run import Results
+from impact_xval.experiments.hypothesis.series import Series, ratios_of
+from impact_xval.experiments.hypothesis.subjects import subject
 
 NAMES = ("state-transition", "liu-zhao-brogliato", "bistiffness", "mujoco")
 

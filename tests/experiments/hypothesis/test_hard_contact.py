@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from experiments.hypothesis.cases import BY_KEY, Point, after_first_impact
-from experiments.hypothesis.hard_contact import NEARLY, Table, _contact, hard_ball_ball
-from experiments.hypothesis.predictions import predict
+from impact_xval.experiments.hypothesis.cases import BY_KEY, Point, after_first_impact
+from impact_xval.experiments.hypothesis.hard_contact import (
+    NEARLY,
+    Table,
+    _contact,
+    hard_ball_ball,
+)
+from impact_xval.experiments.hypothesis.predictions import predict
 
 #: Damping ratios: under, just under, at, just over and over the critical one, up to that of e = 0.02.
 ZETAS = (0.1, 0.6, 1 - 1e-3, 1 - 1e-7, 1 - NEARLY / 2, 1.0, 1 + 1e-12, 1 + 1e-3, 1.24, 2.0, 3.3)

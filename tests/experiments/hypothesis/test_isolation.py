@@ -8,13 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compliant_baselines import get_solver
-from experiments.hypothesis.config import parse
-from experiments.hypothesis.isolation import ask
-from experiments.hypothesis.run import run_hypothesis
-from experiments.hypothesis.subjects import Answers
-from experiments.hypothesis.tables import map_frame, mechanism_frame, outcome_frame, point_frame
-from experiments.sandbox import Sandbox
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.hypothesis.config import parse
+from impact_xval.experiments.hypothesis.isolation import ask
+from impact_xval.experiments.hypothesis.run import run_hypothesis
+from impact_xval.experiments.hypothesis.subjects import Answers
+from impact_xval.experiments.hypothesis.tables import (
+    map_frame,
+    mechanism_frame,
+    outcome_frame,
+    point_frame,
+)
+from impact_xval.experiments.sweep.sandbox import Sandbox
 from tests.experiments import faulty
 
 

@@ -5,10 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from experiments.hypothesis.cases import BY_KEY, Point, after_first_impact, closed_form, nearer_limit
-from experiments.hypothesis.maps import ErrorMap, contrast_needed, error_map, map_ratios, share_within
-from experiments.hypothesis.subjects import Answers
-from model import solve_batch
+from impact_xval.experiments.hypothesis.cases import (
+    BY_KEY,
+    Point,
+    after_first_impact,
+    closed_form,
+    nearer_limit,
+)
+from impact_xval.experiments.hypothesis.maps import (
+    ErrorMap,
+    contrast_needed,
+    error_map,
+    map_ratios,
+    share_within,
+)
+from impact_xval.experiments.hypothesis.subjects import Answers
+from impact_xval.model import solve_batch
 
 #: Away from e1 = 1, where the model has no limit, and from the borders of the regimes, which it reaches slowly.
 MASSES, RESTITUTIONS = (0.2, 0.5, 1.6, 3.0, 8.0), ((0.9, 0.7), (0.5, 0.9), (0.8, 0.2))

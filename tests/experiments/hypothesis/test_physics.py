@@ -5,25 +5,35 @@ import math
 import numpy as np
 import pytest
 
-from compliant_baselines import get_solver
-from compliant_baselines.contract import Settings
-from experiments.hypothesis.cases import BY_KEY, CASES, Point, closed_form
-from experiments.hypothesis.config import parse
-from experiments.hypothesis.design import MARGIN, draw
-from experiments.hypothesis.hard_contact import Table, hard_ball_ball
-from experiments.hypothesis.mechanism import POINTS, observe
-from experiments.hypothesis.predictions import (
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.experiments.hypothesis.cases import (
+    BY_KEY,
+    CASES,
+    Point,
+    closed_form,
+)
+from impact_xval.experiments.hypothesis.config import parse
+from impact_xval.experiments.hypothesis.design import MARGIN, draw
+from impact_xval.experiments.hypothesis.hard_contact import Table, hard_ball_ball
+from impact_xval.experiments.hypothesis.mechanism import POINTS, observe
+from impact_xval.experiments.hypothesis.predictions import (
     FAMILIES,
     Law,
     dashpot_restitution,
     hunt_crossley_restitution,
     predict,
 )
-from experiments.hypothesis.ringing import RANGE, count_branches, end_share, mean_more_ends
-from experiments.hypothesis.run import contrasts
-from experiments.hypothesis.series import Series, examine, ratios_of
-from experiments.hypothesis.subjects import model_batch, subject
-from model import Collision, solve
+from impact_xval.experiments.hypothesis.ringing import (
+    RANGE,
+    count_branches,
+    end_share,
+    mean_more_ends,
+)
+from impact_xval.experiments.hypothesis.run import contrasts
+from impact_xval.experiments.hypothesis.series import Series, examine, ratios_of
+from impact_xval.experiments.hypothesis.subjects import model_batch, subject
+from impact_xval.model import Collision, solve
 
 CONFIG = parse({"points": 12}, "test")
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from compliant_baselines.contract import Settings
-from experiments.hypothesis.subjects import Answers, at_vanishing_step
-from model import Outcome
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.experiments.hypothesis.subjects import Answers, at_vanishing_step
+from impact_xval.model import Outcome
 from tests.experiments.fakes import Shifted
 
 

@@ -10,19 +10,29 @@ import pytest
 from rich.console import Console
 
 from benchmarks import misses
-from compliant_baselines import get_solver
-from experiments.document import Paragraph, Table
-from experiments.hypothesis import prose, prose_sure, prose_why, verdicts
-from experiments.hypothesis.cases import BY_KEY, CASES
-from experiments.hypothesis.command import _verdicts
-from experiments.hypothesis.config import parse
-from experiments.hypothesis.figures import write_figures
-from experiments.hypothesis.judging import Judgement
-from experiments.hypothesis.page import build_page, class_table
-from experiments.hypothesis.run import run_hypothesis
-from experiments.hypothesis.tables import class_frame, group_points, overview_table, points_text
-from experiments.laws import LAWS_WITH_LAWS
-from experiments.numbers import percent
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.commands.hypothesis import _verdicts
+from impact_xval.experiments.hypothesis import (
+    prose,
+    prose_sure,
+    prose_why,
+    verdicts,
+)
+from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES
+from impact_xval.experiments.hypothesis.config import parse
+from impact_xval.experiments.hypothesis.figures import write_figures
+from impact_xval.experiments.hypothesis.judging import Judgement
+from impact_xval.experiments.hypothesis.page import build_page, class_table
+from impact_xval.experiments.hypothesis.run import run_hypothesis
+from impact_xval.experiments.hypothesis.tables import (
+    class_frame,
+    group_points,
+    overview_table,
+    points_text,
+)
+from impact_xval.experiments.measures.laws import LAWS_WITH_LAWS
+from impact_xval.experiments.tables.document import Paragraph, Table
+from impact_xval.experiments.tables.numbers import percent
 from tests.experiments.fakes import Shifted
 
 CONFIG = {

@@ -1,0 +1,125 @@
+"""Solvers of other distributions, found by their entry points.
+
+A distribution adds a solver by naming a class in its `pyproject.toml`:
+
+    [project.entry-points."impact_xval.solvers"]
+    my-engine = "my_package.adapter:MyEngineSolver"
+
+The class keeps `contract.solver`; `contract.conformance` says whether it does. Nothing of a
+distribution is imported before its solver is asked for, and nothing that is wrong with one can break a command: a
+solver that cannot be loaded is ``unavailable``, with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import EntryPoint, entry_points
+
+from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
+from impact_xval.model.collision import Collision, Outcome
+
+GROUP = "impact_xval.solvers"
+
+
+def found() -> dict[str, list[EntryPoint]]:
+    """Entry points by the name of their solver, in the order of the names; several of one name is a mistake."""
+    points: dict[str, list[EntryPoint]] = {}
+    for point in sorted(entry_points(group=GROUP), key=lambda point: (point.name, point.value)):
+        if point not in points.setdefault(point.name, []):  # a distribution may be found twice on the path
+            points[point.name].append(point)
+    return points
+
+
+def origin(point: EntryPoint) -> str:
+    """Name and version of the distribution an entry point belongs to."""
+    return f"{point.dist.name} {point.dist.version}" if point.dist is not None else "an unknown distribution"
+
+
+class ThirdPartySolver(SolverBase):
+    """A solver of another distribution, kept from breaking what it must not.
+
+    Parameters
+    ----------
+    name : str
+        Of the entry points.
+    points : sequence of EntryPoint
+        Those of this name.
+    """
+
+    def __init__(self, name: str, points: Sequence[EntryPoint]) -> None:
+        self.name = name
+        self.solver: Solver | None = None
+        self.problem = ""
+        if len(points) > 1:
+            several = " and ".join(origin(point) for point in points)
+            self.problem = f"{several} both provide {name!r}: uninstall one of them"
+            return
+        (point,) = points
+        try:
+            self.solver = _checked(point)
+        except (Exception, SystemExit) as error:  # whatever an import may do
+            self.problem = f"{origin(point)} provides {name!r} as {point.value}, but {_said(error)}"
+
+    def version(self) -> str:
+        """Version the solver states; ``""`` if it cannot."""
+        try:
+            stated = self.solver.version() if self.solver is not None else ""
+        except (Exception, SystemExit):
+            return ""
+        return stated if isinstance(stated, str) else ""
+
+    def unavailable(self) -> str | None:
+        """Why it cannot run: its own reason, or what is wrong with it."""
+        if self.solver is None:
+            return self.problem
+        try:
+            reason = self.solver.unavailable()
+        except (Exception, SystemExit) as error:
+            return f"asked whether it is available, {self.name!r} failed: {_said(error)}"
+        return reason if reason is None or isinstance(reason, str) else f"unavailable() gave {reason!r}"
+
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+        """Answer every collision, in order.
+
+        Raises
+        ------
+        RuntimeError
+            If the solver fails as a whole, or does not give an `Outcome` for each collision.
+        """
+        if self.solver is None:
+            return [Outcome.failure(self.name, "unavailable", self.problem) for _ in collisions]
+        try:
+            outcomes = list(self.solver.solve_many(collisions, settings))
+        except SystemExit as error:
+            raise RuntimeError(_said(error)) from error
+        for outcome in outcomes:
+            if not isinstance(outcome, Outcome):
+                raise RuntimeError(f"solve_many gave {type(outcome).__name__}; legal: Outcome")
+        if len(outcomes) != len(collisions):
+            raise RuntimeError(f"{len(outcomes)} outcomes for {len(collisions)} collisions")
+        return outcomes
+
+
+def _checked(point: EntryPoint) -> Solver:
+    """Load and construct a solver.
+
+    Raises
+    ------
+    TypeError
+        If it is not one.
+    """
+    solver = point.load()()
+    missing = [
+        name
+        for name in ("version", "unavailable", "solve_many", "solve")
+        if not callable(getattr(solver, name, None))
+    ]
+    if missing:
+        raise TypeError(f"it lacks {', '.join(missing)}")
+    if getattr(solver, "name", None) != point.name:
+        raise TypeError(f"its name is {getattr(solver, 'name', None)!r}")
+    return solver
+
+
+def _said(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())

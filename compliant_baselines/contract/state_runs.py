@@ -1,0 +1,117 @@
+"""State sequences of solvers, engines and exact ones alike, made comparable: one filter, in time.
+
+S1 both contacts carry force, S2 ball-table only, S3 ball-ball only, S4 none. An engine sees a state only if it lasts
+for a step, an exact solver however short it is. So whenever paths are compared, every solver's goes through the same
+three rules:
+
+1. Until a contact has first carried force it counts as if it did: in the model both are active from the
+   start, with no force, while in an engine a contact shows only once its penetration has grown.
+2. A state held for less than a stated time takes the state of the run before it; equal neighbours then join. One
+   pass, in the order of time.
+3. The sequence ends in S4, the state of a collision that is over, also where B2 rests on the table by its
+   weight.
+
+S4 can occur on the way as well: both contacts open, the balls not yet apart for good.
+
+**The time** of rule 2 is a share of the shorter contact period (`contact.column.shorter_period`),
+whatever the step. At a step h a state held for a time L shows in the whole number of steps below or above L/h. The
+default share, 2.5e-3, is two and a half of the default steps of 1e-3: three steps count and two do not, rounding
+decides nothing, and only a state held for two to three steps can count in one solver and not in another that agrees
+with it. Of short states in a row, one below the step may not show at all, and its neighbours then pass for one that
+counts. At a step above that time an engine misses states that count, which is its discretisation: no filter can tell.
+
+**Limits.** A rigid contact has no period: the time is then 0, and nothing is merged. A contact without stiffness has
+an infinite one, so that the other's is the shorter. A stretch that takes no time in a closed form is short; one that
+has no end, or begins after one that had none, counts as held.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_xval.model.collision import Outcome
+
+#: Share of the time of rule 2 by which a run may fall short of it: rounding, where a step divides it exactly.
+_ROUNDING = 1e-9
+
+
+class Runs(NamedTuple):
+    """A sequence of states held for some time each.
+
+    Attributes
+    ----------
+    start : ndarray
+        When each run begins: the number of its first step, or s. The first is 0.
+    state : ndarray of int
+        1 to 4.
+    end : int or float
+        When the last one ends.
+    """
+
+    start: NDArray[Any]
+    state: NDArray[np.int64]
+    end: float
+
+    @property
+    def n_steps(self) -> int:
+        """Number of steps in all, of runs counted in steps."""
+        return int(self.end)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The sequence as an outcome lists it: rule 3, closed by S4."""
+        names = tuple(f"S{s}" for s in self.state)
+        return names if names and names[-1] == "S4" else (*names, "S4")
+
+
+def merge_runs(raw: Runs, shortest: float) -> Runs:
+    """Read the state sequence off raw runs, by rules 1 and 2 of the module.
+
+    Parameters
+    ----------
+    raw : Runs
+        As they were seen.
+    shortest : float
+        Time for which a state must be held to count, in the unit of `raw`.
+    """
+    # A run without a length is none, and what it parts is one: how a path is written down decides nothing.
+    ends = np.append(raw.start[1:], raw.end)[: len(raw.start)]
+    held = (ends != raw.start) | ~np.isfinite(raw.start)
+    held[:1] = True
+    raw = Runs(raw.start[held], raw.state[held], raw.end)
+    state = raw.state.copy()
+    # Rule 1. Contact 1 carries force in S1 and S3, contact 2 in S1 and S2.
+    for carries, without in (((1, 3), {2: 1, 4: 3}), ((1, 2), {3: 1, 4: 2})):
+        loaded = np.flatnonzero(np.isin(state, carries))
+        for i in range(loaded[0] if loaded.size else 0):
+            state[i] = without.get(int(state[i]), int(state[i]))
+    # Runs made equal by rule 1 join before their length is judged.
+    first = np.flatnonzero(np.diff(state, prepend=0))
+    start, state = raw.start[first], state[first]
+    with np.errstate(invalid="ignore"):  # infinity less infinity: a run without a length counts as held
+        short = np.append(start[1:], raw.end)[: len(start)] - start < shortest * (1 - _ROUNDING)
+    # S1 stands at the start whatever rule 1 made of a collision without any contact.
+    start = np.concatenate([np.zeros(1, raw.start.dtype), start[~short]])
+    state = np.concatenate([np.ones(1, np.int64), state[~short]])
+    first = np.flatnonzero(np.diff(state, prepend=0))
+    return Runs(start[first], state[first], raw.end)
+
+
+def compared_states(outcome: Outcome, shortest: float) -> tuple[str, ...]:
+    """Give the state sequence of an outcome as it is compared with another's.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        Of any solver. Without a path, on which alone the times are, its states stay as they are.
+    shortest : float
+        Time for which a state must be held to count, in s.
+    """
+    path = outcome.path
+    if path is None or not len(path.time):
+        return outcome.states
+    first = np.flatnonzero(np.diff(path.state, prepend=0))
+    return merge_runs(Runs(path.time[first], path.state[first], float(path.time[-1])), shortest).names

@@ -1,0 +1,206 @@
+"""What velocities and heights, step by step, say of a collision: impulses, states, and when it is over.
+
+**Impulses** come from the balance of momentum, with gravity put back, for a step of length h:
+dI1 = m1 (dv1 + g h), dI2 = dI1 + m2 (dv2 + g h). No engine's own account of its contact forces is used.
+
+**A contact carries force** in a step if its impulse exceeds what rounding alone can make of it: `ROUNDING`
+units in the last place of the momenta the balance is made of. An engine updates a velocity by one or two
+additions, each good to half a unit, and makes the increment from a handful of products; 64 leaves an order of
+magnitude above that, and lies, at a step of 1/1000 of a period, eleven orders below the impulse per step of a
+fully loaded contact.
+
+**States** follow step by step from which contacts carry force; the sequence they make is read by the rules of
+`contract.state_runs`.
+
+**In flight the bodies do not fall** (drop only). From the first instant at which no contact is closed, read as the end
+of the first step in which none carries force and at whose end both gaps are open, gravity is off, for good: what is
+still to meet meets as in an impact. B2 on the table with its weight is a contact, and so is a contact whose bodies
+overlap without force. Otherwise the outcome would be that of the flight: two balls that part with B2 faster by 1e-4
+|v0| would fall for many times the length of the contact and then meet at whatever speed they have come to. Engines
+and references keep this one rule; an adapter is told by the end `FLIGHT` of a scan.
+
+**The collision is over** at the end of the first step in which B1 is clear of B2, B2 is clear of the table or
+at rest on it, and v1 >= v2 >= 0.
+
+* *Clear*, without gravity: the contact carries no force. The velocities then stay as they are, each contact
+  opens at a constant rate >= 0, and a force that grows with penetration and with its rate never returns. With
+  gravity that does not follow, since B2 may sink back or stop B1 again: clear then means no force *and* an
+  open gap.
+* *At rest* (drop only): an elastic B2 never stops vibrating on its support. It is at rest when it cannot lift
+  off any more: its energy about equilibrium, (m2 v2^2 + k2 (x2 - x2_eq)^2)/2, does not exceed the (m2 g)^2/(2
+  k2) it takes to unload the contact; in other words the amplitude of its velocity is at most g/omega2. Its
+  velocity after the collision is then reported as 0: that is the mean over its vibration, it depends on no
+  phase, and it joins smoothly to the lift-off velocity, which goes to 0 at that same energy. What v2 was is
+  `rest_speed`.
+* *Stuck* (drop only): likewise, if the energy of both balls about their common equilibrium cannot unload
+  either contact, (m1 g)^2/(2 k1) and ((m1 + m2) g)^2/(2 k2), B1 never leaves B2. Both velocities are then 0.
+
+**Given up early** is a flight that outlasts the steps that are left: both balls in the air, and the next
+touch beyond the last step. So end two balls that leave with all but the same velocity, B2 the faster.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: Units in the last place of the momenta below which an impulse per step counts as none.
+ROUNDING = 64.0
+
+#: How a scan ended.
+GOING, FREE, REST, STUCK, BROKEN, ALOFT, FLIGHT = 0, 1, 2, 3, 4, 5, 6
+
+
+class ScanParameters(NamedTuple):
+    """What `scan` needs to know of a column, in SI units; k2 and x2_rest as the engine has them."""
+
+    h: float
+    g: float
+    m1: float
+    m2: float
+    k1: float
+    k2: float
+    x2_rest: float
+
+
+def new_memory() -> Floats:
+    """Memory of `scan` in which nothing has happened yet."""
+    gaps = [1.0, 1.0, -np.inf, -np.inf, -1.0, np.inf, 0.0]  # both closed as far back as there was a past
+    return np.array([0.0, np.nan, np.nan, 0.0, -1.0, -1.0, np.nan, np.nan, np.nan, np.nan, *gaps])
+
+
+@numba.njit(cache=True)
+def _remember(memory, contact, loaded, impulse, inverse_mass, h):  # pragma: no cover (compiled)
+    """Note what a contact did in a step; see `scan`."""
+    state, last, before = 4 + contact, 6 + contact, 8 + contact
+    if loaded and memory[state] == 0:
+        memory[0] += impulse * inverse_mass
+    if not loaded and memory[state] == 1:
+        fall = memory[before] - memory[last]
+        beyond = memory[last] / fall if fall > 0 else 0.5
+        memory[1 + contact] = (memory[3] - 1.5 + min(beyond, 1.5)) * h
+    if loaded or memory[state] == 1:
+        memory[state] = 1.0 if loaded else 0.0
+    memory[before] = memory[last]
+    memory[last] = impulse
+
+
+@numba.njit(cache=True)
+def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
+    """Note by how much time the first flight begins or not; see `scan`."""
+    now = memory[3]
+    for contact in range(2):
+        closed, other = (closed1, closed2) if contact == 0 else (closed2, closed1)
+        was, lead, met = memory[10 + contact] > 0, np.inf, contact
+        if closed and not was:
+            memory[12 + contact] = now
+            if memory[14] >= 0:
+                lead, memory[14] = now - memory[14], -2.0
+        elif was and not closed and other:
+            lead, met = memory[13 - contact] - now, 1 - contact
+        if abs(lead) < abs(memory[15]):
+            memory[15], memory[16] = lead, met + 1
+    memory[10], memory[11] = 1.0 if closed1 else 0.0, 1.0 if closed2 else 0.0
+    if memory[14] == -1 and not (closed1 or closed2):
+        memory[14] = now
+
+
+@numba.njit(cache=True)
+def scan(  # pragma: no cover (compiled)
+    v: Floats,
+    x: Floats,
+    before: Floats,
+    p: ScanParameters,
+    left: int,
+    codes: NDArray[np.int8],
+    memory: Floats,
+) -> tuple[int, int]:
+    """Go through a stretch of steps until the collision is over.
+
+    Parameters
+    ----------
+    v, x : ndarray, shape (n, 2)
+        Velocities and heights of B1 and B2 after each step.
+    before : ndarray, shape (2,)
+        Velocities before the first step.
+    p : ScanParameters
+        The column.
+    left : int
+        Number of steps that may still be taken after these.
+    codes : ndarray of int8, shape (n,)
+        Filled with the raw state, 1 to 4, of each step.
+    memory : ndarray, shape (17,)
+        Of the stretches before, `new_memory` before the first. What a caller may want of it:
+
+        * 0: what contacts that began to carry force *again* did in their first step, summed as changes of the
+          relative velocity of their pair in m/s;
+        * 1, 2: when contacts 1 and 2 last ceased to carry force, in s: where the straight line through their
+          mean forces in the last two steps, each counted at the middle of its step, comes to zero. NaN as
+          long as they have not;
+        * 3: number of steps so far;
+        * 15, 16: by how many steps the first flight of a drop began or did not, and which contact decided on that:
+          after so many of flight it closed, or, negative, it had closed so many before the other one opened. The
+          nearest such event; infinite without one.
+
+        The rest is for the next stretch: whether each contact carries force (1, 0, or -1 as long as it never
+        has), and its impulses in the last two steps; whether the gaps are closed, the steps at which they last
+        closed, and that of the first flight (-1 before it, -2 once a gap has closed again).
+
+    Returns
+    -------
+    steps : int
+        Number of steps gone through; if the collision is over, it was over after the last of them.
+    end : int
+        `GOING`, `FREE`, `REST`, `STUCK`, `ALOFT` (given up), `FLIGHT` (from here on without gravity: the steps that
+        follow are not those of this collision), or `BROKEN` (a number that is not finite).
+    """
+    eps = ROUNDING * 2.220446049250313e-16
+    gh = p.g * p.h
+    u1, u2 = before[0], before[1]
+    stuck_below = 0.5 * p.g * p.g * min(p.m1**2 / p.k1, (p.m1 + p.m2) ** 2 / p.k2)
+    x12_rest = p.x2_rest - p.m1 * p.g / p.k2  # where B2 rests with B1 on it
+    d1_rest = p.m1 * p.g / p.k1
+    for i in range(v.shape[0]):
+        v1, v2, x1, x2 = v[i, 0], v[i, 1], x[i, 0], x[i, 1]
+        if not (math.isfinite(v1) and math.isfinite(v2) and math.isfinite(x1) and math.isfinite(x2)):
+            return i, BROKEN
+        impulse1 = p.m1 * (v1 - u1 + gh)
+        impulse2 = impulse1 + p.m2 * (v2 - u2 + gh)
+        noise1 = eps * p.m1 * (abs(v1) + abs(u1) + gh)
+        noise2 = noise1 + eps * p.m2 * (abs(v2) + abs(u2) + gh)
+        loaded1, loaded2 = impulse1 > noise1, impulse2 > noise2
+        codes[i] = (1 if loaded2 else 3) if loaded1 else (2 if loaded2 else 4)
+        u1, u2 = v1, v2
+        memory[3] += 1
+        _remember(memory, 0, loaded1, impulse1, 1 / p.m1 + 1 / p.m2, p.h)
+        _remember(memory, 1, loaded2, impulse2, 1 / p.m2, p.h)
+
+        weightless = p.g == 0
+        if not weightless or memory[14] >= 0:
+            _follow_gaps(memory, x1 < x2, x2 < 0)
+        if not loaded1 and (weightless or x1 >= x2) and v1 >= v2:
+            if not loaded2 and (weightless or x2 >= 0) and v2 >= 0:
+                return i + 1, FREE
+            if not weightless and v1 >= 0:
+                energy = p.m2 * v2 * v2 + p.k2 * (x2 - p.x2_rest) ** 2
+                if energy <= (p.m2 * p.g) ** 2 / p.k2:
+                    return i + 1, REST
+        if codes[i] == 4 and x1 >= x2 >= 0:
+            if not weightless:
+                return i + 1, FLIGHT
+            meet = (x1 - x2) / (v2 - v1) if v2 > v1 else np.inf
+            land = -x2 / v2 if v2 < 0 else np.inf
+            if min(meet, land) > (v.shape[0] - i + left) * p.h:
+                return i + 1, ALOFT
+        if not weightless and loaded1 and loaded2:
+            energy = p.m1 * v1 * v1 + p.m2 * v2 * v2
+            energy += p.k1 * (x2 - x1 - d1_rest) ** 2 + p.k2 * (x2 - x12_rest) ** 2
+            if 0.5 * energy <= stuck_below:
+                return i + 1, STUCK
+    return v.shape[0], GOING

@@ -1,0 +1,170 @@
+"""Options that several commands share, spelt once, and the reading of what is typed for any of them.
+
+A number stays text until a configuration judges it, or is read here: either way an error is one line that names the
+option, the value and the legal range. Nothing heavy is imported, so that help comes at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from impact_xval.experiments.config.errors import UserError
+
+if TYPE_CHECKING:
+    from impact_xval.experiments.config.configuration import Config
+
+#: What decides an impact, and keys of a configuration that the options spell otherwise.
+RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
+_SPELT = {"stiffness_ratio_cutoff": "--cutoff"}
+
+#: Options whose values may be legal one by one, and not together.
+_TOGETHER = "--stiffness-ratio, --mass-ratio, --gravity, --m1, --k1, --v0"
+
+
+def number_or_text(text: str) -> float | str:
+    """Read a number; a text that is none stays as it is, for a configuration to refuse."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def number(option: str, text: str) -> float:
+    """Read a number, infinity included.
+
+    Raises
+    ------
+    UserError
+        If it is none.
+    """
+    value = number_or_text(text)
+    if isinstance(value, str) or math.isnan(value):
+        raise UserError(f"{option} = {text!r:.60}; legal: a number")
+    return value
+
+
+def whole(option: str, text: str, low: int, high: int) -> int:
+    """Read a whole number.
+
+    Raises
+    ------
+    UserError
+        If it is none, or out of range.
+    """
+    try:
+        value = int(text)
+    except ValueError:
+        value = low - 1
+    if not low <= value <= high:
+        raise UserError(f"{option} = {text!r:.60}; legal: a whole number from {low} to {high}")
+    return value
+
+
+def path(name: str) -> Callable[[str], Path]:
+    """Return a parser of paths; whether something is there, and what, is for the command to judge.
+
+    Parameters
+    ----------
+    name : str
+        Of the option or argument, for its errors.
+    """
+
+    def read(text: str) -> Path:
+        try:
+            str(text).encode()  # Parquet files are opened by names in UTF-8
+            if str(text):  # pathlib takes the empty text, a variable of the shell that is not set, for "."
+                Path(text).stat()
+                return Path(text)
+            problem = "the empty text"
+        except (FileNotFoundError, NotADirectoryError):
+            return Path(text)
+        except OSError as error:  # too long, or behind a closed door
+            problem = str(error.strerror)
+        except UnicodeEncodeError:
+            problem = "not UTF-8"
+        except ValueError as error:
+            problem = str(error)
+        raise UserError(f"{name} = {text!r:.60}: {problem}; legal: a path")
+
+    return read
+
+
+def one_cell(values: Mapping[str, str]) -> Config:
+    """Make a configuration of what is typed for one collision.
+
+    Parameters
+    ----------
+    values : mapping
+        Text by key of a configuration and by `RATIOS`; a ratio that is not among them is 1.
+
+    Raises
+    ------
+    UserError
+        If anything is illegal; it names the option.
+    """
+    from impact_xval.experiments.config.configuration import parse_config
+
+    data: dict[str, Any] = {key: number_or_text(text) for key, text in values.items()}
+    cell = {key: data.pop(key, 1.0) for key in RATIOS}
+    data |= {"name": "collision", "figure_cell": cell, "grid": {key: [1.0] for key in cell}}
+
+    def option(location: Any) -> str:
+        key: str = location[-1] if location else ""
+        return _SPELT.get(key, "--" + key.replace("_", "-")) if key else _TOGETHER
+
+    return parse_config(data, where="", name=option)
+
+
+def config_file(what: str) -> Any:
+    """Return the argument that names a file of TOML."""
+    return typer.Argument(metavar="[CONFIG.toml]", parser=path("CONFIG.toml"), help=what)
+
+
+def folder_to_write(which: str) -> Any:
+    """Return the option that names the folder to write."""
+    return typer.Option(metavar="DIR", parser=path("--out"), help=f"Folder to write; {which}.")
+
+
+def _workers(text: str) -> int:
+    return whole("--workers", text, 1, 4096)
+
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a finished run.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(metavar="N", parser=_workers, help="Processes; by default one for every core."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Compute on a Dask cluster: the address of its scheduler, or 'local' for one here.",
+    ),
+]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue what was begun in the folder.")]
+JsonObject = Annotated[bool, typer.Option("--json", help="Print a JSON object.")]
+
+# Of one collision; type and default are the command's.
+STIFFNESS_RATIO: Any = typer.Option(metavar="R", help="k2/k1, from 0 to inf.")
+MASS_RATIO: Any = typer.Option(metavar="R", help="m2/m1, greater than 0.")
+E1: Any = typer.Option(metavar="E", help="Restitution of ball on ball, from 0 to 1.")
+E2: Any = typer.Option(metavar="E", help="Restitution of ball on table, from 0 to 1.")
+SCENARIO: Any = typer.Option(metavar="NAME", help="'impact' (no gravity) or 'drop'.")
+GRAVITY: Any = typer.Option(metavar="G", help="In m/s^2; for a drop.")
+M1: Any = typer.Option(metavar="KG", help="Mass of the upper ball.")
+K1: Any = typer.Option(metavar="N/M", help="Stiffness of ball on ball.")
+V0: Any = typer.Option(metavar="M/S", help="Velocity of the upper ball, less than 0.")
+STEP_FRACTION: Any = typer.Option(
+    metavar="X", help="Time step over the period of the faster contact, at most 0.1."
+)
+MAPPING: Any = typer.Option(metavar="NAME", help="'calibrated' or 'naive'.")
+CUTOFF: Any = typer.Option(
+    metavar="X",
+    help="Stiffness ratio beyond which the model takes a limit (the supplement: 1e5; inf: never), or "
+    "'exact': as soon as it no longer matters.",
+)

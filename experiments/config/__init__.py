@@ -1,0 +1,1 @@
+"""An experiment as a validated file; its axes and cells. Imports the floors below."""

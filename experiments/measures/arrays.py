@@ -1,0 +1,119 @@
+"""A finished run as labelled arrays (`xarray`), for those who analyse n-dimensional grids."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+
+from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.tables.folders import finished
+from impact_xval.experiments.tables.schema import CELLS_SCHEMA, COLUMNS, DIVERGENCE_SCHEMA
+from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.streams import blocks
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Columns of a data set unless others are asked for.
+DEFAULT = (
+    "status",
+    "v1",
+    "v2",
+    "impulse1",
+    "impulse2",
+    "n_states",
+    "grazing_margin",
+    "velocity_divergence",
+    "states_equal",
+    "curve_distance",
+)
+
+
+def to_xarray(folder: RunFolder | Path | str, columns: Sequence[str] = DEFAULT) -> xr.Dataset:
+    """Return the results of a finished run as arrays over its axes.
+
+    Parameters
+    ----------
+    folder : RunFolder or path
+        A finished run.
+    columns : sequence of str
+        Columns of the tables of cells and of divergence; a measure of divergence of the model from itself is
+        missing (NaN). Truths become 1.0 and 0.0, whole numbers floats; a text column holds the text.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``solver``, ``stiffness_ratio``, ``mass_ratio``, ``e1`` and ``e2`` of a grid; ``solver``
+        and ``cell`` of any other design, with the parameters as coordinates along ``cell``. Units and
+        meanings are attributes of each variable.
+
+    Raises
+    ------
+    UserError
+        If the run is not finished, or its tables are damaged.
+    ValueError
+        If a column is none of the tables'; the message lists those.
+    """
+    import xarray as xr
+
+    run = folder if isinstance(folder, RunFolder) else finished(Path(folder))
+    known = [
+        *CELLS_SCHEMA.names,
+        *(name for name in DIVERGENCE_SCHEMA.names if name not in CELLS_SCHEMA.names),
+    ]
+    for name in columns:
+        if name not in known:
+            raise ValueError(f"columns: {name!r} is unknown; known: {', '.join(known)}")
+    config = run.config()
+    cells = run.table_path("cells.parquet", CELLS_SCHEMA)
+    divergence = run.table_path("divergence.parquet", DIVERGENCE_SCHEMA)
+    n_solvers = len(config.solvers)
+    dims, coords, shape = _axes(cells, config, n_solvers)
+    variables = {}
+    for name in columns:
+        if name in CELLS_SCHEMA.names:
+            values = _column(cells, name).reshape(-1, n_solvers).T
+        else:
+            compared = _column(divergence, name).reshape(-1, n_solvers - 1).T
+            first = np.full((1, compared.shape[1]), np.nan if compared.dtype != object else None)
+            values = np.concatenate([first.astype(compared.dtype), compared])
+        _, unit, meaning = COLUMNS[name]
+        attributes = {"units": unit, "long_name": meaning}
+        variables[name] = (("solver", *dims), values.reshape(n_solvers, *shape), attributes)
+    return xr.Dataset(
+        variables,
+        coords={"solver": list(config.solvers), **coords},
+        attrs={"name": config.name, "identity": str(run.manifest().get("identity"))},
+    )
+
+
+def _axes(
+    cells: Path, config: Config, n_solvers: int
+) -> tuple[tuple[str, ...], dict[str, Any], tuple[int, ...]]:
+    def described(name: str, dim: str, values: Any) -> Any:
+        return (dim, values, {"units": COLUMNS[name][1], "long_name": COLUMNS[name][2]})
+
+    if config.sample is None and config.cells is None:
+        axes = config.grid.axes()
+        coords = {name: described(name, name, values) for name, values in axes.items()}
+        return tuple(axes), coords, tuple(map(len, axes.values()))
+    along = {name: _column(cells, name)[::n_solvers] for name in ("cell", *AXES)}
+    coords = {name: described(name, "cell", values) for name, values in along.items()}
+    coords["cell"] = described("cell", "cell", along["cell"].astype(int))
+    return ("cell",), coords, (len(along["cell"]),)
+
+
+def _column(path: Path, name: str) -> np.ndarray:
+    pieces = []
+    for block in blocks(path, [name], whole_cells=False):
+        column = block.column(0)
+        text = pa.types.is_string(column.type)
+        pieces.append(
+            np.array(column.to_pylist(), dtype=object) if text else column.cast(pa.float64()).to_numpy()
+        )
+    return np.concatenate(pieces) if pieces else np.empty(0)

@@ -1,0 +1,215 @@
+r"""The corners between the model and what an engine was asked for: every combination of three switches.
+
+| switch | off | on |
+|---|---|---|
+| positions | `frozen`: a contact returns as soon as its bodies approach | `free`: when its gap has closed |
+| law | `energetic` restitution | the law that the engine was `asked` for, kelvin-voigt as a rule |
+| gravity | `weightless` | as in the `scenario` of the run, B2 in static equilibrium |
+
+All off is the state-transition model, all on the law of the engine in its scenario; what each of the eight is stands in
+docs/theory.md, section 7. They are computed through the batch functions of the references, exactly between events and
+without a time step, whether or not a run lists them as solvers; the model's is the run's own row. In an `impact`
+the corners of the third switch are two and two the same.
+
+The switch of the law has one more position where an `alternative` is put in the place of the engine's law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
+from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.compliant_baselines.references.jumps import JUMPS, jumps
+from impact_xval.compliant_baselines.references.reference_batch import ReferenceBatch
+from impact_xval.experiments.measures.rungs import LAWS
+from impact_xval.model.collision import RESULT_STATUSES
+
+Floats = NDArray[np.float64]
+Texts = NDArray[np.str_]
+
+#: Positions of a switch.
+FROZEN, FREE = 0, 1
+ENERGETIC = 0
+WEIGHTLESS, SCENARIO = 0, 1
+
+#: A corner: the positions of its switches (positions, law, gravity).
+Index = tuple[int, int, int]
+
+#: What the model is.
+MODEL: Index = (FROZEN, ENERGETIC, WEIGHTLESS)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corners:
+    """The corners of n cells.
+
+    Attributes
+    ----------
+    velocities : ndarray, shape (2, m, 2, n, 2)
+        By position of each switch, v1 and v2 per abs(v0); NaN without a result. m is 2, or 3 with an alternative.
+    reason : ndarray of str, shape (n,)
+        Empty where all have a result; else the first, of those beside the model, that has none, and its status.
+    """
+
+    velocities: Floats
+    reason: Texts
+
+    def take(self, index: NDArray[np.intp]) -> Corners:
+        """Return those of some cells, in the order of `index`."""
+        return Corners(self.velocities[:, :, :, index], self.reason[index])
+
+    @property
+    def model(self) -> Floats:
+        """The state-transition model, shape (n, 2)."""
+        return self.velocities[MODEL]
+
+    @property
+    def asked(self) -> Floats:
+        """The law of the engine in its scenario, shape (n, 2)."""
+        return self.velocities[-1, -1, -1]
+
+
+def corner_names(alternative: bool) -> dict[Index, str]:
+    """Return the name of every corner, as in columns of tables, by the positions of its switches."""
+    laws = ("energetic", "alternative", "asked") if alternative else ("energetic", "asked")
+    return {
+        (i, j, k): f"{positions}_{law}_{gravity}"
+        for i, positions in enumerate(("frozen", "free"))
+        for j, law in enumerate(laws)
+        for k, gravity in enumerate(("weightless", "scenario"))
+    }
+
+
+def laws_of(law: str, obeyed: str) -> tuple[str, ...]:
+    """Return the names of the laws of a cube: bistiffness, the alternative if there is one, that of the engine."""
+    for name, value in (("law", law), ("obeyed", obeyed)):
+        if value not in LAWS:
+            raise ValueError(f"{name} = {value!r}; legal: {', '.join(LAWS)}")
+    return ("bistiffness", obeyed) if law == KELVIN_VOIGT else ("bistiffness", law, obeyed)
+
+
+def solve_corners(
+    cells: Sequence[Floats], gravity_number: Floats, laws: Sequence[str]
+) -> Iterator[tuple[Index, ReferenceBatch]]:
+    r"""Compute all corners but the model, one after the other.
+
+    Parameters
+    ----------
+    cells : sequence of four ndarray, shape (n,)
+        k2/k1, m2/m1, e1 and e2.
+    gravity_number : ndarray, shape (n,)
+        g/(\|v0\| omega1); where all are 0, the corners of the scenario are left out.
+    laws : sequence of str
+        From `laws_of`.
+    """
+    for index, solve, number in _solvers(gravity_number, laws):
+        yield index, solve(*cells, number)
+
+
+def _solvers(
+    gravity_number: Floats, laws: Sequence[str]
+) -> Iterator[tuple[Index, Callable[..., ReferenceBatch], Floats]]:
+    """Give what solves each corner but the model, and its gravity number."""
+    for gravity in (WEIGHTLESS, SCENARIO) if np.any(gravity_number > 0) else (WEIGHTLESS,):
+        for positions, law in product((FREE, FROZEN), range(len(laws))):
+            index = positions, law, gravity
+            if index != MODEL:
+                solve: Callable[..., ReferenceBatch] = LAWS[laws[law]] if law else bistiffness_batch
+                number = gravity_number if gravity else np.zeros_like(gravity_number)
+                yield index, partial(solve, frozen=positions == FROZEN), number
+
+
+def corner_marks(
+    cells: Sequence[Floats], gravity_number: Floats, law: str = KELVIN_VOIGT, obeyed: str = KELVIN_VOIGT
+) -> Texts:
+    """Say of each cell which corner jumps beside it (`references.jumps`): its shares would be others.
+
+    Parameters
+    ----------
+    cells, gravity_number, law, obeyed
+        As for `corners`.
+
+    Returns
+    -------
+    ndarray of str, shape (n,)
+        Empty where no corner between the model and the engine's law does.
+    """
+    laws = laws_of(law, obeyed)
+    marks = np.full(len(gravity_number), "", dtype="U120")
+    for index, solve, number in _solvers(gravity_number, laws):
+        excess, _ = jumps(solve, *cells, number)
+        found = (excess > 1) & (marks == "")
+        marks[found] = (
+            f"ladder: {_called(index, laws)} jumps where a parameter changes by {max(JUMPS):g} or less"
+        )
+    return marks
+
+
+def gather(model: Floats, batches: Iterable[tuple[Index, ReferenceBatch]], laws: Sequence[str]) -> Corners:
+    """Put corners together.
+
+    Parameters
+    ----------
+    model : ndarray, shape (n, 2)
+        Final velocities per abs(v0); NaN without a result.
+    batches : iterable of (Index, ReferenceBatch)
+        From `solve_corners`, for the same cells.
+    laws : sequence of str
+        What it was given.
+    """
+    velocities = np.full((2, len(laws), 2, *model.shape), np.nan)
+    velocities[MODEL] = model
+    reason, weighty = np.full(len(model), "", dtype="U80"), False
+    for index, batch in batches:
+        velocities[index] = np.column_stack([batch.v1, batch.v2])
+        failed = ~np.isin(batch.status, RESULT_STATUSES) & (reason == "")
+        reason[failed] = np.char.add(f"{_called(index, laws)}: ", batch.status[failed])
+        weighty |= index[2] == SCENARIO
+    if not weighty:
+        velocities[:, :, SCENARIO] = velocities[:, :, WEIGHTLESS]
+    return Corners(velocities, reason)
+
+
+def _called(index: Index, laws: Sequence[str]) -> str:
+    """Name a corner in a sentence."""
+    positions, law, gravity = index
+    frozen = "frozen " if positions == FROZEN else ""
+    return f"{frozen}{laws[law]}{' with gravity' if gravity else ''}"
+
+
+def corners(
+    model: Floats,
+    cells: Sequence[Floats],
+    gravity_number: Floats,
+    law: str = KELVIN_VOIGT,
+    obeyed: str = KELVIN_VOIGT,
+) -> Corners:
+    r"""Compute the corners of cells.
+
+    Parameters
+    ----------
+    model : ndarray, shape (n, 2)
+        Final velocities of the state-transition model per \|v0\|; NaN without a result.
+    cells : sequence of four ndarray, shape (n,)
+        k2/k1, m2/m1, e1 and e2.
+    gravity_number : ndarray, shape (n,)
+        g/(\|v0\| omega1); 0 without gravity.
+    law : str
+        One of `LAWS`: what is asked about; kelvin-voigt: nothing.
+    obeyed : str
+        One of `LAWS`: what the engine was asked for.
+
+    Raises
+    ------
+    ValueError
+        For an unknown law, or an illegal value.
+    """
+    laws = laws_of(law, obeyed)
+    return gather(model, solve_corners(cells, gravity_number, laws), laws)

@@ -1,0 +1,254 @@
+"""What the divergence of the engines is made of, over many cells: by engine and by region.
+
+The share of a rung over a region is the sum of its components along the total over the sum of D (`ladder`): the
+shares of an engine and region sum to 1. Its range is that of the same quotient over the six orders of the causes.
+Grazing cells are left out, as in the rest of a summary.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, kind_of
+from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.measures.corners import corner_names
+from impact_xval.experiments.measures.ladder import NOTHING, Floats, by_order
+from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
+from impact_xval.experiments.measures.levels import levels_of
+from impact_xval.experiments.measures.rungs import (
+    CAUSES,
+    CHOICE,
+    LAWS,
+    MAPPING,
+    RUNGS,
+)
+from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.streams import codes, column, present
+
+#: A pandas DataFrame or Series; see `summary.Frame`.
+Frame = Any
+
+#: Regions of k2/k1, by their lower edge: what is much softer, comparable, much stiffer is the table.
+BAND = "stiffness_band"
+BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
+
+_STATISTICS = [
+    *(
+        "solver",
+        "axis",
+        "value",
+        "rung",
+        "n",
+        "total",
+        "share",
+        "low",
+        "high",
+        "mean",
+        "median",
+        "p95",
+        "max",
+    ),
+    *("dominant", "agreed", "doubt"),
+]
+
+#: Largest run whose cells are asked "what if" for a summary: some ten seconds.
+MOST_ALTERNATIVES = 200_000
+
+
+@dataclass(frozen=True, slots=True)
+class LadderSummary:
+    """Statistics of the ladders of a run.
+
+    Attributes
+    ----------
+    statistics : DataFrame
+        ``solver, axis ("all", an axis of the grid or "stiffness_band"), value, rung, n, total, share, low, high, mean,
+        median, p95, max, dominant, agreed, doubt``: `n` cells have the rung, `total` is the mean D of the region,
+        `share` the rung's share of it, `low` and `high` the least and largest that the six orders of the causes give
+        (the share itself for a rung that is no cause), `mean` to `max` are of its norm, it has the largest share in the
+        fraction `dominant` of the cells, in the fraction `agreed` of the region the largest cause is the same by every
+        order, and `doubt` is the median of the estimated error of the engine's limit, where there is one.
+    alternatives : DataFrame
+        "What if" without an engine, no gravity: ``law, value (a band's lower edge, NaN for all), n, median, p95`` of D
+        from the model, ``closer``, the fraction of cells in which that D is less than kelvin-voigt's, and
+        ``dissipation``, the median norm of law minus bistiffness. Empty for grids that are too large.
+    """
+
+    statistics: Frame
+    alternatives: Frame
+
+    @property
+    def solvers(self) -> list[str]:
+        """The engines, in the order of the tables."""
+        return list(dict.fromkeys(self.statistics.solver))
+
+    def region(self, solver: str, axis: str = "all", value: float = np.nan) -> Frame:
+        """Return the rows of one engine and region, indexed by rung; empty where nothing was compared."""
+        table = self.statistics
+        found = table[(table.solver == solver) & (table.axis == axis)]
+        if axis != "all":
+            found = found[found.value == value]
+        return found.set_index("rung")
+
+
+def band_of(stiffness_ratio: Any) -> Any:
+    """Lower edge of the band of each k2/k1."""
+    ratio = np.asarray(stiffness_ratio, dtype=float)
+    return np.where(ratio < 0.1, 0.0, np.where(ratio <= 10.0, 0.1, 10.0))
+
+
+def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
+    """Compute the statistics of the ladders of a finished run."""
+    path = folder.table_path(LADDER, LADDER_SCHEMA)
+    return LadderSummary(ladder_statistics(path, config), _alternatives(folder, config))
+
+
+def ladder_statistics(path: Path, config: Config) -> Frame:
+    """Compute `LadderSummary.statistics` from a table of ladders of any size, a column in memory at a time."""
+    frames = [_engine_statistics(path, name, config) for name in config.solvers if kind_of(name) == "engine"]
+    frames = [frame for frame in frames if len(frame)]
+    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=_STATISTICS)
+
+
+def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
+    rows = (codes(path, "solver", [solver]) == 0) & (codes(path, "status", ["ok"]) == 0)
+    rows &= ~present(path, "marked")
+    if not np.any(rows):
+        return pd.DataFrame()
+    there = set(pq.read_schema(path).names)
+    rungs = [rung for rung in RUNGS if f"{rung.name}_norm" in there]
+    regions = _regions(path, rows, config)
+    total = column(path, "velocity_divergence")[rows]
+    dominant = codes(path, "dominant", [rung.name for rung in rungs])[rows]
+    agreed = column(path, "dominant_by_every_order")[rows]
+    orders = _shares_by_order(path, rows, total, regions, CHOICE in rungs)
+    apart = ~np.isnan(column(path, f"{MAPPING.name}_norm")[rows])
+    doubt = np.where(apart, column(path, "limit_error")[rows], np.nan)
+    frames = []
+    for i, rung in enumerate(rungs):
+        values = pd.DataFrame(
+            {
+                "norm": column(path, f"{rung.name}_norm")[rows],
+                "along": column(path, f"{rung.name}_share")[rows] * total,
+                "total": total,
+                "dominant": dominant == i,
+                "agreed": agreed,
+                "doubt": doubt,
+            }
+        )
+        for axis, region in regions.items():
+            found = _by_region(values, region).assign(solver=solver, axis=axis, rung=rung.name)
+            low, high = found.share, found.share
+            if rung in CAUSES:
+                shares = orders[axis][:, i]  # the causes are the first rungs
+                low, high = shares.min(axis=0), shares.max(axis=0)
+            frames.append(found.assign(low=low, high=high))
+    statistics = pd.concat(frames, ignore_index=True)
+    order = {name: i for i, name in enumerate(regions)}
+    # by axis, then by value, then by rung, as they came
+    statistics = statistics.sort_values("value", kind="stable").sort_values(
+        "axis", kind="stable", key=lambda names: names.map(order)
+    )
+    statistics.loc[statistics.axis == "all", "value"] = np.nan
+    return statistics[statistics.n > 0][_STATISTICS]
+
+
+def _shares_by_order(
+    path: Path, rows: NDArray[np.bool_], total: Floats, regions: dict[str, Floats], alternative: bool
+) -> dict[str, Floats]:
+    """By axis, the share of every cause by order and value of the region, shape (6, causes, values).
+
+    Components along the total are linear: those of the corners are summed over a region before they are split.
+    """
+    weighted = column(path, "dv1")[rows], column(path, "mass_ratio")[rows] * column(path, "dv2")[rows]
+    names = corner_names(alternative)
+    shape = tuple(1 + max(index[i] for index in names) for i in range(3))
+    sums: dict[str, Floats] = {}
+    for index, name in names.items():
+        product = sum(column(path, f"{name}_v{i + 1}")[rows] * dv for i, dv in enumerate(weighted))
+        along = np.divide(product, total, out=np.zeros_like(total), where=total >= NOTHING)
+        for axis, region in regions.items():
+            values, place = np.unique(region, return_inverse=True)
+            cube = sums.setdefault(axis, np.empty((*shape, len(values))))
+            cube[index] = np.bincount(place, along)
+    found = {}
+    for axis, region in regions.items():
+        whole = np.bincount(np.unique(region, return_inverse=True)[1], total)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found[axis] = np.where(whole > 0, by_order(sums[axis]) / whole, np.nan)
+    return found
+
+
+def _regions(path: Path, rows: NDArray[np.bool_], config: Config) -> dict[str, Floats]:
+    """By axis, the value by which every row is grouped."""
+    scattered = config.sample is not None or config.cells is not None
+    regions = {"all": np.zeros(int(rows.sum()))}
+    for axis in AXES:
+        x = column(path, axis)[rows]
+        if axis == "stiffness_ratio":
+            regions[BAND] = band_of(x)
+        levels = levels_of(x) if scattered else None
+        regions[axis] = x if levels is None else np.array(levels.values)[levels.codes(x)]
+    return regions
+
+
+def _by_region(values: Frame, region: Floats) -> Frame:
+    groups = values.groupby(region)
+    norm = groups["norm"]
+    sums = groups[["total", "along"]].sum()
+    return pd.DataFrame(
+        {
+            "n": norm.count(),
+            "total": sums.total / groups.size(),
+            "share": sums.along / sums.total.where(sums.total > 0),
+            "mean": norm.mean(),
+            "median": norm.median(),
+            "p95": norm.quantile(0.95),
+            "max": norm.max(),
+            "dominant": groups["dominant"].mean(),
+            "agreed": groups["agreed"].mean(),
+            "doubt": groups["doubt"].median(),
+        }
+    ).reset_index(names="value")
+
+
+def _alternatives(folder: RunFolder, config: Config) -> Frame:
+    """Ask every law what it would do, over the cells of a run."""
+    columns = ["law", "value", "n", "median", "p95", "closer", "dissipation"]
+    path = folder.root / "cells.parquet"
+    if pq.read_metadata(path).num_rows > MOST_ALTERNATIVES * len(config.solvers):
+        return pd.DataFrame(columns=columns)
+    read = (*AXES, "v0", "v1", "v2")
+    table = pq.read_table(path, columns=[*read, "marked"], filters=[("solver", "==", REFERENCE)])
+    kappa, mass_ratio, e1, e2, v0, v1, v2 = (table[name].to_numpy().astype(float) for name in read)
+    cells, band = (kappa, mass_ratio, e1, e2), band_of(kappa)
+    model = SimpleNamespace(v1=v1 / abs(v0), v2=v2 / abs(v0))
+    stiff = bistiffness_batch(*cells)
+    regular = table["marked"].is_null().to_numpy()
+
+    def distance(a: Any, b: Any) -> Any:
+        return np.hypot(a.v1 - b.v1, np.sqrt(mass_ratio) * (a.v2 - b.v2))
+
+    answers = {law: answer(*cells) for law, answer in LAWS.items()}
+    kept = distance(answers[KELVIN_VOIGT], model)
+    rows = []
+    for law, answer in answers.items():
+        away, left = distance(answer, model), distance(answer, stiff)
+        for value in (np.nan, *BANDS):
+            here = regular & np.isfinite(away) & np.isfinite(left) & np.isfinite(kept)
+            here &= np.isnan(value) | (band == value)
+            if np.any(here):
+                median, p95 = np.quantile(away[here], [0.5, 0.95])
+                closer = np.mean(away[here] < kept[here])
+                rows.append((law, value, int(here.sum()), median, p95, closer, np.median(left[here])))
+    return pd.DataFrame(rows, columns=columns)

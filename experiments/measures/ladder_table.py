@@ -1,0 +1,364 @@
+"""The table of ladders: one row a cell and engine, made from the finished table of cells, piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+
+from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, engine_free_names, law_of
+from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.measures.corners import (
+    Corners,
+    Texts,
+    corner_marks,
+    corner_names,
+    corners,
+)
+from impact_xval.experiments.measures.divergence import COMPARABLE
+from impact_xval.experiments.measures.ladder import (
+    NOTHING,
+    Floats,
+    Split,
+    cancelling,
+    split,
+)
+from impact_xval.experiments.measures.rungs import (
+    CAUSES,
+    CHOICE,
+    ENGINE,
+    Rung,
+    rungs_of,
+)
+from impact_xval.experiments.tables.schema import COLUMNS
+from impact_xval.experiments.tables.streams import blocks, replacing, table_writer
+
+LADDER, LADDER_CSV = "ladder.parquet", "ladder.csv"
+
+#: Status of an engine's result that changes with its step: it has a ladder, which no statistic counts.
+UNCONVERGED = "unconverged"
+
+#: Least width of a range that a sentence mentions.
+_WIDE = 0.005
+
+#: Why the last two rungs are one.
+NO_LIMIT = "no certified limit of small steps for this cell"
+
+_PARAMETERS = ("cell", *AXES, "gravity_number", "solver")
+_READ = (*_PARAMETERS, "status", "marked", "reason", "v0", "v1", "v2", "grazing_margin")
+_LIMIT = ("v1_limit", "v2_limit", "limit_error")
+
+#: Size of a share from which a sentence mentions it beside the largest.
+_MENTIONED = 0.02
+
+
+def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
+    return pa.field(name, kind, metadata={"unit": "-", "meaning": meaning})
+
+
+def ladder_schema(rungs: Sequence[Rung]) -> pa.Schema:
+    """Return the Arrow schema of a table of ladders; unit and meaning of each column are in its metadata."""
+    number, text = pa.float64(), pa.string()
+    fields = [
+        _field(name, {"int": pa.int64(), "float": number, "text": text}[COLUMNS[name][0]], COLUMNS[name][2])
+        for name in _PARAMETERS
+    ]
+    fields += [
+        _field(
+            "status",
+            text,
+            "ok; unconverged: the engine's result is; or that of the outcome without which there is no ladder",
+        ),
+        _field("reason", text, "which outcome that is, and why; or why mapping and time step are one rung"),
+        _field("marked", text, COLUMNS["marked"][2]),
+        _field("model_grazing_margin", number, "grazing margin of the state-transition model"),
+        _field("velocity_divergence", number, "D, the kinetic norm of (dv1, dv2)"),
+        _field("dv1", number, "engine minus model, per |v0|; the sum of dv1 of the rungs"),
+        _field("dv2", number, "engine minus model, per |v0|; the sum of dv2 of the rungs"),
+    ]
+    for rung in rungs:
+        fields += _rung_fields(rung)
+    fields += [
+        _field("limit_error", number, "estimated error of the engine's limit of small steps"),
+        _field("dominant", text, "the rung with the largest share"),
+        _field("dominant_by_every_order", pa.bool_(), "whether it has the largest by each of the six orders"),
+        _field("sentence", text, "the row in words"),
+    ]
+    for name in corner_names(CHOICE in rungs).values():
+        told = f"corner {name.replace('_', ', ')}: final velocity of"
+        fields += [_field(f"{name}_v{i}", number, f"{told} B{i} per |v0|") for i in (1, 2)]
+    return pa.schema(fields)
+
+
+def _rung_fields(rung: Rung) -> list[pa.Field]:
+    number = pa.float64()
+    difference = f"{rung.label}: {rung.after} minus {rung.before}"
+    if rung in CAUSES:
+        mean = "mean over the six orders of the causes (Shapley value)"
+        difference = f"{rung.label}, {mean}: {rung.before} -> {rung.after}"
+    fields = [
+        _field(f"{rung.name}_dv1", number, f"{difference}; v1 per |v0|"),
+        _field(f"{rung.name}_dv2", number, f"{difference}; v2 per |v0|"),
+        _field(f"{rung.name}_norm", number, f"kinetic norm of ({rung.name}_dv1, {rung.name}_dv2)"),
+        _field(f"{rung.name}_share", number, "component along (dv1, dv2) over D; shares of a row sum to 1"),
+    ]
+    if rung in CAUSES:
+        fields += [
+            _field(f"{rung.name}_share_low", number, "least share by the six orders of the causes"),
+            _field(f"{rung.name}_share_high", number, "largest share by the six orders of the causes"),
+        ]
+    return fields
+
+
+LADDER_SCHEMA = ladder_schema(rungs_of(KELVIN_VOIGT))
+
+
+def write_ladder(root: Path, law: str = KELVIN_VOIGT, stem: str = "ladder") -> None:
+    """Write a table of ladders, as Parquet and CSV, from the table of cells in a folder.
+
+    Parameters
+    ----------
+    root : Path
+        Holds ``cells.parquet``, sorted by cell, and gets ``STEM.parquet`` and ``STEM.csv``.
+    law : str
+        The dissipation law, one of `rungs.LAWS`.
+    stem : str
+        Name of the files.
+    """
+    schema = ladder_schema(rungs_of(law))
+    with (
+        table_writer(root / f"{stem}.parquet", schema) as table,
+        replacing(root / f"{stem}.csv") as text,
+        pacsv.CSVWriter(str(text), schema) as csv,
+    ):
+        for piece in _pieces(root / "cells.parquet"):
+            rows = ladder_rows(piece, law)
+            table.add(rows)
+            csv.write_table(rows.cast(schema))
+
+
+def _pieces(path: Path) -> Iterator[pa.Table]:
+    """Read the table of cells in pieces of whole cells; columns of limits are null where it has none."""
+    there = set(pq.read_schema(path).names)
+    return map(_with_limits, blocks(path, [name for name in (*_READ, *_LIMIT) if name in there]))
+
+
+def _with_limits(table: pa.Table) -> pa.Table:
+    for name in _LIMIT:
+        if name not in table.column_names:
+            table = table.append_column(name, pa.nulls(len(table), pa.float64()))
+    return table
+
+
+def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
+    """Make the ladders of whole cells.
+
+    Parameters
+    ----------
+    cells : Table
+        Rows of the table of cells, sorted by cell; every cell with its row of the model.
+    law : str
+        The dissipation law.
+
+    Returns
+    -------
+    Table
+        One row for each row of an engine, in order.
+    """
+    solvers = cells["solver"].to_numpy(zero_copy_only=False)
+    engines = cells.filter(pa.array(~np.isin(solvers, engine_free_names())))
+    model = cells.filter(pa.array(solvers == REFERENCE))
+    if not len(engines):
+        return ladder_schema(rungs_of(law)).empty_table()
+    asked = np.array([law_of(name) for name in engines["solver"].to_pylist()])
+    laws = list(dict.fromkeys(asked.tolist()))
+    groups = [np.flatnonzero(asked == obeyed) for obeyed in laws]
+    tables = [
+        _ladders(engines.take(rows), model, law, obeyed) for rows, obeyed in zip(groups, laws, strict=True)
+    ]
+    return (
+        tables[0] if len(tables) == 1 else pa.concat_tables(tables).take(np.argsort(np.concatenate(groups)))
+    )
+
+
+def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Table:
+    """Make the ladders of engines that were asked for one law."""
+    # The references know nothing of engines: one answer a cell.
+    at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
+    kappa, mu, e1, e2 = (_numbers(model, name) for name in AXES)
+    reference, number = _velocities(model, COMPARABLE), _numbers(model, "gravity_number")
+    here = corners(reference, (kappa, mu, e1, e2), number, law, obeyed).take(at)
+    engine = _velocities(engines, (*COMPARABLE, UNCONVERGED))
+    limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])
+    # A limit that did not converge is none.
+    limit[engines["status"].to_numpy(zero_copy_only=False) == UNCONVERGED] = np.nan
+    ladders = split(mu[at], here, limit, engine)
+    status, reason = _statuses(engines, model, at, here.reason, ladders)
+    marks = corner_marks((kappa, mu, e1, e2), number, law, obeyed)[at]
+    return _table(engines, _numbers(model, "grazing_margin")[at], marks, here, ladders, status, reason)
+
+
+def _marks(solvers: list[str | None], corners: list[str]) -> list[str | None]:
+    """Join the mark of each row's solver with that of the corners."""
+    return [
+        "; ".join(filter(None, (mine, other))) or None for mine, other in zip(solvers, corners, strict=True)
+    ]
+
+
+def _numbers(table: pa.Table, name: str) -> Floats:
+    return table[name].to_numpy(zero_copy_only=False).astype(float)
+
+
+def _velocities(table: pa.Table, statuses: Sequence[str]) -> Floats:
+    """v1 and v2 per abs(v0), shape (n, 2); NaN where the status is none of these."""
+    there = np.isin(table["status"].to_numpy(zero_copy_only=False), statuses)
+    v = (
+        np.column_stack([_numbers(table, "v1"), _numbers(table, "v2")])
+        / np.abs(_numbers(table, "v0"))[:, None]
+    )
+    return np.where(there[:, None], v, np.nan)
+
+
+def _statuses(
+    engines: pa.Table, model: pa.Table, at: Any, unanswered: Any, ladders: Split
+) -> tuple[list[str], list[str | None]]:
+    """Status and reason of every row: the first outcome that is missing, or why two rungs are one."""
+    statuses: list[str] = []
+    reasons: list[str | None] = []
+    names, found = engines["solver"].to_pylist(), engines["status"].to_pylist()
+    why, models = engines["reason"].to_pylist(), model["status"].to_pylist()
+    joined = ~np.isnan(ladders.norms[ladders.rungs.index(ENGINE)])
+    for i, place in enumerate(at.tolist()):
+        if found[i] not in COMPARABLE:
+            status, reason = found[i], f"{names[i]}: {why[i] or found[i]}"
+        elif models[place] not in COMPARABLE:
+            status, reason = models[place], f"{REFERENCE}: {models[place]}"
+        elif unanswered[i]:
+            status, reason = str(unanswered[i]).rpartition(" ")[2], str(unanswered[i])
+        else:
+            status, reason = "ok", NO_LIMIT if joined[i] else None
+        statuses.append(status)
+        reasons.append(reason)
+    return statuses, reasons
+
+
+def _table(
+    engines: pa.Table,
+    margin: Floats,
+    marks: Texts,
+    here: Corners,
+    ladders: Split,
+    status: list[str],
+    reason: Any,
+) -> pa.Table:
+    ok = ~np.isnan(ladders.divergence) & np.array([s in ("ok", UNCONVERGED) for s in status])
+    columns: dict[str, Any] = {name: engines[name] for name in _PARAMETERS}
+
+    def numbers(values: Floats) -> pa.Array:
+        return pa.array(values, pa.float64(), mask=~ok | np.isnan(values))
+
+    columns |= {
+        "status": status,
+        "reason": reason,
+        "marked": _marks(engines["marked"].to_pylist(), marks.tolist()),
+        "model_grazing_margin": pa.array(margin, pa.float64(), from_pandas=True),
+        "velocity_divergence": numbers(ladders.divergence),
+        "dv1": numbers(ladders.total[:, 0]),
+        "dv2": numbers(ladders.total[:, 1]),
+    }
+    shares, (low, high) = ladders.shares, ladders.ranges
+    for i, rung in enumerate(ladders.rungs):
+        columns[f"{rung.name}_dv1"] = numbers(ladders.vectors[i, :, 0])
+        columns[f"{rung.name}_dv2"] = numbers(ladders.vectors[i, :, 1])
+        columns[f"{rung.name}_norm"] = numbers(ladders.norms[i])
+        columns[f"{rung.name}_share"] = numbers(shares[i])
+        columns[f"{rung.name}_share_low"] = numbers(low[i])
+        columns[f"{rung.name}_share_high"] = numbers(high[i])
+    names = [rung.name for rung in ladders.rungs]
+    first = np.where(ok, ladders.dominant(), -1)
+    columns["limit_error"] = engines["limit_error"]
+    columns["dominant"] = [names[i] if i >= 0 else None for i in first.tolist()]
+    columns["dominant_by_every_order"] = pa.array(ladders.agreed(), mask=first < 0)
+    columns["sentence"] = _sentences(engines["solver"].to_pylist(), ladders, ok)
+    for index, name in corner_names(CHOICE in ladders.rungs).items():
+        for i in range(2):
+            columns[f"{name}_v{i + 1}"] = numbers(here.velocities[index][:, i])
+    schema = ladder_schema(ladders.rungs)
+    return pa.table({name: columns[name] for name in schema.names}, schema=schema)
+
+
+class Part(NamedTuple):
+    """A rung in a sentence: its phrase, share and norm, and its least and largest share by the orders."""
+
+    phrase: str
+    share: float
+    norm: float
+    low: float
+    high: float
+
+    @property
+    def percent(self) -> str:
+        """The share, with its range where that can be seen."""
+        text = f"{100 * self.share:.3g} %"
+        return f"{text}, by order {between(self.low, self.high)}" if self.high - self.low >= _WIDE else text
+
+
+def between(low: float, high: float) -> str:
+    """Write a range of shares, in per cent."""
+    return f"{100 * low:.3g} to {100 * high:.3g} %"
+
+
+def _sentences(solvers: list[str], ladders: Split, ok: Any) -> list[str | None]:
+    phrases = [rung.phrase for rung in ladders.rungs]
+    shares, (low, high) = ladders.shares, ladders.ranges
+    sentences: list[str | None] = []
+    agreed = ladders.agreed()
+    for i, name in enumerate(solvers):
+        columns = (values[:, i].tolist() for values in (shares, ladders.norms, low, high))
+        found = [Part(*row) for row in zip(phrases, *columns, strict=True) if not np.isnan(row[2])]
+        sentences.append(
+            sentence(name, float(ladders.divergence[i]), found, bool(agreed[i])) if ok[i] else None
+        )
+    return sentences
+
+
+def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool = True) -> str:
+    """Say in words which rung carries most of a divergence.
+
+    Parameters
+    ----------
+    solver : str
+        Name of the engine.
+    divergence : float
+        D.
+    parts : sequence of Part
+        Every rung there is.
+    agreed : bool
+        Whether the largest is the same by every order.
+    """
+    if divergence < NOTHING:
+        return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."
+    pair = cancelling([part.share for part in parts])
+    if pair is not None:
+        one, two = (f"{parts[i].phrase} (norm {parts[i].norm:.3g})" for i in pair)
+        return f"{solver} ends D = {divergence:.3g} from the model, where two large causes cancel: {one} and {two}."
+    first, *others = sorted(parts, key=lambda part: -part.share)
+    sure = first.low if np.isfinite(first.low) else first.share
+    how_much = "most of it" if sure > 0.5 else "the largest part of it"
+    how_much += "" if agreed else " (another by another order)"
+    text = (
+        f"{solver} ends D = {divergence:.3g} from the model, {how_much} by {first.phrase} "
+        f"({first.percent}, norm {first.norm:.3g})"
+    )
+    other = max(others, key=lambda part: abs(part.share))
+    if other.share <= -_MENTIONED:
+        return f"{text}, taken back in part by {other.phrase} ({other.percent}, norm {other.norm:.3g})."
+    if other.share >= _MENTIONED:
+        return f"{text}, then by {other.phrase} ({other.percent})."
+    return f"{text}."

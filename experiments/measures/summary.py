@@ -1,0 +1,150 @@
+"""What the table of divergence says: statistics by solver and axis, worst cells, agreement of paths.
+
+Marked rows, beside a jump of the model or of the exact law of their solver, are kept apart
+everywhere: there an arbitrarily small difference may end in another outcome, so they say little about
+physics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.measures.aggregates import (
+    FULL_PATHS,
+    OWN_LAW,
+    Compared,
+    Frame,
+    between,
+    reasons_of,
+    statistics,
+    worst_rows,
+)
+from impact_xval.experiments.measures.certificates import certificates
+from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
+from impact_xval.experiments.measures.laws import in_order_of_laws
+from impact_xval.experiments.measures.levels import Levels
+from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
+from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.streams import blocks, codes, present
+
+__all__ = ["FULL_PATHS", "OWN_LAW", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
+
+#: Measures that are summarised, by their size, and how a reader knows them.
+SUMMARISED = {
+    "velocity_divergence": "D",
+    "dv1": "|dv1|",
+    "dv2": "|dv2|",
+    "dimpulse1": "|dI1|",
+    "dimpulse2": "|dI2|",
+    "dretained_energy": "|d energy|",
+    "curve_distance": "curve distance",
+    "states_edit_distance": "path edits",
+}
+
+_SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
+_WORST = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Statistics of a run.
+
+    Attributes
+    ----------
+    config : Config
+        The experiment.
+    levels : dict of Levels
+        Values by which the statistics are grouped, by axis.
+    statistics : DataFrame
+        ``solver, cells ("all", "regular" or "marked"), axis ("all" or an axis), value, measure, n, mean,
+        median, p95, max``; measures are taken by size, those of `_SHARES` have only a mean.
+    worst : DataFrame
+        The regular cells with the largest D of every solver, as rows of the divergence table.
+    statuses : DataFrame
+        Number of cells by solver (index) and status (columns).
+    reasons : DataFrame
+        ``solver, status, reason, n``: the most frequent reasons first.
+    between : DataFrame
+        D between every two compliant solvers over the cells both solved: ``solver, other, n, median, p95,
+        max``.
+    certificates : DataFrame
+        Convergence certificates by solver (`measures.certificates`); empty without any.
+    n_cells, n_marked : int
+        Cells of the grid, and those of them in which the model is marked.
+    ladder : LadderSummary
+        What the divergence of the engines is made of.
+    """
+
+    config: Config
+    levels: dict[str, Levels]
+    statistics: Frame
+    worst: Frame
+    statuses: Frame
+    reasons: Frame
+    between: Frame
+    certificates: Frame
+    n_cells: int
+    n_marked: int
+    ladder: LadderSummary
+
+    @property
+    def solvers(self) -> list[str]:
+        """The solvers that were compared with the reference, grouped by the law they were asked for."""
+        return in_order_of_laws(name for name in self.config.solvers if name != REFERENCE)
+
+    def get(
+        self, solver: str, measure: str, axis: str = "all", value: float = np.nan, cells: str = "regular"
+    ) -> Frame:
+        """Return one row of the statistics; NaN numbers and n = 0 where nothing was compared."""
+        table = self.statistics
+        found = table[
+            (table.solver == solver)
+            & (table.measure == measure)
+            & (table.axis == axis)
+            & (table.cells == cells)
+        ]
+        if axis != "all":
+            found = found[found.value == value]
+        if len(found):
+            return found.iloc[0]
+        return pd.Series({"n": 0, "mean": np.nan, "median": np.nan, "p95": np.nan, "max": np.nan})
+
+
+def summarise(folder: RunFolder) -> Summary:
+    """Compute the statistics of a finished run from its stored tables, whatever their size."""
+    config = folder.config()
+    cells = folder.table_path("cells.parquet", CELLS_SCHEMA)
+    table = load_divergence(folder, config)
+    marks = present(cells, "marked")[codes(cells, "solver", [REFERENCE]) == 0]
+    return Summary(
+        config=config,
+        levels=table.levels,
+        statistics=statistics(table, tuple(SUMMARISED), _SHARES),
+        worst=worst_rows(table, _WORST),
+        statuses=_statuses(folder, config),
+        reasons=pd.DataFrame(
+            reasons_of(blocks(cells, ["solver", "status", "reason"], whole_cells=False)),
+            columns=["solver", "status", "reason", "n"],
+        ),
+        between=between(cells, config),
+        n_cells=len(marks),
+        n_marked=int(marks.sum()),
+        certificates=certificates(cells, config.solvers, config.mapping),
+        ladder=summarise_ladder(folder, config),
+    )
+
+
+def load_divergence(folder: RunFolder, config: Config) -> Compared:
+    """Read the table of divergence, column by column as it is needed."""
+    return Compared.of(folder.table_path("divergence.parquet", DIVERGENCE_SCHEMA), config)
+
+
+def _statuses(folder: RunFolder, config: Config) -> Frame:
+    counts = pd.DataFrame.from_dict(folder.statuses(), orient="index").fillna(0).astype(int)
+    return counts.reindex(
+        index=in_order_of_laws(config.solvers), columns=sorted(counts.columns), fill_value=0
+    )

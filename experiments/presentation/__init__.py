@@ -1,0 +1,1 @@
+"""Figures, templates, report and terminal. Imports `sweep` and below."""

@@ -1,0 +1,73 @@
+"""How figures look, and how they are saved: a colour, marker and dash for each solver, safe for the colour-blind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from impact_xval.experiments.tables.streams import replacing
+
+#: What every figure is saved as.
+FORMATS = ("png", "pdf")
+
+#: Okabe and Ito's palette; the model is black.
+_PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
+_FIXED = {
+    "state-transition": ("#000000", "", "-"),
+    "mujoco": ("#0072B2", "o", "-"),
+    "pybullet": ("#D55E00", "s", "--"),
+    "kelvin-voigt": ("#009E73", "^", "-."),
+    "bistiffness": ("#CC79A7", "D", ":"),
+    "drake": ("#E69F00", "v", (0, (5, 1, 1, 1, 1, 1))),
+}
+
+_PARAMETERS: dict[Any, Any] = {
+    "figure.constrained_layout.use": True,
+    "font.size": 9,
+    "axes.grid": True,
+    "grid.color": "0.9",
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "lines.linewidth": 1.6,
+    "lines.markersize": 4.5,
+    "svg.hashsalt": "impact-xval",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How one solver is drawn."""
+
+    color: str
+    marker: str
+    dash: str | tuple[int, tuple[int, ...]]
+
+
+def look(solver: str, position: int = 0) -> Look:
+    """Return the look of a solver; an unknown one gets a colour by its position."""
+    if solver in _FIXED:
+        return Look(*_FIXED[solver])
+    return Look(_PALETTE[position % len(_PALETTE)], "P", "--")
+
+
+@contextmanager
+def drawing(width: float, height: float) -> Iterator[Figure]:
+    """Give an empty figure of a size in inches, in the style of the project; no state is left behind."""
+    with mpl.rc_context(_PARAMETERS):
+        yield Figure(figsize=(width, height), layout="constrained")
+
+
+def save(figure: Figure, folder: Path, name: str, dpi: int = 160) -> None:
+    """Write a figure as ``NAME.png`` and ``NAME.pdf``: a figure that is drawn again gives the same files."""
+    for extension in FORMATS:
+        with replacing(folder / f"{name}.{extension}") as temporary:
+            metadata = {"CreationDate": None} if extension == "pdf" else None
+            figure.savefig(temporary, format=extension, dpi=dpi, metadata=metadata)

@@ -1,0 +1,92 @@
+"""How the commands print: progress, tables and lines, on a terminal or in a log."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from impact_xval.experiments.tables.document import Table
+
+#: Columns of a page that is not a terminal.
+_WIDTH = 150
+
+
+def print_table(console: Console, table: Table) -> None:
+    """Print a table below its caption."""
+    print_line(console, "")
+    print_line(console, table.caption)
+    console.print(rich_table(table))
+
+
+def rich_table(table: Table) -> RichTable:
+    """Make a table of a document one for the terminal; its text is shown as it is, its caption left out."""
+    shown = RichTable(box=None, pad_edge=False)
+    for position, title in enumerate(table.header):
+        shown.add_column(Text(title), justify="left" if position < table.text_columns else "right")
+    for row in table.rows:
+        shown.add_row(*map(Text, row))
+    return shown
+
+
+@contextmanager
+def show_progress(console: Console, unit: str = "cells") -> Iterator[Callable[[int, int, str], None]]:
+    """Show progress: a bar on a terminal, a line for every tenth of the work otherwise."""
+    if console.is_terminal:
+        columns = (
+            TextColumn(unit),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        with Progress(*columns, console=console) as bar:
+            task = bar.add_task(unit, total=None)
+
+            def on_bar(done: int, total: int, line: str) -> None:
+                if line:
+                    bar.console.print(line, markup=False, highlight=False)
+                if total:
+                    bar.update(task, completed=done, total=total)
+
+            yield on_bar
+        return
+    start, said = time.perf_counter(), -1
+
+    def on_log(done: int, total: int, line: str) -> None:
+        nonlocal said
+        if line:
+            print_line(console, line)
+        elif total and 10 * done // total > said:
+            said = 10 * done // total
+            print_line(console, f"{done} of {total} {unit} after {time.perf_counter() - start:.0f} s")
+
+    yield on_log
+
+
+def make_console() -> Console:
+    """Return the console of standard output; a log gets wide lines."""
+    console = Console()
+    return console if console.is_terminal else Console(width=_WIDTH)
+
+
+def print_line(console: Console, text: str) -> None:
+    """Print a line as it is; in a log it is never broken."""
+    console.print(text, markup=False, highlight=False, soft_wrap=not console.is_terminal)
+
+
+def error_line(text: str) -> None:
+    """Print a line on standard error."""
+    Console(stderr=True).print(f"impact-xval: {text}", markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,113 @@
+"""Impulse curves kept for the figures: one cell by every solver, and two of the supplement's by the model."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from impact_xval.experiments.config.configuration import REFERENCE, Cell, Config
+from impact_xval.experiments.config.grid import collision_of
+from impact_xval.experiments.measures.divergence import COMPARABLE
+from impact_xval.experiments.sweep.sandbox import Beat, FaultError, Sandbox
+from impact_xval.experiments.sweep.solving import Job, answer, settings_of
+from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.streams import replacing
+from impact_xval.model.collision import Collision, Outcome
+
+#: Parameters (44) of the main paper, inferred from the supplement, at the ratios of its figures 1(b) and
+#: 2(b).
+SUPPLEMENT = {
+    "supplement-1b": Cell(stiffness_ratio=40.0, mass_ratio=2 / math.sqrt(3), e1=0.9, e2=0.7),
+    "supplement-2b": Cell(stiffness_ratio=1 / 40, mass_ratio=2 / math.sqrt(3), e1=0.9, e2=0.7),
+}
+FIGURE_CELL = "figure-cell"
+CURVES = "curves.parquet"
+
+#: Points kept of a curve, enough to draw it.
+_POINTS = 4000
+
+_FIELDS = (
+    ("curve", pa.string(), "which collision"),
+    ("stiffness_ratio", pa.float64(), "k2/k1"),
+    ("mass_ratio", pa.float64(), "m2/m1"),
+    ("e1", pa.float64(), "restitution, ball on ball"),
+    ("e2", pa.float64(), "restitution, ball on table"),
+    ("solver", pa.string(), "name of the solver"),
+    ("impulse1", pa.float64(), "ball-ball impulse so far, per m1 |v0|"),
+    ("impulse2", pa.float64(), "ball-table impulse so far, per m1 |v0|"),
+    ("state", pa.int64(), "1 to 4 for S1 to S4"),
+)
+CURVES_SCHEMA = pa.schema(
+    [pa.field(name, kind, metadata={"unit": "-", "meaning": meaning}) for name, kind, meaning in _FIELDS]
+)
+
+
+def write_curves(config: Config, folder: RunFolder, executor: Any) -> None:
+    """Solve the cells of the figures, in sandboxes, and keep their curves.
+
+    Parameters
+    ----------
+    config : Config
+    folder : RunFolder
+    executor
+        One of `sweep.executors`.
+    """
+    wanted = [(FIGURE_CELL, config.figure_cell, list(config.solvers))]
+    wanted += [(label, cell, [REFERENCE]) for label, cell in SUPPLEMENT.items()]
+    calls = [
+        (label, cell, name, executor.submit(_solve, name, collision_of(config, cell), config.cell_timeout))
+        for label, cell, solvers in wanted
+        for name in solvers
+    ]
+    tables = [CURVES_SCHEMA.empty_table()]
+    for label, cell, name, future in calls:
+        outcome = future.result()
+        if outcome is not None and outcome.status in COMPARABLE and outcome.path is not None:
+            tables.append(_curve(label, cell, collision_of(config, cell), name, outcome))
+    with replacing(folder.root / CURVES) as temporary:
+        pq.write_table(pa.concat_tables(tables), temporary, compression="zstd")
+
+
+def _solve(sandbox: Sandbox, name: str, collision: Collision, patience: float) -> Outcome | None:
+    """Answer a cell in a sandbox; None if the solver crashed or hung, twice."""
+    for _ in range(2):
+        with contextlib.suppress(FaultError):
+            return sandbox.call(_answer, name, collision, patience=patience)
+    return None
+
+
+def _answer(job: Job, name: str, collision: Collision, *, beat: Beat) -> Outcome:
+    beat(name)
+    return answer(job.resolve(name), [collision], settings_of(job.config))[0]
+
+
+def _curve(label: str, cell: Cell, collision: Collision, name: str, outcome: Outcome) -> pa.Table:
+    path = outcome.path
+    assert path is not None
+    unit = collision.m1 * abs(collision.v0)
+    i1, i2 = path.impulse1 / unit, path.impulse2 / unit
+    kept = _thinned(i1, i2, path.state)
+    columns: dict[str, Any] = {
+        "curve": [label] * len(kept),
+        **{key: [value] * len(kept) for key, value in cell.model_dump().items()},
+        "solver": [name] * len(kept),
+        "impulse1": i1[kept],
+        "impulse2": i2[kept],
+        "state": path.state[kept],
+    }
+    return pa.table(columns, schema=CURVES_SCHEMA)
+
+
+def _thinned(i1: np.ndarray, i2: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """Pick points about evenly spaced along the curve, its ends and every change of state among them."""
+    if len(i1) <= _POINTS:
+        return np.arange(len(i1))
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(i1), np.diff(i2)))])
+    even = np.searchsorted(length, np.linspace(0, length[-1], _POINTS)).clip(max=len(i1) - 1)
+    change = np.flatnonzero(np.diff(state))
+    return np.unique(np.concatenate([[0, len(i1) - 1], even, change, change + 1]))

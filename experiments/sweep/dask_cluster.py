@@ -1,0 +1,207 @@
+"""The workers of a Dask cluster as an executor: each of their threads has a sandbox beside it.
+
+A worker of Dask never runs a solver itself, so an engine that crashes or hangs does not take it along, and
+what is recorded of such a cell is the same as on one machine. A worker that dies all the same (its machine
+is gone, its job ran out of time) costs nothing either: Dask gives its chunks to others. Workers need this
+project installed in the same versions, but none of the run's files: parts are written by the main process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import signal
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager
+from typing import Any
+
+from dask import config as dask_config
+from distributed import Client, LocalCluster, get_worker
+from distributed.comm.core import CommClosedError
+from distributed.diagnostics.plugin import WorkerPlugin
+from distributed.scheduler import KilledWorker
+
+from impact_xval.experiments.config.errors import InterruptedRunError, UserError
+from impact_xval.experiments.sweep.sandbox import Sandbox
+
+#: Names a local cluster where a scheduler is asked for.
+LOCAL = "local"
+
+#: Seconds to wait for a scheduler to answer, and between two lines that say that no worker has come yet.
+_ANSWER = 10
+_PATIENCE = 30
+#: Seconds for which the number of workers is taken as known.
+_KNOWN = 5.0
+
+
+class SandboxPlugin(WorkerPlugin):
+    """Gives every thread of a worker a sandbox, while a run goes on."""
+
+    sandboxes: list[Sandbox]
+    idle: queue.SimpleQueue[Sandbox]
+
+    def __init__(self, name: str, make_sandbox: Callable[[], Sandbox]) -> None:
+        self.name = name
+        self._make_sandbox = make_sandbox
+
+    def setup(self, worker: Any) -> None:
+        """Start the sandboxes, without keeping the worker waiting; each is idle from when it is prepared."""
+        self.sandboxes = [self._make_sandbox() for _ in range(worker.state.nthreads)]
+        self.idle = queue.SimpleQueue()
+        for sandbox in self.sandboxes:
+            threading.Thread(target=self._start, args=(sandbox,), daemon=True).start()
+
+    def _start(self, sandbox: Sandbox) -> None:
+        with contextlib.suppress(Exception):  # whoever calls it next meets what there is to meet
+            sandbox.start()
+        self.idle.put(sandbox)
+
+    def teardown(self, worker: Any) -> None:
+        """End the processes, whatever they do."""
+        for sandbox in self.sandboxes:
+            sandbox.close()
+
+
+def _on_worker(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    plugin: Any = get_worker().plugins[name]
+    sandbox = plugin.idle.get()
+    try:
+        return function(sandbox, *arguments)
+    finally:
+        plugin.idle.put(sandbox)
+
+
+class DaskExecutor(Executor):
+    """Submitted calls go to the workers of a cluster, as ``function(sandbox, *arguments)``."""
+
+    def __init__(self, client: Any, name: str) -> None:
+        self._client, self._name = client, name
+        self._executor = client.get_executor(pure=False)
+        self._workers, self._asked = 0, -_KNOWN
+
+    @property
+    def workers(self) -> int:
+        """How many calls are worked on at once; a cluster may grow and shrink."""
+        if time.monotonic() - self._asked >= _KNOWN:
+            self._workers = sum(self._client.nthreads().values())
+            self._asked = time.monotonic()
+        return self._workers
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Submit ``fn(sandbox, *args)``."""
+        return self._executor.submit(_on_worker, self._name, fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Take back what is not done."""
+        self._executor.shutdown(wait=wait and not cancel_futures)
+
+
+@contextmanager
+def dask_executor(
+    make_sandbox: Callable[[], Sandbox], scheduler: str, workers: int, say: Callable[[str], None]
+) -> Iterator[DaskExecutor]:
+    """Work on a Dask cluster.
+
+    Parameters
+    ----------
+    make_sandbox : callable
+        Can be pickled.
+    scheduler : str
+        The address of a scheduler, such as ``tcp://host:8786``, or `LOCAL` for a cluster on this machine.
+    workers : int
+        Processes of a local cluster.
+    say : callable
+        Told a line about the cluster.
+
+    Raises
+    ------
+    UserError
+        If no scheduler answers there.
+    InterruptedRunError
+        If the cluster is lost.
+    """
+    with _client(scheduler, workers) as client:
+        name = f"impact-xval-{uuid.uuid4().hex[:8]}"
+        client.register_plugin(SandboxPlugin(name, make_sandbox))
+        executor = DaskExecutor(client, name)
+        say(f"Dask cluster at {client.scheduler.address}: {_count(executor)}")
+        while not executor.workers:
+            _wait_for_worker(client, say)
+            executor._asked = -_KNOWN
+        try:
+            yield executor
+        except KilledWorker as error:
+            raise InterruptedRunError(f"too many workers of the cluster died: {_short(error)}") from None
+        except (CancelledError, CommClosedError) as error:
+            raise InterruptedRunError(
+                f"the Dask cluster at {scheduler} is gone: {_short(error) or 'its scheduler does not answer'}"
+            ) from None
+        finally:
+            executor.shutdown(wait=False, cancel_futures=True)
+            _forget(client, name)
+
+
+@contextmanager
+def _client(scheduler: str, workers: int) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
+    if scheduler == LOCAL:
+        settings = {"distributed.scheduler.allowed-failures": 20}
+        with (
+            dask_config.set(settings),
+            _local_cluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address="", silence_logs=logging.ERROR
+            ) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client
+        return
+    try:
+        client = Client(scheduler, timeout=_ANSWER)
+    except (OSError, TimeoutError, ValueError, TypeError) as error:
+        detail = _short(error) or type(error).__name__
+        raise UserError(
+            f"--scheduler {scheduler}: no Dask scheduler answers there ({detail}); legal: '{LOCAL}', or an "
+            "address such as tcp://host:8786"
+        ) from None
+    try:
+        yield client
+    finally:
+        client.close(timeout=2)
+
+
+def _local_cluster(**settings: Any) -> LocalCluster:
+    """Start a cluster whose processes leave Ctrl-C to this one: they inherit that it is ignored."""
+    if threading.current_thread() is not threading.main_thread():
+        return LocalCluster(**settings)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        return LocalCluster(**settings)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _wait_for_worker(client: Any, say: Callable[[str], None]) -> None:
+    try:
+        client.wait_for_workers(1, timeout=_PATIENCE)
+    except TimeoutError:
+        say(f"no worker has come yet; start some: dask worker {client.scheduler.address} --nthreads 1")
+
+
+def _forget(client: Any, name: str) -> None:
+    """End the sandboxes on the workers; a cluster that is gone needs none of it."""
+    try:
+        client.sync(client.unregister_worker_plugin, name, callback_timeout=3)
+    except Exception:  # whatever it is: the run itself is over
+        return
+
+
+def _count(executor: DaskExecutor) -> str:
+    return f"{executor.workers} worker threads"
+
+
+def _short(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200]

@@ -1,0 +1,174 @@
+"""Where the work of a sweep is done: executors in the sense of `concurrent.futures`, each with sandboxes.
+
+What is submitted is called as ``function(sandbox, *arguments)``, in a thread that has the sandbox to itself.
+There are two: processes on this machine (`local_executor`), and the workers of a Dask cluster
+(`sweep.dask_cluster`). No result depends on which, nor on how many.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import queue
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.sweep.sandbox import Sandbox
+from impact_xval.experiments.sweep.solving import Job, prepare
+
+_Answer = TypeVar("_Answer")
+
+
+class SandboxExecutor(Executor):
+    """Threads of this process, each submitted call with one of as many sandboxes."""
+
+    def __init__(self, sandboxes: list[Sandbox]) -> None:
+        self._sandboxes = sandboxes
+        self._threads = ThreadPoolExecutor(len(sandboxes), thread_name_prefix="sandbox")
+        self._idle: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
+        for sandbox in sandboxes:
+            self._idle.put(sandbox)
+
+    @property
+    def workers(self) -> int:
+        """How many calls are worked on at once."""
+        return len(self._sandboxes)
+
+    def submit(self, fn: Callable[..., _Answer], /, *args: Any, **kwargs: Any) -> Future[_Answer]:
+        """Submit ``fn(sandbox, *args)``."""
+        return self._threads.submit(self._run, fn, *args, **kwargs)
+
+    def _run(self, fn: Callable[..., _Answer], *args: Any, **kwargs: Any) -> _Answer:
+        sandbox = self._idle.get()
+        try:
+            return fn(sandbox, *args, **kwargs)
+        finally:
+            self._idle.put(sandbox)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the threads; with `cancel_futures`, the sandboxes at once and whatever they work on."""
+        if cancel_futures:
+            for sandbox in self._sandboxes:
+                sandbox.close()
+        self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
+        for sandbox in self._sandboxes:
+            sandbox.close()
+
+
+class _Here:
+    """What a sandbox is to its callers, without a process: a crash of a solver is a crash of the caller."""
+
+    prepared = None
+
+    def __init__(self, context: Any) -> None:
+        self._context = context
+
+    def start(self) -> None:
+        """There is nothing to start."""
+
+    def call(self, function: Callable[..., Any], *arguments: Any, patience: float) -> Any:
+        return function(self._context, *arguments, beat=lambda word: None)
+
+
+class DirectExecutor(Executor):
+    """Work at once and in this process: for looking into solvers with a debugger, and for quick tests."""
+
+    workers = 1
+
+    def __init__(self, context: Any) -> None:
+        self._here = _Here(context)
+
+    def submit(self, fn: Callable[..., _Answer], /, *args: Any, **kwargs: Any) -> Future[_Answer]:
+        """Call ``fn(sandbox, *args)``."""
+        future: Future[_Answer] = Future()
+        try:
+            future.set_result(fn(self._here, *args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+@contextmanager
+def local_executor(make_sandbox: Callable[[], Sandbox], workers: int) -> Iterator[SandboxExecutor]:
+    """Work in processes of this machine; they are gone when the block ends, at once if by an exception."""
+    executor = SandboxExecutor([make_sandbox() for _ in range(workers)])
+    for _ in range(workers):
+        executor.submit(Sandbox.start)  # all at once, and while the caller still plans
+    try:
+        yield executor
+    except BaseException:
+        executor.shutdown(cancel_futures=True)
+        raise
+    executor.shutdown()
+
+
+@contextmanager
+def open_executor(
+    job: Job, workers: int, scheduler: str | None, say: Callable[[str], None], *, isolate: bool = True
+) -> Iterator[Any]:
+    """Give the executor that is asked for; all it started is gone when the block ends.
+
+    Parameters
+    ----------
+    job : Job
+        Told to every sandbox.
+    workers : int
+        Processes on this machine.
+    scheduler : str or None
+        Address of a Dask scheduler, or ``local``; None for processes without Dask.
+    say : callable
+        Told a line about a cluster.
+    isolate : bool
+        False for `DirectExecutor`.
+    """
+    if not isolate:
+        yield DirectExecutor(job)
+        return
+    make_sandbox = functools.partial(Sandbox, job, prepare)
+    if scheduler is None:
+        with local_executor(make_sandbox, workers) as executor:
+            yield executor
+        return
+    try:
+        from impact_xval.experiments.sweep.dask_cluster import dask_executor
+    except ImportError as error:
+        raise UserError(
+            f"--scheduler {scheduler}: needs Dask ({error}); run pip install 'impact-xval[cluster]'"
+        ) from None
+    with dask_executor(make_sandbox, scheduler, workers, say) as executor:
+        yield executor
+
+
+def in_flight(
+    submit: Callable[[Any], Future[_Answer]], tasks: Iterable[Any], capacity: Callable[[], int]
+) -> Iterator[_Answer]:
+    """Yield answers as they come, with a bounded number of tasks handed out.
+
+    Parameters
+    ----------
+    submit : callable
+        Hands out a task.
+    tasks : iterable
+        Made one by one, when they are handed out.
+    capacity : callable
+        How many may be handed out at once; asked again and again, since a cluster may grow.
+    """
+    pending: set[Future[_Answer]] = set()
+    room = capacity()
+    for task in tasks:
+        pending.add(submit(task))
+        if len(pending) >= room:
+            finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+            yield from (future.result() for future in finished)
+            room = capacity()
+    while pending:
+        finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+        yield from (future.result() for future in finished)
+
+
+def available_cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

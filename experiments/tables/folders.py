@@ -1,0 +1,106 @@
+"""Folders of runs: whether one may be written to, looked at before anything is, and whether its run is finished."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from pathlib import Path
+
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.tables.lock import LOCK, OWNER
+from impact_xval.experiments.tables.store import FORMAT, MANIFEST, RunFolder
+from impact_xval.experiments.tables.streams import is_temporary
+
+
+def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunFolder, bool]:
+    """Check that a run may write to a folder, and create it.
+
+    Parameters
+    ----------
+    root : Path
+        The folder.
+    resume : bool
+        Whether a run that is there may be continued.
+    format : str
+        What the manifest of such a run says it is.
+
+    Returns
+    -------
+    folder : RunFolder
+    continued : bool
+        Whether a run is there.
+
+    Raises
+    ------
+    UserError
+        If the folder holds something else, holds a run and `resume` is false, or cannot be written to.
+    """
+    folder = RunFolder(root, format)
+    existed = root.exists()
+    try:
+        entries = sorted(entry.name for entry in root.iterdir()) if existed else []
+        continued = MANIFEST in entries
+        # What a run leaves that was killed before its first line of work.
+        started = folder.parts.is_dir() and not any(folder.parts.iterdir())
+    except NotADirectoryError:
+        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
+    except OSError as error:
+        raise UserError(f"--out {root}: cannot be read: {error.strerror}") from None
+    ours = (LOCK, OWNER, *(["parts"] if started else []))
+    foreign = [name for name in entries if not (is_temporary(name) or name in ours)]
+    if continued:
+        folder.manifest()
+        if not resume:
+            raise UserError(
+                f"--out {root}: already holds a run; add --resume to continue it, or name another folder"
+            )
+    elif foreign:
+        raise UserError(f"--out {root}: not empty ({foreign[0]}) and not a run; legal: a new or empty folder")
+    try:
+        folder.parts.mkdir(parents=True, exist_ok=True)
+        for directory in (root, folder.parts):
+            tempfile.TemporaryFile(dir=directory).close()
+    except OSError as error:
+        if not existed:
+            with contextlib.suppress(OSError):
+                folder.parts.rmdir()
+                root.rmdir()
+        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
+    return folder, continued
+
+
+def finished(root: Path) -> RunFolder:
+    """Return the folder of a run that is complete.
+
+    Raises
+    ------
+    UserError
+        If it is not.
+    """
+    if not root.is_dir():
+        raise UserError(f"{root}: no such folder; legal: the folder of a run")
+    folder = RunFolder(root)
+    if folder.manifest().get("state") != "complete":
+        raise UserError(
+            f"{root}: the run is not finished; continue it with impact-xval run --out {root} --resume"
+        )
+    return folder
+
+
+def new_folder(root: Path) -> None:
+    """Make the folder of a command that does not continue what it finds there.
+
+    Raises
+    ------
+    UserError
+        If it holds anything, is a file, or cannot be made or read.
+    """
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        empty = next(root.iterdir(), None) is None
+    except FileExistsError:
+        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
+    except OSError as error:
+        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
+    if not empty:
+        raise UserError(f"--out {root}: not empty; legal: a new or empty folder")

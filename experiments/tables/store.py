@@ -1,0 +1,283 @@
+"""The folder of a run: what may be written where, and that nothing is ever half-written.
+
+Every file is written under a temporary name beside its place and renamed. Parts (the rows of one chunk of
+cells) carry in their names the identity of what was asked and the SHA-256 of what was written, so a part
+that is stale, truncated or altered is recognised without trusting it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+
+from impact_xval.experiments.config.configuration import REFERENCE, Config, from_canonical
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.tables.lock import LOCK
+from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, ROW_SCHEMA
+from impact_xval.experiments.tables.streams import (
+    blocks,
+    is_temporary,
+    replacing,
+    table_writer,
+)
+
+FORMAT = "impact-xval run, format 1"
+MANIFEST = "manifest.json"
+TABLES = (
+    "cells.parquet",
+    "divergence.parquet",
+    "divergence.csv",
+    "curves.parquet",
+    "ladder.parquet",
+    "ladder.csv",
+)
+
+#: Rows that are joined together, at least.
+_PIECE = 8192
+PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file (UTF-8, line feeds) in one step."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write strict JSON in one step."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """The folder of a run.
+
+    Attributes
+    ----------
+    root : Path
+    format : str
+        What its manifest must say it is.
+    """
+
+    root: Path
+    format: str = FORMAT
+
+    @property
+    def parts(self) -> Path:
+        """Folder of the parts."""
+        return self.root / "parts"
+
+    def write_part(self, number: int, identity: str, data: bytes) -> Path:
+        """Write a part, under a name that tells what it is and what it holds.
+
+        It need not be on the disk when this returns: a part that a power cut emptied is recognised by its name.
+        """
+        path = self.parts / f"{number:06d}-{identity}-{hashlib.sha256(data).hexdigest()}.parquet"
+        with replacing(path, sync=False) as temporary:
+            temporary.write_bytes(data)
+        return path
+
+    def discard(self) -> None:
+        """Remove the folder if nothing was kept in it: what was asked for was refused."""
+        names = {path.name for path in self.root.iterdir()}
+        if names <= {"parts", LOCK} and not any(self.parts.iterdir()):
+            (self.root / LOCK).unlink(missing_ok=True)
+            self.parts.rmdir()
+            self.root.rmdir()
+
+    def find_part(self, number: int, identity: str) -> Path | None:
+        """Find one part that is whole, by what it is."""
+        for path in sorted(self.parts.glob(f"{number:06d}-{identity}-*.parquet")):
+            match = PART.fullmatch(path.name)
+            if match is not None and _problem(path, match[3]) == "":
+                return path
+        return None
+
+    def find_parts(self, identities: Iterable[str]) -> tuple[dict[int, Path], list[str]]:
+        """Find the parts that are whole and belong to this run; remove the others, and what was half-written anywhere.
+
+        Parameters
+        ----------
+        identities : iterable of str
+            The identity of every chunk, in order.
+
+        Returns
+        -------
+        parts : dict
+            Path by number of the chunk.
+        findings : list of str
+            One line for every part that was found and not kept.
+        """
+        expected = dict(enumerate(identities))
+        parts: dict[int, Path] = {}
+        findings: list[str] = []
+        for path in sorted(self.root.rglob("*")):
+            if is_temporary(path.name) and path.is_file():
+                path.unlink()  # its writer was killed
+        for path in sorted(self.parts.iterdir()) if self.parts.is_dir() else []:
+            match = PART.fullmatch(path.name)
+            if match is None:
+                continue
+            number, identity, digest = int(match[1]), match[2], match[3]
+            if number in parts:
+                problem = "is there twice"
+            elif expected.get(number) != identity:
+                problem = "belongs to another configuration or version"
+            elif (problem := _problem(path, digest)) == "":
+                parts[number] = path
+                continue
+            if path.is_dir():
+                raise UserError(f"{path}: is a folder; legal: a part that a run wrote, or nothing")
+            findings.append(f"part {number} {problem}: computed again")
+            path.unlink()
+        return parts, findings
+
+    def assemble(self, parts: dict[int, Path]) -> None:
+        """Write the finished tables from the parts, in the order of the cells, one part at a time."""
+        with (
+            table_writer(self.root / "cells.parquet", CELLS_SCHEMA) as cells,
+            table_writer(self.root / "divergence.parquet", DIVERGENCE_SCHEMA) as divergence,
+            replacing(self.root / "divergence.csv") as text,
+            pacsv.CSVWriter(str(text), DIVERGENCE_SCHEMA) as csv,
+        ):
+            for rows in _pieces(parts[number] for number in sorted(parts)):
+                cells.add(rows)
+                compared = rows.filter(pc.field("solver") != REFERENCE)
+                divergence.add(compared)
+                csv.write_table(compared.select(DIVERGENCE_SCHEMA.names).cast(DIVERGENCE_SCHEMA))
+
+    def statuses(self) -> dict[str, dict[str, int]]:
+        """Count of every status by solver."""
+        return count_statuses(blocks(self.root / "cells.parquet", ["solver", "status"], whole_cells=False))
+
+    def digests(self) -> dict[str, str]:
+        """SHA-256 of every finished table."""
+        return {name: _digest(self.root / name) for name in TABLES}
+
+    def manifest(self) -> dict[str, Any]:
+        """Read the manifest.
+
+        Raises
+        ------
+        UserError
+            If there is none, or it is not ours.
+        """
+        path = self.root / MANIFEST
+        try:
+            value = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise UserError(f"{self.root}: no {MANIFEST}; legal: the folder of a run") from None
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+        except (ValueError, RecursionError):
+            raise UserError(f"{path}: damaged, not JSON; legal: the manifest of a run") from None
+        if not isinstance(value, dict) or value.get("format") != self.format:
+            raise UserError(f"{path}: not the manifest of a run ({self.format})")
+        return value
+
+    def config(self) -> Config:
+        """Read the configuration of the run from its manifest."""
+        configuration = self.manifest().get("configuration")
+        if not isinstance(configuration, dict):
+            raise UserError(f"{self.root / MANIFEST}: configuration is missing; legal: the manifest of a run")
+        return from_canonical(configuration, str(self.root / MANIFEST))
+
+    def table_path(self, name: str, schema: pa.Schema) -> Path:
+        """Return the path of a finished table, after a look at whether it is what was written.
+
+        Raises
+        ------
+        UserError
+            If it is missing, damaged or has other columns.
+        """
+        path = self.root / name
+        again = "impact-xval run --resume writes it again"
+        recorded = self.manifest().get("files")
+        try:
+            if isinstance(recorded, dict) and recorded.get(name) != _digest(path):
+                raise UserError(f"{path}: altered since it was written; {again}")
+            names = pq.read_schema(path).names
+        except FileNotFoundError:
+            raise UserError(
+                f"{path}: no such file; finish the run first (impact-xval run --resume)"
+            ) from None
+        except (OSError, pa.ArrowException):
+            raise UserError(f"{path}: damaged, not Parquet; {again}") from None
+        if names != schema.names:
+            raise UserError(f"{path}: has other columns than a run writes; {again}")
+        return path
+
+    def read_table(self, name: str, schema: pa.Schema) -> pa.Table:
+        """Read a finished table whole; for small ones."""
+        return pq.read_table(self.table_path(name, schema))
+
+
+def part_bytes(rows: pa.Table) -> bytes:
+    """Return the rows of a chunk as the content of a part, without what is the same in every part."""
+    bare = pa.schema([pa.field(field.name, field.type) for field in rows.schema])
+    sink = pa.BufferOutputStream()
+    pq.write_table(
+        rows.combine_chunks().cast(bare), sink, compression="zstd", write_statistics=False, store_schema=False
+    )
+    return sink.getvalue().to_pybytes()
+
+
+def read_part(source: Path | bytes) -> pa.Table:
+    """Read the rows of a part, from its file or its content.
+
+    Raises
+    ------
+    UserError
+        If it does not hold the rows of a chunk, whatever its name says.
+    """
+    try:
+        with pq.ParquetFile(pa.BufferReader(source) if isinstance(source, bytes) else source) as file:
+            return file.read(use_threads=False).cast(ROW_SCHEMA)
+    except (pa.ArrowException, ValueError):
+        raise UserError(f"{source!s:.200}: not a part of a run; legal: remove it, and --resume") from None
+
+
+def count_statuses(tables: Iterable[pa.Table]) -> dict[str, dict[str, int]]:
+    """Count every status by solver over tables with these two columns."""
+    counts: dict[str, dict[str, int]] = {}
+    for table in tables:
+        grouped = table.group_by(["solver", "status"], use_threads=False).aggregate([([], "count_all")])
+        for row in grouped.to_pylist():
+            of_solver = counts.setdefault(row["solver"], {})
+            of_solver[row["status"]] = of_solver.get(row["status"], 0) + row["count_all"]
+    return counts
+
+
+def _pieces(parts: Iterable[Path]) -> Iterator[pa.Table]:
+    """Read parts, several at a time: what is done with a table costs more for its columns than for its rows."""
+    tables: list[pa.Table] = []
+    for part in parts:
+        tables.append(read_part(part))
+        if sum(map(len, tables)) >= _PIECE:
+            yield pa.concat_tables(tables)
+            tables = []
+    if tables:
+        yield pa.concat_tables(tables)
+
+
+def _problem(path: Path, digest: str) -> str:
+    """Say why a part cannot be used, "" if it can."""
+    try:
+        return "" if _digest(path) == digest else "is damaged"
+    except OSError as error:
+        return f"cannot be read ({error.strerror})"
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

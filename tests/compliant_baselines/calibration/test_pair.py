@@ -1,0 +1,173 @@
+"""One contact as a tool of its own: what is printed, pasted into a scene written by hand, is what was asked for."""
+
+import math
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines import SolverError, get_solver
+from impact_xval.compliant_baselines.calibration.pair import Pair
+from impact_xval.compliant_baselines.calibration.pair_check import durations_taken, largest_step
+from impact_xval.compliant_baselines.calibration.pair_text import ENGINES, paste
+from impact_xval.compliant_baselines.contact.mapping import Contact, contact_time, damping_ratio
+from tests.compliant_baselines import hand_scenes
+
+
+def requests(n, seed=20):
+    """Requests over masses, one in three with a fixed body; e; stiffness and, every other time, duration."""
+    rng = np.random.default_rng(seed)
+    pairs = []
+    for i in range(n):
+        light = 10 ** rng.uniform(-2, 2)
+        other = math.inf if i % 3 == 2 else light * 10 ** rng.uniform(-2, 2)
+        masses = (light, other) if i % 4 < 2 else (other, light)
+        e = 1.0 if i % 7 == 6 else rng.uniform(0.2, 1.0)
+        speed = 10 ** rng.uniform(-1, 1)
+        what = {"stiffness": 10 ** rng.uniform(2, 9)} if i % 2 else {"duration": 10 ** rng.uniform(-5, -1)}
+        pairs.append(Pair(masses, e, speed=speed, **what))
+    return pairs
+
+
+def solver_of(engine):
+    solver = get_solver(engine)
+    if solver.unavailable():
+        pytest.skip(solver.unavailable())
+    return solver
+
+
+def told(solver, pair):
+    """What the command prints as JSON, as far as a scene needs it."""
+    found = largest_step(solver, pair)
+    return {
+        "request": {"masses": pair.masses, "speed": pair.speed},
+        "contact": {"penetration": pair.penetration, "duration": pair.contact.duration},
+        "paste": paste(solver.name, pair.contact, found.step)[1],
+        "largest_step": found.step,
+    }
+
+
+def pasted_means_what_was_asked(engine, pairs):
+    solver, rng = solver_of(engine), np.random.default_rng(1)
+    for pair in pairs:
+        said = told(solver, pair)
+        asked = (
+            pair.duration
+            or contact_time(damping_ratio(pair.restitution)) * (pair.mass / pair.stiffness) ** 0.5
+        )
+        for place in rng.uniform(0, 1, 2):
+            # a few steps before touch, and somewhere within a step
+            gap = float(3 + place) * pair.speed * said["largest_step"]
+            e, duration = getattr(hand_scenes, engine)(said, gap)
+            assert e == pytest.approx(pair.restitution, rel=0.01), pair
+            assert duration == pytest.approx(asked, rel=0.01), pair
+
+
+@pytest.mark.parametrize(("engine", "n"), [("mujoco", 20), ("pybullet", 3), ("drake", 1)])
+def test_pasted_into_a_scene_written_by_hand(engine, n):
+    pasted_means_what_was_asked(engine, requests(n))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["pybullet", "drake"])
+def test_all_twenty_pasted_into_a_scene_written_by_hand(engine):
+    pasted_means_what_was_asked(engine, requests(20))
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_the_step_named_is_about_the_largest(engine):
+    solver = solver_of(engine)
+    for pair in requests(2 if engine == "mujoco" else 1, seed=4):
+        said = told(solver, pair)
+        said["largest_step"] *= 3
+        said["paste"] = paste(engine, pair.contact, said["largest_step"])[1]
+        errors = []
+        for place in np.linspace(0, 1, 8, endpoint=False):
+            e, duration = getattr(hand_scenes, engine)(
+                said, float(3 + place) * pair.speed * said["largest_step"]
+            )
+            errors += [abs(e / pair.restitution - 1), abs(duration / pair.contact.duration - 1)]
+        assert max(errors) > 0.01
+
+
+# What is asked
+
+
+def test_a_duration_decides_the_stiffness_and_back():
+    pair = Pair((1.0, 0.5), 0.7, duration=1e-3)
+    again = Pair((0.5, 1.0), 0.7, stiffness=pair.contact.k)
+    assert again.contact.duration == pytest.approx(1e-3, rel=1e-14)
+    assert pair.mass == pytest.approx(1 / 3)
+    assert Pair((math.inf, 2.0), 0.7, duration=1e-3).mass == 2.0
+    # elastic: half a period, by hand
+    assert Pair((2.0, math.inf), 1.0, stiffness=8.0).contact.duration == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize("e", [1.0, 0.7, 0.2, 0.01])
+def test_the_penetration_is_that_of_the_motion_integrated(e):
+    pair = Pair((1.0, math.inf), e, stiffness=4.0, speed=3.0)
+    contact, x, v, h, deepest = pair.contact, 0.0, 3.0, 1e-5, 0.0
+    while v > 0:
+        v -= h * (contact.k * x + contact.c * v) / contact.mass
+        x += h * v
+        deepest = max(deepest, x)
+    assert pair.penetration == pytest.approx(deepest, rel=1e-4 + 1e-5 * contact.c)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (
+            {"restitution": 0.0},
+            r"restitution = 0.0; legal: greater than 0, at most 1 \(no finite damping gives 0\)",
+        ),
+        (
+            {"restitution": 1.1},
+            r"restitution = 1.1; legal: greater than 0, at most 1 \(.*creates no energy\)",
+        ),
+        ({"restitution": -0.1}, "restitution = -0.1; legal: greater than 0, at most 1$"),
+        ({"restitution": math.nan}, "restitution = nan; legal"),
+        ({"stiffness": 0.0}, r"stiffness = 0.0; legal: a finite number > 0 \(N/m\)"),
+        ({"stiffness": math.inf}, "stiffness = inf; legal"),
+        ({"duration": 1.0}, "stiffness, duration: both given; legal: one of the two"),
+        ({"stiffness": None}, "stiffness, duration: neither given"),
+        ({"stiffness": None, "duration": 0.0}, r"duration = 0.0; legal: a finite number > 0 \(s\)"),
+        ({"stiffness": None, "duration": 1e-200}, "duration = 1e-200: no stiffness within double precision"),
+        ({"stiffness": None, "duration": 1e200}, r"duration = 1e\+200: no stiffness within double precision"),
+        ({"masses": (0.0, 1.0)}, "masses = 0.0; legal: numbers > 0"),
+        ({"masses": (math.inf, math.inf)}, "masses = inf inf: two fixed bodies do not collide"),
+        ({"masses": (1.0,)}, r"masses = \(1.0,\); legal: two"),
+        ({"speed": 0.0}, "speed = 0.0; legal"),
+    ],
+)
+def test_what_cannot_be_is_refused(arguments, says):
+    with pytest.raises(ValueError, match=says):
+        Pair(**({"masses": (1.0, 1.0), "restitution": 0.5, "stiffness": 1.0} | arguments))
+
+
+@pytest.mark.parametrize(("engine", "duration"), [("mujoco", 1e-12), ("pybullet", 1e-16), ("pybullet", 1e12)])
+def test_a_duration_no_stiffness_gives_in_an_engine_is_refused_and_its_range_known(engine, duration):
+    solver = solver_of(engine)
+    pair = Pair((1.0, math.inf), 0.5, duration=duration)
+    with pytest.raises(SolverError, match=f"{engine}: unrepresentable"):
+        largest_step(solver, pair)
+    shortest, longest = durations_taken(solver, pair) or (0, 0)
+    assert duration < shortest or duration > longest
+    inside = shortest * 2 if duration < shortest else longest / 2
+    largest_step(solver, Pair((1.0, math.inf), 0.5, duration=inside))  # and it is done
+
+
+def test_no_step_that_does_it_is_said():
+    with pytest.raises(SolverError, match="unconverged: no step from a fifth of the contact down to"):
+        largest_step(solver_of("mujoco"), Pair((1.0, math.inf), 0.5, stiffness=1.0), tolerance=1e-7)
+
+
+def test_text_and_parameters_say_the_same_and_nothing_infinite():
+    contact = Contact.from_restitution(1e6, 0.7, 2.0)
+    for engine in ENGINES:
+        parameters, text = paste(engine, contact, 1e-5)
+        assert parameters
+        assert "1e-05" in text
+    with pytest.raises(ValueError, match="engine = 'dart'; legal: mujoco, pybullet, drake"):
+        paste("dart", contact, 1e-5)
+    with pytest.raises(SolverError, match="leaves double precision"):
+        paste("mujoco", Contact(1e308, 0.0, 1e-3), 1e-5)

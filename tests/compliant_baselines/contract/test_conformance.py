@@ -1,0 +1,148 @@
+"""The conformance checks: what keeps the contract passes, and every way of breaking it is caught by name."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.conformance import (
+    LAWS,
+    NonConformingError,
+    checks,
+    conform,
+)
+from impact_xval.compliant_baselines.references.kelvin_voigt import KelvinVoigtSolver
+from impact_xval.model.collision import Collision
+
+
+def problems(solver, law="kelvin-voigt"):
+    return {check.__name__: problem for check, problem in conform(solver, law) if problem}
+
+
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [
+        ("kelvin-voigt", "kelvin-voigt"),
+        ("mujoco", "kelvin-voigt"),
+        ("pybullet", "kelvin-voigt"),
+        pytest.param("drake", "kelvin-voigt", marks=pytest.mark.slow),
+        pytest.param("drake-hunt-crossley", "hunt-crossley", marks=pytest.mark.slow),
+        ("hunt-crossley", "hunt-crossley"),
+        ("bistiffness", "none"),
+        ("state-transition", "none"),
+    ],
+)
+def test_our_own_solvers_conform(name, law):
+    solver = get_solver(name)
+    if solver.unavailable():
+        pytest.skip(solver.unavailable())
+    assert problems(solver, law) == {}
+
+
+class Mutant(KelvinVoigtSolver):
+    """Keeps the contract; each test breaks one thing."""
+
+    name = "mutant"
+
+    def solve_many(self, collisions, settings):
+        return self.change(
+            [dataclasses.replace(o, solver="mutant") for o in super().solve_many(collisions, settings)]
+        )
+
+    def change(self, outcomes):
+        return outcomes
+
+
+def each(**values):
+    def change(self, outcomes):
+        return [
+            dataclasses.replace(o, **{k: f(o) for k, f in values.items()}) if o.status == "ok" else o
+            for o in outcomes
+        ]
+
+    return {"change": change}
+
+
+def silent(self, outcomes):
+    return [dataclasses.replace(o, reason="") for o in outcomes]
+
+
+def remembering(self, outcomes):
+    type(self).calls = getattr(type(self), "calls", 0) + 1
+    return each(v1=lambda o: o.v1 * (1 + 1e-12 * type(self).calls))["change"](self, outcomes)
+
+
+def writing(self, outcomes):
+    Path("engine.log").write_text("step", encoding="utf-8")
+    return outcomes
+
+
+def with_units(self, collisions, settings):
+    # takes stiffness for 1 kg, whatever the masses
+    made = [Collision(c.m1, c.m2, c.k1 * c.m1, c.k2, c.e1, c.e2, c.v0) for c in collisions]
+    return [
+        dataclasses.replace(o, solver="mutant") for o in KelvinVoigtSolver.solve_many(self, made, settings)
+    ]
+
+
+def raising(self, collisions, settings):
+    if any(c.e1 == 0 for c in collisions):
+        raise ValueError("e1 = 0")
+    return Mutant.solve_many(self, collisions, settings)
+
+
+MUTANTS = {
+    "unsigned": (each(solver=lambda o: "x"), "answers_every_collision"),
+    "reversed": ({"change": lambda self, outcomes: outcomes[::-1]}, "answers_every_collision"),
+    "losing": ({"change": lambda self, outcomes: outcomes[1:]}, "answers_every_collision"),
+    "nan": (each(v2=lambda o: float("nan")), "answers_every_collision"),
+    "remembering": ({"change": remembering}, "same_bits_in_any_company"),
+    "raising": ({"solve_many": raising}, "refuses_with_a_reason"),
+    "silent": ({"change": silent}, "refuses_with_a_reason"),
+    "lenient": ({"solve": lambda self, c, s=None: self.solve_many([c], s)[0]}, "raises_in_a_direct_call"),
+    "sinking": (each(v2=lambda o: -o.v2), "ends_apart_and_creates_no_energy"),
+    "impulsive": (each(impulse2=lambda o: 1.01 * o.impulse2), "ends_apart_and_creates_no_energy"),
+    "stateless": (each(states=lambda o: o.states[:-1]), "ends_apart_and_creates_no_energy"),
+    "unitless": ({"solve_many": with_units}, "scales"),
+    "pathless": (each(path=lambda o: None), "gives_a_path"),
+    "writing": ({"change": writing}, "leaves_no_trace"),
+    "textbook": ({"damping": "textbook"}, "converges_to_kelvin_voigt"),
+    "other-law": ({"damping": "hunt-crossley"}, "converges_to_kelvin_voigt"),
+    "nameless": ({"name": " "}, "names_itself"),
+    "versionless": ({"version": lambda self: None}, "names_itself"),
+}
+
+
+def test_the_mutant_conforms_unchanged():
+    assert problems(Mutant()) == {}
+
+
+@pytest.mark.parametrize("kind", MUTANTS)
+def test_every_way_of_breaking_the_contract_is_caught(kind, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where one of them leaves a trace
+    body, caught_by = MUTANTS[kind]
+    found = problems(type("Broken", (Mutant,), dict(body))())
+    assert caught_by in found, found
+
+
+def test_the_checks_can_be_parametrised_over():
+    names = [check.__name__ for check in checks()]
+    assert names[-1] == "converges_to_kelvin_voigt"
+    assert len(checks("none")) == len(names) - 1
+    assert all(check.__doc__ for law in LAWS for check in checks(law))
+    with pytest.raises(NonConformingError, match="name = ' '; legal: printable text"):
+        checks()[0](type("Broken", (Mutant,), {"name": " "})())
+    with pytest.raises(ValueError, match="law = 'hertz'; legal: kelvin-voigt, hunt-crossley, none"):
+        checks("hertz")
+
+
+def test_the_command_prints_what_it_found(capsys):
+    from impact_xval.experiments.commands.cli import main
+
+    assert main(["conform", "kelvin-voigt"]) == 0
+    assert capsys.readouterr().out.count("passed  ") == len(checks())
+    assert main(["conform", "kelvin-voigt-textbook"]) == 1
+    assert "FAILED  converges to kelvin voigt: " in capsys.readouterr().out
+    assert main(["conform", "bullet"]) == 2
+    assert main(["conform", "mujoco", "--law", "hertz"]) == 2

@@ -1,0 +1,149 @@
+"""Solvers of other distributions: found, used, and unable to break a command."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from impact_xval.compliant_baselines import SolverError, get_solver, solver_names
+from impact_xval.compliant_baselines.contract.conformance import conform
+from impact_xval.compliant_baselines.contract.registry import origins
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.sweep.solving import answer
+from impact_xval.model.collision import Collision
+from tests.compliant_baselines.third_party import GOOD, install
+
+CELL = Collision(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.9, e2=0.7)
+RATIOS = ["--stiffness-ratio", "1", "--mass-ratio", "1", "--e1", "0.9", "--e2", "0.7"]
+
+
+@pytest.fixture
+def site(tmp_path, monkeypatch):
+    """A folder of installed distributions; what is imported from it is forgotten afterwards."""
+    before = set(sys.modules)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    for name in set(sys.modules) - before:
+        if getattr(sys.modules[name], "__file__", None) and str(tmp_path) in str(sys.modules[name].__file__):
+            del sys.modules[name]
+
+
+def test_an_installed_solver_is_found_used_and_conforms(site, capsys):
+    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
+    assert "tiny" in solver_names()
+    assert origins()["tiny"] == "tiny-engine 1.2"
+    assert "tiny_engine" not in sys.modules  # nothing is imported before it is asked for
+    tiny = get_solver("tiny")
+    assert (tiny.name, tiny.version(), tiny.unavailable()) == ("tiny", "1.2", None)
+    exact = get_solver("kelvin-voigt").solve(CELL)
+    assert tiny.solve(CELL, Settings(step_fraction=1e-4)).v1 == pytest.approx(exact.v1, abs=1e-3)
+    with pytest.raises(SolverError, match="tiny: unrepresentable: e1 = 0"):
+        tiny.solve(Collision(1.0, 1.0, 1.0, 1.0, 0.0, 0.5))
+    assert [(check.__name__, problem) for check, problem in conform(tiny.solver) if problem] == []
+    assert main(["solve", *RATIOS, "--solver", "tiny", "--solver", "kelvin-voigt", "--json"]) == 0
+    ours, exact = json.loads(capsys.readouterr().out)
+    assert ours["v1"] == pytest.approx(exact["v1"], abs=0.01)
+
+
+def test_a_run_uses_it_in_worker_processes_and_writes_its_version(site, tmp_path):
+    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
+    config = tmp_path / "tiny.toml"
+    config.write_text(
+        'solvers = ["kelvin-voigt", "tiny"]\nstep_fraction = 0.02\nchunk_size = 1\n[grid]\n'
+        "stiffness_ratio = [1.0, 2.0]\nmass_ratio = [1.0]\ne1 = [0.9]\ne2 = [0.7]\n",
+        encoding="utf-8",
+    )
+    code = (
+        "from pathlib import Path\nfrom impact_xval.experiments.config.configuration import load_config\n"
+        "from impact_xval.experiments.sweep.run import run_sweep\n"
+        f"run_sweep(load_config({str(config)!r}), Path({str(tmp_path / 'run')!r}), workers=2)"
+    )
+    paths = os.pathsep.join([str(site), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": paths},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["versions"]["tiny"] == "1.2"
+    assert manifest["statuses"]["tiny"] == {"ok": 2}, manifest["statuses"]
+
+
+BROKEN = {
+    "no-module": ("gone:Engine", "", r"ModuleNotFoundError: No module named 'gone'"),
+    "no-class": ("bad_one:Engine", "x = 1", r"AttributeError: .*Engine"),
+    "raises": ("bad_two:Engine", "1 / 0", "ZeroDivisionError: division by zero"),
+    "exits": ("bad_three:Engine", "import sys; sys.exit(3)", "SystemExit: 3"),
+    "needs": ("bad_four:Engine", "class Engine:\n def __init__(self, port): ...", "TypeError: .*port"),
+    "lacks": (
+        "bad_five:Engine",
+        "class Engine:\n name = 'lacks'",
+        "it lacks version, unavailable, solve_many, solve",
+    ),
+    "other": (
+        "bad_six:Engine",
+        "from impact_xval.compliant_baselines.contract.state_transition import StateTransitionSolver as Engine",
+        "its name is 'state-transition'",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_one_is_unavailable_with_the_reason(site, name, capsys):
+    value, text, says = BROKEN[name]
+    module = value.split(":")[0]
+    install(site, "broken", {name: value}, **({module: text} if text else {}))
+    solver = get_solver(name)
+    (outcome,) = answer(solver, [CELL], Settings())
+    assert outcome.status == "unavailable"
+
+    assert re.search(rf"broken 1.2 provides '{name}' as {value}, but .*{says}", outcome.reason)
+    assert solver.version() == ""
+    assert main(["solve", *RATIOS]) == 0  # every solver, this one included
+    assert f"{name}: unavailable: broken 1.2" in capsys.readouterr().out
+    assert main(["solvers"]) == 0
+    assert main(["conform", name]) == 2
+
+
+def test_two_distributions_with_one_name_are_told(site):
+    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
+    install(site, "tiny-fork", {"tiny": "tiny_fork:TinyEngine"}, tiny_fork=GOOD)
+    assert "tiny-engine 1.2 and tiny-fork 1.2 both provide 'tiny'" in str(get_solver("tiny").unavailable())
+
+
+def test_a_name_that_is_taken_stays_what_it_is(site):
+    install(site, "rival", {"mujoco": "rival:Engine"})
+    assert type(get_solver("mujoco")).__module__ == "impact_xval.compliant_baselines.engines.mujoco_drop"
+    assert solver_names().count("mujoco") == 1
+    assert origins()["mujoco"] == "impact-xval (rival 1.2 ignored: the name is taken)"
+
+
+def test_a_solver_that_misbehaves_later_ends_nothing(site):
+    text = (
+        "import sys\nfrom impact_xval.compliant_baselines.contract.solver import SolverBase\n"
+        "class Engine(SolverBase):\n name = 'moody'\n"
+        " def version(self): raise OSError('no licence')\n"
+        " def solve_many(self, collisions, settings): sys.exit('licence expired')\n"
+    )
+    install(site, "moody", {"moody": "moody:Engine"}, moody=text)
+    solver = get_solver("moody")
+    assert solver.version() == ""
+    (outcome,) = answer(solver, [CELL], Settings())
+    assert (outcome.status, outcome.reason) == ("crashed", "RuntimeError: SystemExit: licence expired")
+
+
+def test_an_entry_point_file_that_is_no_such_file_breaks_nothing(site):
+    install(site, "odd", {})
+    (site / "odd-1.2.dist-info" / "entry_points.txt").write_text(
+        "[impact_xval.solvers\n=\nx\n\x00", encoding="utf-8"
+    )
+    assert "mujoco" in solver_names()
+    for name in solver_names():
+        get_solver(name)

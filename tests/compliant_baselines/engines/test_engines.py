@@ -1,0 +1,322 @@
+"""What holds of every engine adapter."""
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines import SolverError, get_solver
+from impact_xval.compliant_baselines.contact.column import column_of
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.engines.recording import PATH_POINTS
+from impact_xval.model.collision import Collision
+
+COARSE = Settings(step_fraction=5e-3)
+
+
+def random_collisions(n, seed, k1=1e8):
+    rng = np.random.default_rng(seed)
+    return [
+        Collision(
+            m1=1.0,
+            m2=10 ** rng.uniform(-0.5, 0.5),
+            k1=k1,
+            k2=k1 * 10 ** rng.uniform(-2, 2),
+            e1=rng.uniform(0.3, 1),
+            e2=rng.uniform(0.3, 1),
+        )
+        for _ in range(n)
+    ]
+
+
+def scaled(c, k=1.0, m=1.0, v=1.0):
+    return Collision(m1=c.m1 * m, m2=c.m2 * m, k1=c.k1 * k, k2=c.k2 * k, e1=c.e1, e2=c.e2, v0=c.v0 * v)
+
+
+# Theorem 5
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e-3, 1e3, 1e4])
+@pytest.mark.parametrize("what", ["k", "m", "v"])
+@pytest.mark.parametrize("k1", [1.0, 1e8])
+def test_theorem_5_when_the_step_scales_along(engine, what, factor, k1):
+    cells = random_collisions(6, seed=5, k1=k1)
+    base = engine.solve_many(cells, COARSE)
+    other = engine.solve_many([scaled(c, **{what: factor}) for c in cells], COARSE)
+    scale = factor if what == "v" else 1.0
+    for a, b in zip(base, other, strict=True):
+        assert (a.status, b.status) == ("ok", "ok")
+        assert (b.v1 / scale, b.v2 / scale) == (pytest.approx(a.v1, abs=1e-9), pytest.approx(a.v2, abs=1e-9))
+        assert b.states == a.states
+
+
+# Invariants
+
+
+@pytest.mark.parametrize("scenario", ["impact", "drop"])
+def test_end_of_the_collision_and_energy(engine, scenario):
+    settings = Settings(scenario=scenario, step_fraction=2e-3)
+    for c, o in zip(cells := random_collisions(30, seed=2), engine.solve_many(cells, settings), strict=True):
+        assert o.status == "ok", o.reason
+        assert o.v1 >= o.v2 >= 0
+        assert o.states[0] == "S1"
+        assert o.states[-1] == "S4"
+        # Explicit steps may create a little energy (MuJoCo), implicit ones destroy it (PyBullet).
+        allowed = 1e-3 if engine.name == "mujoco" else 1e-6
+        assert o.diagnostics["energy_gain"] <= allowed
+        assert o.retained_energy(c) <= 1 + allowed + 0.01 * (scenario == "drop")
+
+
+def test_many_in_one_call_are_one_by_one_to_the_bit(engine):
+    cells = random_collisions(8, seed=3)
+    for settings in (COARSE, Settings(scenario="drop", step_fraction=5e-3)):
+        together = engine.solve_many(cells, settings)
+        backwards = engine.solve_many(cells[::-1], settings)[::-1]
+        alone = [engine.solve(c, settings) for c in cells]
+        for a, b, c in zip(together, backwards, alone, strict=True):
+            assert (a.v1, a.v2, a.impulse1, a.states) == (b.v1, b.v2, b.impulse1, b.states)
+            assert (a.v1, a.v2, a.impulse1, a.states) == (c.v1, c.v2, c.impulse1, c.states)
+
+
+def test_a_failure_among_others_stays_its_own(engine):
+    good = random_collisions(2, seed=4)
+    bad = Collision(m1=1, m2=1, k1=1e8, k2=math.inf, e1=0.5, e2=0.5)
+    outcomes = engine.solve_many([good[0], bad, good[1]], COARSE)
+    assert [o.status for o in outcomes] == ["ok", "unrepresentable", "ok"]
+    assert [outcomes[0].v1, outcomes[2].v1] == [engine.solve(c, COARSE).v1 for c in good]
+    assert engine.solve_many([], COARSE) == []
+
+
+def test_threads_change_no_bit():
+    from impact_xval.compliant_baselines.engines.mujoco_drop import MujocoSolver
+
+    cells = random_collisions(6, seed=6)
+    one, two = (MujocoSolver(n_threads=n).solve_many(cells, COARSE) for n in (1, 2))
+    assert [(o.v1, o.v2) for o in one] == [(o.v1, o.v2) for o in two]
+
+
+# Refusals and failures
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "says"),
+    [
+        ({"k2": math.inf}, r"k2 = inf N/m: .* finite stiffness > 0"),
+        ({"k1": 0.0}, r"k1 = 0.0 N/m: .* finite stiffness > 0"),
+        ({"e1": 0.0}, r"e1 = 0: no finite damping"),
+        ({"e2": 0.0}, r"e2 = 0: no finite damping"),
+    ],
+)
+def test_what_no_dashpot_represents_is_refused(engine, kwargs, says):
+    c = Collision(**({"m1": 1.0, "m2": 1.0, "k1": 1e8, "k2": 1e8, "e1": 0.5, "e2": 0.5} | kwargs))
+    outcome = engine.solve_many([c], COARSE)[0]
+    assert outcome.status == "unrepresentable"
+    assert math.isnan(outcome.v1)
+    with pytest.raises(SolverError, match=rf"{engine.name}: unrepresentable: {says}"):
+        engine.solve(c, COARSE)
+
+
+@pytest.mark.parametrize(
+    ("name", "kwargs", "says"),
+    [
+        (
+            "mujoco",
+            {"k1": 1e22, "k2": 1e22},
+            r"accelerations about .* = 1\.\d+e\+11 m/s\^2: MuJoCo accepts 1e\+10",
+        ),
+        (
+            "pybullet",
+            {"k1": 1.0, "k2": 1.0, "v0": -1e6},
+            r"balls of radius .* PyBullet drops bodies larger than 1e\+06",
+        ),
+        ("pybullet", {"k1": 1e30, "k2": 1e30}, r"step = .* PyBullet takes a step of .* for none"),
+        ("pybullet", {"m1": 1e11, "m2": 1e11}, r"PyBullet caps a contact at 1e\+10 N s a step"),
+    ],
+)
+def test_absolute_numbers_of_an_engine_are_refused_not_met(name, kwargs, says):
+    solver = get_solver(name)
+    if solver.unavailable():
+        pytest.skip("not installed")
+    c = Collision(**({"m1": 1.0, "m2": 1.0, "k1": 1e8, "k2": 1e8, "e1": 0.5, "e2": 0.5} | kwargs))
+    with pytest.raises(SolverError, match=says):
+        solver.solve(c, COARSE)
+
+
+def test_running_out_of_steps_is_a_timeout(engine):
+    c = random_collisions(1, seed=7)[0]
+    needed = int(engine.solve(c, COARSE).diagnostics["n_steps"])
+    assert engine.solve(c, Settings(step_fraction=5e-3, max_steps=needed)).status == "ok"
+    with pytest.raises(SolverError, match=rf"timeout: not over after max_steps = {needed - 1} steps"):
+        engine.solve(c, Settings(step_fraction=5e-3, max_steps=needed - 1))
+
+
+def test_a_step_too_long_for_the_damping_is_no_answer(tmp_path, monkeypatch):
+    # An explicit dashpot is unstable above c h/M = 2; at zeta = 5 and a tenth of a period that is 6.
+    monkeypatch.chdir(tmp_path)
+    c = Collision(m1=1.0, m2=1.0, k1=1e8, k2=1e8, e1=0.01, e2=0.01)
+    outcome = get_solver("mujoco").solve_many([c], Settings(step_fraction=0.1))[0]
+    assert outcome.status in ("unconverged", "crashed", "timeout")
+    assert outcome.reason
+    assert list(tmp_path.iterdir()) == []  # no MUJOCO_LOG.TXT
+
+
+def test_mujoco_s_complaint_becomes_a_crash_and_leaves_no_trace(tmp_path, monkeypatch, capfd):
+    import mujoco
+
+    from impact_xval.compliant_baselines.engines.mujoco_drop import MujocoSolver
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(MujocoSolver, "refusal", lambda *_: None)
+    c = Collision(m1=1.0, m2=1.0, k1=1e24, k2=1e24, e1=0.5, e2=0.5)
+    before = mujoco.get_mju_user_warning()
+    outcome = MujocoSolver().solve_many([c], COARSE)[0]
+    assert outcome.status == "crashed"
+    assert "beyond 1e+10" in outcome.reason
+    assert mujoco.get_mju_user_warning() is before
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr() == ("", "")
+
+
+def test_without_pybullet_the_way_out_is_said(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    solver = get_solver("pybullet")
+    outcome = solver.solve_many(random_collisions(1, seed=1), COARSE)[0]
+    assert outcome.status == "unavailable"
+    assert "pip install pybullet" in outcome.reason
+    monkeypatch.setattr(sys, "version_info", (3, 12, 0))
+    assert "no wheels beyond CPython 3.11: run with Python 3.11, or build it from source" in str(
+        solver.unavailable()
+    )
+
+
+def test_without_mujoco_the_way_out_is_said(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco.batch", None)
+    outcome = get_solver("mujoco").solve_many(random_collisions(1, seed=1), COARSE)[0]
+    assert outcome.status == "unavailable"
+    assert "pip install 'mujoco>=3.17'" in outcome.reason
+
+
+def test_version_is_that_of_the_engine(engine):
+    module = __import__(engine.name)
+    if engine.name == "mujoco":
+        assert engine.version() == module.__version__
+    else:
+        assert engine.version().startswith("3.")
+
+
+# Mappings
+
+
+def test_naive_mapping_of_mujoco_is_off_by_what_was_measured_by_hand():
+    # docs/engines: k2/k1 = 1, e = 0.9 and 0.7, m2 = 2/sqrt(3): (0.90, 0.13) instead of (0.652, 0.316)
+    c = Collision(m1=1.0, m2=2 / 3**0.5, k1=1e8, k2=1e8, e1=0.9, e2=0.7)
+    good = get_solver("mujoco").solve(c)
+    assert (good.v1, good.v2) == (pytest.approx(0.652, abs=2e-3), pytest.approx(0.316, abs=2e-3))
+    naive = get_solver("mujoco").solve(c, Settings(mapping="naive"))
+    assert math.hypot(naive.v1 - good.v1, naive.v2 - good.v2) > 0.2
+
+
+@pytest.mark.parametrize("scenario", ["impact", "drop"])
+def test_naive_mapping_runs_at_any_scale(engine, scenario):
+    for m, k in ((1.0, 1e8), (1e-3, 1e5), (1e3, 1e10)):
+        c = scaled(random_collisions(1, seed=8, k1=k)[0], m=m)
+        o = engine.solve_many([c], Settings(scenario=scenario, mapping="naive", step_fraction=2e-3))[0]
+        assert o.status == "ok", o.reason
+
+
+# The path
+
+
+@pytest.mark.parametrize("scenario", ["impact", "drop"])
+def test_path(engine, scenario):
+    c = Collision(m1=1.0, m2=2 / 3**0.5, k1=1e8, k2=2.5e6, e1=0.9, e2=0.7)
+    settings = Settings(scenario=scenario, record_path=True)
+    o = engine.solve(c, settings)
+    assert engine.solve(c, Settings(scenario=scenario)).path is None
+    path = o.path
+    assert path is not None
+    assert len(path.time) <= PATH_POINTS + 4 * len(o.states) + 100
+    assert len(path.time) > PATH_POINTS / 2.1
+    assert np.all(np.diff(path.time) >= 0)
+    assert (path.time[0], path.v1[0], path.v2[0]) == (0, c.v0, 0)
+    assert (path.impulse1[0], path.impulse2[0]) == (0, 0)
+    assert path.time[-1] == pytest.approx(o.diagnostics["duration"], rel=1e-12)
+    assert (path.v1[-1], path.impulse1[-1], path.impulse2[-1]) == (o.v1, o.impulse1, o.impulse2)
+    # the states of the path are those of the outcome, each border given once for each side
+    change = np.flatnonzero(np.diff(path.state))
+    walked = tuple(f"S{s}" for s in path.state[np.append(change, -1)])
+    assert (walked if walked[-1] == "S4" else (*walked, "S4")) == o.states
+    assert np.array_equal(path.time[change], path.time[change + 1])
+    assert np.all((path.phase1 > 0) == np.isin(path.state, (1, 3)))
+    assert np.all((path.phase2 > 0) == np.isin(path.state, (1, 2)))
+    # impulses only ever grow
+    assert np.diff(path.impulse1).min() > -1e-12
+    assert np.diff(path.impulse2).min() > -1e-12
+    assert path.energy1 is None
+
+
+# Facts of the engines that the adapters rely on
+
+
+def test_mujoco_inverse_weights_are_inverse_masses():
+    from mujoco.batch import Batch
+
+    from impact_xval.compliant_baselines.engines import mujoco_drop as md
+
+    columns = [column_of(c, COARSE) for c in random_collisions(3, seed=9)]
+    batch = Batch(md.scene_model(), 3, 1)
+    md.load(batch, columns, 1, False)
+    weights = batch.expanded("body_invweight0")[:, 1:, 0]
+    np.testing.assert_allclose(weights, [[1 / c.m1, 1 / c.m2] for c in columns], rtol=1e-14)
+
+
+def test_pybullet_heights_follow_from_velocities_and_nothing_drifts_sideways():
+    p = pytest.importorskip("pybullet")
+
+    from impact_xval.compliant_baselines.engines import pybullet_world as pw
+
+    column = column_of(
+        Collision(m1=1.0, m2=2.0, k1=1e4, k2=3e4, e1=0.7, e2=0.8),
+        Settings(scenario="drop", step_fraction=1e-3),
+    )
+    with pw.connected() as client:
+        world = pw.World(client)
+        x1, x2, _ = world.prepare(column)
+        b1, b2 = world.balls
+        start = [p.getBasePositionAndOrientation(b, client)[0][2] for b in (b1, b2)]
+        x = np.array([x1, x2])
+        for _ in range(2000):
+            p.stepSimulation(client)
+            x += column.step * np.array([p.getBaseVelocity(b, client)[0][2] for b in (b1, b2)])
+        for b, base, first, height in zip((b1, b2), start, (x1, x2), x, strict=True):
+            position, orientation = p.getBasePositionAndOrientation(b, client)
+            assert position[2] - base == pytest.approx(height - first, abs=1e-12 * base)
+            assert position[:2] == (0, 0)
+            assert orientation == (0, 0, 0, 1)
+
+
+def test_pybullet_client_is_given_back():
+    p = pytest.importorskip("pybullet")
+    solver = get_solver("pybullet")
+    taken = p.connect(p.DIRECT)  # somebody else's client is left alone
+    try:
+        p.setGravity(0, 0, -3, physicsClientId=taken)
+        first = solver.solve_many(random_collisions(1, seed=1), COARSE)[0]
+        again = p.connect(p.DIRECT)
+        p.disconnect(again)
+        solver.solve_many(random_collisions(1, seed=1), COARSE)
+        last = p.connect(p.DIRECT)
+        p.disconnect(last)
+        assert last == again
+        assert p.getNumBodies(physicsClientId=taken) == 0
+    finally:
+        p.disconnect(taken)
+    assert first == solver.solve_many(random_collisions(1, seed=1), COARSE)[0]
+
+
+def test_no_engine_writes_where_it_runs(engine, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    engine.solve_many(random_collisions(2, seed=1), COARSE)
+    assert list(Path(tmp_path).iterdir()) == []

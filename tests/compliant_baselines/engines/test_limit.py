@@ -1,0 +1,264 @@
+"""Limits of small steps: the extrapolation, its estimate, and certificates against independent references."""
+
+import math
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contact.column import column_of
+from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, contacts
+from impact_xval.compliant_baselines.contract.convergence import Convergence, fitted_order, limit_of
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.contract.state_runs import Runs
+from impact_xval.compliant_baselines.contract.trajectory import FREE
+from impact_xval.compliant_baselines.engines.certificate import certify
+from impact_xval.compliant_baselines.engines.engine_run import Run
+from impact_xval.model.collision import Collision
+from tests.compliant_baselines.reference import kelvin_voigt
+
+H = 2.0 ** -np.arange(3)
+
+
+def sequence(f):
+    return np.column_stack([f(H), np.zeros(3)])
+
+
+def test_a_first_order_error_is_removed():
+    limit = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, 1e-6, 1.0)
+    assert (limit.v1, limit.v2) == (pytest.approx(0.3, abs=1e-15), 0)
+    assert limit.order == pytest.approx(1)
+    # three differences that agree may do so by accident: a tenth of the last correction stays doubted
+    assert limit.error == pytest.approx(0.1 * 0.2 / 4)
+
+
+def test_a_second_order_error_is_estimated():
+    limit = limit_of(sequence(lambda h: 0.3 + 0.01 * h + 0.2 * h**2), 0.0, 1e-6, 1.0)
+    assert abs(limit.v1 - 0.3) == pytest.approx(0.2 / 8)
+    assert limit.error == pytest.approx(3 * 0.2 / 8)
+
+
+def test_the_chance_of_contact_starts_is_estimated():
+    # Starts up to a step late: errors h u theta, theta without any law in [0, 1], and u h what `starts` says.
+    rng = np.random.default_rng(1)
+    errors, estimates = [], []
+    for _ in range(4000):
+        theta = rng.uniform(0, 1, 3)
+        limit = limit_of(sequence(lambda h, theta=theta: 0.5 + 0.05 * h * theta), 0.05 * H[-1], 1e-6, 1.0)
+        errors.append(abs(limit.v1 - 0.5))
+        estimates.append(limit.error)
+    errors, estimates = np.array(errors), np.array(estimates)
+    assert np.mean(errors <= 3 * estimates) > 0.99
+    # of which the differences alone would miss what the starts tell
+    blind = [
+        limit_of(sequence(lambda h, theta=theta: 0.5 + 0.05 * h * theta), 0.0, 1e-6, 1.0)
+        for theta in rng.uniform(0, 1, (4000, 3))
+    ]
+    assert np.mean([abs(limit.v1 - 0.5) <= 3 * limit.error for limit in blind]) < 0.97
+
+
+def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
+    # v2 - v1 falls by 0.01 with each halving and is 0.005 beyond the last: the balls have yet to meet there.
+    velocities = np.array([[0.4, 0.365], [0.4, 0.375], [0.4, 0.385]])
+    velocities[:, 1] += 0.01
+    limit = limit_of(velocities, 0.0, 1e-6, 3.0)
+    assert limit.v1 == limit.v2 == pytest.approx(0.4 * 0.25 + 0.405 * 0.75)  # momentum is kept
+    assert limit.error == pytest.approx(0.01)  # the differences do not fall
+    # B2 would go into the table
+    limit = limit_of(np.array([[0.4, 0.012], [0.4, 0.004], [0.4, 0.0]]), 0.0, 1e-6, 3.0)
+    assert (limit.v1, limit.v2) == (0.4, 0)
+    assert limit.error == pytest.approx(0.004)
+    # what is inside stays where it is
+    assert limit_of(np.array([[0.4, 0.3], [0.4, 0.2], [0.4, 0.15]]), 0.0, 1e-6, 3.0).v2 == pytest.approx(0.1)
+
+
+def test_runs_that_meet_a_different_number_of_times_are_doubted():
+    velocities = sequence(lambda h: 0.3 + 0.2 * h)
+    known, unknown = (limit_of(velocities, 0.0, 1e-6, 1.0, alike=alike) for alike in (True, False))
+    assert unknown.error == pytest.approx(0.2 / 4)
+    assert known.error == pytest.approx(0.1 * 0.2 / 4)
+
+
+def test_nothing_but_rounding_has_no_order():
+    limit = limit_of(sequence(lambda h: 0.3 + 0 * h), 0.0, 1e-6, 1.0)
+    assert math.isnan(limit.order)
+    assert limit.error == 0
+    assert fitted_order(np.array([8.0, 2.0, 0.5])) == pytest.approx(2)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "says"),
+    [
+        ({"tolerance": 0.0}, r"tolerance = 0.0; legal: greater than 0"),
+        ({"tolerance": math.nan}, "tolerance = nan"),
+        ({"halvings": 1}, r"halvings = 1; legal: a whole number from 2 to 10"),
+    ],
+)
+def test_illegal_convergence_is_refused(kwargs, says):
+    with pytest.raises(ValueError, match=says):
+        Convergence(**kwargs)
+
+
+def test_regularised_contacts_are_those_of_the_constraint_equations():
+    # Elastic, B2 as heavy as it may be: what d changes is of first order in it, and halves with it.
+    c = Collision(m1=1.0, m2=0.5, k1=1.0, k2=0.1, e1=1.0, e2=1.0)
+    plain, one, two = (
+        kelvin_voigt(c.m1, c.m2, c.k1, c.k2, 0.0, 0.0, c.v0, impedance=d) for d in (0.0, 1e-4, 2e-4)
+    )
+    assert abs(one.v2 - plain.v2) > 1e-5
+    assert (two.v2 - plain.v2) / (one.v2 - plain.v2) == pytest.approx(2, rel=0.01)
+
+
+# A ball-ball and a ball-table contact that are stiffer, dissipative and elastic contacts; returns of contacts.
+CELLS = [
+    (ratio, mass, e1, e2)
+    for ratio in (0.01, 0.1, 1.0, 10.0)
+    for mass, e1, e2 in ((0.5, 1.0, 1.0), (2 / 3**0.5, 0.9, 0.7), (2.0, 0.5, 0.9), (2 / 3**0.5, 0.7, 0.5))
+]
+
+
+def limits_of(engine, collisions):
+    settings = Settings(convergence=Convergence())
+    return engine.solve_many(collisions, settings)
+
+
+def test_certificates_are_honest(engine):
+    """Against Kelvin-Voigt, and the step part alone against the engine's own limit: MuJoCo's is regularised."""
+    collisions = [
+        Collision(m1=1.0, m2=mass, k1=1e8, k2=1e8 * ratio, e1=e1, e2=e2) for ratio, mass, e1, e2 in CELLS
+    ]
+    outcomes = limits_of(engine, collisions)
+    impedance = MUJOCO_IMPEDANCE if engine.name == "mujoco" else 0.0
+    for c, outcome in zip(collisions, outcomes, strict=True):
+        assert outcome.status == "ok", outcome.reason
+        one, two = contacts(c)
+        pair = (c.m1, c.m2, c.k1, c.k2, one.c, two.c, c.v0)
+        asked = kelvin_voigt(*pair, rtol=1e-9)
+        own = kelvin_voigt(*pair, rtol=1e-9, impedance=impedance)
+        d = outcome.diagnostics
+        limit = np.array([d["v1_limit"], d["v2_limit"]])
+        assert np.abs(limit - (asked.v1, asked.v2)).max() <= 3 * d["limit_error"] + 1e-8
+        step_error = d["limit_error"] - d["regularisation"]
+        assert np.abs(limit - (own.v1, own.v2)).max() <= 3 * step_error + 1e-8
+        assert d["limit_error"] < 1e-3
+        if c.e1 == c.e2 == 1:  # no dashpot, nothing left to chance: what regularisation does is measured
+            moved = np.abs(np.subtract((own.v1, own.v2), (asked.v1, asked.v2))).max()
+            assert d["regularisation"] == pytest.approx(moved, rel=0.05)
+        assert d["finest_step"] <= d["step"] / 4 * (1 + 1e-12)
+
+
+def test_the_outcome_at_the_step_asked_for_is_untouched(engine):
+    c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e7, e1=0.8, e2=0.6)
+    plain = engine.solve(c, Settings())
+    certified = engine.solve(c, Settings(convergence=Convergence()))
+    for name in ("v1", "v2", "impulse1", "impulse2", "states", "status"):
+        assert getattr(certified, name) == getattr(plain, name)
+    assert {k: certified.diagnostics[k] for k in plain.diagnostics} == dict(plain.diagnostics)
+    assert "v1_limit" not in plain.diagnostics
+
+
+def test_a_limit_is_that_of_the_same_steps_asked_for_one_by_one(engine):
+    c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e8, e1=0.8, e2=0.6)
+    h = 1e-3
+    each = [engine.solve(c, Settings(step_fraction=h / 2**n)) for n in range(3)]
+    limit = engine.solve(c, Settings(step_fraction=h, convergence=Convergence())).diagnostics
+    assert limit["v1_limit"] == 2 * each[2].v1 - each[1].v1
+    assert limit["v2_limit"] == 2 * each[2].v2 - each[1].v2
+
+
+def test_what_is_not_known_to_the_tolerance_is_unconverged_and_keeps_its_numbers(engine):
+    c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e7, e1=0.8, e2=0.6)
+    settings = Settings(step_fraction=1e-3, convergence=Convergence(tolerance=1e-7, halvings=3))
+    (outcome,) = engine.solve_many([c], settings)
+    assert outcome.status == "unconverged"
+    assert "beyond the tolerance of 1e-07" in outcome.reason
+    assert math.isfinite(outcome.v1)
+    assert outcome.diagnostics["limit_error"] > 1e-7
+    if engine.name == "pybullet":
+        assert outcome.diagnostics["finest_step"] == outcome.diagnostics["step"] / 8
+    else:  # no step brings what the impedance does, seen at h and h/4 alike, below the tolerance: not tried
+        assert "regularisation" in outcome.reason
+        assert outcome.diagnostics["finest_step"] == outcome.diagnostics["step"] / 4
+
+
+def test_halving_stops_where_the_tolerance_is_met():
+    c = Collision(m1=1.0, m2=0.5, k1=1e8, k2=1e6, e1=0.7, e2=0.5)
+    engine = get_solver("pybullet")
+    if engine.unavailable():
+        pytest.skip("not installed")
+    loose, tight = (
+        engine.solve_many([c], Settings(step_fraction=4e-3, convergence=Convergence(t, 6)))[0]
+        for t in (0.05, 1e-3)
+    )
+    assert loose.diagnostics["finest_step"] == loose.diagnostics["step"] / 4
+    assert tight.diagnostics["finest_step"] < tight.diagnostics["step"] / 4
+    assert tight.diagnostics["limit_error"] <= 1e-3
+
+
+def test_a_shorter_step_that_comes_to_no_end_is_no_limit(engine):
+    class Lame(type(engine)):
+        def run_columns(self, columns, max_steps, record_path=False):
+            short = [c.step < 0.9 * coarse.step for c in columns]
+            steps = 5 if any(short) else max_steps
+            return super().run_columns(columns, steps, record_path)
+
+    c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e8, e1=0.8, e2=0.6)
+    coarse = column_of(c, Settings())
+    runs = engine.run_columns([coarse], 10**6)
+    ((limit, reason),) = certify(Lame(), runs, Convergence(), 10**6)
+    assert limit is None
+    assert "no limit of small steps" in reason
+    assert "not over after max_steps = 5" in reason
+
+
+def test_the_naive_mapping_has_a_limit_of_its_own(engine):
+    c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e8, e1=0.8, e2=0.6)
+    (outcome,) = engine.solve_many([c], Settings(mapping="naive", convergence=Convergence()))
+    assert outcome.status == "ok", outcome.reason
+    assert outcome.diagnostics["regularisation"] == 0
+
+
+class Planted:
+    """An engine of first order whose answer to ten times its regularisation is what a test says, by step."""
+
+    regularisation_probe = 10.0
+
+    def __init__(self, moved):
+        self.moved, self.probed = moved, []
+
+    def run_columns(self, columns, max_steps):
+        return [self.run(column, max_steps) for column in columns]
+
+    def run(self, column, max_steps=0):
+        n = round(math.log2(COARSE.step / column.step))
+        v = 0.3 + 0.04 / 2**n
+        if column.regularisation > 1:
+            self.probed.append(n)
+            v += 9 * self.moved[n]
+        borders = Runs(np.array([0]), np.array([1]), 1)
+        return Run(column, FREE, v, 0.0, 1.0, 1.0, 0.0, 0.0, borders, None, max_steps=max_steps)
+
+
+COARSE = column_of(Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e8, e1=0.8, e2=0.6), Settings())
+
+
+@pytest.mark.parametrize(
+    ("moved", "finest", "probed", "converged"),
+    [
+        (
+            [0.0, 0, 0, 0, 0],
+            3,
+            [0],
+            True,
+        ),  # nothing but the step, halved until the correction is small enough
+        ([2e-3, 0, 2e-3, 0, 0], 2, [0, 2], False),  # regularisation: seen at the shortest step too
+        ([2e-2, 0, 5e-3, 1e-5, 0], 3, [0, 2, 3], True),  # a grazing, far from which neither does anything
+    ],
+)
+def test_regularisation_ends_the_halving_only_where_two_steps_agree_on_it(moved, finest, probed, converged):
+    engine = Planted(moved)
+    ((limit, reason),) = certify(engine, [engine.run(COARSE)], Convergence(tolerance=0.6e-3), 10**6)
+    assert limit.step == COARSE.step / 2**finest
+    assert engine.probed == probed
+    assert (reason == "") == converged
+    assert ("regularisation" in reason) != converged

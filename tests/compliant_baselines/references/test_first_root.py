@@ -1,0 +1,91 @@
+"""The certified first root against all roots of the polynomial."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from impact_xval.compliant_baselines.references.first_root import first_root
+
+
+def all_roots(coefficients):
+    roots = np.roots(coefficients[::-1])
+    real = roots[np.abs(roots.imag) < 1e-9].real
+    return np.sort(real[(real > 1e-9) & (real <= 1)])
+
+
+def call(coefficients, sign=1.0, start=None, limit=1.0):
+    rows = np.array([coefficients], float)
+    return first_root(rows, 0, sign, sign * rows[0, 0] if start is None else start, rows.shape[1] - 1, limit)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.floats(0.02, 1.5), min_size=1, max_size=6), st.sampled_from([1.0, -1.0]))
+def test_of_simple_roots_the_lowest(roots, sign):
+    roots = np.array(roots)
+    gaps = np.diff(np.sort(roots))
+    if (gaps.size and gaps.min() < 1e-3) or np.min(np.abs(roots - 1)) < 1e-9:
+        return
+    coefficients = np.polynomial.polynomial.polyfromroots(roots)
+    coefficients *= sign * np.sign(coefficients[0])
+    inside = roots[roots <= 1]
+    found = call(coefficients, sign)
+    if inside.size:
+        assert found == pytest.approx(inside.min(), abs=1e-10)
+    else:
+        assert found == np.inf
+
+
+@pytest.mark.parametrize("half_gap", [1e-2, 1e-4, 1e-6])
+def test_a_close_pair_of_roots_is_not_stepped_over(half_gap):
+    # (t - a)^2 - h^2, positive at both ends of the unit interval
+    a = 0.637
+    assert call([a * a - half_gap**2, -2 * a, 1.0]) == pytest.approx(a - half_gap, abs=1e-9)
+    assert call([a * a + half_gap**2, -2 * a, 1.0]) == np.inf
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_the_zero_a_stretch_starts_from_is_not_found_again(order):
+    # t^order (t - 1/2)(t - 3/4)
+    coefficients = np.concatenate([np.zeros(order), [0.375, -1.25, 1.0]])
+    assert call(coefficients) == pytest.approx(0.5, abs=1e-14)
+    # and one that leaves its zero downwards fires at once
+    assert call(-coefficients) == 0.0
+
+
+def test_a_marked_start_overrides_the_rounding_in_the_row():
+    assert call([-1e-18, 1.0, -2.0], start=0.0) == pytest.approx(0.5, abs=1e-14)
+    assert call([-1e-18, 1.0, -2.0]) == 0.0
+
+
+def test_the_limit_is_respected():
+    assert call([1.0, -2.0], limit=0.499) == np.inf
+    assert call([1.0, -2.0], limit=0.501) == pytest.approx(0.5)
+
+
+def test_zero_polynomial_has_no_event():
+    assert call([0.0, 0.0, 0.0]) == np.inf
+
+
+def test_random_polynomials_of_full_degree():
+    rng = np.random.default_rng(5)
+    n_with = 0
+    for _ in range(300):
+        coefficients = rng.normal(size=23) / np.cumprod(np.maximum(1, np.arange(23)) / 2.0)
+        coefficients[0] = abs(coefficients[0])
+        roots = all_roots(coefficients)
+        found = call(coefficients)
+        if roots.size:
+            n_with += 1
+            assert found == pytest.approx(roots[0], abs=1e-9)
+        else:
+            assert found == np.inf
+    assert n_with > 50
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e308])
+def test_numbers_beyond_certification_are_given_up(bad):
+    assert call([1.0, 1.0, 1.0, 1.0, bad, -bad]) in (-1.0, np.inf)
+    assert call([1.0, -2.0], limit=-1.0) == np.inf

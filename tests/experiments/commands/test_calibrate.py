@@ -1,0 +1,87 @@
+"""The command that calibrates engines."""
+
+import pandas as pd
+import pytest
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.commands import calibrate
+from impact_xval.experiments.commands.cli import main
+
+
+@pytest.fixture
+def few(monkeypatch):
+    original = calibrate.requests_of
+    monkeypatch.setattr(
+        calibrate,
+        "requests_of",
+        lambda mapping: original(mapping, (0.5, 1.0), (1e4, 1e6), (1e-3, 5e-4, 2.5e-4)),
+    )
+
+
+def test_calibrate_writes_tables_and_a_figure(few, tmp_path, capsys):
+    assert main(["calibrate", "--engine", "mujoco", "--out", str(tmp_path / "c")]) == 0
+    said = capsys.readouterr().out
+    assert "in the limit of small steps 8 of 8 contacts are within 0.001" in said
+    assert sorted(path.name for path in (tmp_path / "c").iterdir()) == [
+        "calibration.csv",
+        "calibration.md",
+        "calibration.pdf",
+        "calibration.png",
+        "limits.csv",
+    ]
+    steps = pd.read_csv(tmp_path / "c/calibration.csv")
+    assert list(steps.columns) == list(calibrate.COLUMNS)
+    assert len(steps) == 2 * 2 * 2 * 2 * 3  # mappings, contacts, e, k, steps
+    assert set(steps.version) == {get_solver("mujoco").version()}
+    limits = pd.read_csv(tmp_path / "c/limits.csv")
+    good = limits[limits.mapping == "calibrated"]
+    assert (good.restitution - good.e).abs().max() < 1e-5
+    assert (good.duration_ratio - 1).abs().max() < 1e-5
+    assert (good.order - 1).abs().max() < 0.1
+    naive = limits[(limits.mapping == "naive") & (limits.e == 0.5)]
+    assert (naive.restitution - naive.e).abs().min() > 0.02
+    text = (tmp_path / "c/calibration.md").read_text()
+    assert "](calibration.png)" in text
+    assert "FIGURE" not in text
+
+
+def test_an_engine_that_is_missing_is_said_not_raised(few, tmp_path, capsys, monkeypatch):
+    from impact_xval.compliant_baselines.engines.pybullet_drop import PybulletSolver
+
+    monkeypatch.setattr(PybulletSolver, "unavailable", lambda self: "no wheel: use Python 3.11")
+    assert main(["calibrate", "--engine", "pybullet", "--out", str(tmp_path / "c")]) == 0
+    assert "pybullet gave no result: no wheel: use Python 3.11." in capsys.readouterr().out
+    steps = pd.read_csv(tmp_path / "c/calibration.csv")
+    assert set(steps.status) == {"unavailable"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--engine", "bullet"], "--engine = 'bullet'; legal: mujoco, pybullet"),
+        (["--engine", "kelvin-voigt"], "--engine = 'kelvin-voigt'; legal: mujoco"),
+        (["--engine", "mujoco", "--engine", "mujoco"], "--engine 'mujoco' is given more than once"),
+    ],
+)
+def test_what_cannot_be_calibrated_is_said(arguments, says, tmp_path, capsys):
+    assert main(["calibrate", *arguments, "--out", str(tmp_path / "c")]) == 2
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_folder_that_holds_something_is_left_alone(few, tmp_path, capsys):
+    (tmp_path / "mine").write_text("keep")
+    assert main(["calibrate", "--engine", "mujoco", "--out", str(tmp_path)]) == 2
+    assert "not empty; legal: a new or empty folder" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_a_file_is_no_folder(few, tmp_path, capsys):
+    (tmp_path / "file").write_text("keep")
+    for out, says in (
+        ("file", "is a file; legal: a new or empty folder"),
+        ("file/c", "cannot be written to"),
+    ):
+        assert main(["calibrate", "--engine", "mujoco", "--out", str(tmp_path / out)]) == 2
+        assert f"--out {tmp_path / out}: {says}" in capsys.readouterr().err
+    assert (tmp_path / "file").read_text() == "keep"

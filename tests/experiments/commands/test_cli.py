@@ -1,0 +1,184 @@
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from impact_xval.compliant_baselines import solver_names
+from impact_xval.experiments.commands import collision_commands
+from impact_xval.experiments.commands.cli import main
+from tests.experiments import fakes
+
+CELL = ["--stiffness-ratio", "40", "--mass-ratio", str(2 / math.sqrt(3)), "--e1", "0.9", "--e2", "0.7"]
+
+
+def _json(capsys, *arguments):
+    assert main(["solve", *arguments, "--json"]) == 0
+
+    def refuse(name):
+        raise AssertionError(f"{name} is not strict JSON")
+
+    return json.loads(capsys.readouterr().out, parse_constant=refuse)
+
+
+def test_solve_json_keeps_the_contract(capsys):
+    (found,) = _json(capsys, *CELL, "--solver", "state-transition")
+    assert {"solver", "v1", "v2", "impulse1", "impulse2", "states", "status"} <= set(found)
+    assert found["solver"] == "state-transition"
+    assert found["v1"] == pytest.approx(0.88981120733190, abs=1e-12)
+    assert found["v2"] == pytest.approx(0.00016910787873, abs=1e-12)
+    assert found["states"] == ["S1", "S3", "S1", "S2", "S4"]
+    assert found["status"] == "ok"
+    assert found["impulse1"] == pytest.approx(1 + found["v1"], abs=1e-12)
+    assert found["impulse2"] == pytest.approx(found["impulse1"] + 2 / math.sqrt(3) * found["v2"], abs=1e-12)
+
+
+def test_an_impact_does_not_depend_on_the_scale(capsys):
+    (plain,) = _json(capsys, *CELL, "--solver", "state-transition")
+    (scaled,) = _json(capsys, *CELL, "--solver", "state-transition", "--m1", "3", "--k1", "7", "--v0", "-11")
+    for key in ("v1", "v2", "impulse1", "impulse2"):
+        assert scaled[key] == pytest.approx(plain[key], abs=1e-12)
+
+
+#: A drop after which B2 is at rest on the table, at some speed.
+SOFT = ["--stiffness-ratio", "0.1", "--mass-ratio", "0.5", "--e1", "0.9", "--e2", "0.5", "--k1", "1e4"]
+
+
+@pytest.mark.parametrize("solver", ["mujoco", "kelvin-voigt", "bistiffness", "state-transition"])
+@pytest.mark.parametrize(("scenario", "cell"), [("impact", CELL), ("drop", SOFT)])
+def test_no_number_of_the_list_depends_on_the_speed(capsys, solver, scenario, cell):
+    # g in proportion to |v0| keeps the gravity number of a drop; times do not depend on the speed anyway
+    plain, fast = (
+        _json(capsys, *cell, "--solver", solver, "--scenario", scenario, "--v0", v0, "--gravity", g)[0]
+        for v0, g in (("-1", "9.81"), ("-4", "39.24"))
+    )
+    assert fast["states"] == plain["states"]
+    for key in ("v1", "v2", "impulse1", "impulse2"):
+        assert fast[key] == pytest.approx(plain[key], rel=1e-6, abs=1e-9)
+    assert set(fast["diagnostics"]) == set(plain["diagnostics"])
+    for key, value in plain["diagnostics"].items():
+        assert fast["diagnostics"][key] == pytest.approx(value, rel=1e-3, abs=1e-9), key
+    assert ("v1_limit" in plain["diagnostics"]) == (solver == "mujoco")
+    assert ("rest_speed" in plain["diagnostics"]) == (cell is SOFT and solver in ("mujoco", "kelvin-voigt"))
+
+
+def test_solve_takes_an_infinite_ratio_and_shows_refusals(capsys):
+    found = _json(capsys, "--stiffness-ratio", "inf", "--mass-ratio", "1", "--e1", "0.5", "--e2", "0.5")
+    assert [each["solver"] for each in found] == list(solver_names())
+    model = found[0]
+    assert (model["v1"], model["v2"], model["status"]) == (0.5, 0.0, "limit")
+    for other in (each for each in found if each["solver"] in ("mujoco", "pybullet")):
+        assert other["status"] in ("unrepresentable", "unavailable")
+        assert other["reason"]
+        assert other["v1"] is None
+
+
+def test_solve_shows_solvers_side_by_side(capsys, monkeypatch):
+    monkeypatch.setattr(collision_commands, "get_solver", fakes.shifted)
+    assert (
+        main(["solve", *CELL, "--solver", "pybullet", "--solver", "state-transition", "--solver", "mujoco"])
+        == 0
+    )
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[:3] for line in lines[1:4]] == [
+        ["kelvin-voigt", "pybullet", "unavailable"],
+        ["kelvin-voigt", "mujoco", "ok"],
+        ["state-transition", "state-transition", "ok"],
+    ]
+    assert "0.01" in lines[2]
+    assert "S1 S3 S1 S2 S4" in lines[2]
+    assert "0.889811" in lines[3]
+    assert lines[4:] == [
+        "pybullet and mujoco were asked for the same law: one vote, not two.",
+        "pybullet: unavailable: no wheel for this Python; use Python 3.11",
+    ]
+
+
+def test_help_and_version_are_quick_and_load_nothing_heavy():
+    script = (
+        "import sys; from impact_xval.experiments.commands.cli import main; code = main(sys.argv[1:]);"
+        "heavy = {'numpy', 'pandas', 'matplotlib', 'pyarrow', 'numba', 'mujoco'} & set(sys.modules);"
+        "sys.exit(f'{heavy}' if heavy else code)"
+    )
+    for arguments in (["--version"], ["--help"], ["run", "--help"], ["solve", "--help"], []):
+        done = subprocess.run(
+            [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True
+        )
+        assert "impact-xval" in done.stdout
+    for option in ("--stiffness-ratio", "--json", "--solver", "--step-fraction", "--scenario"):
+        done = subprocess.run(
+            [sys.executable, "-c", script, "solve", "--help"], capture_output=True, text=True, check=True
+        )
+        assert option in done.stdout
+
+
+def test_help_lists_the_commands_in_the_order_of_their_use(capsys):
+    assert main(["--help"]) == 0
+    listed = capsys.readouterr().out.split("Commands:")[1]
+    assert re.findall(r"^  (\S+)  ", listed, re.MULTILINE) == [
+        *("run", "search", "status", "solve", "hypothesis", "calibrate", "export-scene", "contact"),
+        *("doctor", "solvers", "conform", "table", "figures", "report", "ladder", "map"),
+    ]
+
+
+def test_a_name_that_cannot_be_shown_is_spelt_out(tmp_path):
+    path = tmp_path / "é.toml"
+    path.write_text("name = 'é'\nsolvers = ['kelvin-voigt']\n", encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "impact_xval.experiments.commands.cli", "doctor", str(path)],
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "scenes of '\\xe9' (no engine is installed): no traps found\n"
+
+
+def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my.toml").write_text(
+        "name = '../<b>my [bold]run[/bold]</b>'\nsolvers = ['state-transition']\n"
+        "[grid]\nstiffness_ratio = [0, 1, inf]\nmass_ratio = [1.0]\ne1 = [0.9]\ne2 = [0.7]\n"
+    )
+    assert main(["run", "my.toml", "--workers", "1"]) == 0
+    last = capsys.readouterr().out.strip().splitlines()[-1]
+    root = tmp_path / "runs" / "b-my-bold-run-bold-b"
+    assert last.endswith("runs/b-my-bold-run-bold-b")
+    names = {path.name for path in root.iterdir()}
+    assert names == {
+        "manifest.json",
+        "cells.parquet",
+        "divergence.parquet",
+        "divergence.csv",
+        "curves.parquet",
+        "ladder.parquet",
+        "ladder.csv",
+        "summary.md",
+        "summary.csv",
+        "summary.tex",
+        "figures",
+        "report.html",
+        "parts",
+        ".lock",
+    }
+    assert main(["run", "my.toml"]) == 2
+    assert "already holds a run; add --resume" in capsys.readouterr().err
+    assert main(["run", "my.toml", "--resume", "--workers", "1"]) == 0
+    for command in ("table", "figures", "report"):
+        assert main([command, str(root)]) == 0
+    capsys.readouterr()
+    (root / "cells.parquet").write_bytes(b"PAR1")
+    assert main(["table", str(root)]) == 2
+    assert "cells.parquet: altered since it was written" in capsys.readouterr().err
+
+
+def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(collision_commands, "solve", interrupted)
+    assert main(["solve", "--stiffness-ratio", "1", "--mass-ratio", "1", "--e1", "0.9", "--e2", "0.9"]) == 1
+    assert capsys.readouterr().err == "impact-xval: interrupted\n"

@@ -1,0 +1,107 @@
+"""The command `contact`, as a user meets it."""
+
+import json
+
+import pytest
+
+from impact_xval.experiments.commands.cli import main
+
+ASK = ["contact", "--engine", "mujoco", "--masses", "1.0", "0.5", "--restitution", "0.7"]
+
+
+def test_json_says_what_was_asked_what_to_paste_and_what_came_back(capsys):
+    assert main([*ASK, "--stiffness", "1e6", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["contact"]["stiffness"] == 1e6
+    assert said["contact"]["reduced_mass"] == pytest.approx(1 / 3)
+    assert said["parameters"]["solref"][0] == pytest.approx(-3e6)
+    low, high = said["verified"]["restitution"]
+    assert 0.693 <= low <= high <= 0.707
+    low, high = said["verified"]["duration"]
+    assert 0.99 <= low / said["contact"]["duration"] <= high / said["contact"]["duration"] <= 1.01
+    assert f'timestep="{said["largest_step"]!r}"' in said["paste"]
+
+
+def test_text_holds_the_request_beside_the_answer_and_the_step(capsys):
+    arguments = ["--masses", "inf", "2", "--restitution", "1", "--duration", "1e-3", "--gravity", "9.81"]
+    assert main(["contact", "--engine", "mujoco", *arguments]) == 0
+    out = capsys.readouterr().out
+    assert "<pair geom1=" in out
+    assert "asked" in out
+    assert "with gravity" in out
+    assert "is the largest step (two digits) at which mujoco" in out
+
+
+def test_gravity_lengthens_an_elastic_contact_as_the_exact_motion_does(capsys):
+    import math
+
+    # x'' = -omega^2 x + g from x = 0 at speed v: it lasts (pi + 2 atan(g/(v omega)))/omega, and leaves at v
+    g, v, duration = 9.81, 0.5, 0.05
+    arguments = ["--masses", "inf", "2", "--restitution", "1", "--duration", str(duration), "--speed", str(v)]
+    assert main(["contact", "--engine", "mujoco", *arguments, "--gravity", str(g), "--json"]) == 0
+    got = json.loads(capsys.readouterr().out)["under_gravity"]
+    omega = math.pi / duration
+    assert got["duration"] == pytest.approx((math.pi + 2 * math.atan(g / (v * omega))) / omega, rel=0.02)
+    assert got["restitution"] == pytest.approx(1, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (
+            ["--stiffness", "1e6", "--restitution", "0"],
+            "--restitution = 0.0; legal: greater than 0, at most 1",
+        ),
+        (["--stiffness", "1e6", "--restitution", "1.5"], "--restitution = 1.5; legal"),
+        (["--stiffness", "1e6", "--restitution", "half"], "--restitution = 'half'; legal: a number"),
+        (["--duration", "1e-12"], "legal for these masses, restitution and speed: a duration of at least"),
+        (["--duration", "-1"], "--duration = -1.0; legal: a finite number > 0 (s)"),
+        (["--duration", "1e-3", "--stiffness", "1"], "--stiffness, duration: both given"),
+        ([], "--stiffness, duration: neither given"),
+        (["--stiffness", "1", "--masses", "inf", "inf"], "two fixed bodies do not collide"),
+        (
+            ["--stiffness", "1", "--masses", "1e308", "1e308"],
+            "--masses = 1e+308 1e+308; legal: from 1e-15 to",
+        ),
+        (["--stiffness", "1", "--masses", "8e307", "inf"], "--masses = 8e+307 inf; legal: from 1e-15 to"),
+        (["--stiffness", "1", "--masses", "1e-300", "inf"], "one of them inf for a fixed body"),
+        (
+            ["--stiffness", "1", "--masses", "1e-12", "1e12"],
+            "one is 1e+24 times the other; legal: at most 1e+12",
+        ),
+        (["--stiffness", "1", "--speed", "1e-323"], "; legal: from 1e-09 to 1e+09 (m/s)"),
+        (["--stiffness", "1", "--speed", "1e-30"], "--speed = 1e-30; legal: from 1e-09 to 1e+09 (m/s)"),
+        (
+            ["--stiffness", "1", "--speed", "1e10"],
+            "--speed = 10000000000.0; legal: from 1e-09 to 1e+09 (m/s)",
+        ),
+        (["--duration", "1e9"], "--duration = 1000000000.0: a contact of 1e+09 s; legal: at most 1e+06 s"),
+        (["--stiffness", "1e-300"], "--stiffness = 1e-300: a contact of 1.68e+150 s; legal: at most 1e+06 s"),
+        (["--stiffness", "1", "--restitution", "1e-200"], "--restitution = 1e-200; legal: from 0.0001 to 1"),
+        (["--stiffness", "1", "--restitution", "1e-30"], "--restitution = 1e-30; legal: from 0.0001 to 1"),
+        (["--stiffness", "1", "--tolerance", "9" * 5000], "; legal: greater than 0, at most 0.5"),
+        (["--stiffness", "1", "--gravity", "9.81"], "legal: 0 for two free bodies, which fall alike"),
+        (["--stiffness", "1", "--gravity", "-1"], "--gravity = '-1'; legal: a finite number >= 0"),
+        (["--stiffness", "1", "--tolerance", "0"], "--tolerance = '0'; legal: greater than 0, at most 0.5"),
+        (["--stiffness", "1", "--engine", "dart"], "--engine = 'dart'; legal: mujoco, pybullet, drake"),
+    ],
+)
+def test_impossible_requests_are_one_line_and_exit_code_2(capsys, arguments, says):
+    assert main([*ASK, *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert says in err
+    assert "Traceback" not in err
+    assert len([line for line in err.splitlines() if "trying steps" not in line]) == 1
+    assert len(err) < 400
+
+
+def test_an_engine_that_is_missing_is_said(capsys, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pydrake", None)
+    assert (
+        main(["contact", "--engine", "drake", "--masses", "1", "1", "--restitution", "1", "--stiffness", "1"])
+        == 2
+    )
+    assert "unavailable: Drake is not installed: run pip install" in capsys.readouterr().err

@@ -1,0 +1,59 @@
+"""Runs as xarray data sets."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.measures.arrays import to_xarray
+from impact_xval.experiments.sweep.run import run_sweep
+from tests.experiments import fakes
+
+
+def test_a_grid_has_its_axes(tmp_path, small):
+    folder = run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.crashing)
+    data = to_xarray(tmp_path / "a", ["status", "v1", "velocity_divergence", "states_equal"])
+    assert dict(data.sizes) == {"solver": 3, "stiffness_ratio": 3, "mass_ratio": 2, "e1": 2, "e2": 1}
+    assert data.v1.attrs["units"] == "m/s"
+    for row in pq.read_table(folder.root / "cells.parquet").to_pylist():
+        place = {axis: row[axis] for axis in ("solver", "stiffness_ratio", "mass_ratio", "e1", "e2")}
+        assert data.status.sel(place).item() == row["status"]
+        assert data.v1.sel(place).item() == pytest.approx(
+            np.nan if row["v1"] is None else row["v1"], nan_ok=True
+        )
+    for row in pq.read_table(folder.root / "divergence.parquet").to_pylist():
+        place = {axis: row[axis] for axis in ("solver", "stiffness_ratio", "mass_ratio", "e1", "e2")}
+        d = row["velocity_divergence"]
+        assert data.velocity_divergence.sel(place).item() == pytest.approx(
+            np.nan if d is None else d, nan_ok=True
+        )
+    assert np.isnan(data.velocity_divergence.sel(solver="state-transition")).all()
+    with pytest.raises(ValueError, match=r"columns: 'v3' is unknown; known: cell, "):
+        to_xarray(folder, ["v3"])
+
+
+def test_another_design_has_cells(tmp_path):
+    config = parse_config(
+        {"scenario": "impact", "solvers": ["mujoco"], "sample": {"n": 8, "e1": 0.9}, "chunk_size": 3}
+    )
+    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    data = to_xarray(tmp_path / "a")
+    assert dict(data.sizes) == {"solver": 2, "cell": 8}
+    assert data.e1.values.tolist() == [0.9] * 8
+    assert data.cell.values.tolist() == list(range(8))
+    with pytest.raises(UserError, match="no such folder"):
+        to_xarray(tmp_path / "none")
+
+
+def test_what_a_program_imports_brings_no_command_line():
+    code = (
+        "import sys; from impact_xval.experiments.measures import arrays;"
+        "from impact_xval.experiments.sweep import run; from impact_xval.experiments.presentation import report;"
+        "print([m for m in sys.modules if m in ('typer', 'rich') or '.commands' in m or m.endswith('.terminal')])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "[]"

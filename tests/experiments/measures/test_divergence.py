@@ -1,0 +1,140 @@
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from impact_xval.experiments.measures.divergence import (
+    curve_distance,
+    divergence,
+    edit_distance,
+    part_at,
+)
+from impact_xval.experiments.measures.hausdorff import hausdorff
+from impact_xval.experiments.tables.schema import MEASURES
+from impact_xval.model import Collision, Outcome, solve
+
+C = Collision(m1=2.0, m2=8.0, k1=1.0, k2=1.0, e1=0.9, e2=0.7, v0=-5.0)
+MODEL = Outcome("a", 3.0, 0.5, 16.0, 20.0, ("S1", "S2", "S4"))
+OTHER = Outcome("b", 2.0, 1.0, 14.0, 22.0, ("S1", "S3", "S1", "S4"))
+
+
+def test_measures_by_hand():
+    found = divergence(C, MODEL, OTHER, (MODEL.states, OTHER.states))
+    assert set(found) == set(MEASURES)
+    assert found["dv1"] == pytest.approx(-1 / 5)
+    assert found["dv2"] == pytest.approx(0.5 / 5)
+    # m1 dv1^2 + m2 dv2^2 = 2 + 2 = 4 J per m1 v0^2 = 50 J
+    assert found["velocity_divergence"] == pytest.approx(math.sqrt(4 / 50))
+    assert found["dimpulse1"] == pytest.approx(-2 / 10)
+    assert found["dimpulse2"] == pytest.approx(2 / 10)
+    # before: m1 v0^2 = 50; after: 2*9 + 8/4 = 20 and 2*4 + 8*1 = 16
+    assert found["dretained_energy"] == pytest.approx(16 / 50 - 20 / 50)
+    assert found["states_equal"] is False
+    assert found["states_part_at"] == 2
+    assert found["states_edit_distance"] == 2
+    assert found["curve_distance"] is None
+
+
+@pytest.mark.parametrize("failed", ["model", "other"])
+def test_a_failure_has_no_measures(failed):
+    failure = Outcome.failure("x", "timeout", "gave up")
+    pair = (failure, OTHER) if failed == "model" else (MODEL, failure)
+    assert divergence(C, *pair, ((), ())) == dict.fromkeys(MEASURES)
+
+
+def test_an_outcome_does_not_diverge_from_itself():
+    outcome = solve(Collision.from_ratios(1 / 40, 2 / math.sqrt(3), 0.9, 0.7), path=True)
+    c = Collision.from_ratios(1 / 40, 2 / math.sqrt(3), 0.9, 0.7)
+    found = divergence(c, outcome, outcome, (outcome.states, list(outcome.states)))
+    assert found.pop("states_equal") is True
+    assert found.pop("states_part_at") is None
+    assert set(found.values()) == {0}
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "position", "edits"),
+    [
+        ("", "", None, 0),
+        ("13124", "13124", None, 0),
+        ("1", "14", 2, 1),
+        ("12124", "124", 3, 2),
+        ("124", "", 1, 3),
+        ("1314", "1214", 2, 1),
+        ("1234", "2341", 1, 2),
+    ],
+)
+def test_state_paths(a, b, position, edits):
+    assert part_at(a, b) == part_at(b, a) == position
+    assert edit_distance(a, b) == edit_distance(b, a) == edits
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "expected"),
+    [
+        ([(0, 0)], [(3, 4)], 5),
+        ([(0, 0), (1, 0)], [(0, 1), (1, 1)], 1),
+        ([(0, 0), (1, 0)], [(0, 0), (0.5, 0), (1, 0)], 0),
+        ([(0, 0), (1, 0)], [(0, 0), (1, 0), (3, 0)], 2),
+        # The farthest point of the chord from the corner's two legs is its middle, between the vertices.
+        ([(0, 0), (2, 2)], [(0, 0), (2, 0), (2, 2)], math.sqrt(2)),
+        # From the chord's middle to the legs it is 1; only the corner itself is farther.
+        ([(-1, 0), (1, 0)], [(-1, 0), (-1, 1), (1, 1), (1, 0)], 1),
+        ([(0, 0), (0, 0), (1, 0)], [(0, 0), (1, 0), (1, 0)], 0),
+    ],
+)
+def test_hausdorff_by_hand(a, b, expected):
+    assert hausdorff(a, b) == pytest.approx(expected, abs=2e-9)
+    assert hausdorff(b, a) == pytest.approx(expected, abs=2e-9)
+
+
+def _dense(points, spacing):
+    pieces = [points[:1]]
+    for start, end in itertools.pairwise(points):
+        n = max(2, int(np.ceil(np.hypot(*(end - start)) / spacing)))
+        pieces.append(start + np.linspace(0, 1, n)[1:, None] * (end - start))
+    return np.concatenate(pieces)
+
+
+def _brute(a, b, spacing):
+    """Distance of densely sampled points: within `spacing` of the truth."""
+    first, second = _dense(a, spacing), _dense(b, spacing)
+    return max(cKDTree(second).query(first)[0].max(), cKDTree(first).query(second)[0].max())
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), monotone=st.booleans(), n=st.integers(1, 30), m=st.integers(1, 30))
+def test_hausdorff_against_brute_force(seed, monotone, n, m):
+    random = np.random.default_rng(seed)
+    curves = [random.exponential(0.1, (size, 2)) * (random.random((size, 2)) < 0.7) for size in (n, m)]
+    if not monotone:
+        curves = [curve * random.choice([-1, 1], curve.shape) for curve in curves]
+    a, b = (curve.cumsum(axis=0) for curve in curves)
+    spacing = 1e-3
+    assert hausdorff(a, b) == pytest.approx(_brute(a, b, spacing), abs=1.01 * spacing)
+
+
+def test_hausdorff_of_long_curves_is_that_of_short_ones():
+    random = np.random.default_rng(1)
+    a, b = (random.exponential(0.05, (40, 2)).cumsum(axis=0) for _ in range(2))
+    fine = hausdorff(_dense(a, 2e-5), _dense(b, 3e-5))
+    assert fine == pytest.approx(hausdorff(a, b), abs=1e-8)
+
+
+@pytest.mark.parametrize("bad", [[], [[0, 0, 0]], [[math.nan, 0.0]], [1.0, 2.0]])
+def test_hausdorff_refuses_what_is_no_polyline(bad):
+    with pytest.raises(ValueError, match=r"legal|finite"):
+        hausdorff(bad, [[0, 0]])
+
+
+def test_curve_distance_is_per_impulse():
+    outcome = solve(Collision.from_ratios(3.0, 1.0, 0.9, 0.7), path=True)
+    assert outcome.path is not None
+    moved = dataclasses.replace(outcome.path, impulse2=outcome.path.impulse2 + 0.5)
+    # A curve shifted as a whole is no farther than the shift, and its end or its start is that far.
+    assert 0.1 < curve_distance(outcome.path, moved, 2.0) <= 0.25 * (1 + 1e-12)
+    assert curve_distance(None, moved, 2.0) is None

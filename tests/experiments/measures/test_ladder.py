@@ -1,0 +1,552 @@
+"""The ladder: it closes, each rung is the difference it says, and what is said of it is so."""
+
+import itertools
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.grid import CellGrid
+from impact_xval.experiments.measures.corners import (
+    Corners,
+    corner_marks,
+    corner_names,
+    corners,
+)
+from impact_xval.experiments.measures.ladder import by_order, cancelling, split
+from impact_xval.experiments.measures.ladder_summary import BAND, ladder_statistics, summarise_ladder
+from impact_xval.experiments.measures.ladder_table import (
+    LADDER_SCHEMA,
+    NO_LIMIT,
+    Part,
+    ladder_rows,
+    sentence,
+    write_ladder,
+)
+from impact_xval.experiments.measures.rungs import LAWS, RUNGS, rungs_of
+from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.presentation.ladder_document import ladder_findings
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables import streams
+from impact_xval.experiments.tables.schema import CELLS_SCHEMA
+from impact_xval.model import solve_batch
+from tests.experiments import fakes
+
+MU = 2 / math.sqrt(3)
+GRID = {
+    "stiffness_ratio": [0.05, 1.0, 40.0],
+    "mass_ratio": [0.5, MU],
+    "e1": [0.5, 0.9, 1.0],
+    "e2": [0.7, 1.0],
+}
+
+
+@pytest.fixture(scope="module", params=["impact", "drop"])
+def run(request, tmp_path_factory):
+    config = parse_config(
+        {"name": "l", "scenario": request.param, "k1": 1e6, "solvers": ["mujoco", "pybullet"], "grid": GRID}
+    )
+    return run_sweep(config, tmp_path_factory.mktemp("ladder") / "a", workers=1, resolve=fakes.shifted)
+
+
+def table_of(folder):
+    return folder.read_table("ladder.parquet", LADDER_SCHEMA).to_pandas()
+
+
+def cells_of(n, seed):
+    rng = np.random.default_rng(seed)
+    return [
+        10 ** rng.uniform(-2, 2, n),
+        10 ** rng.uniform(-1, 1, n),
+        rng.uniform(0.3, 1, n),
+        rng.uniform(0.3, 1, n),
+    ]
+
+
+def vectors(table, law=KELVIN_VOIGT):
+    rungs = rungs_of(law)
+    return np.stack([table[[f"{r.name}_dv1", f"{r.name}_dv2"]].to_numpy(dtype=float) for r in rungs])
+
+
+def test_rungs_sum_to_the_divergence_that_the_run_measured(run):
+    table = table_of(run)
+    measured = pq.read_table(run.root / "divergence.parquet").to_pandas()
+    measured = measured[measured.solver.isin(["mujoco", "pybullet"])].reset_index()
+    ok = table.status == "ok"
+    assert list(ok) == list(measured.velocity_divergence.notna())
+    total = np.nansum(vectors(table), axis=0)[ok]
+    assert np.abs(total - measured[["dv1", "dv2"]].to_numpy(dtype=float)[ok]).max() < 1e-12
+    np.testing.assert_allclose(
+        table.velocity_divergence[ok].astype(float),
+        measured.velocity_divergence[ok].astype(float),
+        atol=1e-15,
+    )
+    shares = table[[f"{r.name}_share" for r in rungs_of(KELVIN_VOIGT)]].astype(float).sum(axis=1)[ok]
+    np.testing.assert_allclose(shares, 1, atol=1e-9)
+
+
+def solved(c, law, settings=None):
+    """v1 and v2 of one collision; laws with frozen positions have no solver."""
+    name, _, frozen = law.partition(", ")
+    if not frozen:
+        o = get_solver(name).solve(c, settings) if settings else get_solver(name).solve(c)
+        assert o.status in ("ok", "limit")
+        return np.array([o.v1, o.v2])
+    number = 0.0
+    if settings and settings.scenario == "drop":
+        number = settings.gravity / (abs(c.v0) * math.sqrt(c.k1 * (1 / c.m1 + 1 / c.m2)))
+    cell = c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, number
+    o = bistiffness_batch(*cell, frozen=True) if name == "bistiffness" else LAWS[name](*cell, frozen=True)
+    return np.array([float(o.v1), float(o.v2)]) * abs(c.v0)
+
+
+def cube_of(c, config, law):
+    """The eight corners of a collision, shape (2, 2, 2, 2)."""
+    still, scenario = Settings(), Settings(scenario=config.scenario, gravity=config.gravity)
+    cube = np.array(
+        [
+            [[solved(c, f"{name}{frozen}", s) for s in (still, scenario)] for name in ("bistiffness", law)]
+            for frozen in (", frozen", "")
+        ]
+    )
+    cube[0, 0, 0] = solved(c, "state-transition")
+    if config.scenario == "impact":
+        cube[0, 0, 1] = cube[0, 0, 0]
+    return cube
+
+
+def shapley(cube, cause):
+    """The textbook's sum over sets of the other causes, with weights |S|! (2 - |S|)!/3!."""
+    value = 0.0
+    for others in itertools.product((0, 1), repeat=2):
+        at = list(others)
+        at.insert(cause, 0)
+        on = [*at]
+        on[cause] = 1
+        weight = {0: 1 / 3, 1: 1 / 6, 2: 1 / 3}[sum(others)]
+        value = value + weight * (cube[tuple(on)] - cube[tuple(at)])
+    return value
+
+
+@pytest.mark.parametrize(
+    ("engine", "law"), [("mujoco", "kelvin-voigt"), ("drake-hunt-crossley", "hunt-crossley")]
+)
+def test_each_cause_is_the_shapley_value_of_the_solvers_at_the_corners(run, engine, law):
+    config, cells = run.config(), run.read_table("cells.parquet", CELLS_SCHEMA)
+    names = [engine if name == "mujoco" else name for name in cells["solver"].to_pylist()]
+    renamed = cells.set_column(cells.column_names.index("solver"), "solver", pa.array(names))
+    table = ladder_rows(renamed).to_pandas()
+    rows = table[(table.solver == engine) & (table.status == "ok")]
+    assert len(rows) > 30
+    # an engine of another law changes nothing for the others
+    pd.testing.assert_frame_equal(table[table.solver != engine], table_of(run)[table.solver != engine])
+    grid = CellGrid(config)
+    for row in rows.itertuples():
+        c = grid[row.cell].collision
+        cube = cube_of(c, config, law)
+        for index, name in corner_names(alternative=False).items():
+            found = getattr(row, f"{name}_v1"), getattr(row, f"{name}_v2")
+            assert found == pytest.approx(tuple(cube[index]), abs=1e-10)
+        for cause, name in enumerate(("frozen_positions", "dissipation_law", "gravity")):
+            expected = shapley(cube, cause)
+            found = getattr(row, f"{name}_dv1"), getattr(row, f"{name}_dv2")
+            assert found == pytest.approx(tuple(expected), abs=1e-10)
+        assert row.engine_dv1 == pytest.approx(cube[0, 0, 0][0] + 0.01 - cube[1, 1, 1][0], abs=1e-10)
+    gravity = rows.gravity_norm
+    assert (gravity == 0).all() if config.scenario == "impact" else (gravity > 1e-7).all()
+
+
+def velocities(batch):
+    return np.column_stack([batch.v1, batch.v2])
+
+
+def test_published_numbers():
+    cells = [np.array([x]) for x in (1.0, MU, 0.9, 0.7)]
+    model = velocities(solve_batch(*cells))
+    between = corners(model, cells, np.zeros(1))
+    ladder = split(cells[1], between, np.full((1, 2), np.nan), model)
+    first_two = ladder.vectors[0] + ladder.vectors[1]
+    expected = (0.65159996 - 0.61394941925041, 0.31646952 - 0.20971952034697)
+    np.testing.assert_allclose(first_two[0], expected, atol=6e-9)
+
+
+@pytest.mark.parametrize("ratio", [4, 5, 10, 40, 100])
+def test_elastic_without_return_leaves_the_engine_alone(ratio):
+    cells = [np.array([x]) for x in (float(ratio), MU, 1.0, 1.0)]
+    model = velocities(solve_batch(*cells))
+    engine = model + np.array([[0.02, -0.01]])
+    ladder = split(cells[1], corners(model, cells, np.zeros(1)), np.full((1, 2), np.nan), engine)
+    assert ladder.norms[:3].max() < 1e-11
+    assert ladder.rungs[ladder.dominant()[0]].name == "engine"
+    assert ladder.shares[-1, 0] == pytest.approx(1, abs=1e-9)
+
+
+def test_closes_for_any_outcomes_in_between():
+    cells = cells_of(1500, 3)
+    model, rng = velocities(solve_batch(*cells)), np.random.default_rng(4)
+    engine = rng.normal(size=(1500, 2))
+    limit = np.where(rng.uniform(size=(1500, 1)) < 0.5, engine + 1e-3, np.nan)
+    ladders = {}
+    for law in LAWS:
+        between = corners(model, cells, np.full(1500, 0.05), law=law)
+        assert set(between.reason) == {""}
+        ladders[law] = ladder = split(cells[1], between, limit, engine)
+        assert ladder.residual().max() < 1e-14
+        np.testing.assert_allclose(np.nansum(ladder.along, axis=0), ladder.divergence, rtol=1e-12)
+        np.testing.assert_allclose(np.nansum(ladder.orders, axis=1), [ladder.divergence] * 6, rtol=1e-12)
+        # a component is no longer than its vector
+        assert np.all(
+            np.abs(ladder.along) <= ladder.norms * (1 + 1e-12) + 1e-15, where=~np.isnan(ladder.along)
+        )
+        low, high = ladder.ranges
+        there = ~np.isnan(ladder.shares)
+        assert np.all((low <= ladder.shares + 1e-12) & (ladder.shares <= high + 1e-12), where=there)
+        assert np.all(low == high, where=there, axis=1)[
+            -3:
+        ].all()  # no order of what begins or ends with the engine
+        assert not np.all(low == high, where=there, axis=1)[:3].any()
+    # an alternative splits the law's own part and nothing else
+    plain = ladders[KELVIN_VOIGT]
+    for law, ladder in ladders.items():
+        if law != KELVIN_VOIGT:
+            names = [rung.name for rung in ladder.rungs]
+            both = ladder.vectors[names.index("dissipation_law")] + ladder.vectors[names.index("law_choice")]
+            np.testing.assert_allclose(both, plain.vectors[1], atol=1e-14)
+            np.testing.assert_array_equal(ladder.vectors[0], plain.vectors[0])
+            np.testing.assert_array_equal(ladder.vectors[names.index("gravity")], plain.vectors[2])
+
+
+def test_a_cell_in_which_the_order_matters():
+    # By hand, along v1 alone: positions move v1 by 1, or by 3 once the law is changed; gravity by 2 with free positions
+    # only; the law by 1, or by 3 with free positions.
+    def v1(positions, law, gravity):
+        return positions + law + 2 * positions * law + 2 * positions * gravity
+
+    cube = np.zeros((2, 2, 2, 1, 2))
+    for index in np.ndindex(2, 2, 2):
+        cube[index][0, 0] = v1(*index)
+    engine = cube[1, 1, 1] + np.array([0.5, 0.0])
+    ladder = split(np.ones(1), Corners(cube, np.array([""])), np.full((1, 2), np.nan), engine)
+    # 2 positions law is shared by positions and law, 2 positions gravity by positions and gravity
+    np.testing.assert_allclose(ladder.vectors[:3, 0, 0], [1 + 1 + 1, 1 + 1, 1], atol=1e-15)
+    assert ladder.vectors[-1, 0, 0] == 0.5
+    assert ladder.divergence[0] == 6.5
+    low, high = ladder.ranges
+    np.testing.assert_allclose(6.5 * low[:3, 0], [1, 1, 0], atol=1e-14)
+    np.testing.assert_allclose(6.5 * high[:3, 0], [5, 3, 2], atol=1e-14)
+    assert ladder.rungs[ladder.dominant()[0]].name == "frozen_positions"
+    assert not ladder.agreed()[0]  # positions first: 1 to 3 of the law, last
+
+
+def test_causes_do_not_depend_on_how_they_are_numbered():
+    cube = np.random.default_rng(5).normal(size=(2, 2, 2, 7, 2))
+    plain = by_order(cube)
+    np.testing.assert_allclose(
+        plain.sum(axis=1), np.broadcast_to(cube[1, 1, 1] - cube[0, 0, 0], (6, 7, 2)), atol=1e-14
+    )
+    for order in itertools.permutations(range(3)):
+        other = by_order(cube.transpose(*order, 3, 4))
+        np.testing.assert_allclose(other.mean(axis=0), plain.mean(axis=0)[list(order)], atol=1e-15)
+        np.testing.assert_allclose(np.sort(other, axis=0), np.sort(plain, axis=0)[:, list(order)], atol=1e-15)
+
+
+def printed(text):
+    """Share, least and largest of a cell of a table such as ``57.9 % (53.4 to 62.2)``, as fractions."""
+    return [float(x) / 100 for x in re.fullmatch(r"(-?[\d.]+) % \((-?[\d.]+) to (-?[\d.]+)\)", text).groups()]
+
+
+@pytest.mark.parametrize("k1", ["1e5", "1e6", "1e7", "1e8", "1e9", "1e10"])
+def test_shares_over_the_default_grid_are_what_the_documentation_prints(k1):
+    page = (Path(__file__).parents[3] / "docs" / "ladder.md").read_text(encoding="utf-8")
+    (line,) = (line for line in page.splitlines() if line.startswith(f"| {k1} |"))
+    mean, *shares, soft = [cell.strip() for cell in line.strip("| ").split("|")][3:]
+    config = parse_config({})
+    cells = [axis.ravel() for axis in np.meshgrid(*config.grid.axes().values(), indexing="ij")]
+    model = solve_batch(*cells, stiffness_ratio_cutoff=math.inf)
+    number = config.gravity / (abs(config.v0) * math.sqrt(float(k1) / config.m1)) / np.sqrt(1 + 1 / cells[1])
+    between = corners(velocities(model), cells, number)
+    assert set(between.reason) == {""}
+    ladder = split(cells[1], between, np.full((len(number), 2), np.nan), between.asked)
+    assert ladder.divergence.mean() == pytest.approx(float(mean), abs=5.1e-4)
+    by_region = [(i, text, cells[0] > 0) for i, text in enumerate(shares)] + [(2, soft, cells[0] < 0.1)]
+    for cause, text, here in by_region:
+        orders = ladder.orders[:, cause, here].sum(axis=1) / ladder.divergence[here].sum()
+        assert [orders.mean(), orders.min(), orders.max()] == pytest.approx(printed(text), abs=5.1e-4)
+
+
+def test_gravity_goes_away_at_first_order():
+    cells = [np.array([x]) for x in (1.0, MU, 0.9, 0.7)]
+    model = velocities(solve_batch(*cells))
+    numbers = 10.0 ** -np.arange(3, 7)
+    causes = [by_order(corners(model, cells, np.array([g])).velocities) for g in numbers]
+    norms = np.array([np.abs(found[:, 2]).max(axis=(1, 2)) for found in causes])
+    slopes = np.diff(np.log10(norms), axis=0) / np.diff(np.log10(numbers))[:, None]
+    np.testing.assert_allclose(slopes, 1, atol=0.03)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_only_the_last_rung_depends_on_the_step_and_it_goes_away_with_it(engine, tmp_path):
+    if get_solver(engine).unavailable():
+        pytest.skip("not installed")
+    found = []
+    for fraction in (8e-3, 4e-3, 2e-3):
+        config = parse_config(
+            {
+                "scenario": "impact",
+                "solvers": [engine],
+                "step_fraction": fraction,
+                "grid": {"stiffness_ratio": [1.0, 10.0], "mass_ratio": [MU], "e1": [0.9], "e2": [0.5, 0.7]},
+            }
+        )
+        found.append(table_of(run_sweep(config, tmp_path / f"{fraction}", workers=1)))
+    for name in ("frozen_positions_norm", "dissipation_law_norm", "gravity_norm"):
+        assert np.ptp([t[name].to_numpy() for t in found], axis=0).max() == 0
+    norms = np.array([t.discretisation_norm.to_numpy() for t in found])
+    slopes = -np.diff(np.log2(norms), axis=0)
+    assert np.all((slopes > 0.75) & (slopes < 1.25)), slopes
+    # the limit of small steps is one, whatever step it was sought from
+    mapping = np.array([t.mapping_norm.to_numpy() for t in found])
+    assert np.all(np.ptp(mapping, axis=0) < 0.1 * norms[-1])
+
+
+def with_limits(cells, solvers):
+    """The table of cells with a limit for some solvers, 1e-3 from their result."""
+    frame = cells.to_pandas()
+    known = frame.solver.isin(solvers) & frame.v1.notna()
+    for name, shift in (("v1", 1e-3), ("v2", -2e-3)):
+        frame[f"{name}_limit"] = (frame[name] / frame.v0.abs() + shift).where(known)
+    frame["limit_error"] = np.where(known, 1e-5, np.nan)
+    return pa.Table.from_pandas(frame, preserve_index=False)
+
+
+def test_a_certified_limit_splits_the_last_rung(run):
+    cells = with_limits(run.read_table("cells.parquet", CELLS_SCHEMA), ["mujoco"])
+    table = ladder_rows(cells).to_pandas()
+    mine = table[(table.solver == "mujoco") & (table.status == "ok")]
+    joined = table_of(run)
+    joined = joined[(joined.solver == "mujoco") & (joined.status == "ok")]
+    np.testing.assert_allclose(mine.discretisation_dv1, -1e-3, atol=1e-14)
+    np.testing.assert_allclose(mine.discretisation_dv2, 2e-3, atol=1e-14)
+    np.testing.assert_allclose(mine.mapping_dv1 + mine.discretisation_dv1, joined.engine_dv1, atol=1e-14)
+    assert mine.engine_norm.isna().all()
+    assert mine.reason.isna().all()
+    assert (mine.limit_error == 1e-5).all()
+    assert set(joined.reason) == {NO_LIMIT}
+    assert joined.mapping_norm.isna().all()
+    assert np.abs(np.nansum(vectors(mine), axis=0) - mine[["dv1", "dv2"]].to_numpy()).max() < 1e-14
+
+
+def test_an_unconverged_engine_has_a_joined_rung_that_no_statistic_counts(run, tmp_path):
+    frame = with_limits(run.read_table("cells.parquet", CELLS_SCHEMA), ["mujoco"]).to_pandas()
+    shaky = (frame.solver == "mujoco") & (frame.stiffness_ratio == 1.0) & (frame.status == "ok")
+    frame.loc[shaky, ["status", "reason"]] = ["unconverged", "differs from its limit by 0.1"]
+    table = ladder_rows(pa.Table.from_pandas(frame, preserve_index=False)).to_pandas()
+    rows = table[table.status == "unconverged"]
+    assert len(rows) == shaky.sum() > 0
+    assert rows.engine_norm.notna().all()
+    assert rows.mapping_norm.isna().all()
+    assert set(rows.reason) == {"mujoco: differs from its limit by 0.1"}
+    assert np.abs(np.nansum(vectors(rows), axis=0) - rows[["dv1", "dv2"]].to_numpy()).max() < 1e-14
+    pq.write_table(pa.Table.from_pandas(table, LADDER_SCHEMA), tmp_path / "ladder.parquet")
+    counted = ladder_statistics(tmp_path / "ladder.parquet", run.config())
+    counted = counted[(counted.axis == "stiffness_ratio") & (counted.value == 1.0)]
+    assert (
+        counted.n.sum()
+        == 5 * (table[(table.stiffness_ratio == 1.0) & (table.solver == "mujoco")].status == "ok").sum()
+    )
+
+
+def test_pieces_make_no_difference(run, tmp_path, monkeypatch):
+    (tmp_path / "cells.parquet").write_bytes((run.root / "cells.parquet").read_bytes())
+    monkeypatch.setattr(streams, "GROUP", 7)
+    write_ladder(tmp_path)
+    # the numbers of a cell do not depend on the cells beside it; nor does the order
+    assert pq.read_table(tmp_path / "ladder.parquet").equals(pq.read_table(run.root / "ladder.parquet"))
+    assert (tmp_path / "ladder.csv").read_bytes() == (run.root / "ladder.csv").read_bytes()
+    # as in every table of a run, the size of a row group is that of the project, whatever the pieces were
+    stored = pq.read_metadata(tmp_path / "ladder.parquet")
+    sizes = [stored.row_group(i).num_rows for i in range(stored.num_row_groups)]
+    assert set(sizes[:-1]) == {7}
+
+
+def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
+    grid = {"stiffness_ratio": [0, 1.0], "mass_ratio": [1.0], "e1": [0.0, 0.5, 0.9], "e2": [0.7]}
+    config = parse_config({"scenario": "impact", "solvers": ["mujoco", "pybullet"], "grid": grid})
+    folder = run_sweep(config, tmp_path / "a", workers=1, resolve=fakes.crashing)
+    table = table_of(folder).set_index(["solver", "stiffness_ratio", "e1"]).sort_index()
+    assert table.loc[("pybullet", 1.0, 0.9)].status == "unavailable"
+    assert "no wheel" in table.loc[("pybullet", 1.0, 0.9)].reason
+    assert table.loc[("mujoco", 1.0, 0.5)].status == "crashed"
+    assert table.loc[("mujoco", 1.0, 0.0)].status == "unrepresentable"  # the fake answers, no reference does
+    assert table.loc[("mujoco", 1.0, 0.0)].reason == "bistiffness: unrepresentable"
+    assert table.loc[("mujoco", 1.0, 0.9)].status == "ok"
+    failed = table[table.status != "ok"]
+    assert failed[["velocity_divergence", "frozen_positions_norm", "sentence"]].isna().all(axis=None)
+    assert failed.reason.notna().all()
+    found = summarise_ladder(folder, config)
+    assert found.solvers == ["mujoco"]
+    assert len(ladder_findings(found)) == 2
+
+
+def test_a_run_without_engines_has_an_empty_ladder(tmp_path):
+    config = parse_config({"solvers": ["bistiffness"], "grid": {**GRID, "e1": [0.9], "e2": [0.7]}})
+    folder = run_sweep(config, tmp_path / "a", workers=1)
+    assert len(table_of(folder)) == 0
+    assert summarise_ladder(folder, config).solvers == []
+    assert main(["ladder", str(folder.root)]) == 0
+
+
+def test_shares_of_a_region_are_of_its_sum_of_d(run):
+    config, table = run.config(), table_of(run)
+    found = summarise_ladder(run, config)
+    here = table[(table.solver == "mujoco") & (table.stiffness_ratio == 0.05)]
+    here = here[~(here.model_grazing_margin < config.grazing_threshold)]
+    region = found.region("mujoco", BAND, 0.0)
+    # component along the total, from the vectors themselves
+    weight = np.column_stack([np.ones(len(here)), here.mass_ratio])
+    total = here[["dv1", "dv2"]].to_numpy()
+    d = np.sqrt((weight * total**2).sum(axis=1))
+    for name in region.index:
+        vector = here[[f"{name}_dv1", f"{name}_dv2"]].to_numpy()
+        along = (weight * vector * total).sum(axis=1) / d
+        assert region.share[name] == pytest.approx(along.sum() / d.sum(), abs=1e-12)
+    assert region.share.sum() == pytest.approx(1, abs=1e-12)
+    # of one order: positions, then the law, then gravity
+    path = [
+        "frozen_energetic_weightless",
+        "free_energetic_weightless",
+        "free_asked_weightless",
+        "free_asked_scenario",
+    ]
+    at = [here[[f"{name}_v1", f"{name}_v2"]].to_numpy() for name in path]
+    for name, before, after in zip(
+        ("frozen_positions", "dissipation_law", "gravity"), at, at[1:], strict=False
+    ):
+        share = ((weight * (after - before) * total).sum(axis=1) / d).sum() / d.sum()
+        assert region.low[name] - 1e-12 <= share <= region.high[name] + 1e-12
+    assert np.all(found.statistics.low <= found.statistics.share + 1e-12)
+    assert np.all(found.statistics.share <= found.statistics.high + 1e-12)
+    assert region.high["frozen_positions"] - region.low["frozen_positions"] > 1e-3
+    assert region.low["engine"] == region.high["engine"] == region.share["engine"]
+    assert region.total.iloc[0] == pytest.approx(d.mean(), rel=1e-12)
+    for (_, axis, value), part in found.statistics.groupby(["solver", "axis", "value"], dropna=False):
+        assert part.share.sum() == pytest.approx(1, abs=1e-9), (axis, value)
+
+
+def test_what_if_is_the_distance_of_the_other_laws(run):
+    found = summarise_ladder(run, run.config()).alternatives
+    whole = found[found.value.isna()].set_index("law")
+    assert list(whole.index) == list(LAWS)
+    assert whole.closer[KELVIN_VOIGT] == 0
+    # with e = 1 in half of the cells no dashpot acts
+    distances = []
+    for cell in CellGrid(run.config()):
+        c = cell.collision
+        model, other = (get_solver(n).solve(c) for n in ("state-transition", "hunt-crossley"))
+        distances.append(math.hypot(other.v1 - model.v1, math.sqrt(c.mass_ratio) * (other.v2 - model.v2)))
+    assert whole["median"]["hunt-crossley"] == pytest.approx(np.median(distances), abs=1e-9)
+
+
+def test_the_summary_says_it_by_engine_and_by_region(run):
+    summary = summarise(run)
+    (text,) = [t for t in ladder_findings(summary.ladder) if "mujoco's mean D" in t]
+    for part in ("frozen positions", "dissipation law", "k2/k1 < 0.1", "k2/k1 > 10"):
+        assert part in text
+    rows = ladder_statistics(run.root / "ladder.parquet", run.config())
+    assert set(rows.axis) == {"all", BAND, "stiffness_ratio", "mass_ratio", "e1", "e2"}
+
+
+@pytest.mark.parametrize(
+    ("parts", "expected"),
+    [
+        (
+            [("a", 0.9, 0.09, 0.9, 0.9), ("b", 0.1, 0.01, 0.1, 0.1)],
+            "D = 0.1 from the model, most of it by a (90 %, norm 0.09), then by b (10 %).",
+        ),
+        (
+            [("a", 0.9, 0.09, 0.8, 0.95), ("b", 0.1, 0.01, 0.05, 0.2)],
+            "most of it by a (90 %, by order 80 to 95 %, norm 0.09), then by b (10 %, by order 5 to 20 %).",
+        ),
+        (
+            [("a", 1.8, 0.2, 1.8, 1.8), ("b", -0.8, 0.1, -0.8, -0.8)],
+            "by a (180 %, norm 0.2), taken back in part by b (-80 %, norm 0.1).",
+        ),
+        (
+            [("a", 13.0, 1.3, 12, 14), ("b", -12.3, 1.23, -13, -11), ("c", 0.3, 0.1, 0.3, 0.3)],
+            "from the model, where two large causes cancel: a (norm 1.3) and b (norm 1.23).",
+        ),
+        (
+            [("a", 0.995, 0.1, 0.995, 0.995), ("b", 0.005, 0.001, 0.005, 0.005)],
+            "most of it by a (99.5 %, norm 0.1).",
+        ),
+        ([("a", 0.4, 0.1, 0.4, 0.4), *[("b", 0.3, 0.1, 0.3, 0.3)] * 2], "the largest part of it by a (40 %"),
+    ],
+)
+def test_sentences(parts, expected):
+    parts = [Part(*part) for part in parts]
+    assert expected in sentence("engine", 0.1, parts)
+    assert "nothing to split" in sentence("engine", 1e-12, parts)
+
+
+def test_a_cause_carries_most_only_if_it_does_so_by_every_order():
+    wide = [Part("a", 0.62, 0.1, 0.04, 1.2), Part("b", 0.38, 0.1, -0.2, 0.96)]
+    assert "the largest part of it (another by another order) by a" in sentence("engine", 0.1, wide, False)
+    narrow = [Part("a", 0.62, 0.1, 0.58, 0.7), Part("b", 0.38, 0.1, 0.3, 0.42)]
+    assert "most of it by a" in sentence("engine", 0.1, narrow)
+
+
+def test_a_cell_is_marked_where_a_corner_of_its_ladder_jumps():
+    # Model and kelvin-voigt stay where they are; with frozen positions and gravity bistiffness moves by 0.1 within
+    # 1e-3 in k2/k1, and gravity's share with it from 4 to 75 %.
+    cell = 0.0367233421504446, 0.6889490525763244, 0.5694414020068647, 0.7990332863355147
+    cells = [np.array([x, y]) for x, y in zip(cell, (1.0, 1.0, 0.8, 0.8), strict=True)]
+    number = 9.81 / np.sqrt(1e8 * (1 + 1 / cells[1]))
+    first, second = corner_marks(cells, number)
+    assert first == "ladder: frozen bistiffness with gravity jumps where a parameter changes by 0.004 or less"
+    assert second == ""
+
+
+def test_two_large_causes_cancel_beyond_a_stated_rule():
+    assert cancelling([0.3, 13.0, -12.3]) == (1, 2)
+    assert cancelling([2.01, -1.01, np.nan]) == (0, 1)
+    for shares in ([1.99, -1.01], [2.5, -0.75, -0.75], [0.9, 0.1], [np.nan, np.nan]):
+        assert cancelling(shares) is None
+
+
+def test_every_rung_begins_where_another_ends():
+    for law in LAWS:
+        rungs = rungs_of(law)
+        assert len({r.name for r in rungs}) == len(rungs) <= len(RUNGS)
+    with pytest.raises(ValueError, match="law = 'newton'; legal: kelvin-voigt, "):
+        corners(np.zeros((1, 2)), cells_of(1, 1), np.zeros(1), law="newton")
+
+
+def test_the_command_shows_a_run_a_cell_and_a_what_if(run, capsys):
+    assert main(["ladder", str(run.root)]) == 0
+    assert "What the mean D of each engine is made of" in capsys.readouterr().out
+    assert main(["ladder", str(run.root), "--cell", "0", "--law", "kelvin-voigt-anchored"]) == 0
+    out = capsys.readouterr().out
+    assert "choice of the dashpot" in out
+    assert "by order" in out
+    assert "ladder-kelvin-voigt-anchored.parquet" in out
+    table = pq.read_table(run.root / "ladder-kelvin-voigt-anchored.parquet").to_pandas()
+    total = np.nansum(vectors(table, "kelvin-voigt-anchored"), axis=0)
+    ok = table.status == "ok"
+    assert np.abs(total - table[["dv1", "dv2"]].to_numpy())[ok].max() < 1e-12
+    for wrong, message in (
+        (["--cell", "999"], "--cell = 999"),
+        (["--law", "x"], "--law = 'x'; legal: kelvin"),
+    ):
+        assert main(["ladder", str(run.root), *wrong]) == 2
+        assert message in capsys.readouterr().err

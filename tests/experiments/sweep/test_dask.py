@@ -1,0 +1,223 @@
+"""A real Dask cluster of two worker processes on loopback: the same bytes, whatever happens to its workers."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pyarrow.parquet as pq
+import pytest
+
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.tables.store import TABLES
+
+ROOT = Path(__file__).parents[3]
+
+CONFIG = """
+scenario = "drop"
+solvers = ["kelvin-voigt", "mujoco"]
+step_fraction = 0.01
+chunk_size = 3
+[grid]
+stiffness_ratio = {log = [0.02, 50, 20]}
+mass_ratio = [1.0, 2.0]
+e1 = [0.7, 0.9]
+e2 = [0.8]
+"""
+
+
+class Cluster:
+    """A scheduler and its workers, each a process of its own, started as a user would."""
+
+    def __init__(self, folder):
+        self.file = folder / "scheduler.json"
+        self.environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        self.scheduler = self._start(
+            "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", self.file
+        )
+        until = time.monotonic() + 60
+        while not self.file.exists() and time.monotonic() < until:
+            time.sleep(0.05)
+        self.address = json.loads(self.file.read_text())["address"]
+        self.workers = [self.add_worker() for _ in range(2)]
+
+    def _start(self, *arguments):
+        return subprocess.Popen(
+            [sys.executable, "-m", "dask", *map(str, arguments)],
+            env=self.environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    def add_worker(self):
+        return self._start("worker", self.address, "--nthreads", "1", "--no-dashboard", "--nworkers", "1")
+
+    def stop(self):
+        processes = []
+        for each in (*self.workers, self.scheduler):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                process = psutil.Process(each.pid)
+                processes += [process, *process.children(recursive=True)]
+        for process in processes:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                process.kill()
+        for each in (*self.workers, self.scheduler):
+            each.wait()
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    made = Cluster(tmp_path_factory.mktemp("cluster"))
+    yield made
+    made.stop()
+
+
+def _start(*command):
+    return subprocess.Popen(
+        [sys.executable, "-m", *map(str, command)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _run(config, out, *more):
+    process = _start("tests.experiments.runner", config, out, *more)
+    said, error = process.communicate(timeout=300)
+    assert process.returncode == 0, error
+    return said
+
+
+def _tables(root):
+    return {name: (root / name).read_bytes() for name in TABLES}
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    path = tmp_path_factory.mktemp("config") / "c.toml"
+    path.write_text(CONFIG)
+    return path
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory, config):
+    root = tmp_path_factory.mktemp("undisturbed") / "run"
+    _run(config, root, "--workers", "1")
+    return _tables(root)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["2", "4"])
+def test_processes_change_no_byte(tmp_path, config, undisturbed, workers):
+    _run(config, tmp_path / "a", "--workers", workers)
+    assert _tables(tmp_path / "a") == undisturbed
+
+
+@pytest.mark.slow
+def test_a_cluster_changes_no_byte(tmp_path, config, undisturbed, cluster):
+    said = _run(config, tmp_path / "a", "--scheduler", cluster.address)
+    assert f"Dask cluster at {cluster.address}: " in said
+    assert _tables(tmp_path / "a") == undisturbed
+    manifest = json.loads((tmp_path / "a/manifest.json").read_text())
+    assert manifest["sessions"][0]["where"] == cluster.address
+
+
+@pytest.mark.slow
+def test_a_worker_of_the_cluster_that_dies_costs_nothing(tmp_path, config, undisturbed, cluster):
+    process = _start("tests.experiments.runner", config, tmp_path / "a", "--scheduler", cluster.address)
+    while process.poll() is None and len(list(tmp_path.glob("a/parts/0*"))) < 5:
+        time.sleep(0.02)
+    victim = cluster.workers.pop(0)
+    whole = psutil.Process(victim.pid)
+    for each in [*whole.children(recursive=True), whole]:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            each.kill()
+    victim.wait()
+    cluster.workers.append(cluster.add_worker())
+    _, error = process.communicate(timeout=300)
+    assert process.returncode == 0, error
+    assert _tables(tmp_path / "a") == undisturbed
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_within_five_seconds_and_leaves_no_process(tmp_path, config, undisturbed, cluster):
+    command = (
+        "impact_xval.experiments.commands.cli",
+        "run",
+        config,
+        "--out",
+        tmp_path / "a",
+        "--scheduler",
+        cluster.address,
+    )
+    process = _start(*command)
+    while process.poll() is None and len(list(tmp_path.glob("a/parts/0*"))) < 3:
+        time.sleep(0.02)
+    start = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=30)
+    assert time.monotonic() - start < 5
+    assert process.returncode == 1
+    assert "Traceback" not in error
+    assert f"--resume --scheduler {cluster.address}" in error
+    until = time.monotonic() + 10
+    while (left := _sandboxes(cluster)) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not left
+    _run(config, tmp_path / "a", "--scheduler", cluster.address)
+    assert _tables(tmp_path / "a") == undisturbed
+
+
+def _sandboxes(cluster):
+    found = []
+    for worker in cluster.workers:
+        for child in psutil.Process(worker.pid).children(recursive=True):
+            with contextlib.suppress(psutil.NoSuchProcess):
+                if "impact_xval.experiments.sweep.sandbox" in " ".join(child.cmdline()):
+                    found.append(child)
+    return found
+
+
+@pytest.mark.slow
+def test_a_crash_on_a_cluster_is_a_row(tmp_path):
+    """A cluster that a run starts for itself, and a solver that dies of two cells."""
+    script = (
+        "import sys; from pathlib import Path; from impact_xval.experiments.config.configuration import load_config\n"
+        "from impact_xval.experiments.sweep.run import run_sweep; from tests.experiments import faulty\n"
+        "if __name__ == '__main__':\n"
+        "    run_sweep(load_config(sys.argv[1]), Path(sys.argv[2]), scheduler='local', workers=2,"
+        " resolve=faulty.faulty)\n"
+    )
+    (tmp_path / "script.py").write_text(script)
+    (tmp_path / "c.toml").write_text(
+        "scenario = 'impact'\nsolvers = ['mujoco']\nchunk_size = 3\n[grid]\n"
+        "stiffness_ratio = [0.5, 1.0, 2.0]\nmass_ratio = [1.5]\ne1 = [0.9, 0.901]\ne2 = [0.7]\n"
+    )
+    subprocess.run(
+        [sys.executable, str(tmp_path / "script.py"), str(tmp_path / "c.toml"), str(tmp_path / "a")],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=True,
+        capture_output=True,
+    )
+    rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
+    assert [(r["e1"], r["status"]) for r in rows if r["solver"] == "mujoco"] == [
+        (0.9, "ok"),
+        (0.901, "crashed"),
+    ] * 3
+
+
+def test_no_scheduler_is_one_line(tmp_path, capsys):
+    (tmp_path / "c.toml").write_text("solvers = ['state-transition']")
+    arguments = ["run", str(tmp_path / "c.toml"), "--out", str(tmp_path / "out"), "--scheduler"]
+    assert main([*arguments, "nonsense"]) == 2
+    error = capsys.readouterr().err
+    assert "--scheduler nonsense: no Dask scheduler answers there" in error
+    assert "legal: 'local', or an address such as tcp://host:8786" in error
+    assert not (tmp_path / "out").exists()
+    assert error.count("\n") == 1

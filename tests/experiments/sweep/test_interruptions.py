@@ -1,0 +1,208 @@
+"""What can end a run from outside: one line, exit code 1 or 2, and earlier parts intact."""
+
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from impact_xval.experiments.config.errors import InterruptedRunError, UserError
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables import store
+from impact_xval.experiments.tables.store import TABLES
+from tests.experiments import fakes
+
+ROOT = Path(__file__).parents[3]
+
+
+def _tables(root):
+    return {name: (root / name).read_bytes() for name in TABLES}
+
+
+@pytest.fixture
+def whole(small, tmp_path):
+    run_sweep(small, tmp_path / "whole", isolate=False, resolve=fakes.shifted)
+    return _tables(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EIO])
+def test_a_part_that_cannot_be_written_ends_the_run_and_keeps_the_others(
+    small, tmp_path, monkeypatch, whole, error
+):
+    write = Path.write_bytes
+
+    def fail(path, data):
+        if "000002-" in path.name:
+            write(path, data[: len(data) // 2])
+            raise OSError(error, os.strerror(error), str(path))
+        return write(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", fail)
+    with pytest.raises(InterruptedRunError, match=os.strerror(error)):
+        run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    monkeypatch.undo()
+    assert len(list((tmp_path / "a/parts").iterdir())) == 2
+    run_sweep(small, tmp_path / "a", isolate=False, resume=True, resolve=fakes.shifted)
+    assert _tables(tmp_path / "a") == whole
+
+
+@pytest.mark.parametrize("table", [*TABLES, "manifest.json"])
+def test_a_table_that_cannot_be_written_leaves_no_half_of_it(small, tmp_path, monkeypatch, whole, table):
+    replace = Path.replace
+    calls = []
+
+    def fail(path, target):
+        if target.name == table and (table != "manifest.json" or calls):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
+        calls.append(target.name)
+        return replace(path, target)
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(InterruptedRunError, match=f"{table}: No space left on device"):
+        run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    monkeypatch.undo()
+    assert not list((tmp_path / "a").glob(".tmp-*"))
+    assert json.loads((tmp_path / "a/manifest.json").read_text())["state"] == "running"
+    run_sweep(small, tmp_path / "a", isolate=False, resume=True, resolve=fakes.shifted)
+    assert _tables(tmp_path / "a") == whole
+
+
+def test_a_folder_that_vanishes_is_said_so(small, tmp_path):
+    def vanish(done, total, line):
+        if done == 4:
+            shutil.rmtree(tmp_path / "a")
+
+    with pytest.raises(InterruptedRunError, match="a: the folder is gone"):
+        run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted, progress=vanish)
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_part_that_cannot_be_read_is_computed_again(small, tmp_path, monkeypatch, whole):
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    digest = store._digest
+    part = sorted((tmp_path / "a/parts").iterdir())[2]
+
+    def fail(path):
+        if path == part and path.exists():
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+        return digest(path)
+
+    monkeypatch.setattr(store, "_digest", fail)
+    said = []
+    run_sweep(
+        small,
+        tmp_path / "a",
+        isolate=False,
+        resume=True,
+        resolve=fakes.shifted,
+        progress=lambda done, total, line: said.append(line),
+    )
+    assert "part 2 cannot be read (Permission denied): computed again" in said
+    assert _tables(tmp_path / "a") == whole
+
+
+def test_a_part_with_a_right_name_and_wrong_rows_is_one_line(small, tmp_path):
+    import hashlib
+
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    part = sorted((tmp_path / "a/parts").iterdir())[1]
+    name = f"{part.name.rsplit('-', 1)[0]}-{hashlib.sha256(b'PAR1').hexdigest()}.parquet"
+    part.unlink()
+    (tmp_path / "a/parts" / name).write_bytes(b"PAR1")
+    with pytest.raises(UserError, match="not a part of a run"):
+        run_sweep(small, tmp_path / "a", isolate=False, resume=True, resolve=fakes.shifted)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.geteuid() != 0, reason="mounting a small disk needs root")
+def test_a_full_disk(tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(disk)], check=False)
+    if mount.returncode:
+        pytest.skip("a small disk cannot be mounted here")
+    try:
+        (tmp_path / "c.toml").write_text("scenario = 'impact'\nsolvers = ['kelvin-voigt']\nchunk_size = 2\n")
+        command = ["run", str(tmp_path / "c.toml"), "--out", str(disk / "run"), "--workers", "2"]
+        done = subprocess.run(
+            [sys.executable, "-m", "impact_xval.experiments.commands.cli", *command],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 1
+        assert "No space left on device; finished parts are kept; to continue: impact-xval run" in done.stderr
+        assert done.stderr.count("\n") == 1
+        kept = len(list(disk.glob("run/parts/0*")))
+        assert kept > 2
+        assert not list(disk.glob("run/parts/.tmp-*"))
+        subprocess.run(["mount", "-o", "remount,size=20m", str(disk)], check=True)
+        done = subprocess.run(
+            [sys.executable, "-m", "tests.experiments.runner", str(tmp_path / "c.toml"), str(disk / "run")],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert f"resumed: {kept} of 312 parts are there and whole" in done.stdout
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_a_solver_hangs_ends_within_five_seconds(tmp_path):
+    script = (
+        "import sys; from pathlib import Path; from impact_xval.experiments.config.configuration import load_config\n"
+        "from experiments import commands, sweep; from tests.experiments import faulty\n"
+        "import functools\n"
+        "sweep.run_sweep = functools.partial(sweep.run_sweep, resolve=faulty.faulty)\n"
+        "from impact_xval.experiments.commands.cli import main; sys.exit(main(sys.argv[1:]))\n"
+    )
+    (tmp_path / "c.toml").write_text(
+        "scenario = 'impact'\nsolvers = ['mujoco']\nchunk_size = 1\n[grid]\n"
+        "stiffness_ratio = [0.5, 1.0]\nmass_ratio = [1.5]\ne1 = [0.9, 0.902]\ne2 = [0.7]\n"
+    )
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            script,
+            "run",
+            str(tmp_path / "c.toml"),
+            "--out",
+            str(tmp_path / "a"),
+            "--workers",
+            "2",
+        ],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    until = time.monotonic() + 60
+    while len(list(tmp_path.glob("a/parts/0*"))) < 2 and time.monotonic() < until:
+        time.sleep(0.05)
+    time.sleep(1)
+    start = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=30)
+    assert time.monotonic() - start < 5
+    assert process.returncode == 1
+    assert "interrupted; finished parts are kept; to continue: impact-xval run" in error
+    assert "Traceback" not in error
+
+
+def test_a_worker_with_another_version_is_one_line(tmp_path, small, monkeypatch):
+    monkeypatch.setattr(fakes.Shifted, "version", lambda self: "shifted 2")  # here, not in the worker
+    with pytest.raises(
+        UserError, match=r"a worker has mujoco shifted 1, this process mujoco shifted 2; legal"
+    ):
+        run_sweep(small, tmp_path / "a", workers=1, resolve=fakes.shifted)

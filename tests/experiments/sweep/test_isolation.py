@@ -1,0 +1,85 @@
+"""A solver that crashes or hangs costs its cells, and nothing else."""
+
+import pyarrow.parquet as pq
+import pytest
+
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.sweep.run import run_sweep
+from tests.experiments import faulty
+
+_HEADER = "stiffness_ratio,mass_ratio,e1,e2"
+
+
+def _config(tmp_path, n, fatal, **more):
+    lines = [f"{10 ** (2 * i / n - 1)!r},1.5,{fatal.get(i, 0.9)!r},0.7" for i in range(n)]
+    path = tmp_path / "cells.csv"
+    path.write_text("\n".join([_HEADER, *lines]) + "\n")
+    return parse_config(
+        {
+            "solvers": ["mujoco"],
+            "scenario": "impact",
+            "stiffness_ratio_cutoff": float("inf"),
+            "cells": str(path),
+            "cell_timeout": 1.5,
+            **more,
+        }
+    )
+
+
+def _rows(root):
+    return pq.read_table(root / "cells.parquet").to_pylist()
+
+
+@pytest.mark.slow
+def test_every_kind_of_death_is_found_named_and_survived(tmp_path):
+    fatal = {1: faulty.ABORT, 6: faulty.LEAVE}
+    config = _config(tmp_path, 8, fatal, chunk_size=4)
+    folder = run_sweep(config, tmp_path / "a", workers=2, resolve=faulty.faulty)
+    rows = _rows(tmp_path / "a")
+    assert [(r["cell"], r["solver"]) for r in rows] == [
+        (i, s) for i in range(8) for s in ("state-transition", "mujoco")
+    ]
+    failed = {(r["cell"], r["solver"]): (r["status"], r["reason"]) for r in rows if r["status"] != "ok"}
+    assert failed == {
+        (1, "mujoco"): ("crashed", "its process died: SIGABRT"),
+        (6, "mujoco"): ("crashed", "its process died: exit code 3"),
+    }
+    assert folder.manifest()["sessions"][0]["processes_lost"] >= 2
+
+
+def test_a_reference_that_dies_leaves_the_others_a_result_without_a_comparison(tmp_path):
+    config = _config(tmp_path, 3, {1: faulty.SEGFAULT}, chunk_size=3, solvers=["kelvin-voigt"])
+    run_sweep(config, tmp_path / "a", workers=1, resolve=faulty.faulty_model)
+    rows = {(r["cell"], r["solver"]): r for r in _rows(tmp_path / "a")}
+    assert rows[1, "state-transition"]["status"] == "crashed"
+    assert rows[1, "kelvin-voigt"]["status"] == "ok"
+    assert rows[1, "kelvin-voigt"]["v1"] is not None
+    divergence = {r["cell"]: r for r in pq.read_table(tmp_path / "a/divergence.parquet").to_pylist()}
+    assert divergence[1]["velocity_divergence"] is None
+    assert divergence[1]["model_status"] == "crashed"
+    assert divergence[0]["velocity_divergence"] is not None
+
+
+@pytest.mark.slow
+def test_three_crashes_and_two_hangs_among_two_thousand_cells(tmp_path):
+    fatal = {
+        17: faulty.SEGFAULT,
+        800: faulty.SEGFAULT,
+        801: faulty.SEGFAULT,
+        5: faulty.HANG,
+        1999: faulty.HANG,
+    }
+    config = _config(tmp_path, 2000, fatal, chunk_size=20)
+    folder = run_sweep(config, tmp_path / "a", workers=2, resolve=faulty.faulty)
+    statuses = folder.manifest()["statuses"]
+    assert statuses["mujoco"] == {"ok": 1995, "crashed": 3, "timeout": 2}
+    assert statuses["state-transition"] == {"ok": 2000}
+    rows = _rows(tmp_path / "a")
+    assert len(rows) == 4000
+    failed = {r["cell"]: r["status"] for r in rows if r["status"] != "ok"}
+    assert failed == {5: "timeout", 17: "crashed", 800: "crashed", 801: "crashed", 1999: "timeout"}
+    # What was answered beside the dead is what is answered without them.
+    alone = _config(tmp_path, 2000, {}, chunk_size=100)
+    run_sweep(alone, tmp_path / "b", isolate=False, resolve=faulty.faulty)
+    undisturbed = _rows(tmp_path / "b")
+    assert all(row == other for row, other in zip(rows, undisturbed, strict=True) if row["cell"] not in fatal)

@@ -1,0 +1,73 @@
+"""What `impact-xval status` says of a run: while it runs, after it was stopped, and when it is complete."""
+
+import json
+
+import pytest
+
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.errors import InterruptedRunError
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.status import status_of
+from tests.experiments import fakes
+from tests.experiments.conftest import SMALL
+
+
+def test_status_while_it_runs_and_after(tmp_path, capsys):
+    config = parse_config(SMALL)
+    seen = []
+
+    def look(done, total, line):
+        if total:
+            seen.append((done, status_of(tmp_path / "a")))
+
+    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.crashing, progress=look)
+    assert [done for done, _ in seen] == [4, 8, 12]
+    for done, status in seen:
+        assert status.state == "running"
+        assert status.owner
+        assert status.cells_done == done
+        assert status.parts_done == done / 4
+        assert sum(status.statuses["mujoco"].values()) == done
+        assert status.rate is not None
+        assert status.seconds_left is not None
+        assert status.seconds_left == pytest.approx((12 - done) / status.rate)
+    final = status_of(tmp_path / "a")
+    assert (final.state, final.cells_done, final.parts_done) == ("complete", 12, 3)
+    assert final.statuses["mujoco"] == {"ok": 6, "crashed": 6}
+    assert final.reasons[0][:2] == ("pybullet", "unavailable")
+    assert ("mujoco", "crashed", "ZeroDivisionError: a bug of the engine | here", 6) in final.reasons
+    assert final.seconds_left is None
+
+    assert main(["status", str(tmp_path / "a")]) == 0
+    text = capsys.readouterr().out
+    assert "complete" in text
+    assert "12 of 12 cells (100.0 %), 3 of 3 parts" in text
+    assert "ZeroDivisionError: a bug of the engine | here" in text
+    assert main(["status", str(tmp_path / "a"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["statuses"]["mujoco"] == {"ok": 6, "crashed": 6}
+
+
+def test_status_of_a_stopped_run_counts_what_is_damaged(tmp_path, capsys):
+    with pytest.raises(InterruptedRunError):
+        run_sweep(parse_config(SMALL), tmp_path / "a", isolate=False, resolve=fakes.interrupting)
+    status = status_of(tmp_path / "a")
+    assert (status.state, status.owner, status.cells_done, status.parts_done) == ("stopped", "", 8, 2)
+    part = sorted((tmp_path / "a/parts").iterdir())[0]
+    part.write_bytes(part.read_bytes()[:100])
+    status = status_of(tmp_path / "a")
+    assert (status.cells_done, status.parts_damaged) == (4, 1)
+    assert main(["status", str(tmp_path / "a")]) == 0
+    text = capsys.readouterr().out
+    assert "1 parts are damaged" in text
+    assert "to continue: impact-xval run" in text
+
+
+def test_status_of_no_run_is_one_line(tmp_path, capsys):
+    assert main(["status", str(tmp_path / "none")]) == 2
+    assert main(["status", str(tmp_path)]) == 2
+    (tmp_path / "manifest.json").write_text('{"format": "impact-xval run, format 1", "cells": "many"}')
+    assert main(["status", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert "no such folder" in error
+    assert "cells = 'many'; legal: a whole number" in error

@@ -1,0 +1,238 @@
+"""Runs: independence of workers, resumption, and solvers that fail."""
+
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pyarrow.parquet as pq
+import pytest
+
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.errors import InterruptedRunError, UserError
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, MEASURES
+from impact_xval.experiments.tables.store import TABLES
+from tests.experiments import fakes
+from tests.experiments.conftest import SMALL
+
+
+def _tables(root):
+    return {name: (root / name).read_bytes() for name in TABLES}
+
+
+def test_the_tables_are_long_and_tidy(small, tmp_path):
+    folder = run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    cells = pq.read_table(tmp_path / "a/cells.parquet")
+    assert cells.schema.equals(CELLS_SCHEMA)
+    assert cells.schema.field("v1").metadata[b"unit"] == b"m/s"
+    assert cells.num_rows == 12 * 3
+    rows = cells.to_pylist()
+    assert [row["cell"] for row in rows] == [i for i in range(12) for _ in range(3)]
+    assert [row["solver"] for row in rows[:3]] == ["state-transition", "mujoco", "pybullet"]
+    assert rows[0]["states"].startswith("S1 ")
+    assert rows[0]["states"].endswith("S4")
+    assert rows[0]["n_states"] == len(rows[0]["states"].split())
+    assert rows[1]["v1"] == pytest.approx(rows[0]["v1"] + 0.01)
+
+    divergence = pq.read_table(tmp_path / "a/divergence.parquet")
+    assert divergence.schema.equals(DIVERGENCE_SCHEMA)
+    assert divergence.num_rows == 12 * 2
+    row = divergence.to_pylist()[0]
+    assert (row["solver"], row["states_equal"], row["curve_distance"]) == ("mujoco", True, 0)
+    assert row["velocity_divergence"] == pytest.approx(0.01)
+    lines = (tmp_path / "a/divergence.csv").read_text().splitlines()
+    assert lines[0].replace('"', "").split(",") == list(DIVERGENCE_SCHEMA.names)
+    assert len(lines) == 1 + 24
+    manifest = folder.manifest()
+    assert manifest["state"] == "complete"
+    assert manifest["statuses"]["pybullet"] == {"unavailable": 12}
+    assert manifest["versions"]["mujoco"] == "shifted 1"
+
+
+def test_an_unavailable_solver_is_rows_with_its_reason(small, tmp_path):
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    rows = [
+        r for r in pq.read_table(tmp_path / "a/divergence.parquet").to_pylist() if r["solver"] == "pybullet"
+    ]
+    assert {row["status"] for row in rows} == {"unavailable"}
+    assert {row["reason"] for row in rows} == {"no wheel for this Python; use Python 3.11"}
+    assert all(row[measure] is None for row in rows for measure in MEASURES)
+
+
+def test_a_crash_costs_only_its_cells(small, tmp_path):
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.crashing)
+    rows = [r for r in pq.read_table(tmp_path / "a/cells.parquet").to_pylist() if r["solver"] == "mujoco"]
+    assert {(row["e1"], row["status"]) for row in rows} == {(0.5, "crashed"), (0.9, "ok")}
+    crashed = next(row for row in rows if row["status"] == "crashed")
+    assert crashed["reason"] == "ZeroDivisionError: a bug of the engine | here"
+    assert crashed["v1"] is None
+
+
+def test_a_result_that_is_no_number_is_never_silent(small, tmp_path):
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.lying)
+    rows = [r for r in pq.read_table(tmp_path / "a/cells.parquet").to_pylist() if r["solver"] == "mujoco"]
+    assert {row["status"] for row in rows} == {"crashed"}
+    assert "nan" in rows[0]["reason"]
+
+
+def test_missing_outcomes_are_noticed(small, tmp_path):
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.losing)
+    rows = [r for r in pq.read_table(tmp_path / "a/cells.parquet").to_pylist() if r["solver"] == "mujoco"]
+    assert {(r["status"], r["reason"]) for r in rows} == {
+        ("crashed", "RuntimeError: 0 outcomes for 1 collisions")
+    }
+
+
+def test_limits_are_rows_not_errors(tmp_path):
+    config = parse_config(
+        SMALL | {"solvers": ["mujoco"], "grid": {"stiffness_ratio": [0, float("inf")], "e1": [0, 1]}}
+    )
+    run_sweep(config, tmp_path / "a", isolate=False)
+    rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
+    assert {row["status"] for row in rows if row["solver"] == "state-transition"} == {"limit"}
+    refused = [row for row in rows if row["solver"] == "mujoco"]
+    assert {row["status"] for row in refused} == {"unrepresentable"}
+    assert all(row["reason"] for row in refused)
+
+
+def test_resume_after_an_interruption_gives_the_same_bytes(small, tmp_path):
+    run_sweep(small, tmp_path / "whole", isolate=False, resolve=fakes.shifted)
+    with pytest.raises(InterruptedRunError):
+        run_sweep(small, tmp_path / "cut", isolate=False, resolve=fakes.interrupting)
+    assert len(list((tmp_path / "cut/parts").iterdir())) == 2
+    assert not (tmp_path / "cut/cells.parquet").exists()
+    said = []
+    run_sweep(
+        small,
+        tmp_path / "cut",
+        isolate=False,
+        resume=True,
+        resolve=fakes.shifted,
+        progress=lambda done, total, line: said.append(line),
+    )
+    assert any("resumed: 2 of 3 parts" in line for line in said)
+    assert _tables(tmp_path / "whole") == _tables(tmp_path / "cut")
+
+
+@pytest.mark.parametrize("harm", ["truncate", "alter", "delete"])
+def test_a_damaged_part_is_computed_again_and_said_so(small, tmp_path, harm):
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    before = _tables(tmp_path / "a")
+    part = sorted((tmp_path / "a/parts").iterdir())[1]
+    data = part.read_bytes()
+    if harm == "delete":
+        part.unlink()
+    else:
+        part.write_bytes(data[:-7] if harm == "truncate" else data[:50] + bytes([data[50] ^ 1]) + data[51:])
+    (tmp_path / "a/cells.parquet").write_bytes(b"x")
+    said = []
+    run_sweep(
+        small,
+        tmp_path / "a",
+        resume=True,
+        isolate=False,
+        resolve=fakes.shifted,
+        progress=lambda d, t, line: said.append(line),
+    )
+    assert any("resumed: 2 of 3 parts" in line for line in said)
+    assert ("part 1 is damaged: computed again" in said) == (harm != "delete")
+    assert _tables(tmp_path / "a") == before
+
+
+def test_what_a_killed_run_left_half_written_is_removed(small, tmp_path):
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    before = _tables(tmp_path / "a")
+    (tmp_path / "a/figures").mkdir()
+    left = [
+        tmp_path / "a" / name for name in (".tmp-7-ladder.csv", "parts/.tmp-7-x", "figures/.tmp-7-map.png")
+    ]
+    for path in left:
+        path.write_text("half")
+    run_sweep(small, tmp_path / "a", resume=True, isolate=False, resolve=fakes.shifted)
+    assert not any(path.exists() for path in left)
+    assert _tables(tmp_path / "a") == before
+
+
+def test_resume_refuses_another_configuration(small, tmp_path):
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    other = parse_config(SMALL | {"step_fraction": 1e-2})
+    with pytest.raises(UserError, match=r"step_fraction = 0.001 there, 0.01 now"):
+        run_sweep(other, tmp_path / "a", resume=True, isolate=False, resolve=fakes.shifted)
+    with pytest.raises(UserError, match="already holds a run; add --resume"):
+        run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+
+
+def test_a_new_version_makes_parts_stale(small, tmp_path, monkeypatch):
+    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    monkeypatch.setattr(fakes.Shifted, "version", lambda self: "shifted 2")
+    said = []
+    run_sweep(
+        small,
+        tmp_path / "a",
+        isolate=False,
+        resume=True,
+        resolve=fakes.shifted,
+        progress=lambda d, t, line: said.append(line),
+    )
+    assert sum("another configuration or version" in line for line in said) == 3
+
+
+@pytest.mark.slow
+def test_the_number_of_workers_changes_no_byte(tmp_path):
+    config = parse_config(SMALL | {"chunk_size": 2, "scenario": "drop", "step_fraction": 0.01})
+    for workers in (1, 2):
+        run_sweep(config, tmp_path / str(workers), workers=workers)
+    assert _tables(tmp_path / "1") == _tables(tmp_path / "2")
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 1)])
+def test_a_run_that_was_stopped_resumes_to_the_same_bytes(tmp_path, number, code):
+    config = tmp_path / "c.toml"
+    config.write_text(
+        "scenario = 'impact'\nsolvers = ['mujoco']\nchunk_size = 2\n"
+        "[grid]\nstiffness_ratio = {log = [0.01, 100, 60]}\n"
+        "mass_ratio = [1.0, 2.0]\ne1 = [0.7, 0.9]\ne2 = [0.8]\n"
+    )
+    command = [
+        sys.executable,
+        "-m",
+        "impact_xval.experiments.commands.cli",
+        "run",
+        str(config),
+        "--workers",
+        "2",
+        "--out",
+    ]
+    subprocess.run([*command, str(tmp_path / "whole")], check=True, capture_output=True)
+
+    cut = tmp_path / "cut"
+    process = subprocess.Popen(
+        [*command, str(cut)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while process.poll() is None and len(list(cut.glob("parts/0*"))) < 3:
+        time.sleep(0.005)
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)  # as a terminal does: to every process of the run
+    else:
+        process.kill()
+    start = time.monotonic()
+    _, error = process.communicate(timeout=20)
+    assert process.returncode == code
+    assert time.monotonic() - start < 5
+    if number == signal.SIGINT:
+        assert f"to continue: impact-xval run {config} --out {cut} --resume" in error
+        assert "Traceback" not in error
+    assert json.loads((cut / "manifest.json").read_text())["state"] == "running"
+    again = subprocess.run([*command, str(cut), "--resume"], check=True, capture_output=True, text=True)
+    assert "parts are there and whole" in again.stdout
+    assert _tables(cut) == _tables(tmp_path / "whole")

@@ -1,0 +1,115 @@
+"""The project itself: style, types, and that the README and the pages say what is so."""
+
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from impact_xval.compliant_baselines.contact.mapping import (
+    contacts,
+    damping_ratio,
+    drake_geometries,
+    mujoco_contact,
+    restitution,
+    textbook_damping_ratio,
+)
+from impact_xval.model import Collision
+
+ROOT = Path(__file__).parents[1]
+
+
+def _run(*command):
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["check"], ["format", "--check"]])
+def test_style(arguments):
+    folders = ("impact_xval", "model", "compliant_baselines", "experiments", "tests", "benchmarks")
+    _run(sys.executable, "-m", "ruff", *arguments, *folders)
+
+
+def test_floors_and_rooms():
+    _run(Path(sys.executable).with_name("lint-imports"), "--no-cache")
+
+
+@pytest.mark.slow
+def test_types():
+    _run(sys.executable, "-m", "pyright", "--pythonpath", sys.executable)
+
+
+def _command(marker):
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (found,) = re.findall(rf"<!-- {marker} command -->\n```sh\n(.*)\n```", text)
+    return found
+
+
+def test_the_readme_has_two_commands_of_one_line():
+    for marker, last in (("run", "impact-xval run"), ("test", "pytest -m 'slow or not slow'")):
+        command = _command(marker)
+        assert command.startswith("python3 -m venv .venv && ")
+        assert command.endswith(last)
+
+
+def test_continuous_integration_runs_the_test_command_of_the_readme():
+    script = (ROOT / ".ci/run").read_text(encoding="utf-8")
+    extract = re.search(r"command=\$\((.*)\)\n", script)
+    assert extract
+    found = subprocess.run(["bash", "-c", extract[1]], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == _command("test")
+    assert (ROOT / ".ci/run").stat().st_mode & 0o111
+
+
+def test_every_file_of_a_run_is_in_the_readme():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    tables = ("cells.parquet", "divergence.parquet", "curves.parquet", "ladder.parquet", "summary.md")
+    for name in (*tables, "manifest.json", "report.html", "figures/", "parts/"):
+        assert f"`{name}`" in text
+
+
+def test_links_between_pages_lead_somewhere():
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_sections_that_docstrings_cite_are_there():
+    found = []
+    for folder in ("model", "compliant_baselines", "experiments", "tests", "benchmarks"):
+        for file in (ROOT / folder).rglob("*.py"):
+            # The citation of a page may be wrapped.
+            text = re.sub(r"\s*\n[ #]*", " ", file.read_text(encoding="utf-8"))
+            found += [(file.name, *cited) for cited in re.findall(r"docs/([a-z-]+\.md), section (\d+)", text)]
+    assert found
+    for name, page, number in found:
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        assert re.search(rf"^## {number}\. ", text, re.M), (name, page, number)
+
+
+def test_the_worked_example_of_the_mapping_page_is_what_the_mapping_gives():
+    text = (ROOT / "docs/mapping.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.*) \|$", text.split("<!-- worked example -->\n")[1].split("\n\n")[0], re.M)
+    table = {name: cells for name, *cells in (row.split(" | ") for row in rows[1:])}
+    pair = contacts(Collision(1.0, 2 / math.sqrt(3), 1e8, 1e8, 0.9, 0.7))
+
+    def words(*values):
+        return " ".join(repr(float(f"{value:.12g}")) for value in values)
+
+    upper, _, support = drake_geometries(*pair)
+    for i, (c, e, drake) in enumerate(zip(pair, (0.9, 0.7), (upper, support), strict=True)):
+        textbook = textbook_damping_ratio(e)
+        expected = {
+            "M, kg": f"{c.mass:.6g}",
+            "ζ": f"{damping_ratio(e):.6g}",
+            "c, N s/m": f"{c.c:.6g}",
+            "period 2 π sqrt(M/k), s": f"{c.period:.6g}",
+            "duration, s": f"{c.duration:.6g}",
+            "MuJoCo `solref`": words(*mujoco_contact(c).solref),
+            "PyBullet stiffness, damping": words(c.k, c.c),
+            "Drake relaxation time, s": words(drake.relaxation_time),
+            "textbook ζ, and the e it has": f"{textbook:.6g}, {restitution(textbook):.6g}",
+        }
+        assert {name: table[name][i] for name in expected} == expected
