@@ -112,7 +112,7 @@ def _geom_pairs(model: Any) -> Iterator[_Contact]:
         where = f"geoms {_name(model, a)} and {_name(model, b)}"
         if one.priority != two.priority:
             first = max(one, two, key=lambda geom: geom.priority)
-            yield _Contact(where, first.solref, *first.solimp[:2], inverse_mass)
+            yield _Contact(where, first.solref, first.solimp[0], first.solimp[1], inverse_mass)
             continue
         share = one.solmix / (one.solmix + two.solmix) if one.solmix + two.solmix > 0 else 0.5
         solref = tuple(map(min, one.solref, two.solref))

@@ -7,9 +7,9 @@ import math
 from typing import Any
 
 from impact_xval.compliant_baselines import SolverError, get_solver
-from impact_xval.compliant_baselines.calibration.pair import Pair
 from impact_xval.compliant_baselines.calibration.pair import (
     Drops,
+    Pair,
     drops,
     durations_taken,
     largest_step,
