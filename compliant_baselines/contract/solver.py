@@ -35,8 +35,8 @@ from impact_xval.model.collision import (
     Outcome,
     Status,
 )
+from impact_xval.model.grazing import GRAZING_THRESHOLD
 from impact_xval.model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
-from impact_xval.model.marks import GRAZING_THRESHOLD
 
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive"]

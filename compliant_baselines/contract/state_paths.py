@@ -10,10 +10,10 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from impact_xval.model.automaton import LOG_WIDTH, STIFFENING, collide
 from impact_xval.model.compiled import OPTIONS
+from impact_xval.model.diagram import LOG_WIDTH, STIFFENING, collide
 from impact_xval.model.inputs import Cutoff
-from impact_xval.model.solver import check_cutoff
+from impact_xval.model.solve import check_cutoff
 
 Floats = NDArray[np.float64]
 
