@@ -31,7 +31,7 @@ from impact_xval.experiments.hypothesis.tables import (
     point_frame,
 )
 from impact_xval.experiments.hypothesis.verdicts import CaseResult, Group
-from impact_xval.experiments.measures.laws import by_law, voters
+from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.pages import html_of, latex_of, render
 from impact_xval.experiments.sweep.executors import available_cores
 from impact_xval.experiments.tables.store import write_json, write_text
@@ -289,16 +289,11 @@ def _mapping(results: Results) -> list[dict[str, Any]]:
                 "law": law,
                 "returns": _returns(law) if case.plastic else None,
                 "all_dashpots": names >= linear,
-                "refuted": _per_law(refuted),
-                "others": _per_law(others),
+                "refuted": refuted,
+                "others": others,
             }
         )
     return found
-
-
-def _per_law(found: Iterable[CaseResult]) -> dict[str, list[CaseResult]]:
-    by_name = {one.solver: one for one in found}
-    return {law: [by_name[name] for name in names] for law, names in by_law(by_name).items()}
 
 
 def _returns(found: CaseResult) -> dict[str, tuple[int, int]]:

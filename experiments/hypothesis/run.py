@@ -167,55 +167,70 @@ def run_hypothesis(
     points = {case.key: (*draw(case, config.points, config.seed), *config.given(case.key)) for case in CASES}
     redrawn = {case.key: tuple(draw(case, config.points, config.seed + 1)) for case in CASES}
     plan = _Plan(config, solvers, points, redrawn)
-    outcomes: dict[tuple[str, Key], Outcomes] = {}
-    seconds: dict[str, float] = {}
     workers = workers or config.workers or available_cores()
     with _open_executor(_Context(solvers, resolve), workers, isolate=isolate) as executor:
-        pieces = _hand_out(plan, executor)
-        observed = [
-            executor.submit(_follow, one.name, key, contrast, config.cell_timeout)
-            for one in solvers
-            for key in POINTS
-            for contrast in (ENGINE_CONTRASTS if one.kind == "stepped" else CONTRASTS)
-        ]
-        handed = [future for parts in pieces.values() for future in parts] + observed
-        own = list(plan.tasks(exact=True))
-        start = time.perf_counter()
-        for done, (one, key, ratios) in enumerate(own, start=1):
-            outcomes[one.name, key] = one.solve(*ratios)
-            progress(done + sum(future.done() for future in handed), len(own) + len(handed), "")
-        elastic = [p for p in points["zero-early"] if p.e1 == 1 and p.e2 < 1]
-        branches = [count_branches(p, config.seed) for p in elastic if "state-transition" in config.solvers]
-        seconds["model and references"] = time.perf_counter() - start
-        for future in as_completed([future for future in handed if not future.done()]):
-            future.result()
-            progress(len(own) + sum(f.done() for f in handed), len(own) + len(handed), "")
-        outcomes |= {key: Outcomes.join([f.result() for f in parts]) for key, parts in pieces.items()}
-        followed = [future.result() for future in observed]
-    seconds["all, engines included"] = time.perf_counter() - start
-    series = _series(plan, "series", points, outcomes)
+        done = _solve(plan, executor, progress)
+    series = _series(plan, "series", points, done.outcomes)
     return Results(
         config=config,
         series=series,
         verdicts=[_examined(plan, one) for one in series],
         redrawn={
             (found.solver, found.case.key, group.name): group
-            for one in _series(plan, "redrawn", redrawn, outcomes)
-            for found in [_examined(plan, one)]
+            for found in (_examined(plan, one) for one in _series(plan, "redrawn", redrawn, done.outcomes))
             for group in (found.whole, *found.classes)
         },
-        mechanisms=[mechanism for mechanism, _ in followed],
+        mechanisms=[mechanism for mechanism, _ in done.followed],
         motions={
             (m.solver, m.case): motion
-            for m, motion in followed
+            for m, motion in done.followed
             if motion is not None and m.case in DRAWN and m.contrast == DRAWN_CONTRAST
         },
-        branches=branches,
-        maps=_maps(plan, outcomes),
-        control=_control(plan, outcomes),
+        branches=done.branches,
+        maps=_maps(plan, done.outcomes),
+        control=_control(plan, done.outcomes),
         unavailable=unavailable,
-        seconds=seconds,
+        seconds=done.seconds,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """What the solvers gave."""
+
+    outcomes: dict[tuple[str, Key], Outcomes]
+    followed: list[tuple[Mechanism, Motion | None]]
+    branches: list[Branches]
+    seconds: dict[str, float]
+
+
+def _solve(plan: _Plan, executor: Any, progress: Progress) -> _Done:
+    """Hand out the work of the engines, and all trajectories; meanwhile do that of the exact solvers here."""
+    config = plan.config
+    pieces = _hand_out(plan, executor)
+    observed = [
+        executor.submit(_follow, one.name, key, contrast, config.cell_timeout)
+        for one in plan.solvers
+        for key in POINTS
+        for contrast in (ENGINE_CONTRASTS if one.kind == "stepped" else CONTRASTS)
+    ]
+    handed = [future for parts in pieces.values() for future in parts] + observed
+    own = list(plan.tasks(exact=True))
+    total = len(own) + len(handed)
+    outcomes: dict[tuple[str, Key], Outcomes] = {}
+    start = time.perf_counter()
+    for done, (one, key, ratios) in enumerate(own, start=1):
+        outcomes[one.name, key] = one.solve(*ratios)
+        progress(done + sum(future.done() for future in handed), total, "")
+    elastic = [p for p in plan.points["zero-early"] if p.e1 == 1 and p.e2 < 1]
+    branches = [count_branches(p, config.seed) for p in elastic if "state-transition" in config.solvers]
+    seconds = {"model and references": time.perf_counter() - start}
+    for future in as_completed([future for future in handed if not future.done()]):
+        future.result()
+        progress(len(own) + sum(f.done() for f in handed), total, "")
+    outcomes |= {key: Outcomes.join([f.result() for f in parts]) for key, parts in pieces.items()}
+    seconds["all, engines included"] = time.perf_counter() - start
+    return _Done(outcomes, [future.result() for future in observed], branches, seconds)
 
 
 def contrasts(config: HypothesisConfig, case: Case, one: SolverUnderTest) -> Floats:
