@@ -17,10 +17,10 @@ import numpy as np
 
 from impact_xval.compliant_baselines.contact.column import Column
 from impact_xval.compliant_baselines.contract.registry import exportable_names
-from impact_xval.compliant_baselines.contract.stand_in import standing_in
-from impact_xval.compliant_baselines.engines import mujoco_drop
+from impact_xval.compliant_baselines.engines import mujoco_engine
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.engine_run import Run
+from impact_xval.compliant_baselines.engines.packages import standing_in
+from impact_xval.compliant_baselines.engines.recording import Run
 
 #: Engines that can be exported.
 EXPORTABLE = exportable_names()
@@ -61,9 +61,9 @@ def mjcf(column: Column) -> str:
     """Write the scene MuJoCo runs for a column, its initial state as the keyframe ``start``."""
     from mujoco.batch import Batch
 
-    batch = Batch(mujoco_drop.scene_model(), 1, 1)
-    mujoco_drop.load(batch, [column], 1, False)
-    model, root = batch.model, ElementTree.fromstring(mujoco_drop.SCENE)
+    batch = Batch(mujoco_engine.scene_model(), 1, 1)
+    mujoco_engine.load(batch, [column], 1, False)
+    model, root = batch.model, ElementTree.fromstring(mujoco_engine.SCENE)
 
     def loaded(field: str, row: int | None = None) -> Any:
         expanded = batch.expanded(field)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.compliant_baselines.contract import registry
 from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.engines.convergence import extrapolated
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
@@ -182,12 +183,12 @@ def at_vanishing_step(
         for fraction in fractions
     ]
 
-    def extrapolated(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
-        coarse, fine = 2 * b - a, 2 * c - b
+    def of_second_order(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
+        coarse, fine = extrapolated(np.array([a, b, c]))
         return (4 * fine - coarse) / 3, (fine - coarse) / 3
 
-    v1, change1 = extrapolated(*(run.v1 for run in runs))
-    v2, change2 = extrapolated(*(run.v2 for run in runs))
+    v1, change1 = of_second_order(*(run.v1 for run in runs))
+    v2, change2 = of_second_order(*(run.v2 for run in runs))
     second = np.hypot(change1, np.sqrt(mu) * change2)
     first = np.hypot(runs[2].v1 - runs[1].v1, np.sqrt(mu) * (runs[2].v2 - runs[1].v2))
     error = second * np.minimum(1, 2 * second / np.maximum(first, 1e-300)) + LEAST_ERROR
