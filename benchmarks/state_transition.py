@@ -41,10 +41,9 @@ from impact_xval.model import (
     solve,
     solve_batch,
 )
-from impact_xval.model.automaton import STIFFENING
-from impact_xval.model.batch import _solve_all
+from impact_xval.model.diagram import STIFFENING
 from impact_xval.model.oracle import solve_oracle
-from impact_xval.model.solver import MAX_EVENTS, check_cutoff
+from impact_xval.model.solve import MAX_EVENTS, _solve_all, check_cutoff
 
 #: Decades of k2/k1 and of m2/m1, and the least e: the box of all the rest, that of the default run, and a wide one, in
 #: which cut-offs are compared.

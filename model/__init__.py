@@ -3,15 +3,14 @@
 `Collision` and `Outcome` are the vocabulary; `solve` answers one collision, `solve_batch` arrays of them.
 """
 
-from impact_xval.model.batch import BatchOutcome, solve_batch
 from impact_xval.model.collision import (
     Collision,
     Event,
+    ImpulseCurve,
     Outcome,
-    Path,
 )
 from impact_xval.model.inputs import SUPPLEMENT_CUTOFF, Cutoff
-from impact_xval.model.solver import solve
+from impact_xval.model.solve import BatchOutcome, solve, solve_batch
 
 __all__ = [
     "SUPPLEMENT_CUTOFF",
@@ -19,8 +18,8 @@ __all__ = [
     "Collision",
     "Cutoff",
     "Event",
+    "ImpulseCurve",
     "Outcome",
-    "Path",
     "solve",
     "solve_batch",
 ]

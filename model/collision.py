@@ -1,6 +1,6 @@
 """The vocabulary of the whole project: what goes into a collision and what comes out of it.
 
-`Collision` is the validated question, `Outcome` the answer of any solver, `Path` and `Event` the way there.
+`Collision` is the validated question, `Outcome` the answer of any solver, `ImpulseCurve` and `Event` the way there.
 Nothing here computes a collision.
 """
 
@@ -163,7 +163,7 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Path:
+class ImpulseCurve:
     """A collision along its impulse curve: arrays of one shape (n,), in the order of time.
 
     Attributes
@@ -223,7 +223,7 @@ class Outcome:
         Number of events.
     diagnostics : mapping of str to float
         Further numbers a solver wishes to state (its time step, its number of steps, an energy residual).
-    path : Path or None
+    path : ImpulseCurve or None
         The way there, if asked for.
     events : tuple of Event
         What happened on the way, if the solver knows it.
@@ -241,7 +241,7 @@ class Outcome:
     marked: str = ""
     n_events: int = 0
     diagnostics: Mapping[str, float] = field(default_factory=dict)
-    path: Path | None = None
+    path: ImpulseCurve | None = None
     events: tuple[Event, ...] = ()
 
     def retained_energy(self, collision: Collision) -> float:

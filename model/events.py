@@ -6,7 +6,7 @@ of a contact in restitution (falls to zero: restitution ends). Each is a sum of 
 that its derivatives are bounded by known numbers. Two facts make the search both quick and safe:
 
 * **Certificate.** The values, slopes and second derivatives of a function at both ends of a window prove it positive
-  inside (`model.certificates`).
+  inside (`model.roots`).
 * **Envelope.** f is at least its slow sinusoid less the amplitude of its fast one, and the time at which that
   difference first comes near zero is known in closed form (`envelope_time`). It steps over thousands of fast
   oscillations that are too weak to matter.
@@ -25,16 +25,10 @@ from __future__ import annotations
 
 from math import atan2, cos, inf, pi, sin, sqrt
 
-from impact_xval.model.certificates import (
-    leaves_zero,
-    near_miss,
-    positive_between,
-    time_above_zero,
-    two_extrema,
-)
 from impact_xval.model.compiled import inlined
 from impact_xval.model.limits import CLEAR
 from impact_xval.model.motion import (
+    cos_sin,
     modal,
     motion,
     turn,
@@ -45,9 +39,13 @@ from impact_xval.model.roots import (
     NEAR,
     envelope_time,
     extremum_between,
+    leaves_zero,
+    near_miss,
+    positive_between,
     root_before,
+    time_above_zero,
+    two_extrema,
 )
-from impact_xval.model.sinusoid import cos_sin
 
 #: Rounding of a watched function, relative to its amplitude.
 NOISE = 4 * EPSILON

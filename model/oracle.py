@@ -18,7 +18,9 @@ c = 0 the parameter is the arc length exactly; the small constant c keeps it reg
 passes through zero with a finite slope, so an end of restitution is a simple root.
 
 **Events.** Everything watched is linear in the unknowns, and so is a polynomial on each step of DOP853's dense output,
-of which `oracle_events` finds every root. The step is then repeated up to the first one.
+of degree 7. Where its Bernstein coefficients are positive it has no root in the step; otherwise all its roots are
+computed (`first_fall`), so that a pair of roots inside one step, which a look at the signs would pass over, is found.
+The step is then repeated up to the first one.
 
 Units: m1 = 1, k1 = 1, v0 = -1 (Theorem 5); impulses per m1 |v0|, energies per m1 v0^2.
 """
@@ -30,13 +32,12 @@ from collections.abc import Callable
 from itertools import groupby
 
 import numpy as np
+from numpy.polynomial import Polynomial, chebyshev
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from impact_xval.model.collision import STATES, Collision, Outcome
 from impact_xval.model.inputs import SUPPLEMENT_CUTOFF
-from impact_xval.model.oracle_events import NODES, first_fall
-from impact_xval.model.oracle_start import series, straight_first_step
 
 NAME = "oracle"
 
@@ -60,6 +61,22 @@ TIE = 1e-13
 
 #: Steps after which a collision is given up.
 MAX_STEPS = 1_000_000
+
+_DEGREE = 7
+
+#: Fractions of a step at which a polynomial is sampled; the ends are among them.
+NODES = 0.5 * (1 + chebyshev.chebpts2(_DEGREE + 1))
+
+# Values at the nodes to coefficients in powers of the fraction u, and to Bernstein coefficients.
+_TO_POWERS = np.linalg.inv(np.vander(NODES, increasing=True))
+_BERNSTEIN = [
+    [math.comb(_DEGREE, j) * u**j * (1 - u) ** (_DEGREE - j) for j in range(_DEGREE + 1)] for u in NODES
+]
+_TO_BERNSTEIN = np.linalg.inv(np.array(_BERNSTEIN))
+
+#: Rounding of a root: imaginary parts below this are taken for zero (a double root splits into a complex pair), and so
+#: is a root this little before the step.
+_REAL = 1e-9
 
 Vector = NDArray[np.float64]
 Slope = Callable[[float, Vector], list[float]]
@@ -285,3 +302,69 @@ def _reach(slope: Slope, s: float, y: Vector, end: float, rtol: float) -> Vector
     while integrator.status == "running":
         integrator.step()
     return integrator.y
+
+
+def series(kappa: float, mu: float, I1: float) -> tuple[float, float, float]:
+    """I2, E1, E2 at a small first impulse I1, from the expansion of (13)-(15) about first touch.
+
+    With I2 = c2 I1^2 + c3 I1^3 + c4 I1^4 and E1 = I1 + a2 I1^2 + a3 I1^3, the coefficients follow from
+    E1 (dI2/dI1)^2 = (k2/k1) E2, which is (15) squared, in the orders 3, 4, 5.
+    """
+    a2 = -0.5 * (1 + 1 / mu)
+    c2 = kappa / (6 * mu)
+    a3 = c2 / (3 * mu)
+    c3 = -(4 * a2 * c2 + 3 * c2 * c2) / 7.5
+    c4 = -(9 * c3 * c3 + 12 * a2 * c2 * c3 + 4 * a3 * c2 * c2 + 6 * c2 * c2 * c3) / (11.2 * c2)
+    I2 = I1 * I1 * (c2 + I1 * (c3 + I1 * c4))
+    E1 = I1 * (1 + I1 * (a2 + I1 * (a3 + I1 * c3 / (4 * mu))))
+    # (14) integrated: the integral of I1 dI2, less I2^2/2, over m2
+    E2 = (I1**3 * (2 / 3 * c2 + I1 * (3 / 4 * c3 + I1 * 4 / 5 * c4)) - 0.5 * I2 * I2) / mu
+    return I2, E1, E2
+
+
+def straight_first_step(kappa: float, mu: float, I1: float) -> tuple[float, float, float]:
+    """I2, E1, E2 after the paper's finite first step of I1, along which dI2/dI1 = y is constant.
+
+    (13) and (14) give E1 = I1 - (1 + 1/m2) I1^2/2 + y I1^2/(2 m2) and E2 = y (1 - y) I1^2/(2 m2), and y is the one for
+    which (15) holds at the end of the step. The main paper's (27) is not at hand: this is the rule that has the limit
+    the supplement (3.1) quotes of it, y -> 1 as k2/k1 -> infinity. I2 comes out three times too large.
+    """
+    a = I1 / (2 * mu)
+    b = 1 - 0.5 * (1 + 1 / mu) * I1
+    q = b + kappa * a  # y (b + a y) = kappa a (1 - y)
+    y = 2 * kappa * a / (q + math.sqrt(q * q + 4 * kappa * a * a))
+    return y * I1, I1 * (b + a * y), y * (1 - y) * a * I1
+
+
+def first_fall(values: NDArray[np.float64], fresh: bool) -> tuple[float, int]:
+    """First root, as a fraction of the step, at which one of the watched polynomials falls through zero.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, 8)
+        Of the polynomials at `NODES`.
+    fresh : bool
+        Whether this is the first step after an event: whatever triggered that one starts at zero and rises.
+
+    Returns
+    -------
+    fraction : float
+    which : int
+        Row of `values`, or -1 if none falls.
+    """
+    first, which = math.inf, -1
+    for row, coefficients in enumerate(values @ _TO_BERNSTEIN.T):
+        if coefficients.min() > 0:
+            continue
+        polynomial = Polynomial(_TO_POWERS @ values[row])
+        slope = polynomial.deriv()
+        if values[row, 0] < 0 and (not fresh or slope(0.0) < 0):
+            # By rounding its root fell into the step before, or ties with the event that was there.
+            fall = 0.0
+        else:
+            roots = polynomial.roots()
+            real = roots.real[(np.abs(roots.imag) < _REAL) & (roots.real > -_REAL) & (roots.real <= 1)]
+            fall = min((max(u, 0.0) for u in real.tolist() if slope(u) < 0), default=math.inf)
+        if fall < first:
+            first, which = fall, row
+    return first, which

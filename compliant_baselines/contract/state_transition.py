@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase
 from impact_xval.model import Collision, Outcome, solve
-from impact_xval.model.automaton import LOG_WIDTH, STIFFENING, collide
 from impact_xval.model.compiled import OPTIONS
+from impact_xval.model.diagram import LOG_WIDTH, STIFFENING, collide
 from impact_xval.model.inputs import Cutoff
-from impact_xval.model.solver import check_cutoff
+from impact_xval.model.solve import check_cutoff
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class LiuZhaoBrogliatoSolver(StateTransitionSolver):
     """The impact law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the same diagram.
 
     Bistiffness with energetic restitution, positions frozen, as in the primary model; but every compression runs at the
-    original stiffness (`model.automaton`). It equals the primary model exactly until a contact compresses a second
+    original stiffness (`model.diagram`). It equals the primary model exactly until a contact compresses a second
     time. `limit` also where the bodies come to rest together after infinitely many events.
     """
 

@@ -25,7 +25,7 @@ from impact_xval.compliant_baselines.contract.trajectory import (
     scan,
 )
 from impact_xval.compliant_baselines.engines.quiet import Law, between, quiet_steps
-from impact_xval.model.collision import Path, Status
+from impact_xval.model.collision import ImpulseCurve, Status
 
 #: A recorded path has about as many points as this between the borders of its states.
 PATH_POINTS = 2000
@@ -150,7 +150,7 @@ class Run:
         x1, x2 = (self.x1, self.x2) if self.fall is None else self.fall[1:]
         return (energy(self.v1, self.v2, x1, x2) - before) / energy(c.v1, c.v2, 0, 0)
 
-    def path(self, runs: Runs) -> Path:
+    def path(self, runs: Runs) -> ImpulseCurve:
         """Give the recorded path under a (merged) state sequence; energies unknown."""
         assert self.points is not None
         c = self.column
@@ -170,7 +170,7 @@ class Run:
         impulse2 = impulse1 + c.m2 * (v2 - c.v2 + fallen)
         phase1 = np.where(np.isin(state, (1, 3)), np.where(v2 > v1, 1, 2), 0)
         phase2 = np.where(np.isin(state, (1, 2)), np.where(v2 < 0, 1, 2), 0)
-        return Path(t, impulse1, impulse2, v1, v2, None, None, state, phase1, phase2)
+        return ImpulseCurve(t, impulse1, impulse2, v1, v2, None, None, state, phase1, phase2)
 
 
 def states_of(run: Run, shortest_state: float) -> Runs:

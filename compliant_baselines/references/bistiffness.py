@@ -118,5 +118,5 @@ class BistiffnessSolver(ReferenceSolver):
         return bistiffness_batch(*cells)
 
     def law(self, collision: Collision) -> KernelLaw:
-        """Springs without damping; phases as in a `Path`."""
+        """Springs without damping; phases as in an `ImpulseCurve`."""
         return KernelLaw(LINEAR, 0.0, 0.0, (COMPRESSION, RESTITUTION), (OPEN, COMPRESSION, RESTITUTION))

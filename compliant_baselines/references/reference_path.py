@@ -27,7 +27,7 @@ from impact_xval.model.collision import (
     STATES,
     Collision,
     Event,
-    Path,
+    ImpulseCurve,
 )
 
 Floats = NDArray[np.float64]
@@ -56,7 +56,7 @@ class KernelLaw(NamedTuple):
     carries : tuple of int
         Phases in which a contact carries force.
     phases : tuple of int
-        For each phase of the log, that of a `Path`; empty where it is to be told from the rate.
+        For each phase of the log, that of an `ImpulseCurve`; empty where it is to be told from the rate.
     """
 
     force: int
@@ -96,7 +96,7 @@ def trace(
     log: Floats,
     law: KernelLaw,
     with_path: bool,
-) -> tuple[Path | None, tuple[Event, ...], tuple[str, ...]]:
+) -> tuple[ImpulseCurve | None, tuple[Event, ...], tuple[str, ...]]:
     """Read a log.
 
     Parameters
@@ -112,8 +112,8 @@ def trace(
 
     Returns
     -------
-    Path or None, tuple of Event, tuple of str
-        Path, events, states. A closed-form limit is one stretch of which only the ends are known.
+    ImpulseCurve or None, tuple of Event, tuple of str
+        ImpulseCurve, events, states. A closed-form limit is one stretch of which only the ends are known.
     """
     c, mu = collision, collision.mass_ratio
     phase = log[:, 8:10].astype(int)
@@ -169,7 +169,7 @@ def trace(
             if law.phases
             else np.where(flat(loaded[:, i]), np.where(rate > 0, 1, 2), 0)
         )
-    path = Path(
+    path = ImpulseCurve(
         time=time * unit,
         impulse1=I1 * momentum,
         impulse2=I2 * momentum,

@@ -203,8 +203,8 @@ def _noticed(progress: sweep.Progress) -> sweep.Progress:
 
 def compile_notice() -> str:
     """Say that kernels are about to be compiled; nothing where they have been."""
-    from impact_xval.model.automaton import collide
     from impact_xval.model.compiled import is_compiled
+    from impact_xval.model.diagram import collide
 
     return "" if is_compiled(collide) else "compiling the kernels, once for each installation: some 20 s"
 

@@ -19,7 +19,7 @@ from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.experiments.hypothesis.cases import BY_KEY, Case, Point
 from impact_xval.experiments.sweep.solving import Resolve, answer
 from impact_xval.model import Collision
-from impact_xval.model.collision import Path
+from impact_xval.model.collision import ImpulseCurve
 
 Floats = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ class Mechanism:
     again_speed: float = math.nan
 
 
-def motion_of(case: Case, collision: Collision, path: Path) -> Motion:
+def motion_of(case: Case, collision: Collision, path: ImpulseCurve) -> Motion:
     """Read the relative motion of the stiff pair off a path.
 
     The pair is joined at the first return to equal velocities: for the balls at k2/k1 -> 0, after their first

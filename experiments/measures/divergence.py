@@ -12,8 +12,8 @@ from impact_xval.experiments.tables.schema import MEASURES
 from impact_xval.model.collision import (
     RESULT_STATUSES,
     Collision,
+    ImpulseCurve,
     Outcome,
-    Path,
 )
 
 #: Statuses of an outcome that can be compared.
@@ -80,12 +80,12 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
     return row[-1]
 
 
-def curve_distance(a: Path | None, b: Path | None, impulse: float) -> float | None:
+def curve_distance(a: ImpulseCurve | None, b: ImpulseCurve | None, impulse: float) -> float | None:
     """Symmetric Hausdorff distance of two impulse curves in the (I1, I2) plane.
 
     Parameters
     ----------
-    a, b : Path or None
+    a, b : ImpulseCurve or None
         The paths; None gives None.
     impulse : float
         Unit of the result, in N s.

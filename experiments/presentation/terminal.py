@@ -18,10 +18,32 @@ from rich.progress import (
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from impact_xval.experiments.presentation.pages import Table as PageTable
+from impact_xval.experiments.presentation.pages import blocks_of
 from impact_xval.experiments.tables.document import Table
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
+
+
+def show(console: Console, markdown: str) -> None:
+    """Print Markdown: a line a paragraph, and tables with their captions between empty lines."""
+    last = None
+    for block in blocks_of(markdown):
+        if last is not None and PageTable in (type(block), type(last)):
+            print_line(console, "")
+        if isinstance(block, PageTable):
+            if block.caption:
+                print_line(console, block.caption)
+            table = RichTable(box=None, pad_edge=False)
+            for title, right in zip(block.header, block.numeric, strict=True):
+                table.add_column(Text(title), justify="right" if right else "left")
+            for row in block.rows:
+                table.add_row(*map(Text, row))
+            console.print(table)
+        else:
+            print_line(console, block.text)
+        last = block
 
 
 def print_table(console: Console, table: Table) -> None:

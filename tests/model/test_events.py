@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from impact_xval.model import Collision, solve
-from impact_xval.model.certificates import positive_between
 from impact_xval.model.events import first_event
 from impact_xval.model.motion import (
     amplitudes,
@@ -15,6 +14,7 @@ from impact_xval.model.motion import (
     motion,
     single_contact,
 )
+from impact_xval.model.roots import positive_between
 
 MOTION = getattr(motion, "py_func", motion)
 COMPRESSING, RESTORING = 1, 2

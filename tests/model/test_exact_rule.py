@@ -11,13 +11,13 @@ from impact_xval.model import (
     solve,
     solve_batch,
 )
-from impact_xval.model.limits import BOUND
-from impact_xval.model.marks import (
+from impact_xval.model.grazing import (
     CUTOFF,
     CUTOFF_THRESHOLD,
     GRAZING,
     GRAZING_THRESHOLD,
 )
+from impact_xval.model.limits import BOUND
 from impact_xval.model.oracle import solve_oracle
 from tests.model.reference import integrate
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from impact_xval.model import Collision, solve_batch
-from impact_xval.model.automaton import (
+from impact_xval.model.collision import RESULT_STATUSES, STATUSES
+from impact_xval.model.diagram import (
     BEYOND_PRECISION,
     COLLAPSE,
     DONE,
@@ -13,7 +14,6 @@ from impact_xval.model.automaton import (
     STATUS_OF,
     TOO_MANY_EVENTS,
 )
-from impact_xval.model.collision import RESULT_STATUSES, STATUSES
 from impact_xval.model.inputs import (
     E1,
     E2,

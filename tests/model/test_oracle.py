@@ -17,9 +17,7 @@ from impact_xval.model import (
     solve,
     solve_batch,
 )
-from impact_xval.model.oracle import solve_oracle
-from impact_xval.model.oracle_events import NODES, first_fall
-from impact_xval.model.oracle_start import series, straight_first_step
+from impact_xval.model.oracle import NODES, first_fall, series, solve_oracle, straight_first_step
 
 #: Solver and oracle may part beside a jump of the model: where a rate turned around this near zero (per |v0|).
 GRAZING = 1e-7

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from impact_xval.model.sinusoid import LARGEST_ANGLE, cos_sin
+from impact_xval.model.motion import LARGEST_ANGLE, cos_sin
 
 
 @pytest.mark.parametrize("largest", [1e-8, 1.0, 4.0, 100.0, 0.999 * LARGEST_ANGLE, 1e9])

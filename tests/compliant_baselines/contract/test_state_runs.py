@@ -13,7 +13,7 @@ from impact_xval.compliant_baselines.engines.recording import states_of
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.designs import cells_of
 from impact_xval.model import Collision, Outcome, solve
-from impact_xval.model.collision import Path
+from impact_xval.model.collision import ImpulseCurve
 
 SHARE = Settings().shortest_state
 EXACT = ("state-transition", "liu-zhao-brogliato", "bistiffness", "kelvin-voigt", "hunt-crossley")
@@ -30,7 +30,7 @@ def as_path(raw):
     ends = np.append(raw.start[1:], raw.end)
     time, state = np.column_stack([raw.start, ends]).ravel(), np.repeat(raw.state, 2)
     x, phase = np.zeros(len(time)), np.zeros(len(time), int)
-    return Path(time, x, x, x, x, None, None, state, phase, phase)
+    return ImpulseCurve(time, x, x, x, x, None, None, state, phase, phase)
 
 
 # The rules

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines.calibration.calibration import ContactRequest, try_contacts
-from impact_xval.compliant_baselines.calibration.pair import Pair
-from impact_xval.compliant_baselines.calibration.pair_check import drops
+from impact_xval.compliant_baselines.calibration.pair import Pair, drops
 from impact_xval.compliant_baselines.contact.column import column_of
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverError
 from impact_xval.compliant_baselines.engines.engine import EngineSolver

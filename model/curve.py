@@ -1,4 +1,4 @@
-"""A collision along its impulse curve: the log of `model.automaton.collide` filled in with the exact motion.
+"""A collision along its impulse curve: the log of `model.diagram.collide` filled in with the exact motion.
 
 Inside S1 the points are equally spaced in time. In every other stretch one contact works against one mass, a sinusoid
 in which the compression rate is d = W cos(theta) and the strain energy m W^2 sin^2(theta)/2; the points are equally
@@ -14,7 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.automaton import (
+from impact_xval.model.collision import (
+    STATES,
+    Collision,
+    Event,
+    ImpulseCurve,
+)
+from impact_xval.model.compiled import compiled
+from impact_xval.model.diagram import (
     COMPRESSION,
     RATE1,
     RATE2,
@@ -28,13 +35,6 @@ from impact_xval.model.automaton import (
     SPENT2,
     STIFFENING,
 )
-from impact_xval.model.collision import (
-    STATES,
-    Collision,
-    Event,
-    Path,
-)
-from impact_xval.model.compiled import compiled
 from impact_xval.model.motion import (
     amplitudes,
     modal,
@@ -50,7 +50,7 @@ MOST_POINTS = 4000
 
 
 class Row(NamedTuple):
-    """One row of the log: a stretch, in the scaled units of the kernel (`model.automaton.LOG_COLUMNS`)."""
+    """One row of the log: a stretch, in the scaled units of the kernel (`model.diagram.LOG_COLUMNS`)."""
 
     state: int
     phase1: int
@@ -79,7 +79,7 @@ class Stretch(NamedTuple):
     time: NDArray[np.float64]
 
 
-def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Path, tuple[Event, ...]]:
+def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[ImpulseCurve, tuple[Event, ...]]:
     """Fill in the path between the rows of a complete log, and name its events.
 
     Parameters
@@ -93,7 +93,7 @@ def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Pat
 
     Returns
     -------
-    Path, tuple of Event
+    ImpulseCurve, tuple of Event
         Times are infinite from where a contact without stiffness has to finish.
     """
     rows = [Row(*map(int, r[:3]), *r[3:10], int(r[10]), bool(r[11])) for r in log.tolist()]  # type: ignore[call-arg]
@@ -143,7 +143,7 @@ def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Pat
     def per_stretch(name: str) -> NDArray[np.int64]:
         return np.concatenate([np.full(s.time.size, getattr(s, name)) for s in stretches])
 
-    path = Path(
+    path = ImpulseCurve(
         time=np.concatenate([start + s.time for start, s in zip(starts, stretches, strict=False)]),
         impulse1=(1 + v1) * momentum,
         impulse2=(1 + v1 + c.mass_ratio * v2) * momentum,
