@@ -209,6 +209,6 @@ def contact_limit(
     off1, off2 = restitution - e, duration_ratio - 1
     return ContactLimit(
         restitution=float(extrapolated(restitution)[-1]),
-        duration=float(extrapolated(duration)[-1]),
+        duration=float(extrapolated(duration_ratio)[-1]),
         orders=(fitted_order(np.abs(off1)), fitted_order(np.abs(off2)), fitted_order(np.hypot(off1, off2))),
     )
