@@ -14,9 +14,8 @@ from impact_xval.experiments.commands.options import RATIOS, one_cell
 from impact_xval.experiments.config.configuration import REFERENCE, solvers_problem
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import collision_of
-from impact_xval.experiments.measures.laws import one_vote
-from impact_xval.experiments.presentation.terminal import error_line, make_console, print_line
-from impact_xval.experiments.presentation.views import side_by_side
+from impact_xval.experiments.presentation.terminal import error_line, make_console
+from impact_xval.experiments.presentation.views import show_outcomes
 from impact_xval.experiments.sweep.solving import answer, scaled_diagnostics, settings_of
 from impact_xval.experiments.tables.folders import finished
 from impact_xval.model.collision import Collision, Outcome
@@ -55,13 +54,7 @@ def solve(values: dict[str, str], solvers: list[str] | None, *, as_json: bool) -
         print(json.dumps(objects, indent=2, allow_nan=False))
         return
     reference = next((o for n, o in zip(names, outcomes, strict=True) if n == REFERENCE), None)
-    console = make_console()
-    console.print(side_by_side(names, collision, outcomes, reference))
-    if said := one_vote(names):
-        print_line(console, said)
-    for name, outcome in zip(names, outcomes, strict=True):
-        if outcome.reason:
-            print_line(console, f"{name}: {outcome.status}: {outcome.reason}")
+    show_outcomes(make_console(), names, collision, outcomes, reference)
 
 
 def export_scene(

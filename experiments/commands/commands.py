@@ -166,7 +166,7 @@ def table(root: Path) -> None:
     from impact_xval.experiments.presentation.report import write_tables
 
     folder = finished(root)
-    summary, _ = write_tables(folder)
+    summary = write_tables(folder)
     console = make_console()
     show_summary(console, summary)
     print_line(console, f"summary.md, summary.csv and summary.tex are in {folder.root}")
@@ -213,10 +213,9 @@ def _write_all(folder: RunFolder) -> Summary:
     from impact_xval.experiments.presentation.figures import write_figures
     from impact_xval.experiments.presentation.report import write_report, write_tables
 
-    written = write_tables(folder)
-    summary, _ = written
+    summary = write_tables(folder)
     write_figures(folder, summary.ladder)
-    write_report(folder, written)
+    write_report(folder, summary)
     return summary
 
 

@@ -5,34 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.measures.ladder import cancelling
+from impact_xval.experiments.measures.corners import LAWS
+from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, Contribution, cancelling
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, ladder_statistics, summarise_ladder
-from impact_xval.experiments.measures.ladder_table import (
-    LADDER,
-    LADDER_SCHEMA,
-    between,
-    write_ladder,
-)
-from impact_xval.experiments.measures.rungs import (
-    CAUSES,
-    LAWS,
-    RUNGS,
-    Rung,
-)
-from impact_xval.experiments.presentation.ladder_document import (
-    alternatives_table,
-    axis_share_table,
-    ladder_findings,
-    norm_table,
-    share_table,
-)
-from impact_xval.experiments.presentation.terminal import make_console, print_line, print_table
-from impact_xval.experiments.tables.document import Table
+from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA, between, write_ladder
+from impact_xval.experiments.presentation.ladder_page import ladder_facts
+from impact_xval.experiments.presentation.pages import render
+from impact_xval.experiments.presentation.terminal import make_console, print_line, show
 from impact_xval.experiments.tables.folders import finished
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA
@@ -63,59 +47,40 @@ def _show_run(folder: RunFolder, law: str, stem: str) -> None:
     else:
         statistics = ladder_statistics(folder.root / f"{stem}.parquet", config)
         found = LadderSummary(statistics, summarise_ladder(folder, config).alternatives)
-    console = make_console()
-    if not found.solvers:
-        print_line(console, "no engine of this run has a result: there is nothing to split")
-        return
-    tables = [share_table(found), norm_table(found), axis_share_table(found, "stiffness_ratio")]
-    if len(found.alternatives):
-        tables.append(alternatives_table(found))
-    for table in tables:
-        print_table(console, table)
-    print_line(console, "")
-    for text in ladder_findings(found):
-        print_line(console, text)
+    show(make_console(), render("ladder-terminal.md.j2", ladder=ladder_facts(found)))
 
 
 def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
     path = folder.root / f"{stem}.parquet"
     path = folder.table_path(LADDER, LADDER_SCHEMA) if law == KELVIN_VOIGT else path
-    rows = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
-    if not len(rows):
+    rows = pq.read_table(path, filters=[("cell", "==", cell)]).to_pylist()
+    if not rows:
         last = folder.manifest()["cells"] - 1
         raise UserError(f"--cell = {cell}; legal: a cell with a row of an engine, from 0 to {last}")
-    first, console = rows.iloc[0], make_console()
-    names = {"k2/k1": "stiffness_ratio", "m2/m1": "mass_ratio", "e1": "e1", "e2": "e2"}
-    print_line(console, f"cell {cell}: " + ", ".join(f"{k} = {number(first[v])}" for k, v in names.items()))
-    for _, row in rows.iterrows():
-        if np.isnan(row.velocity_divergence):
-            print_line(console, "")
-            print_line(console, f"{row.solver}: {row.status}: {row.reason}")
-            continue
-        there = [r for r in RUNGS if f"{r.name}_norm" in row and not np.isnan(row[f"{r.name}_norm"])]
-        pair = cancelling([row[f"{rung.name}_share"] for rung in there]) or ()
-        lines = [
-            (
-                rung.label,
-                *(_exact(row[f"{rung.name}_{part}"]) for part in ("dv1", "dv2", "norm")),
-                *(("cancels", "") if i in pair else _share(row, rung)),
-            )
-            for i, rung in enumerate(there)
-        ]
-        lines.append(
-            ("sum", _exact(row.dv1), _exact(row.dv2), _exact(row.velocity_divergence), "100.0 %", "")
+    where = ", ".join(f"{label} = {number(rows[0][axis])}" for axis, label in AXES.items())
+    engines = [row | {"rows": _contributions(row)} for row in rows]
+    show(make_console(), render("ladder-cell.md.j2", cell=cell, where=where, engines=engines))
+
+
+def _contributions(row: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Table of a row of an engine, a line a contribution; empty without a result."""
+    if row["velocity_divergence"] is None:
+        return []
+    there = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
+    pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
+    lines = [
+        (
+            c.label,
+            *(f"{row[f'{c.name}_{part}']:.3e}" for part in ("dv1", "dv2", "norm")),
+            *(("cancels", "") if i in pair else _share(row, c)),
         )
-        header = ("cause", "dv1/|v0|", "dv2/|v0|", "kinetic norm", "share", "by order")
-        print_table(console, Table(row.sentence, header, lines))
-        if isinstance(row.reason, str):
-            print_line(console, f"({row.reason})")
+        for i, c in enumerate(there)
+    ]
+    total = (f"{row[name]:.3e}" for name in ("dv1", "dv2", "velocity_divergence"))
+    return [*lines, ("sum", *total, "100.0 %", "")]
 
 
-def _share(row: Any, rung: Rung) -> tuple[str, str]:
-    """Share of a rung, and the range of it over the orders of the causes."""
-    range_ = between(row[f"{rung.name}_share_low"], row[f"{rung.name}_share_high"]) if rung in CAUSES else ""
-    return percent(row[f"{rung.name}_share"]), range_
-
-
-def _exact(value: float) -> str:
-    return f"{value:.3e}"
+def _share(row: dict[str, Any], c: Contribution) -> tuple[str, str]:
+    """Share of a contribution, and the range of it over the orders of the causes."""
+    range_ = between(row[f"{c.name}_share_low"], row[f"{c.name}_share_high"]) if c in CAUSES else ""
+    return percent(row[f"{c.name}_share"]), range_

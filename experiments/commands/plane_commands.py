@@ -16,8 +16,8 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.plain import plain_values
 from impact_xval.experiments.measures.plane import (
     PATHS,
+    PLANE_CAUSES,
     PLANE_SCHEMA,
-    RUNGS,
     Plane,
     write_plane,
 )
@@ -79,12 +79,12 @@ def findings(images: dict[str, np.ndarray]) -> list[str]:
     if not n:
         return ["No cell of the map could be solved."]
     lines = []
-    for i, rung in enumerate(RUNGS):
-        norm = images[f"{rung.name}_norm"][there]
+    for i, cause in enumerate(PLANE_CAUSES):
+        norm = images[f"{cause.name}_norm"][there]
         if norm.max() > 0:
             carries = np.mean(images["dominant"][there] == i)
             lines.append(
-                f"{rung.label}: more than 0.01 in {100 * np.mean(norm > 0.01):.1f} % of the cells, at most "
+                f"{cause.label}: more than 0.01 in {100 * np.mean(norm > 0.01):.1f} % of the cells, at most "
                 f"{norm.max():.3g}; the largest cause in {100 * carries:.1f} %."
             )
     repeats = images["repeats_norm"][there]
