@@ -20,10 +20,10 @@ import numpy as np
 
 from impact_xval.compliant_baselines.contact.column import Column
 from impact_xval.compliant_baselines.contact.mapping import Contact
-from impact_xval.compliant_baselines.contract.convergence import fitted_order
 from impact_xval.compliant_baselines.contract.solver import MappingName, SolverError
+from impact_xval.compliant_baselines.engines.convergence import extrapolated, fitted_order
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.engine_run import Run
+from impact_xval.compliant_baselines.engines.recording import Run
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +205,7 @@ def contact_limit(results: Sequence[ContactResult]) -> ContactLimit:
     duration = np.array([result.duration / result.duration_asked for result in results])
     off1, off2 = restitution - results[0].request.e, duration - 1
     return ContactLimit(
-        restitution=float(2 * restitution[-1] - restitution[-2]),
-        duration=float(2 * duration[-1] - duration[-2]),
+        restitution=float(extrapolated(restitution)[-1]),
+        duration=float(extrapolated(duration)[-1]),
         orders=(fitted_order(np.abs(off1)), fitted_order(np.abs(off2)), fitted_order(np.hypot(off1, off2))),
     )

@@ -7,14 +7,14 @@ import math
 from typing import Any
 
 from impact_xval.compliant_baselines import SolverError, get_solver
-from impact_xval.compliant_baselines.calibration.pair import Pair
-from impact_xval.compliant_baselines.calibration.pair_check import (
+from impact_xval.compliant_baselines.calibration.pair import (
     Drops,
+    Pair,
     drops,
     durations_taken,
     largest_step,
 )
-from impact_xval.compliant_baselines.calibration.pair_text import ENGINES, paste
+from impact_xval.compliant_baselines.calibration.scene_text import ENGINES, paste
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.experiments.commands.options import number
 from impact_xval.experiments.config.errors import UserError

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines.calibration.calibration import ContactRequest, try_contacts
-from impact_xval.compliant_baselines.calibration.pair import Pair
-from impact_xval.compliant_baselines.calibration.pair_check import drops
+from impact_xval.compliant_baselines.calibration.pair import Pair, drops
 from impact_xval.compliant_baselines.contact.column import column_of
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverError
-from impact_xval.compliant_baselines.contract.stand_in import standing_in
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.packages import standing_in
 from impact_xval.compliant_baselines.engines.recording import Recorder
 from impact_xval.model import Collision
 

@@ -150,16 +150,22 @@ def test_what_a_run_prints_claims_no_accuracy(folder, summary):
     assert texts["summary.md"].index(LAWS_WITH_LAWS) < texts["summary.md"].index("| ---")
 
 
-def test_the_readme_says_what_is_compared_and_at_which_step():
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    top = text.split("## Two commands")[0]
+def test_the_pages_state_what_is_compared_and_at_which_step():
+    top, findings = (
+        " ".join((ROOT / page).read_text(encoding="utf-8").split())
+        for page in ("README.md", "docs/findings.md")
+    )
+    top = top.split("## Two commands")[0]
     assert "compares laws of contact with one another; no laboratory measurement is in it" in top
-    assert "one vote, not three" in text
-    claims = [sentence for sentence in re.split(r"(?<=[.:]) ", text) if "what they were asked" in sentence]
-    assert claims
-    for sentence in claims:
-        assert "thousandth" in sentence
-    assert not re.search(r"\baccura", text, re.IGNORECASE)
+    assert "one vote, not three" in findings
+    for text in (top, findings):
+        claims = [
+            part for part in re.split(r"(?<=[.:]) ", text) if "reproduce the requested contact law" in part
+        ]
+        assert claims
+        for sentence in claims:
+            assert "thousandth" in sentence
+        assert not re.search(r"\baccura", text, re.IGNORECASE)
 
 
 def test_an_engine_is_further_from_its_law_at_longer_steps():
