@@ -1,4 +1,4 @@
-"""What the commands show on a terminal: a collision by several solvers, a run, its progress, a search."""
+"""What the commands show of a run on a terminal: what it found, its progress, a search."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from datetime import timedelta
 from rich.console import Console
 
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
-from impact_xval.experiments.measures.laws import by_law
 from impact_xval.experiments.measures.summary import SUMMARISED, Summary
 from impact_xval.experiments.presentation.pages import render
 from impact_xval.experiments.presentation.summary_page import summary_facts
@@ -16,42 +14,14 @@ from impact_xval.experiments.presentation.terminal import show
 from impact_xval.experiments.sweep.search import Found
 from impact_xval.experiments.sweep.status import RunStatus
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.model.collision import Collision, Outcome
 
 #: Reasons that `show_status` prints.
 _REASONS = 12
 
 
-def show_outcomes(
-    console: Console, names: list[str], collision: Collision, outcomes: list[Outcome], model: Outcome | None
-) -> None:
-    """Print one collision by several solvers, grouped by law; velocities per abs(v0), impulses per m1 abs(v0)."""
-    by_name = dict(zip(names, outcomes, strict=True))
-    rows = [
-        (law, name, by_name[name].status, *_result(collision, by_name[name], model))
-        for law, group in by_law(names).items()
-        for name in group
-    ]
-    reasons = [(name, outcome) for name, outcome in by_name.items() if outcome.reason]
-    show(console, render("solve.md.j2", rows=rows, solvers=names, reasons=reasons))
-
-
-def _result(collision: Collision, outcome: Outcome, model: Outcome | None) -> list[str]:
-    if outcome.status not in COMPARABLE:
-        return ["-"] * 6
-    speed = abs(collision.v0)
-    impulse = collision.m1 * speed
-    scaled = outcome.v1 / speed, outcome.v2 / speed, outcome.impulse1 / impulse, outcome.impulse2 / impulse
-    away = None
-    if model:
-        paths = model.states, outcome.states
-        away = divergence(collision, model, outcome, paths)["velocity_divergence"]
-    return [*(f"{x:.6f}" for x in scaled), "-" if away is None else number(away), " ".join(outcome.states)]
-
-
 def show_summary(console: Console, summary: Summary) -> None:
     """Print what a run found."""
-    show(console, render("terminal.md.j2", **summary_facts(summary)))
+    show(console, render("summary_run.md.j2", **summary_facts(summary)))
 
 
 def show_status(console: Console, root: str, status: RunStatus) -> None:
