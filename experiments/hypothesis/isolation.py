@@ -1,17 +1,14 @@
 """The work of solvers in sandboxes: what crashes or hangs its process is an answer with a status, for itself alone.
 
-Collisions are asked for together. Where the process dies of them, or is silent for longer than `cell_timeout`, they
-are halved until one is left, which is asked for once more in a new process: one death may have been anybody's (a full
-memory, an operator). The second is the solver's: status ``crashed`` or ``timeout``, with the reason.
+Collisions are solved together, in at most `cell_timeout`, and in halves where that fails (`sandbox.isolate`).
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +22,7 @@ from impact_xval.experiments.hypothesis.mechanism import (
 )
 from impact_xval.experiments.hypothesis.subjects import Answers, Ask, Subject
 from impact_xval.experiments.sweep.executors import DirectExecutor, SandboxExecutor, local_executor
-from impact_xval.experiments.sweep.sandbox import Beat, FaultError, Sandbox
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, isolate
 from impact_xval.experiments.sweep.solving import Resolve
 
 Floats = NDArray[np.float64]
@@ -59,7 +56,7 @@ def open_executor(job: Job, workers: int, *, isolate: bool) -> Iterator[SandboxE
         yield executor
 
 
-def ask(sandbox: Sandbox, function: Ask, ratios: Floats, patience: float) -> Answers:
+def ask(sandbox: Sandbox, function: Ask, ratios: Floats, timeout: float) -> Answers:
     """Ask for collisions, and for fewer of them where that fails.
 
     Parameters
@@ -69,7 +66,7 @@ def ask(sandbox: Sandbox, function: Ask, ratios: Floats, patience: float) -> Ans
         Of a `Subject`.
     ratios : ndarray, shape (4, n)
         k2/k1, m2/m1, e1, e2.
-    patience : float
+    timeout : float
         Seconds that they may take together, at all their steps; more, and they are asked for in halves.
 
     Returns
@@ -77,52 +74,43 @@ def ask(sandbox: Sandbox, function: Ask, ratios: Floats, patience: float) -> Ans
     Answers
         Of all n.
     """
-    n = ratios.shape[1]
-    try:
-        if n > 1:
-            return sandbox.call(_ask, function, ratios, patience=patience)
-        return _call(sandbox, _ask, function, ratios, patience=patience)
-    except FaultError as fault:
-        if n == 1:
-            return Answers.failure(fault.status, fault.reason)
-    halves = ratios[:, : n // 2], ratios[:, n // 2 :]
-    return Answers.join([ask(sandbox, function, half, patience) for half in halves])
+
+    def call(place: slice) -> Answers:
+        return sandbox.call(_ask, function, ratios[:, place], timeout=timeout)
+
+    def failure(_: slice, fault: FaultError) -> Answers:
+        return Answers.failure(fault.status, fault.reason)
+
+    return Answers.join(isolate(call, ratios.shape[1], failure))
 
 
 def follow(
-    sandbox: Sandbox, solver: str, case: str, contrast: float, patience: float
+    sandbox: Sandbox, solver: str, case: str, contrast: float, timeout: float
 ) -> tuple[Mechanism, Motion | None]:
     """Follow the motion of a solver in a case (`mechanism.observe`)."""
-    try:
-        return _call(sandbox, _observe, solver, case, contrast, patience=patience)
-    except FaultError as fault:
+
+    def call(_: slice) -> tuple[Mechanism, Motion | None]:
+        return sandbox.call(_observe, solver, case, contrast, timeout=timeout)
+
+    def failure(_: slice, fault: FaultError) -> tuple[Mechanism, Motion | None]:
         return Mechanism(solver, case, contrast, fault.status, fault.reason), None
 
-
-def _call(sandbox: Sandbox, function: Callable[..., Any], *arguments: Any, patience: float) -> Any:
-    """Call in a sandbox, and once more after a fault."""
-    try:
-        return sandbox.call(function, *arguments, patience=patience)
-    except FaultError:
-        return sandbox.call(function, *arguments, patience=patience)
+    return isolate(call, 1, failure)[0]
 
 
-def _prepare(job: Job, *, beat: Beat) -> None:
+def _prepare(job: Job) -> None:
     """Have every solver do once what it will be asked for, so that all is imported and compiled."""
     case, contrast = _EASY
     ratios = np.array(POINTS[case].ratios(BY_KEY[case], contrast))
     for one in job.subjects:
-        beat(one.name)
         if one.kind != "exact":
             one.ask(*ratios[:, None])
         observe(one.name, case, contrast, job.resolve)
 
 
-def _ask(job: Job, function: Ask, ratios: Floats, *, beat: Beat) -> Answers:
+def _ask(job: Job, function: Ask, ratios: Floats) -> Answers:
     return function(*ratios)
 
 
-def _observe(
-    job: Job, solver: str, case: str, contrast: float, *, beat: Beat
-) -> tuple[Mechanism, Motion | None]:
+def _observe(job: Job, solver: str, case: str, contrast: float) -> tuple[Mechanism, Motion | None]:
     return observe(solver, case, contrast, job.resolve)

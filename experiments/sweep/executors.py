@@ -11,26 +11,28 @@ import functools
 import os
 import queue
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.sweep.sandbox import Sandbox
-from impact_xval.experiments.sweep.solving import Job, prepare
+from impact_xval.experiments.sweep.solving import Experiment, prepare
 
 _Answer = TypeVar("_Answer")
 
 
-class SandboxExecutor(Executor):
-    """Threads of this process, each submitted call with one of as many sandboxes."""
+class SandboxExecutor(ThreadPoolExecutor):
+    """Threads of this process, each submitted call with one of as many sandboxes; all are started at once."""
 
-    def __init__(self, sandboxes: list[Sandbox]) -> None:
-        self._sandboxes = sandboxes
-        self._threads = ThreadPoolExecutor(len(sandboxes), thread_name_prefix="sandbox")
-        self._idle: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
-        for sandbox in sandboxes:
-            self._idle.put(sandbox)
+    def __init__(self, make_sandbox: Callable[[], Sandbox], workers: int) -> None:
+        super().__init__(workers, thread_name_prefix="sandbox")
+        self._sandboxes = [make_sandbox() for _ in range(workers)]
+        self._unused: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
+        for sandbox in self._sandboxes:
+            self._unused.put(sandbox)
+        for _ in self._sandboxes:
+            self.submit(Sandbox.start)  # while the caller still plans
 
     @property
     def workers(self) -> int:
@@ -39,23 +41,22 @@ class SandboxExecutor(Executor):
 
     def submit(self, fn: Callable[..., _Answer], /, *args: Any, **kwargs: Any) -> Future[_Answer]:
         """Submit ``fn(sandbox, *args)``."""
-        return self._threads.submit(self._run, fn, *args, **kwargs)
+        return super().submit(self._run, fn, *args, **kwargs)
 
     def _run(self, fn: Callable[..., _Answer], *args: Any, **kwargs: Any) -> _Answer:
-        sandbox = self._idle.get()
+        sandbox = self._unused.get()
         try:
             return fn(sandbox, *args, **kwargs)
         finally:
-            self._idle.put(sandbox)
+            self._unused.put(sandbox)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the threads; with `cancel_futures`, the sandboxes at once and whatever they work on."""
-        if cancel_futures:
-            for sandbox in self._sandboxes:
-                sandbox.close()
-        self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
+        if not cancel_futures:
+            super().shutdown(wait=wait)
         for sandbox in self._sandboxes:
             sandbox.close()
+        super().shutdown(wait=wait, cancel_futures=cancel_futures)
 
 
 class _Here:
@@ -69,8 +70,8 @@ class _Here:
     def start(self) -> None:
         """There is nothing to start."""
 
-    def call(self, function: Callable[..., Any], *arguments: Any, patience: float) -> Any:
-        return function(self._context, *arguments, beat=lambda word: None)
+    def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
+        return function(self._context, *arguments)
 
 
 class DirectExecutor(Executor):
@@ -94,9 +95,7 @@ class DirectExecutor(Executor):
 @contextmanager
 def local_executor(make_sandbox: Callable[[], Sandbox], workers: int) -> Iterator[SandboxExecutor]:
     """Work in processes of this machine; they are gone when the block ends, at once if by an exception."""
-    executor = SandboxExecutor([make_sandbox() for _ in range(workers)])
-    for _ in range(workers):
-        executor.submit(Sandbox.start)  # all at once, and while the caller still plans
+    executor = SandboxExecutor(make_sandbox, workers)
     try:
         yield executor
     except BaseException:
@@ -107,27 +106,32 @@ def local_executor(make_sandbox: Callable[[], Sandbox], workers: int) -> Iterato
 
 @contextmanager
 def open_executor(
-    job: Job, workers: int, scheduler: str | None, say: Callable[[str], None], *, isolate: bool = True
+    experiment: Experiment,
+    workers: int,
+    scheduler: str | None,
+    say: Callable[[str], None],
+    *,
+    isolate: bool = True,
 ) -> Iterator[Any]:
-    """Give the executor that is asked for; all it started is gone when the block ends.
+    """Give the executor that is wanted; all it started is gone when the block ends.
 
     Parameters
     ----------
-    job : Job
-        Told to every sandbox.
+    experiment : Experiment
+        Given to every sandbox.
     workers : int
         Processes on this machine.
     scheduler : str or None
         Address of a Dask scheduler, or ``local``; None for processes without Dask.
     say : callable
-        Told a line about a cluster.
+        Given a line about a cluster.
     isolate : bool
         False for `DirectExecutor`.
     """
     if not isolate:
-        yield DirectExecutor(job)
+        yield DirectExecutor(experiment)
         return
-    make_sandbox = functools.partial(Sandbox, job, prepare)
+    make_sandbox = functools.partial(Sandbox, experiment, prepare)
     if scheduler is None:
         with local_executor(make_sandbox, workers) as executor:
             yield executor
@@ -154,19 +158,15 @@ def in_flight(
     tasks : iterable
         Made one by one, when they are handed out.
     capacity : callable
-        How many may be handed out at once; asked again and again, since a cluster may grow.
+        How many may be handed out at once; called again and again, since a cluster may grow.
     """
     pending: set[Future[_Answer]] = set()
-    room = capacity()
     for task in tasks:
         pending.add(submit(task))
-        if len(pending) >= room:
+        if len(pending) >= capacity():
             finished, pending = wait(pending, return_when=FIRST_COMPLETED)
             yield from (future.result() for future in finished)
-            room = capacity()
-    while pending:
-        finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-        yield from (future.result() for future in finished)
+    yield from (future.result() for future in as_completed(pending))
 
 
 def available_cores() -> int:
