@@ -1,6 +1,6 @@
 """The work of solvers in sandboxes: what crashes or hangs its process is an answer with a status, for itself alone.
 
-Collisions are solved together, in at most `cell_timeout`, and in halves where that fails (`sandbox.isolate`).
+Collisions are solved together, in at most `cell_timeout`, and in halves where that fails (`sandbox.in_halves`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from impact_xval.experiments.hypothesis.mechanism import (
 )
 from impact_xval.experiments.hypothesis.subjects import Answers, Ask, Subject
 from impact_xval.experiments.sweep.executors import DirectExecutor, SandboxExecutor, local_executor
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, isolate
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Resolve
 
 Floats = NDArray[np.float64]
@@ -81,7 +81,7 @@ def ask(sandbox: Sandbox, function: Ask, ratios: Floats, timeout: float) -> Answ
     def failure(_: slice, fault: FaultError) -> Answers:
         return Answers.failure(fault.status, fault.reason)
 
-    return Answers.join(isolate(call, ratios.shape[1], failure))
+    return Answers.join(in_halves(call, ratios.shape[1], failure))
 
 
 def follow(
@@ -95,7 +95,7 @@ def follow(
     def failure(_: slice, fault: FaultError) -> tuple[Mechanism, Motion | None]:
         return Mechanism(solver, case, contrast, fault.status, fault.reason), None
 
-    return isolate(call, 1, failure)[0]
+    return in_halves(call, 1, failure)[0]
 
 
 def _prepare(job: Job) -> None:

@@ -9,11 +9,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Cell, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, isolate
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Experiment
+from impact_xval.experiments.tables.schema import schema
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import replacing
 from impact_xval.model.collision import Collision, Outcome
@@ -30,19 +32,19 @@ CURVES = "curves.parquet"
 #: Points kept of a curve, enough to draw it.
 _POINTS = 4000
 
-_FIELDS = (
-    ("curve", pa.string(), "which collision"),
-    ("stiffness_ratio", pa.float64(), "k2/k1"),
-    ("mass_ratio", pa.float64(), "m2/m1"),
-    ("e1", pa.float64(), "restitution, ball on ball"),
-    ("e2", pa.float64(), "restitution, ball on table"),
-    ("solver", pa.string(), "name of the solver"),
-    ("impulse1", pa.float64(), "ball-ball impulse so far, per m1 |v0|"),
-    ("impulse2", pa.float64(), "ball-table impulse so far, per m1 |v0|"),
-    ("state", pa.int64(), "1 to 4 for S1 to S4"),
-)
+
+def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
+    return pa.field(name, kind, metadata={"unit": "-", "meaning": meaning})
+
+
 CURVES_SCHEMA = pa.schema(
-    [pa.field(name, kind, metadata={"unit": "-", "meaning": meaning}) for name, kind, meaning in _FIELDS]
+    [
+        _field("curve", pa.string(), "which collision"),
+        *schema((*AXES, "solver")),
+        _field("impulse1", pa.float64(), "ball-ball impulse so far, per m1 |v0|"),
+        _field("impulse2", pa.float64(), "ball-table impulse so far, per m1 |v0|"),
+        _field("state", pa.int64(), "1 to 4 for S1 to S4"),
+    ]
 )
 
 
@@ -78,7 +80,7 @@ def _solve(sandbox: Sandbox, name: str, cell: GridCell, timeout: float) -> Outco
     def failure(_: slice, fault: FaultError) -> Outcome:
         return Outcome.failure(name, fault.status, fault.reason)
 
-    return isolate(call, 1, failure)[0]
+    return in_halves(call, 1, failure)[0]
 
 
 def _outcome(experiment: Experiment, name: str, cell: GridCell) -> Outcome:

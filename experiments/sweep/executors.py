@@ -1,7 +1,7 @@
 """Where the work of a sweep is done: executors in the sense of `concurrent.futures`, each with sandboxes.
 
 What is submitted is called as ``function(sandbox, *arguments)``, in a thread that has the sandbox to itself.
-There are two: processes on this machine (`local_executor`), and the workers of a Dask cluster
+There are two: processes on this machine (`SandboxExecutor`), and the workers of a Dask cluster
 (`sweep.dask_cluster`). No result depends on which, nor on how many.
 """
 
@@ -17,7 +17,6 @@ from typing import Any, TypeVar
 
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.sweep.sandbox import Sandbox
-from impact_xval.experiments.sweep.solving import Experiment, prepare
 
 _Answer = TypeVar("_Answer")
 
@@ -65,13 +64,13 @@ class _Here:
     prepared = None
 
     def __init__(self, context: Any) -> None:
-        self._context = context
+        self.context = context
 
     def start(self) -> None:
         """There is nothing to start."""
 
     def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
-        return function(self._context, *arguments)
+        return function(self.context, *arguments)
 
 
 class DirectExecutor(Executor):
@@ -93,8 +92,44 @@ class DirectExecutor(Executor):
 
 
 @contextmanager
-def local_executor(make_sandbox: Callable[[], Sandbox], workers: int) -> Iterator[SandboxExecutor]:
-    """Work in processes of this machine; they are gone when the block ends, at once if by an exception."""
+def open_executor(
+    context: Any,
+    prepare: Callable[[Any], Any],
+    workers: int,
+    *,
+    scheduler: str | None = None,
+    isolate: bool = True,
+    say: Callable[[str], None] = lambda line: None,
+) -> Iterator[Any]:
+    """Give an executor; all it started is gone when the block ends, at once if by an exception.
+
+    Parameters
+    ----------
+    context, prepare
+        Of every `Sandbox`.
+    workers : int
+        Processes on this machine.
+    scheduler : str or None
+        Address of a Dask scheduler, or ``local``; None for processes without Dask.
+    isolate : bool
+        False for `DirectExecutor`.
+    say : callable
+        Given a line about a cluster.
+    """
+    if not isolate:
+        yield DirectExecutor(context)
+        return
+    make_sandbox = functools.partial(Sandbox, context, prepare)
+    if scheduler is not None:
+        try:
+            from impact_xval.experiments.sweep.dask_cluster import dask_executor
+        except ImportError as error:
+            raise UserError(
+                f"--scheduler {scheduler}: needs Dask ({error}); run pip install 'impact-xval[cluster]'"
+            ) from None
+        with dask_executor(make_sandbox, scheduler, workers, say) as executor:
+            yield executor
+        return
     executor = SandboxExecutor(make_sandbox, workers)
     try:
         yield executor
@@ -102,48 +137,6 @@ def local_executor(make_sandbox: Callable[[], Sandbox], workers: int) -> Iterato
         executor.shutdown(cancel_futures=True)
         raise
     executor.shutdown()
-
-
-@contextmanager
-def open_executor(
-    experiment: Experiment,
-    workers: int,
-    scheduler: str | None,
-    say: Callable[[str], None],
-    *,
-    isolate: bool = True,
-) -> Iterator[Any]:
-    """Give the executor that is wanted; all it started is gone when the block ends.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        Given to every sandbox.
-    workers : int
-        Processes on this machine.
-    scheduler : str or None
-        Address of a Dask scheduler, or ``local``; None for processes without Dask.
-    say : callable
-        Given a line about a cluster.
-    isolate : bool
-        False for `DirectExecutor`.
-    """
-    if not isolate:
-        yield DirectExecutor(experiment)
-        return
-    make_sandbox = functools.partial(Sandbox, experiment, prepare)
-    if scheduler is None:
-        with local_executor(make_sandbox, workers) as executor:
-            yield executor
-        return
-    try:
-        from impact_xval.experiments.sweep.dask_cluster import dask_executor
-    except ImportError as error:
-        raise UserError(
-            f"--scheduler {scheduler}: needs Dask ({error}); run pip install 'impact-xval[cluster]'"
-        ) from None
-    with dask_executor(make_sandbox, scheduler, workers, say) as executor:
-        yield executor
 
 
 def in_flight(

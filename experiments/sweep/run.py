@@ -10,7 +10,7 @@ import os
 import platform
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -23,14 +23,14 @@ from impact_xval.experiments.config.grid import Cells
 from impact_xval.experiments.measures.ladder_table import write_ladder
 from impact_xval.experiments.sweep.curves import write_curves
 from impact_xval.experiments.sweep.designs import cells_of
-from impact_xval.experiments.sweep.executors import available_cores, in_flight, open_executor
+from impact_xval.experiments.sweep.executors import available_cores, open_executor
 from impact_xval.experiments.sweep.sandbox import ClosedError
 from impact_xval.experiments.sweep.solving import (
     Experiment,
     Report,
     Resolve,
-    Task,
-    run_task,
+    prepare,
+    solve_chunks,
     solver_versions,
 )
 from impact_xval.experiments.tables.folders import discard, missing, open_folder
@@ -90,9 +90,9 @@ def run_sweep(
     with kept(root, resume, progress) as (folder, continued):
         workers = workers or config.workers or available_cores()
         run = _Run(experiment, cells, folder, continued, progress)
-        say = functools.partial(progress, 0, 0)
+        say, most = functools.partial(progress, 0, 0), min(workers, cells.chunks())
         with open_executor(
-            experiment, min(workers, cells.chunks()), scheduler, say, isolate=isolate
+            experiment, prepare, most, scheduler=scheduler, isolate=isolate, say=say
         ) as executor:
             run.solve(executor)
         run.finish({"where": scheduler or "this machine", "workers": workers})
@@ -182,12 +182,8 @@ class _Run:
         if self._reused < cells.chunks():
             executor.submit(_ready).result()
         self._stage("start")
-        tasks = (
-            Task(number, cells.cells(cells.chunk(number)), config.solvers, config.cell_timeout)
-            for number in range(cells.chunks())
-            if number not in self._parts
-        )
-        for report in run_tasks(executor, tasks):
+        todo = (number for number in range(cells.chunks()) if number not in self._parts)
+        for report in solve_chunks(executor, ((n, cells.cells(cells.chunk(n))) for n in todo)):
             self._keep(report)
             done += len(cells.chunk(report.number))
             self._progress(done, len(cells), "")
@@ -236,13 +232,6 @@ class _Run:
         now = time.perf_counter()
         self._stages[name] = round(now - self._stamp, 3)
         self._stamp = now
-
-
-def run_tasks(executor: Any, tasks: Iterable[Task]) -> Iterator[Report]:
-    """Hand out tasks, twice as many as there are workers, and yield the reports as they come."""
-    return in_flight(
-        lambda task: executor.submit(run_task, task), tasks, lambda: max(2, 2 * executor.workers)
-    )
 
 
 def _ready(sandbox: Any) -> None:

@@ -84,7 +84,7 @@ class Sandbox:
     """
 
     def __init__(self, context: Any, prepare: Callable[..., Any], prepare_timeout: float = 900.0) -> None:
-        self._context, self._prepare, self._prepare_timeout = context, prepare, prepare_timeout
+        self.context, self._prepare, self._prepare_timeout = context, prepare, prepare_timeout
         self._process: subprocess.Popen[bytes] | None = None
         self._closed = False
         #: What `prepare` returned; None before the first start, and where it failed.
@@ -147,7 +147,7 @@ class Sandbox:
         )
         if self._closed:  # closed by another thread meanwhile, which may not have seen this process
             process.kill()
-        _send(process, self._context)
+        _send(process, self.context)
         return process
 
     def _answer(
@@ -184,7 +184,7 @@ class Sandbox:
         return value
 
 
-def isolate(
+def in_halves(
     call: Callable[[slice], _Piece], n: int, failure: Callable[[slice, FaultError], _Piece]
 ) -> list[_Piece]:
     """Call for n cells at once, in halves where their process dies or hangs, and so on down to single cells.

@@ -31,9 +31,16 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import CellList, GridCell
 from impact_xval.experiments.sweep.designs import unit_points
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
-from impact_xval.experiments.sweep.run import Progress, kept, run_tasks
+from impact_xval.experiments.sweep.run import Progress, kept
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
-from impact_xval.experiments.sweep.solving import Experiment, Resolve, Task, solve_all, solver_versions
+from impact_xval.experiments.sweep.solving import (
+    Experiment,
+    Resolve,
+    prepare,
+    solve_all,
+    solve_chunks,
+    solver_versions,
+)
 from impact_xval.experiments.tables.schema import COLUMNS, DIVERGENCE_SCHEMA
 from impact_xval.experiments.tables.store import (
     MANIFEST,
@@ -129,7 +136,9 @@ def search_worst(
         write_json(root / MANIFEST, manifest)
         identity = json.dumps([config.identity(), search.model_dump(), manifest["versions"], list(COLUMNS)])
         say = functools.partial(progress, 0, 0)
-        with open_executor(experiment, workers, scheduler, say, isolate=isolate) as executor:
+        with open_executor(
+            experiment, prepare, workers, scheduler=scheduler, isolate=isolate, say=say
+        ) as executor:
             evolution = _Evolution(config, search, folder, executor, identity, progress)
             evolution.run()
             found = evolution.found()
@@ -192,11 +201,8 @@ class _Evolution:
 
     def _solve(self, cells: list[GridCell]) -> pa.Table:
         size = max(1, -(-len(cells) // (4 * max(1, self._executor.workers))))
-        tasks = [
-            Task(start, cells[start : start + size], self._config.solvers, self._config.cell_timeout)
-            for start in range(0, len(cells), size)
-        ]
-        reports = sorted(run_tasks(self._executor, tasks), key=lambda report: report.number)
+        chunks = ((start, cells[start : start + size]) for start in range(0, len(cells), size))
+        reports = sorted(solve_chunks(self._executor, chunks), key=lambda report: report.number)
         return pa.concat_tables([read_part(report.data) for report in reports])
 
     def _values(self, table: pa.Table) -> NDArray[np.float64]:

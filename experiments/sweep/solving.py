@@ -1,6 +1,6 @@
 """A chunk of cells by each solver, as the rows of a part; a call of a sandbox is one solver's.
 
-What crashes or hangs is found by halving (`sandbox.isolate`), and becomes rows with that status.
+What crashes or hangs is found by halving (`sandbox.in_halves`), and becomes rows with that status.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import Any
@@ -24,7 +24,8 @@ from impact_xval.compliant_baselines.contract.state_runs import compared_states
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, isolate
+from impact_xval.experiments.sweep.executors import in_flight
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves
 from impact_xval.experiments.tables.schema import CERTIFICATE, ROW_SCHEMA
 from impact_xval.experiments.tables.store import part_bytes
 from impact_xval.model.collision import Collision, Outcome, Status
@@ -73,30 +74,8 @@ class Experiment:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
-    """One chunk to be computed.
-
-    Attributes
-    ----------
-    number : int
-        Number of the chunk.
-    cells : sequence of GridCell
-        Its cells.
-    solvers : sequence of str
-        Their names, the reference first.
-    timeout : float
-        Seconds that one solver may take over one cell.
-    """
-
-    number: int
-    cells: Sequence[GridCell]
-    solvers: Sequence[str]
-    timeout: float
-
-
-@dataclass(frozen=True, slots=True)
 class Report:
-    """What came of a task.
+    """What came of a chunk.
 
     Attributes
     ----------
@@ -119,33 +98,38 @@ class Report:
     faults: int
 
 
-def run_task(sandbox: Sandbox, task: Task) -> Report:
-    """Compute a chunk in a sandbox, whatever its solvers do."""
-    chunk = _Chunk(sandbox, task)
-    rows = pa.concat_tables([piece for name in task.solvers for piece in chunk.solved_by(name)])
-    by_cell = np.arange(len(rows)).reshape(len(task.solvers), -1).T.ravel()
-    data = part_bytes(rows.take(by_cell))
-    return Report(task.number, data, chunk.seconds, sandbox.prepared, chunk.faults)
+def solve_chunk(sandbox: Sandbox, number: int, cells: Sequence[GridCell]) -> Report:
+    """Solve a chunk of cells by each solver of the experiment that the sandbox was given, whatever they do."""
+    config: Config = sandbox.context.config
+    chunk = _Chunk(sandbox, cells, config)
+    rows = pa.concat_tables([piece for name in config.solvers for piece in chunk.solved_by(name)])
+    by_cell = np.arange(len(rows)).reshape(len(config.solvers), -1).T.ravel()
+    return Report(number, part_bytes(rows.take(by_cell)), chunk.seconds, sandbox.prepared, chunk.faults)
+
+
+def solve_chunks(executor: Any, chunks: Iterable[tuple[int, Sequence[GridCell]]]) -> Iterator[Report]:
+    """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come."""
+    return in_flight(
+        lambda chunk: executor.submit(solve_chunk, *chunk), chunks, lambda: max(2, 2 * executor.workers)
+    )
 
 
 class _Chunk:
-    def __init__(self, sandbox: Sandbox, task: Task) -> None:
-        self._sandbox, self._task = sandbox, task
+    def __init__(self, sandbox: Sandbox, cells: Sequence[GridCell], config: Config) -> None:
+        self._sandbox, self._cells, self._timeout = sandbox, cells, config.cell_timeout
         self._lost: Lost = {}
-        self.seconds = dict.fromkeys(task.solvers, 0.0)
+        self.seconds = dict.fromkeys(config.solvers, 0.0)
         self.faults = 0
 
     def solved_by(self, name: str) -> list[pa.Table]:
         rows, failed = functools.partial(self._rows, name), functools.partial(self._failed, name)
-        return isolate(rows, len(self._task.cells), failed)
+        return in_halves(rows, len(self._cells), failed)
 
     def _rows(self, name: str, place: slice) -> pa.Table:
         self._sandbox.start()
         start = time.perf_counter()
         try:
-            return self._sandbox.call(
-                solve, name, self._task.cells[place], self._lost, timeout=self._task.timeout
-            )
+            return self._sandbox.call(solve, name, self._cells[place], self._lost, timeout=self._timeout)
         except FaultError:
             self.faults += 1
             raise
@@ -153,13 +137,13 @@ class _Chunk:
             self.seconds[name] += time.perf_counter() - start
 
     def _failed(self, name: str, place: slice, fault: FaultError) -> pa.Table:
-        cell = self._task.cells[place.start].index
+        cell = self._cells[place.start].index
         self._lost[name, cell] = fault.status, fault.reason
 
         def give_up(_: slice, fault: FaultError) -> pa.Table:
             raise SandboxError(f"cell {cell}, outside of every solver: {fault.reason}")
 
-        return isolate(lambda _: self._rows(name, place), 1, give_up)[0]
+        return in_halves(lambda _: self._rows(name, place), 1, give_up)[0]
 
 
 def prepare(experiment: Experiment) -> Versions:

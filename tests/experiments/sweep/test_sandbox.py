@@ -14,7 +14,7 @@ from impact_xval.experiments.sweep.sandbox import (
     FaultError,
     Sandbox,
     SandboxError,
-    isolate,
+    in_halves,
 )
 from tests.experiments import sandbox_work as work
 
@@ -119,7 +119,7 @@ def _isolated(n, fatal, once=()):
             raise FaultError("crashed", f"of {list(cells)}")
         return [f"{cell} answered" for cell in cells]
 
-    found = isolate(call, n, lambda place, fault: [f"{place.start} lost: {fault.reason}"])
+    found = in_halves(call, n, lambda place, fault: [f"{place.start} lost: {fault.reason}"])
     return [answer for piece in found for answer in piece], calls
 
 
