@@ -23,7 +23,7 @@ from impact_xval.experiments.hypothesis.cases import (
     pair_class,
 )
 from impact_xval.experiments.hypothesis.config import parse
-from impact_xval.experiments.hypothesis.design import draw
+from impact_xval.experiments.hypothesis.cases import draw
 from impact_xval.experiments.hypothesis.run import contrasts
 from impact_xval.experiments.hypothesis.series import Series, ratios_of
 from impact_xval.experiments.hypothesis.subjects import default_names, subject

@@ -10,11 +10,10 @@ from math import isnan
 
 from impact_xval.compliant_baselines.contact.column import Column, column_of, unrepresentable
 from impact_xval.compliant_baselines.contract import registry
-from impact_xval.compliant_baselines.contract.convergence import Limit
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase
 from impact_xval.compliant_baselines.contract.trajectory import REST, STUCK
-from impact_xval.compliant_baselines.engines.certificate import certify
-from impact_xval.compliant_baselines.engines.engine_run import Run, states_of
+from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
+from impact_xval.compliant_baselines.engines.recording import Run, states_of
 from impact_xval.compliant_baselines.references.jumps import mark
 from impact_xval.compliant_baselines.references.reference_solver import ReferenceSolver
 from impact_xval.model.collision import Collision, Outcome
@@ -31,7 +30,7 @@ class EngineSolver(SolverBase):
     Statuses beside `ok`: `unavailable` (the engine is not installed), `unrepresentable` (e_i = 0, k_i = 0 or
     infinite, or what the engine itself cannot take), `timeout` (not over after `max_steps`), `crashed`
     (numbers that are not finite, or the engine's own complaint), `unconverged` (over, but with more energy
-    than it began with, or with a limit of small steps that is not known to the tolerance asked for: the
+    than it began with, or with a limit dt -> 0 that is not known to the tolerance asked for: the
     outcome keeps its numbers).
     """
 
@@ -58,6 +57,8 @@ class EngineSolver(SolverBase):
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every collision, in order; failures are outcomes with a status."""
+        if registry.is_naive(self.name):
+            settings = replace(settings, mapping="naive")
         reason = self.unavailable()
         if reason is not None:
             return [Outcome.failure(self.name, "unavailable", reason) for _ in collisions]
@@ -77,9 +78,15 @@ class EngineSolver(SolverBase):
         flights: dict[int, bool] = {}
         if settings.convergence is not None:
             over = {i: run for i, run in zip(columns, runs, strict=True) if run.over}
-            limits = certify(self, list(over.values()), settings.convergence, settings.max_steps)
+            limits = estimate_limits(
+                self.run_columns,
+                self.regularisation_probe,
+                list(over.values()),
+                settings.convergence,
+                settings.max_steps,
+            )
             for i, (limit, reason) in zip(over, limits, strict=True):
-                outcomes[i] = certified(outcomes[i], limit, reason)
+                outcomes[i] = with_limit(outcomes[i], limit, reason)
                 if limit is not None:
                     flights[i] = limit.flight
         answered = [outcomes[i] for i in range(len(collisions))]
@@ -138,11 +145,11 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     )
 
 
-def certified(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
-    """Add to an outcome the limit of small steps, and why it is not converged, if it is not.
+def with_limit(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
+    """Add to an outcome the limit dt -> 0, and why it is not converged, if it is not.
 
     `diagnostics` gains `v1_limit`, `v2_limit`, `limit_error` and the part of it that is `regularisation` (all
-    in m/s), `order` and `finest_step` (s), see `contract.convergence`. The outcome's own numbers
+    in m/s), `order` and `finest_step` (s), see `engines.convergence`. The outcome's own numbers
     stay those of the step it was asked for.
     """
     if reason and outcome.status == "ok":

@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
 from impact_xval.experiments.config.axes import (
     MAX_CELLS,
     Axis,
@@ -125,7 +126,7 @@ class Config(_Strict):
     )
     max_steps: int = Field(2_000_000, ge=1, le=10**12, description="a whole number >= 1")
     shortest_state: float = Field(
-        2.5e-3, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
+        SHORTEST_STATE, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
     )
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
     stiffness_ratio_cutoff: Cutoff = Field("exact", description=LEGAL_CUTOFF)

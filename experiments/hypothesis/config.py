@@ -16,7 +16,7 @@ from impact_xval.experiments.config.config_errors import (
 )
 from impact_xval.experiments.config.configuration import solvers_problem
 from impact_xval.experiments.hypothesis.cases import BY_KEY, Point
-from impact_xval.experiments.hypothesis.design import outside
+from impact_xval.experiments.hypothesis.cases import outside
 from impact_xval.experiments.hypothesis.subjects import default_names
 
 #: TOML has lists only: they may stand for pairs, whose numbers are no less strict for it.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.hypothesis.cases import CASES, Case, Point
 from impact_xval.experiments.hypothesis.config import HypothesisConfig
-from impact_xval.experiments.hypothesis.design import draw
+from impact_xval.experiments.hypothesis.cases import draw
 from impact_xval.experiments.hypothesis.isolation import (
     Job,
     ask,

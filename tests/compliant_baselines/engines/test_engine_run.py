@@ -11,8 +11,8 @@ from impact_xval.compliant_baselines.calibration.calibration import ContactReque
 from impact_xval.compliant_baselines.calibration.pair import Pair, drops
 from impact_xval.compliant_baselines.contact.column import column_of
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverError
-from impact_xval.compliant_baselines.contract.stand_in import standing_in
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.packages import standing_in
 from impact_xval.compliant_baselines.engines.recording import Recorder
 from impact_xval.model import Collision
 

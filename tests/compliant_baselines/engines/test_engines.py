@@ -89,14 +89,6 @@ def test_a_failure_among_others_stays_its_own(engine):
     assert engine.solve_many([], COARSE) == []
 
 
-def test_threads_change_no_bit():
-    from impact_xval.compliant_baselines.engines.mujoco_drop import MujocoSolver
-
-    cells = random_collisions(6, seed=6)
-    one, two = (MujocoSolver(n_threads=n).solve_many(cells, COARSE) for n in (1, 2))
-    assert [(o.v1, o.v2) for o in one] == [(o.v1, o.v2) for o in two]
-
-
 # Refusals and failures
 
 
@@ -165,7 +157,7 @@ def test_a_step_too_long_for_the_damping_is_no_answer(tmp_path, monkeypatch):
 def test_mujoco_s_complaint_becomes_a_crash_and_leaves_no_trace(tmp_path, monkeypatch, capfd):
     import mujoco
 
-    from impact_xval.compliant_baselines.engines.mujoco_drop import MujocoSolver
+    from impact_xval.compliant_baselines.engines.mujoco_engine import MujocoSolver
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(MujocoSolver, "refusal", lambda *_: None)
@@ -263,7 +255,7 @@ def test_path(engine, scenario):
 def test_mujoco_inverse_weights_are_inverse_masses():
     from mujoco.batch import Batch
 
-    from impact_xval.compliant_baselines.engines import mujoco_drop as md
+    from impact_xval.compliant_baselines.engines import mujoco_engine as md
 
     columns = [column_of(c, COARSE) for c in random_collisions(3, seed=9)]
     batch = Batch(md.scene_model(), 3, 1)
@@ -275,7 +267,7 @@ def test_mujoco_inverse_weights_are_inverse_masses():
 def test_pybullet_heights_follow_from_velocities_and_nothing_drifts_sideways():
     p = pytest.importorskip("pybullet")
 
-    from impact_xval.compliant_baselines.engines import pybullet_world as pw
+    from impact_xval.compliant_baselines.engines import pybullet_engine as pw
 
     column = column_of(
         Collision(m1=1.0, m2=2.0, k1=1e4, k2=3e4, e1=0.7, e2=0.8),

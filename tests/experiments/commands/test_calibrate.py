@@ -46,7 +46,7 @@ def test_calibrate_writes_tables_and_a_figure(few, tmp_path, capsys):
 
 
 def test_an_engine_that_is_missing_is_said_not_raised(few, tmp_path, capsys, monkeypatch):
-    from impact_xval.compliant_baselines.engines.pybullet_drop import PybulletSolver
+    from impact_xval.compliant_baselines.engines.pybullet_engine import PybulletSolver
 
     monkeypatch.setattr(PybulletSolver, "unavailable", lambda self: "no wheel: use Python 3.11")
     assert main(["calibrate", "--engine", "pybullet", "--out", str(tmp_path / "c")]) == 0

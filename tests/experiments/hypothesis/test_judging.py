@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, closed_form
-from impact_xval.experiments.hypothesis.design import draw
+from impact_xval.experiments.hypothesis.cases import draw
 from impact_xval.experiments.hypothesis.judging import judge
 from impact_xval.experiments.hypothesis.series import Series, examine, ratios_of
 from impact_xval.experiments.hypothesis.subjects import Answers, Subject

@@ -14,7 +14,7 @@ from impact_xval.experiments.hypothesis.cases import (
     closed_form,
 )
 from impact_xval.experiments.hypothesis.config import parse
-from impact_xval.experiments.hypothesis.design import MARGIN, draw
+from impact_xval.experiments.hypothesis.cases import MARGIN, draw
 from impact_xval.experiments.hypothesis.hard_contact import Table, hard_ball_ball
 from impact_xval.experiments.hypothesis.mechanism import POINTS, observe
 from impact_xval.experiments.hypothesis.predictions import (

@@ -32,8 +32,7 @@ from impact_xval.compliant_baselines.contact.column import Column, radius_of
 from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, MujocoContact, mujoco_contact
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.engine_run import Run
-from impact_xval.compliant_baselines.engines.recording import Recorder
+from impact_xval.compliant_baselines.engines.recording import Recorder, Run
 
 if TYPE_CHECKING:
     from mujoco.batch import Batch
@@ -81,20 +80,11 @@ def scene_model() -> Any:
 
 
 class MujocoSolver(EngineSolver):
-    """MuJoCo 3.17 or later.
-
-    Parameters
-    ----------
-    n_threads : int
-        Threads of the engine's own; 1 because collisions are shared out to processes further up.
-    """
+    """MuJoCo 3.17 or later, in one thread: collisions are shared out to processes further up."""
 
     name = "mujoco"
     distribution = "mujoco"
     regularisation_probe = 10.0
-
-    def __init__(self, n_threads: int = 1) -> None:
-        self.n_threads = n_threads
 
     def unavailable(self) -> str | None:
         """Why MuJoCo cannot run here; None if it can."""
@@ -116,20 +106,16 @@ class MujocoSolver(EngineSolver):
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` steps are taken; in order."""
-        # Those that will take about as many steps go together: the threads of a batch then end together.
-        order = sorted(range(len(columns)), key=lambda i: _expected_steps(columns[i]))
-        runs: dict[int, Run] = {}
+        runs = []
         with _warnings_kept():
             for first in range(0, len(columns), CHUNK):
-                some = order[first : first + CHUNK]
-                done = self._run_chunk([columns[i] for i in some], max_steps, record_path)
-                runs.update(zip(some, done, strict=True))
-        return [runs[i] for i in range(len(columns))]
+                runs += self._run_chunk(columns[first : first + CHUNK], max_steps, record_path)
+        return runs
 
     def _run_chunk(self, columns: Sequence[Column], max_steps: int, record_path: bool) -> list[Run]:
         from mujoco.batch import Batch
 
-        batch = Batch(scene_model(), len(columns), self.n_threads)
+        batch = Batch(scene_model(), len(columns), 1)
         recorders = load(batch, columns, max_steps, record_path)
         failures = [""] * len(columns)
         going = np.arange(len(columns))
@@ -154,6 +140,16 @@ class MujocoSolver(EngineSolver):
         return [recorder.finish(failure) for recorder, failure in zip(recorders, failures, strict=True)]
 
 
+class NaiveMujocoSolver(MujocoSolver):
+    """MuJoCo with k and c written into a direct-format solref as N/m and N s/m, under the default solimp.
+
+    It breaks Theorem 5: the default solimp has a width in metres, and k in N/m is read as 1/s^2, so that the outcome
+    depends on the scale of k and m.
+    """
+
+    name = "mujoco-naive"
+
+
 @contextmanager
 def _warnings_kept() -> Iterator[None]:
     """Keep the engine's warnings from the terminal and its log file; the batch counts them all the same."""
@@ -166,18 +162,11 @@ def _warnings_kept() -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def _expected_steps(column: Column) -> float:
-    """Scale of the number of steps of a column: those of the slower contact."""
-    return max(column.contact1.period, column.contact2.period) / column.step
-
-
 def _pairs(column: Column) -> tuple[MujocoContact, MujocoContact]:
     """Map contacts 1 and 2 to the engine's parameters."""
-    impedance = column.regularisation * MUJOCO_IMPEDANCE
-    return (
-        mujoco_contact(column.contact1, column.mapping, impedance),
-        mujoco_contact(column.contact2, column.mapping, impedance),
-    )
+    mapping, impedance = column.mapping, column.regularisation * MUJOCO_IMPEDANCE
+    one, two = column.contact1, column.contact2
+    return mujoco_contact(one, mapping, impedance), mujoco_contact(two, mapping, impedance)
 
 
 def _radius(column: Column) -> float:
