@@ -30,7 +30,7 @@ from impact_xval.compliant_baselines.contact.mapping import Contact, contact_tim
 from impact_xval.compliant_baselines.contract.solver import SolverError
 from impact_xval.compliant_baselines.contract.trajectory import FREE
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.engine_run import Run
+from impact_xval.compliant_baselines.engines.recording import Run
 
 #: Places within a step at which the touch is tried: many to certify a step, few to look for one.
 PHASES, FEW_PHASES = 32, 6

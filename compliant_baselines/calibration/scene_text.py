@@ -27,10 +27,10 @@ from impact_xval.compliant_baselines.contact.mapping import (
 )
 from impact_xval.compliant_baselines.contract.registry import engine_names, exportable_names
 from impact_xval.compliant_baselines.contract.solver import SolverError
-from impact_xval.compliant_baselines.contract.stand_in import standing_in
-from impact_xval.compliant_baselines.engines import mujoco_drop
+from impact_xval.compliant_baselines.engines import mujoco_engine
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.engine_run import Run
+from impact_xval.compliant_baselines.engines.packages import standing_in
+from impact_xval.compliant_baselines.engines.recording import Run
 
 #: Engines whose contact parameters are known here, and those whose scenes can be exported.
 ENGINES, EXPORTABLE = engine_names(), exportable_names()
@@ -141,9 +141,9 @@ def mjcf(column: Column) -> str:
     """Write the scene MuJoCo runs for a column, its initial state as the keyframe ``start``."""
     from mujoco.batch import Batch
 
-    batch: Any = Batch(mujoco_drop.scene_model(), 1, 1)
-    mujoco_drop.load(batch, [column], 1, False)
-    model, root = batch.model, ElementTree.fromstring(mujoco_drop.SCENE)
+    batch: Any = Batch(mujoco_engine.scene_model(), 1, 1)
+    mujoco_engine.load(batch, [column], 1, False)
+    model, root = batch.model, ElementTree.fromstring(mujoco_engine.SCENE)
 
     def loaded(field: str, row: int | None = None) -> Any:
         values = batch.expanded(field)[0]

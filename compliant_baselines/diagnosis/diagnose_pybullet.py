@@ -22,8 +22,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from impact_xval.compliant_baselines.contact.mapping import PYBULLET_RIGID, PybulletBody
-from impact_xval.compliant_baselines.contract.stand_in import standing_in
 from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding, finding, long_step
+from impact_xval.compliant_baselines.engines.packages import standing_in
 
 #: Engine's default of `contactSlop`, in m.
 DEFAULT_SLOP = 1e-5

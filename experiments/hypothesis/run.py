@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,11 +26,11 @@ from impact_xval.experiments.hypothesis.mechanism import (
     count_branches,
     observe,
 )
-from impact_xval.experiments.hypothesis.solvers import Outcomes, SolverUnderTest, isolated, twice, under_test
+from impact_xval.experiments.hypothesis.solvers import Outcomes, SolverUnderTest, isolated, under_test
 from impact_xval.experiments.hypothesis.verdicts import CaseResult, Group, Series, examine
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.sweep.executors import DirectExecutor, available_cores, local_executor
-from impact_xval.experiments.sweep.sandbox import Beat, FaultError, Sandbox
+from impact_xval.experiments.sweep.executors import available_cores, open_executor
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Resolve
 
 Floats = NDArray[np.float64]
@@ -168,7 +166,7 @@ def run_hypothesis(
     redrawn = {case.key: tuple(draw(case, config.points, config.seed + 1)) for case in CASES}
     plan = _Plan(config, solvers, points, redrawn)
     workers = workers or config.workers or available_cores()
-    with _open_executor(_Context(solvers, resolve), workers, isolate=isolate) as executor:
+    with open_executor(_Context(solvers, resolve), _prepare, workers, isolate=isolate) as executor:
         done = _solve(plan, executor, progress)
     series = _series(plan, "series", points, done.outcomes)
     return Results(
@@ -264,22 +262,11 @@ class _Context:
     resolve: Resolve
 
 
-@contextmanager
-def _open_executor(context: _Context, workers: int, *, isolate: bool) -> Iterator[Any]:
-    """Give the executor: processes of this machine, or, not isolated, this process at once."""
-    if not isolate:
-        yield DirectExecutor(context)
-        return
-    with local_executor(functools.partial(Sandbox, context, _prepare), workers) as executor:
-        yield executor
-
-
-def _prepare(context: _Context, *, beat: Beat) -> None:
+def _prepare(context: _Context) -> None:
     """Have every solver do once what it will have to do, so that all is imported and compiled."""
     case, contrast = _EASY
     ratios = np.array(POINTS[case].ratios(BY_KEY[case], contrast))
     for one in context.solvers:
-        beat(one.name)
         if one.kind != "exact":
             one.solve(*ratios[:, None])
         observe(one.name, case, contrast, context.resolve)
@@ -288,15 +275,16 @@ def _prepare(context: _Context, *, beat: Beat) -> None:
 def _follow(
     sandbox: Sandbox, solver: str, case: str, contrast: float, timeout: float
 ) -> tuple[Mechanism, Motion | None]:
-    try:
-        return twice(sandbox, _observe, solver, case, contrast, timeout=timeout)
-    except FaultError as fault:
+    def call(_: slice) -> tuple[Mechanism, Motion | None]:
+        return sandbox.call(_observe, solver, case, contrast, timeout=timeout)
+
+    def failure(_: slice, fault: FaultError) -> tuple[Mechanism, Motion | None]:
         return Mechanism(solver, case, contrast, fault.status, fault.reason), None
 
+    return in_halves(call, 1, failure)[0]
 
-def _observe(
-    context: _Context, solver: str, case: str, contrast: float, *, beat: Beat
-) -> tuple[Mechanism, Motion | None]:
+
+def _observe(context: _Context, solver: str, case: str, contrast: float) -> tuple[Mechanism, Motion | None]:
     return observe(solver, case, contrast, context.resolve)
 
 

@@ -7,10 +7,8 @@ Three kinds, told apart by how exact their outcomes are:
 * `stepped`: engines. Each collision is run at three steps, h, h/2 and h/4, and extrapolated to dt -> 0.
 * `single`: any other solver of the registry, collision by collision; taken as exact.
 
-What is not of this project can crash or hang: the last two run in processes of their own. Where such a process dies, or
-is silent for longer than `cell_timeout`, its collisions are halved until one is left, which is tried once more in a new
-process: one death may have had any cause (a full memory, an operator). After the second its status is ``crashed`` or
-``timeout``, with the reason.
+What is not of this project can crash or hang: the last two run in processes of their own, and a collision that ends its
+process twice, or takes longer than `cell_timeout`, has the status ``crashed`` or ``timeout`` (`sandbox.in_halves`).
 """
 
 from __future__ import annotations
@@ -27,10 +25,11 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.compliant_baselines.contract import registry
 from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.engines.convergence import extrapolated
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
-from impact_xval.experiments.sweep.sandbox import Beat, FaultError, Sandbox
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Resolve, answer
 from impact_xval.model import Collision, solve_batch
 from impact_xval.model.collision import RESULT_STATUSES, Status
@@ -189,12 +188,12 @@ def at_no_step(
         for fraction in fractions
     ]
 
-    def extrapolated(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
-        coarse, fine = 2 * b - a, 2 * c - b
+    def of_second_order(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
+        coarse, fine = extrapolated(np.array([a, b, c]))
         return (4 * fine - coarse) / 3, (fine - coarse) / 3
 
-    v1, change1 = extrapolated(*(run.v1 for run in runs))
-    v2, change2 = extrapolated(*(run.v2 for run in runs))
+    v1, change1 = of_second_order(*(run.v1 for run in runs))
+    v2, change2 = of_second_order(*(run.v2 for run in runs))
     second = np.hypot(change1, np.sqrt(mu) * change2)
     first = np.hypot(runs[2].v1 - runs[1].v1, np.sqrt(mu) * (runs[2].v2 - runs[1].v2))
     error = second * np.minimum(1, 2 * second / np.maximum(first, 1e-300)) + LEAST_ERROR
@@ -240,7 +239,7 @@ def under_test(name: str, steps: int, resolve: Resolve = get_solver) -> SolverUn
 
 
 def isolated(sandbox: Sandbox, solve: Solve, ratios: Floats, timeout: float) -> Outcomes:
-    """Solve collisions in a sandbox, whatever becomes of its process; the rule is in the module.
+    """Solve collisions in a sandbox, whatever becomes of its process.
 
     Parameters
     ----------
@@ -257,25 +256,15 @@ def isolated(sandbox: Sandbox, solve: Solve, ratios: Floats, timeout: float) -> 
     Outcomes
         Of all n.
     """
-    n = ratios.shape[1]
-    try:
-        if n == 1:
-            return twice(sandbox, _solve, solve, ratios, timeout=timeout)
-        return sandbox.call(_solve, solve, ratios, patience=timeout)
-    except FaultError as fault:
-        if n == 1:
-            return Outcomes.failure(fault.status, fault.reason)
-    halves = ratios[:, : n // 2], ratios[:, n // 2 :]
-    return Outcomes.join([isolated(sandbox, solve, half, timeout) for half in halves])
+
+    def call(place: slice) -> Outcomes:
+        return sandbox.call(_solve, solve, ratios[:, place], timeout=timeout)
+
+    def failure(_: slice, fault: FaultError) -> Outcomes:
+        return Outcomes.failure(fault.status, fault.reason)
+
+    return Outcomes.join(in_halves(call, ratios.shape[1], failure))
 
 
-def _solve(context: object, solve: Solve, ratios: Floats, *, beat: Beat) -> Outcomes:
+def _solve(context: object, solve: Solve, ratios: Floats) -> Outcomes:
     return solve(*ratios)
-
-
-def twice(sandbox: Sandbox, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
-    """Call a function in a sandbox, and once more after a fault."""
-    try:
-        return sandbox.call(function, *arguments, patience=timeout)
-    except FaultError:
-        return sandbox.call(function, *arguments, patience=timeout)

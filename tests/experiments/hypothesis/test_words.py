@@ -11,7 +11,7 @@ from rich.console import Console
 
 from benchmarks import misses
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.commands.hypothesis import WORDS, _verdicts
+from impact_xval.experiments.commands.hypothesis import WORDS, verdict_table
 from impact_xval.experiments.hypothesis import page, verdicts
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES
 from impact_xval.experiments.hypothesis.config import parse
@@ -100,7 +100,7 @@ def test_every_verdict_of_the_tables_has_its_points_beside_it(parts, results):
 
 def test_every_verdict_on_the_terminal_has_its_points_beside_it(results):
     console = Console(file=io.StringIO(), width=1000)
-    console.print(_verdicts(results))
+    console.print(verdict_table(results))
     lines = console.file.getvalue().splitlines()[1:]
     assert len(lines) == len(CASES) * len(CONFIG["solvers"])
     for line in lines:
