@@ -101,7 +101,7 @@ def findings(images: dict[str, Any]) -> list[str]:
     import numpy as np
 
     from impact_xval.experiments.measures.plane import PATHS, PLANE_CAUSES
-    from impact_xval.experiments.presentation.pages import blocks_of, render
+    from impact_xval.experiments.presentation.pages import Paragraph, blocks_of, render
 
     there = ~images["failed"]
     norms = {cause: images[f"{cause.name}_norm"][there] for cause in PLANE_CAUSES}
@@ -127,7 +127,7 @@ def findings(images: dict[str, Any]) -> list[str]:
         paths={text: np.mean(images["paths"] == code) for code, text in enumerate(PATHS)},
         data=DATA,
     )
-    return [block.text for block in blocks_of(page) if hasattr(block, "text")]
+    return [block.text for block in blocks_of(page) if isinstance(block, Paragraph)]
 
 
 def _plane(config: Config, stiffness_ratio: tuple[str, str], mass_ratio: tuple[str, str], side: int) -> Plane:

@@ -28,8 +28,8 @@ from impact_xval.experiments.measures.ladder_summary import LadderSummary, summa
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.levels import Levels
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
-from impact_xval.experiments.tables.store import RunFolder
-from impact_xval.experiments.tables.streams import blocks, codes, present
+from impact_xval.experiments.tables.store import Outcomes, RunFolder, statuses_of
+from impact_xval.experiments.tables.streams import codes, present
 
 __all__ = ["FULL_PATHS", "OWN_LAW", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
 
@@ -119,17 +119,15 @@ def summarise(folder: RunFolder) -> Summary:
     config = folder.config()
     cells = folder.table_path("cells.parquet", CELLS_SCHEMA)
     table = load_divergence(folder, config)
+    outcomes = folder.outcomes()
     marks = present(cells, "marked")[codes(cells, "solver", [REFERENCE]) == 0]
     return Summary(
         config=config,
         levels=table.levels,
         statistics=statistics(table, tuple(SUMMARISED), _SHARES),
         worst=worst_rows(table, _WORST),
-        statuses=_statuses(folder, config),
-        reasons=pd.DataFrame(
-            reasons_of(blocks(cells, ["solver", "status", "reason"], whole_cells=False)),
-            columns=["solver", "status", "reason", "n"],
-        ),
+        statuses=_statuses(outcomes, config),
+        reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         between=between(cells, config),
         n_cells=len(marks),
         n_marked=int(marks.sum()),
@@ -143,8 +141,8 @@ def load_divergence(folder: RunFolder, config: Config) -> Compared:
     return Compared.of(folder.table_path("divergence.parquet", DIVERGENCE_SCHEMA), config)
 
 
-def _statuses(folder: RunFolder, config: Config) -> Frame:
-    counts = pd.DataFrame.from_dict(folder.statuses(), orient="index").fillna(0).astype(int)
+def _statuses(outcomes: Outcomes, config: Config) -> Frame:
+    counts = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
     return counts.reindex(
         index=in_order_of_laws(config.solvers), columns=sorted(counts.columns), fill_value=0
     )

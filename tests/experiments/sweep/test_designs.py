@@ -9,8 +9,7 @@ import pytest
 from scipy.stats import qmc
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.box import Sample
+from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.configuration import from_canonical, load_config, parse_config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import CellGrid
