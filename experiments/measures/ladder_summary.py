@@ -158,7 +158,7 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
             )
             low, high = found.share, found.share
             if contribution in CAUSES:
-                shares = orders[axis][:, i]  # the causes are the first rungs
+                shares = orders[axis][:, i]  # the causes come first
                 low, high = shares.min(axis=0), shares.max(axis=0)
             frames.append(found.assign(low=low, high=high))
     statistics = pd.concat(frames, ignore_index=True)

@@ -37,22 +37,15 @@ def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> Figure:
         for position, name in enumerate(drawn):
             rows, style = cell[cell.solver == name], look(name, position)
             model = name == REFERENCE
+            line = {
+                "linestyle": style.dash,
+                "linewidth": 2.6 if model else 1.5,
+                "alpha": 0.85 if model else 1,
+            }
+            end = rows[["impulse1", "impulse2"]].iloc[-1]
             for ax in (whole, detail):
-                ax.plot(
-                    rows.impulse1,
-                    rows.impulse2,
-                    color=style.color,
-                    linestyle=style.dash,
-                    linewidth=2.6 if model else 1.5,
-                    alpha=0.85 if model else 1,
-                    label=name,
-                )
-                ax.plot(
-                    rows.impulse1.iloc[-1],
-                    rows.impulse2.iloc[-1],
-                    color=style.color,
-                    marker=style.marker or "*",
-                )
+                ax.plot(rows.impulse1, rows.impulse2, color=style.color, label=name, **line)
+                ax.plot(*end, color=style.color, marker=style.marker or "*")
         for ax in (whole, detail):
             _compression_lines(ax, mass_ratio, 1.05 * reach)
             _impulse_labels(ax)
@@ -92,20 +85,13 @@ def draw_supplement(curves: Frame) -> Figure:
             _impulse_labels(upper)
             upper.set_title(title)
             handles, labels = upper.get_legend_handles_labels()
-            unique = dict(zip(labels, handles, strict=True))
-            order = sorted(unique)
-            upper.legend([unique[name] for name in order], order, loc="upper left")
+            unique = sorted(dict(zip(labels, handles, strict=True)).items())
+            upper.legend([handle for _, handle in unique], [name for name, _ in unique], loc="upper left")
             lower.axhline(0, color="0.45", linewidth=1)
             lower.set_xlabel(f"${'I_1' if line == 'l2' else 'I_2'}\\,/\\,(m_1 |v_0|)$")
             lower.set_ylabel(quantity)
-            lower.text(
-                0.99,
-                0.04,
-                "zero: on " + (r"$\ell_2$" if line == "l2" else r"$\ell_1$"),
-                transform=lower.transAxes,
-                ha="right",
-                color="0.35",
-            )
+            zero = f"zero: on $\\ell_{line[1]}$"
+            lower.text(0.99, 0.04, zero, transform=lower.transAxes, ha="right", color="0.35")
     return figure
 
 

@@ -29,6 +29,7 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
     statuses = summary.statuses
     names = [name for name in COMPARABLE if name in statuses]
     names += [name for name in statuses if name not in COMPARABLE]
+    marked = {name: _divergence(summary, name, cells="marked").n for name in summary.solvers}
     facts = {
         "config": summary.config,
         "solvers": summary.solvers,
@@ -36,7 +37,9 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
         "measures": list(SUMMARISED.values()),
         "n_cells": summary.n_cells,
         "n_marked": summary.n_marked,
-        "marked_beyond": _marked_beyond(summary),
+        "marked_beyond": {
+            name: int(n) - summary.n_marked for name, n in marked.items() if n > summary.n_marked
+        },
         "solvers_found": [_found(summary, name) for name in summary.solvers if _divergence(summary, name).n],
         "closest": _closest(summary),
         "ladder": ladder_facts(summary.ladder),
@@ -103,12 +106,6 @@ def _closest(summary: Summary) -> list[dict[str, Any]]:
         for name, law in ((row.solver, row.other), (row.other, row.solver))
         if law_of(name) == law
     ]
-
-
-def _marked_beyond(summary: Summary) -> dict[str, int]:
-    """Rows of a solver that are marked in cells in which the model is not."""
-    marked = {name: int(_divergence(summary, name, cells="marked").n) for name in summary.solvers}
-    return {name: n - summary.n_marked for name, n in marked.items() if n > summary.n_marked}
 
 
 def estimate_facts(estimates: Frame) -> dict[str, Any]:
