@@ -25,7 +25,7 @@ from impact_xval.compliant_baselines.contract.solver import Convergence, Setting
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.jumps import jumps as tried
 from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
-from impact_xval.experiments.config.box import Box
+from impact_xval.experiments.config.axes import Box
 from impact_xval.model.collision import Collision
 
 BATCHES = {"kelvin-voigt": kelvin_voigt_batch, "bistiffness": bistiffness_batch}

@@ -174,7 +174,7 @@ class Calibration:
         return cls(steps, pd.DataFrame(limits), versions)
 
     def errors(self, engine: str, mapping: str) -> Frame:
-        """Rows of `limits` of an engine by a mapping, with errors of restitution and duration, in the limit and at the step."""
+        """Rows of `limits` of an engine by a mapping, and its errors, in the limit and at the longest step."""
         rows = self.limits[(self.limits.engine == engine) & (self.limits.mapping == mapping)]
         return rows.assign(
             error_e=rows.restitution - rows.e,

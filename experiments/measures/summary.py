@@ -23,7 +23,7 @@ from impact_xval.experiments.measures.aggregates import (
     statistics,
     worst_rows,
 )
-from impact_xval.experiments.measures.certificates import certificates
+from impact_xval.experiments.measures.estimates import convergence_estimates
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.levels import Levels
@@ -71,8 +71,8 @@ class Summary:
     between : DataFrame
         D between every two compliant solvers over the cells both solved: ``solver, other, n, median, p95,
         max``.
-    certificates : DataFrame
-        Convergence certificates by solver (`measures.certificates`); empty without any.
+    estimates : DataFrame
+        Convergence estimates by solver (`measures.estimates`); empty without any.
     n_cells, n_marked : int
         Cells of the grid, and those of them in which the model is marked.
     ladder : LadderSummary
@@ -86,7 +86,7 @@ class Summary:
     statuses: Frame
     reasons: Frame
     between: Frame
-    certificates: Frame
+    estimates: Frame
     n_cells: int
     n_marked: int
     ladder: LadderSummary
@@ -131,7 +131,7 @@ def summarise(folder: RunFolder) -> Summary:
         between=between(cells, config),
         n_cells=len(marks),
         n_marked=int(marks.sum()),
-        certificates=certificates(cells, config.solvers, config.mapping),
+        estimates=convergence_estimates(cells, config.solvers, config.mapping),
         ladder=summarise_ladder(folder, config),
     )
 

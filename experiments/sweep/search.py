@@ -24,8 +24,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.box import Search
+from impact_xval.experiments.config.axes import AXES, Search
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import CellList, GridCell
