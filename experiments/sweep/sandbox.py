@@ -103,10 +103,15 @@ class Sandbox:
         """
         if self._process is not None:
             return
+        process = self._launch()
         try:
-            self.prepared = self._answer(self._launch(), self._prepare, (), self._prepare_timeout)
+            self.prepared = self._answer(process, self._prepare, (), self._prepare_timeout)
         except FaultError:
             self._launch()
+        except SandboxError:  # of no use, and the next call is to fail of the same
+            self._process = None
+            _kill(process)
+            raise
 
     def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
         """Return ``function(context, *arguments)`` of the sandbox.
