@@ -29,12 +29,7 @@ import numpy as np
 
 from impact_xval.compliant_baselines.contract.registry import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverError
-from impact_xval.model.collision import (
-    RESULT_STATUSES,
-    STATUSES,
-    Collision,
-    Outcome,
-)
+from impact_xval.model.collision import RESULT_STATUSES, STATUSES, Collision, Outcome
 
 #: Laws a solver may say it has, and the reference it is then held against.
 Law = Literal["kelvin-voigt", "hunt-crossley", "none"]
@@ -42,9 +37,8 @@ LAWS: tuple[Law, ...] = ("kelvin-voigt", "hunt-crossley", "none")
 
 Check = Callable[[Solver], None]
 
-_MU = 2 / math.sqrt(3)
 _ORDINARY = (
-    Collision(m1=1.0, m2=_MU, k1=1e6, k2=1e6, e1=0.9, e2=0.7),
+    Collision(m1=1.0, m2=2 / math.sqrt(3), k1=1e6, k2=1e6, e1=0.9, e2=0.7),
     Collision(m1=1.0, m2=0.5, k1=1e6, k2=1e7, e1=0.6, e2=0.8),
     Collision(m1=1.0, m2=2.0, k1=1e6, k2=2e5, e1=1.0, e2=1.0),
 )
@@ -61,152 +55,128 @@ def demand(kept: object, message: str) -> None:
         raise NonConformingError(message)
 
 
+def _outcomes(
+    solver: Solver, collisions: Sequence[Collision] = _ORDINARY, settings: Settings = _COARSE
+) -> list[Outcome]:
+    outcomes = solver.solve_many(list(collisions), settings)
+    demand(len(outcomes) == len(collisions), f"{len(outcomes)} outcomes for {len(collisions)} collisions")
+    for outcome in outcomes:
+        demand(isinstance(outcome, Outcome), f"solve_many gave {type(outcome).__name__}; legal: Outcome")
+        demand(outcome.status in STATUSES, f"status {outcome.status!r}; legal: {', '.join(STATUSES)}")
+    return outcomes
+
+
+def _with_outcomes(solver: Solver, settings: Settings = _COARSE) -> zip[tuple[Collision, Outcome]]:
+    return zip(_ORDINARY, _outcomes(solver, settings=settings), strict=True)
+
+
 def names_itself(solver: Solver) -> None:
     """Demand a name, a version and a say on whether it is available (rule 1)."""
-    demand(
-        isinstance(solver, Solver), "lacks a method of impact_xval.compliant_baselines.contract.solver.Solver"
-    )
-    demand(
-        isinstance(solver.name, str) and solver.name.isprintable() and solver.name.strip(),
-        f"name = {solver.name!r}; legal: printable text",
-    )
+    demand(isinstance(solver, Solver), f"lacks a method of {Solver.__module__}.Solver")
+    printable = isinstance(solver.name, str) and solver.name.isprintable() and solver.name.strip()
+    demand(printable, f"name = {solver.name!r}; legal: printable text")
     demand(isinstance(solver.version(), str), f"version() gave {solver.version()!r}; legal: text")
     reason = solver.unavailable()
-    demand(
-        reason is None or (isinstance(reason, str) and reason),
-        f"unavailable() gave {reason!r}; legal: text or None",
-    )
+    said = reason is None or (isinstance(reason, str) and reason)
+    demand(said, f"unavailable() gave {reason!r}; legal: text or None")
     demand(type(solver)().name == solver.name, "constructed without arguments it has another name")
 
 
 def answers_every_collision(solver: Solver) -> None:
     """Demand one outcome for each collision, in order, none for none, finite where the status is ok (rule 2)."""
     demand(list(solver.solve_many([], _COARSE)) == [], "solve_many([]) is not empty")
-    outcomes = _answers(solver, _ORDINARY, _COARSE)
+    outcomes = _outcomes(solver)
     for c, o in zip(_ORDINARY, outcomes, strict=True):
-        demand(
-            o.status in RESULT_STATUSES,
-            f"{c}: status {o.status} ({o.reason}); an ordinary collision needs a result",
-        )
+        result = o.status in RESULT_STATUSES
+        demand(result, f"{c}: status {o.status} ({o.reason}); an ordinary collision needs a result")
         demand(o.solver == solver.name, f"the outcome is signed {o.solver!r}, not {solver.name!r}")
         numbers = (o.v1, o.v2, o.impulse1, o.impulse2)
         demand(all(map(math.isfinite, numbers)), f"{c}: status {o.status}, but v1, v2, I1, I2 = {numbers}")
-    (alone,) = _answers(solver, [_ORDINARY[0]], _COARSE)
+    (alone,) = _outcomes(solver, _ORDINARY[:1])
     demand(abs(alone.v1 - outcomes[0].v1) < 1e-3, "outcomes are not in the order of the collisions")
 
 
 def same_bits_in_any_company(solver: Solver) -> None:
-    """Demand that an outcome does not depend on what else is asked, before or at once (rule 6)."""
+    """Demand that an outcome does not depend on what else is solved, before or at once (rule 6)."""
 
     def bits(outcomes: Sequence[Outcome]) -> list[tuple[Any, ...]]:
         return [(o.v1, o.v2, o.impulse1, o.impulse2, o.states, o.status) for o in outcomes]
 
-    together = bits(_answers(solver, _ORDINARY, _COARSE))
-    demand(bits(_answers(solver, _ORDINARY, _COARSE)) == together, "asked twice, it answers differently")
-    backwards = bits(_answers(solver, _ORDINARY[::-1], _COARSE))[::-1]
-    demand(backwards == together, "asked in another order, it answers differently")
-    alone = [bits(_answers(type(solver)(), [c], _COARSE))[0] for c in _ORDINARY]
-    demand(alone == together, "asked one by one, it answers differently")
+    together = bits(_outcomes(solver))
+    demand(bits(_outcomes(solver)) == together, "a second time the outcomes are others")
+    backwards = bits(_outcomes(solver, _ORDINARY[::-1]))[::-1]
+    demand(backwards == together, "in another order the outcomes are others")
+    alone = [bits(_outcomes(type(solver)(), [c]))[0] for c in _ORDINARY]
+    demand(alone == together, "one by one the outcomes are others")
 
 
 def refuses_with_a_reason(solver: Solver) -> None:
     """Demand that limits are answered or refused with a reason, and never raise or spoil others (rules 2, 4)."""
-    limits = [
-        Collision(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.0, e2=0.5),
-        Collision(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.5, e2=0.0),
-        Collision(m1=1.0, m2=1.0, k1=1e6, k2=math.inf, e1=0.5, e2=0.5),
-        Collision(m1=1.0, m2=1.0, k1=1e6, k2=0.0, e1=0.5, e2=0.5),
-    ]
-    outcomes = _answers(solver, [_ORDINARY[0], *limits, _ORDINARY[1]], _COARSE)
+    plain = Collision(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.5, e2=0.5)
+    changes: list[dict[str, Any]] = [{"e1": 0.0}, {"e2": 0.0}, {"k2": math.inf}, {"k2": 0.0}]
+    limits = [dataclasses.replace(plain, **change) for change in changes]
+    first, last = _ORDINARY[:2]
+    outcomes = _outcomes(solver, [first, *limits, last])
     for c, o in zip(limits, outcomes[1:-1], strict=True):
         if o.status in RESULT_STATUSES:
-            demand(
-                math.isfinite(o.v1) and math.isfinite(o.v2),
-                f"{c}: status {o.status}, but v1, v2 = {o.v1}, {o.v2}",
-            )
-            continue
-        demand(o.reason.strip(), f"{c}: status {o.status} without a reason")
-        demand(math.isnan(o.v1) or o.status == "unconverged", f"{c}: status {o.status}, but v1 = {o.v1}")
-    plain = _answers(solver, [_ORDINARY[0], _ORDINARY[1]], _COARSE)
-    demand(
-        [(o.v1, o.v2) for o in plain]
-        == [(outcomes[0].v1, outcomes[0].v2), (outcomes[-1].v1, outcomes[-1].v2)],
-        "a collision it cannot do changes the outcome of others in the same call",
-    )
+            finite = math.isfinite(o.v1) and math.isfinite(o.v2)
+            demand(finite, f"{c}: status {o.status}, but v1, v2 = {o.v1}, {o.v2}")
+        else:
+            demand(o.reason.strip(), f"{c}: status {o.status} without a reason")
+            demand(math.isnan(o.v1) or o.status == "unconverged", f"{c}: status {o.status}, but v1 = {o.v1}")
+    alone = [(o.v1, o.v2) for o in _outcomes(solver, [first, last])]
+    same = alone == [(o.v1, o.v2) for o in (outcomes[0], outcomes[-1])]
+    demand(same, "a collision it cannot do changes the outcome of others in the same call")
 
 
 def raises_in_a_direct_call(solver: Solver) -> None:
     """Demand that `solve` raises `SolverError` where `solve_many` has no result, and agrees elsewhere (rule 3)."""
-    demand(
-        solver.solve(_ORDINARY[0], _COARSE).v1 == _answers(solver, _ORDINARY[:1], _COARSE)[0].v1,
-        "solve and solve_many differ",
-    )
+    (first,) = _outcomes(solver, _ORDINARY[:1])
+    demand(solver.solve(_ORDINARY[0], _COARSE).v1 == first.v1, "solve and solve_many differ")
     plastic = Collision(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.0, e2=0.5)
-    (outcome,) = _answers(solver, [plastic], _COARSE)
+    (outcome,) = _outcomes(solver, [plastic])
     if outcome.status in RESULT_STATUSES:
         return
     try:
         solver.solve(plastic, _COARSE)
     except SolverError as error:
-        demand(
-            error.status == outcome.status,
-            f"SolverError.status = {error.status}, the outcome's {outcome.status}",
-        )
-        return
-    raise NonConformingError(f"{plastic}: solve gave a result where solve_many says {outcome.status}")
+        found = f"SolverError.status = {error.status}, the outcome's {outcome.status}"
+        demand(error.status == outcome.status, found)
+    else:
+        raise NonConformingError(f"{plastic}: solve gave a result where solve_many says {outcome.status}")
 
 
 def ends_apart_and_creates_no_energy(solver: Solver) -> None:
     """Demand v1 >= v2 >= 0 at the end, impulses that balance momentum, no energy gained, S1 first, S4 last."""
-    for c, o in zip(_ORDINARY, _answers(solver, _ORDINARY, _COARSE), strict=True):
+    for c, o in _with_outcomes(solver):
         demand(o.v1 >= o.v2 >= 0, f"{c}: v1, v2 = {o.v1}, {o.v2}; the balls are not apart")
-        scale = c.m1 * abs(c.v0)
         off = max(abs(c.m1 * (o.v1 - c.v0) - o.impulse1), abs(c.m2 * o.v2 - (o.impulse2 - o.impulse1)))
-        demand(
-            off <= 1e-6 * scale, f"{c}: impulses {o.impulse1}, {o.impulse2} N s do not make these velocities"
-        )
+        balanced = off <= 1e-6 * c.m1 * abs(c.v0)
+        demand(balanced, f"{c}: impulses {o.impulse1}, {o.impulse2} N s do not make these velocities")
         kept = o.retained_energy(c)
         demand(kept <= 1.01, f"{c}: {kept:.3f} of the kinetic energy after the collision")
-        demand(
-            bool(o.states)
-            and o.states[0] == "S1"
-            and o.states[-1] == "S4"
-            and set(o.states) <= {"S1", "S2", "S3", "S4"},
-            f"{c}: states {o.states}; legal: S1 to S4, S1 first, S4 last",
-        )
+        legal = set(o.states) <= {"S1", "S2", "S3", "S4"} and o.states[:1] + o.states[-1:] == ("S1", "S4")
+        demand(legal, f"{c}: states {o.states}; legal: S1 to S4, S1 first, S4 last")
 
 
 def scales(solver: Solver) -> None:
     """Demand Theorem 5 and SI units: masses, stiffnesses and speed change nothing but scale (rule 7)."""
     c = _ORDINARY[0]
-    (base,) = _answers(solver, [c], _COARSE)
+    (base,) = _outcomes(solver, [c])
     for what, factor in (("m", 1e-2), ("m", 30.0), ("k", 1e-2), ("k", 40.0), ("v", 0.2), ("v", 3.0)):
-        scale = {"m": 1.0, "k": 1.0, "v": 1.0, what: factor}
-        other = Collision(
-            c.m1 * scale["m"],
-            c.m2 * scale["m"],
-            c.k1 * scale["k"],
-            c.k2 * scale["k"],
-            c.e1,
-            c.e2,
-            c.v0 * scale["v"],
-        )
-        (o,) = _answers(solver, [other], _COARSE)
-        off = math.hypot(o.v1 / scale["v"] - base.v1, o.v2 / scale["v"] - base.v2)
-        demand(
-            off < 1e-3,
-            f"with {what} times {factor:g} v/v0 differs by {off:.2g}: units, or a number that is absolute",
-        )
-        demand(
-            abs(o.impulse1 / (scale["m"] * scale["v"]) - base.impulse1) < 2e-3 * c.m1,
-            f"with {what} times {factor:g} the impulse does not scale",
-        )
+        m, k, v = (factor if what == scaled else 1.0 for scaled in "mkv")
+        (o,) = _outcomes(solver, [Collision(c.m1 * m, c.m2 * m, c.k1 * k, c.k2 * k, c.e1, c.e2, c.v0 * v)])
+        off = math.hypot(o.v1 / v - base.v1, o.v2 / v - base.v2)
+        found = f"with {what} times {factor:g} v/v0 differs by {off:.2g}: units, or a number that is absolute"
+        demand(off < 1e-3, found)
+        off = abs(o.impulse1 / (m * v) - base.impulse1)
+        demand(off < 2e-3 * c.m1, f"with {what} times {factor:g} the impulse does not scale")
 
 
 def has_a_drop(solver: Solver) -> None:
     """Demand that the scenario `drop` is answered, weak gravity as none, and B2 at rest reported as such."""
     weak = Settings(scenario="drop", gravity=1e-3, step_fraction=5e-3)
-    for a, b in zip(_answers(solver, _ORDINARY, weak), _answers(solver, _ORDINARY, _COARSE), strict=True):
+    for a, b in zip(_outcomes(solver, settings=weak), _outcomes(solver), strict=True):
         demand(a.status in RESULT_STATUSES, f"drop: status {a.status} ({a.reason})")
         off = math.hypot(a.v1 - b.v1, a.v2 - b.v2)
         demand(off < 1e-2, f"with g = 1e-3 m/s^2 a drop differs from an impact by {off:.2g} m/s")
@@ -214,34 +184,24 @@ def has_a_drop(solver: Solver) -> None:
 
 def gives_a_path(solver: Solver) -> None:
     """Demand a path on request: from v0 to the outcome, in order of time, impulses growing; none otherwise."""
-    settings = dataclasses.replace(_COARSE, record_path=True)
-    for c, o in zip(_ORDINARY, _answers(solver, _ORDINARY, settings), strict=True):
+    for c, o in _with_outcomes(solver, dataclasses.replace(_COARSE, record_path=True)):
         p = o.path
         if p is None:
-            raise NonConformingError("no path, although Settings.record_path asks for one")
+            raise NonConformingError("no path, although Settings.record_path is set")
         arrays = (p.time, p.impulse1, p.impulse2, p.v1, p.v2, p.state, p.phase1, p.phase2)
-        demand(
-            len({np.shape(a) for a in arrays}) == 1 and np.ndim(p.time) == 1,
-            "arrays of a path differ in shape",
-        )
+        one_length = len({np.shape(a) for a in arrays}) == 1 and np.ndim(p.time) == 1
+        demand(one_length, "arrays of a path differ in shape")
         off = math.hypot(p.v1[0] - c.v0, p.v2[0])
-        demand(
-            off <= 1e-12 * abs(c.v0),
-            f"a path starts at {p.v1[0]}, {p.v2[0]} m/s, not at v0 = {c.v0}, 0",
-        )
+        found = f"a path starts at {p.v1[0]}, {p.v2[0]} m/s, not at v0 = {c.v0}, 0"
+        demand(off <= 1e-12 * abs(c.v0), found)
         off = math.hypot(p.v1[-1] - o.v1, p.v2[-1] - o.v2)
         demand(off <= 1e-9 * abs(c.v0), f"a path ends {off:.2g} m/s away from the outcome")
         demand(bool(np.all(np.diff(p.time) >= 0)), "times of a path decrease")
         falls = min(np.diff(p.impulse1).min(), np.diff(p.impulse2).min())
-        demand(
-            falls >= -1e-9 * c.m1 * abs(c.v0),
-            f"an impulse along a path decreases by {-falls:.2g} N s: a contact pulls",
-        )
+        found = f"an impulse along a path decreases by {-falls:.2g} N s: a contact pulls"
+        demand(falls >= -1e-9 * c.m1 * abs(c.v0), found)
         demand(set(np.unique(p.state)) <= {1, 2, 3, 4}, "states of a path; legal: 1 to 4")
-    demand(
-        all(o.path is None for o in _answers(solver, _ORDINARY, _COARSE)),
-        "a path although none was asked for",
-    )
+    demand(all(o.path is None for o in _outcomes(solver)), "a path although Settings.record_path is not set")
 
 
 def leaves_no_trace(solver: Solver) -> None:
@@ -256,13 +216,14 @@ def converges_to(reference: str) -> Check:
     """Make the check that a solver converges to a reference of this package as its step goes to zero (rule 5)."""
 
     def converges(solver: Solver) -> None:
-        exact = _answers(get_solver(reference), _ORDINARY, Settings())
-        fractions = np.array([4e-3, 2e-3, 1e-3])
-        errors = np.empty((len(fractions), len(_ORDINARY)))
-        for row, fraction in enumerate(fractions):
-            outcomes = _answers(solver, _ORDINARY, Settings(step_fraction=float(fraction)))
-            errors[row] = [math.hypot(o.v1 - x.v1, o.v2 - x.v2) for o, x in zip(outcomes, exact, strict=True)]
-        for c, (coarse, _, fine) in zip(_ORDINARY, errors.T, strict=True):
+        exact = _outcomes(get_solver(reference), settings=Settings())
+        errors = []
+        for fraction in (4e-3, 1e-3):
+            outcomes = _outcomes(solver, settings=Settings(step_fraction=fraction))
+            errors.append(
+                [math.hypot(o.v1 - x.v1, o.v2 - x.v2) for o, x in zip(outcomes, exact, strict=True)]
+            )
+        for c, coarse, fine in zip(_ORDINARY, *errors, strict=True):
             demand(
                 fine < 0.02,
                 f"{c}: {fine:.2g} m/s away from {reference} at a step of 1e-3 of a period: "
@@ -280,15 +241,6 @@ def converges_to(reference: str) -> Check:
         f"Demand convergence in the step to `{reference}`, the exact motion under the law it claims (rule 5)."
     )
     return converges
-
-
-def _answers(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
-    outcomes = solver.solve_many(list(collisions), settings)
-    demand(len(outcomes) == len(collisions), f"{len(outcomes)} outcomes for {len(collisions)} collisions")
-    for outcome in outcomes:
-        demand(isinstance(outcome, Outcome), f"solve_many gave {type(outcome).__name__}; legal: Outcome")
-        demand(outcome.status in STATUSES, f"status {outcome.status!r}; legal: {', '.join(STATUSES)}")
-    return outcomes
 
 
 def checks(law: Law = "kelvin-voigt") -> tuple[Check, ...]:
@@ -327,7 +279,7 @@ def conform(solver: Solver, law: Law = "kelvin-voigt") -> Iterator[tuple[Check, 
     Yields
     ------
     check : callable
-        Its name and docstring say what it
+        Its name and docstring say what it demands.
     problem : str
         What was found; ``""`` if the check passed. An exception of the solver is a finding.
     """

@@ -101,19 +101,10 @@ class ThirdPartySolver(SolverBase):
 
 
 def _checked(point: EntryPoint) -> Solver:
-    """Load and construct a solver.
-
-    Raises
-    ------
-    TypeError
-        If it is not one.
-    """
+    """Load and construct a solver; a `TypeError` says what it lacks."""
     solver = point.load()()
-    missing = [
-        name
-        for name in ("version", "unavailable", "solve_many", "solve")
-        if not callable(getattr(solver, name, None))
-    ]
+    methods = ("version", "unavailable", "solve_many", "solve")
+    missing = [name for name in methods if not callable(getattr(solver, name, None))]
     if missing:
         raise TypeError(f"it lacks {', '.join(missing)}")
     if getattr(solver, "name", None) != point.name:

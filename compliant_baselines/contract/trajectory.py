@@ -17,7 +17,7 @@ of the first step in which none carries force and at whose end both gaps are ope
 still to meet meets as in an impact. B2 on the table with its weight is a contact, and so is a contact whose bodies
 overlap without force. Otherwise the outcome would be that of the flight: two balls that part with B2 faster by 1e-4
 |v0| would fall for many times the length of the contact and then meet at whatever speed they have come to. Engines
-and references keep this one rule; an adapter is told by the end `FLIGHT` of a scan.
+and references keep this one rule; for an adapter a scan ends there with `FLIGHT`.
 
 **The collision is over** at the end of the first step in which B1 is clear of B2, B2 is clear of the table or
 at rest on it, and v1 >= v2 >= 0.

@@ -115,7 +115,7 @@ class DrakeSolver(EngineSolver):
 
         A column at too short a step is not run, and its run says why: who shortens steps may not ask `refusal`.
         """
-        with quiet():
+        with silent():
             return [
                 not_run(column, max_steps, reason) if reason else run(column, max_steps, record_path)
                 for column, reason in zip(columns, map(self.refusal, columns), strict=True)
@@ -135,7 +135,7 @@ class DrakeHuntCrossleySolver(DrakeSolver):
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` samples are taken; in order."""
-        with quiet():
+        with silent():
             return [
                 follow(partial(_scene, abs(column.v1)), column, max_steps, record_path) for column in columns
             ]
@@ -162,7 +162,7 @@ class Scene(NamedTuple):
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def silent() -> Iterator[None]:
     """Keep remarks about deformable bodies, of which there are none, from the terminal."""
     import_module("pydrake")  # it sets up the logger
 

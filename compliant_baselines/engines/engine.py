@@ -55,6 +55,13 @@ class EngineSolver(SolverBase):
         """Why this engine in particular cannot take a column, in one sentence; None if it can."""
         return None
 
+    def _column_or_refusal(self, collision: Collision, settings: Settings) -> Column | str:
+        refused = unrepresentable(collision)
+        if refused is not None:
+            return refused
+        column = column_of(collision, settings)
+        return self.refusal(column) or column
+
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every collision, in order; failures are outcomes with a status."""
         if registry.is_naive(self.name):
@@ -65,19 +72,17 @@ class EngineSolver(SolverBase):
         outcomes: dict[int, Outcome] = {}
         columns: dict[int, Column] = {}
         for i, collision in enumerate(collisions):
-            refused = unrepresentable(collision)
-            if refused is None:
-                columns[i] = column_of(collision, settings)
-                refused = self.refusal(columns[i])
-            if refused is not None:
-                columns.pop(i, None)
-                outcomes[i] = Outcome.failure(self.name, "unrepresentable", refused)
-        runs = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
-        for i, run in zip(columns, runs, strict=True):
-            outcomes[i] = outcome_of(self.name, run, settings)
+            column = self._column_or_refusal(collision, settings)
+            if isinstance(column, str):
+                outcomes[i] = Outcome.failure(self.name, "unrepresentable", column)
+            else:
+                columns[i] = column
+        done = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
+        runs = dict(zip(columns, done, strict=True))
+        outcomes |= {i: outcome_of(self.name, run, settings) for i, run in runs.items()}
         flights: dict[int, bool] = {}
         if settings.convergence is not None:
-            over = {i: run for i, run in zip(columns, runs, strict=True) if run.over}
+            over = {i: run for i, run in runs.items() if run.over}
             limits = estimate_limits(
                 self.run_columns,
                 self.regularisation_probe,
@@ -126,8 +131,10 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     v1, v2 = run.reported
     if run.end in (REST, STUCK):
         diagnostics["rest_speed"] = run.v2
-    impulse1, impulse2 = run.impulses(v1, v2)
-    created = gain > ENERGY_GAIN_ALLOWED
+    impulse1, impulse2 = run.impulses(v1, v2, run.duration)
+    reason = ""
+    if gain > ENERGY_GAIN_ALLOWED:
+        reason = f"it ended with {gain:.1%} more energy than it began with: the step is too long"
     return Outcome(
         solver=solver,
         v1=v1,
@@ -135,10 +142,8 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
         impulse1=impulse1,
         impulse2=impulse2,
         states=runs.names,
-        status="unconverged" if created else "ok",
-        reason=f"it ended with {gain:.1%} more energy than it began with: the step is too long"
-        if created
-        else "",
+        status="unconverged" if reason else "ok",
+        reason=reason,
         n_events=len(runs.names) - 1,
         diagnostics=diagnostics,
         path=run.path(runs) if run.points is not None else None,

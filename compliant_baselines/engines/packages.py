@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -15,9 +15,7 @@ _importing = Lock()
 
 
 def import_pybullet() -> Any:
-    """Import PyBullet, without the line that its C code prints at the first import ("pybullet build time").
-
-    What stands in its place at the moment (`standing_in`) is taken as it is.
+    """Import PyBullet, without the line "pybullet build time: ..." that its C code writes at the first import.
 
     Raises
     ------
@@ -25,31 +23,29 @@ def import_pybullet() -> Any:
         If it is not installed.
     """
     with _importing:
-        if os.name != "posix" or "pybullet" in sys.modules:
+        if "pybullet" in sys.modules:  # or what stands in its place at the moment
             return import_module("pybullet")
-        with _c_output_dropped():
+        with _standard_error_without(b"pybullet build time"):
             return import_module("pybullet")
 
 
 @contextmanager
-def _c_output_dropped() -> Iterator[None]:
-    """Drop what C code writes to standard output; what another thread prints in this moment is lost with it."""
-    libc = ctypes.CDLL(None)
-    libc.fflush(None)
+def _standard_error_without(beginning: bytes) -> Iterator[None]:
+    """Hold back what is written to the descriptor of standard error; write it afterwards, but for some lines."""
     try:
-        terminal = os.dup(1)
+        terminal = os.dup(2)
     except OSError:  # closed: there is nothing to keep clean
         yield
         return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.close(nowhere)
-    try:
-        yield
-    finally:
-        libc.fflush(None)  # it buffers what it prints where standard output is a file
-        os.dup2(terminal, 1)
-        os.close(terminal)
+    with tempfile.TemporaryFile() as held:
+        os.dup2(held.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(terminal, 2)
+            os.close(terminal)
+            held.seek(0)
+            os.write(2, b"".join(line for line in held if not line.startswith(beginning)))
 
 
 @contextmanager

@@ -42,7 +42,7 @@ from impact_xval.compliant_baselines.contact.mapping import PybulletBody, pybull
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING, Floats
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.engines.packages import import_pybullet
-from impact_xval.compliant_baselines.engines.quiet import Law
+from impact_xval.compliant_baselines.engines.quiet import EngineContacts
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
 
 #: Single steps between two looks at what comes next: the first time, and most.
@@ -67,10 +67,15 @@ SHORTEST_STEP = sys.float_info.epsilon
 #: (btSequentialImpulseConstraintSolver.cpp).
 LARGEST_IMPULSE = 1e10
 
-
 #: Diagonal in m of the box around a body at which the engine takes it out of the simulation, without a status
 #: (btCollisionWorld.cpp, updateSingleAabb).
 LARGEST_BODY = 1e6
+
+#: What a body must not do on the engine's own account, as `changeDynamics` has it.
+ZERO = (
+    *("restitution", "lateralFriction", "spinningFriction", "rollingFriction"),
+    *("linearDamping", "angularDamping", "contactProcessingThreshold"),
+)
 
 
 class PybulletSolver(EngineSolver):
@@ -84,12 +89,12 @@ class PybulletSolver(EngineSolver):
         try:
             import_pybullet()
         except ImportError as error:
-            if sys.version_info >= (3, 12):
-                return (
-                    "PyBullet has no wheels beyond CPython 3.11: run with Python 3.11, or build it from "
-                    "source (pip install --no-binary :all: pybullet)"
-                )
-            return f"PyBullet is not installed ({error}): run pip install pybullet"
+            if sys.version_info < (3, 12):
+                return f"PyBullet is not installed ({error}): run pip install pybullet"
+            return (
+                "PyBullet has no wheels beyond CPython 3.11: run with Python 3.11, or build it from "
+                "source (pip install --no-binary :all: pybullet)"
+            )
         return None
 
     def refusal(self, column: Column) -> str | None:
@@ -242,13 +247,7 @@ class World:
             p.changeDynamics(
                 body,
                 -1,
-                restitution=0,
-                lateralFriction=0,
-                spinningFriction=0,
-                rollingFriction=0,
-                linearDamping=0,
-                angularDamping=0,
-                contactProcessingThreshold=0,
+                **dict.fromkeys(ZERO, 0),
                 activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
                 physicsClientId=client,
             )
@@ -264,21 +263,9 @@ class World:
             self._p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0), physicsClientId=self._client)
 
     def singly(self, n: int, x: Floats, until_flight: bool) -> tuple[Floats, Floats]:
-        """Take n steps, or fewer, up to the first after which both gaps are open.
+        """Take n steps, or, until a flight, fewer: up to the first after which both gaps are open.
 
-        Parameters
-        ----------
-        n : int
-            Steps, at most.
-        x : ndarray, shape (2,)
-            Heights in m before the first.
-        until_flight : bool
-            Whether open gaps end them.
-
-        Returns
-        -------
-        v, x : ndarray, shape (steps, 2)
-            Velocities and heights after each.
+        From the heights before the first, in m, shape (2,); gives velocities and heights after each, shape (steps, 2).
         """
         self._set_stride(0)
         step, read, client, h = self._p.stepSimulation, self._p.getBaseVelocity, self._client, self._h
@@ -332,8 +319,8 @@ def run(world: World, column: Column, max_steps: int, record_path: bool) -> Run:
     """Run one column until its collision is over or `max_steps` steps are taken."""
     x1, x2, k2 = world.prepare(column)
     one, two = pairs_of(column)
-    law = Law(one.stiffness, one.damping, two.stiffness, two.damping, column.contact1.mass)
-    recorder = Recorder(column, x1, x2, k2, max_steps, record_path, law)
+    contacts = EngineContacts(one.stiffness, one.damping, two.stiffness, two.damping, column.contact1.mass)
+    recorder = Recorder(column, x1, x2, k2, max_steps, record_path, contacts)
     most = PATH_STRIDE if record_path else STRIDE
     x = np.array([x1, x2])
     end, window, falling = GOING, SHORT_WINDOW, column.gravity > 0

@@ -24,7 +24,7 @@ from impact_xval.compliant_baselines.contract.trajectory import (
     new_memory,
     scan,
 )
-from impact_xval.compliant_baselines.engines.quiet import Law, between, quiet_steps
+from impact_xval.compliant_baselines.engines.quiet import EngineContacts, between, quiet_steps
 from impact_xval.model.collision import ImpulseCurve, Status
 
 #: A recorded path has about as many points as this between the borders of its states.
@@ -52,20 +52,17 @@ class Run:
     failure : str
         What the engine itself complained of, if it did.
     starts : float
-        What contacts that began to carry force again did in their first steps, summed as changes of the
-        relative velocity of their pair in m/s. When in its first step a contact is met is chance: by so much
-        the outcome depends on it.
+        What contacts that began to carry force again did in their first steps, in m/s (`again` of
+        `trajectory.MEMORY`). When in its first step a contact is met is chance: by so much the outcome depends on it.
     unloaded : tuple of float
-        When contacts 1 and 2 last ceased to carry force, in s, to a fraction of a step (`trajectory.scan`);
-        NaN if they never did.
+        When contacts 1 and 2 last ceased to carry force, in s, to a fraction of a step; NaN if they never did.
     max_steps : int
         Steps it was allowed.
     fall : tuple of int and two floats, or None
         Where its first flight began, from which on the bodies no longer fall: number of steps, heights in m; None
         if it had none, or no gravity.
     lead : tuple of float and int
-        By how much time, in s, its first flight began, or, negative, did not, and the contact that decided on it
-        (`trajectory.scan`).
+        By how much time, in s, its first flight began, or, negative, did not, and the contact that decided on it.
     """
 
     column: Column
@@ -121,16 +118,16 @@ class Run:
             )
         return reason
 
-    def impulses(self, v1: float, v2: float) -> tuple[float, float]:
-        """Give the total impulses of both contacts, in N s, for final velocities in m/s; gravity put back."""
+    def impulses(self, v1: Any, v2: Any, time: Any) -> tuple[Any, Any]:
+        """Impulses of both contacts up to a time in s, in N s, from the velocities then in m/s; gravity put back.
+
+        Numbers or arrays. Gravity has acted until the first flight.
+        """
         c = self.column
-        fallen = c.gravity * self._falling(self.duration)
+        falling = time if self.fall is None else np.minimum(time, self.fall[0] * c.step)
+        fallen = c.gravity * falling
         impulse1 = c.m1 * (v1 - c.v1 + fallen)
         return impulse1, impulse1 + c.m2 * (v2 - c.v2 + fallen)
-
-    def _falling(self, time: Any) -> Any:
-        """For how long up to a time, or to each of some, gravity acted, in s."""
-        return time if self.fall is None else np.minimum(time, self.fall[0] * self.column.step)
 
     def energy_gain(self) -> float:
         """Give the energy gained over the kinetic energy at the start, without what springs hold at the end.
@@ -153,7 +150,6 @@ class Run:
     def path(self, runs: Runs) -> ImpulseCurve:
         """Give the recorded path under a (merged) state sequence; energies unknown."""
         assert self.points is not None
-        c = self.column
         step = self.points[:, 0].astype(np.int64)
         # Step n ends at point n. The state of a point is that of the step before it; at a border the point is
         # given again, with the state of the step after it.
@@ -164,13 +160,10 @@ class Run:
         state_index[1:] += (order[1:] == order[:-1]).astype(state_index.dtype)
         state = runs.state[state_index]
         v1, v2 = self.points[order, 1], self.points[order, 2]
-        t = np.asarray(step[order] * c.step, np.float64)
-        fallen = c.gravity * self._falling(t)
-        impulse1 = c.m1 * (v1 - c.v1 + fallen)
-        impulse2 = impulse1 + c.m2 * (v2 - c.v2 + fallen)
+        t = np.asarray(step[order] * self.column.step, np.float64)
         phase1 = np.where(np.isin(state, (1, 3)), np.where(v2 > v1, 1, 2), 0)
         phase2 = np.where(np.isin(state, (1, 2)), np.where(v2 < 0, 1, 2), 0)
-        return ImpulseCurve(t, impulse1, impulse2, v1, v2, None, None, state, phase1, phase2)
+        return ImpulseCurve(t, *self.impulses(v1, v2, t), v1, v2, None, None, state, phase1, phase2)
 
 
 def states_of(run: Run, shortest_state: float) -> Runs:
@@ -193,8 +186,8 @@ class Recorder:
         Steps it may take.
     record_path : bool
         Whether to keep points.
-    law : Law, optional
-        The contacts as the engine has them; needed by an adapter that takes several steps together.
+    contacts : EngineContacts, optional
+        The contacts as the engine has them, by default those asked for; for `quiet_steps` and `skip`.
     """
 
     def __init__(
@@ -205,12 +198,11 @@ class Recorder:
         k2: float,
         max_steps: int,
         record_path: bool,
-        law: Law | None = None,
+        contacts: EngineContacts | None = None,
     ) -> None:
         self.column = column
         self._max_steps = max_steps
         self.end = GOING
-        self._k2 = k2
         rest = -column.m2 * column.gravity / k2
         self.parameters = ScanParameters(
             column.step, column.gravity, column.m1, column.m2, column.contact1.k, k2, rest
@@ -220,16 +212,15 @@ class Recorder:
         self._start = (x1, x2)
         self.n_steps = 0
         self._last_code = 0
-        self._law = law
-        self._packed = self._pack()
+        one, two = column.contact1, column.contact2
+        self._contacts = contacts or EngineContacts(one.k, one.c, two.k, two.c, one.mass)
+        self._packed = np.array([*self.parameters, *self._contacts])
         self._fall: tuple[int, float, float] | None = None
         self._memory = new_memory()
         self._starts, self._states = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-        self._points = [np.array([[0.0, column.v1, column.v2]])] if record_path else None
+        self._record_path = record_path
+        self._points = [np.array([[0.0, column.v1, column.v2]])]
         self._n_points, self._stride = 1, 1
-
-    def _pack(self) -> Floats | None:
-        return np.array([*self.parameters, *self._law]) if self._law is not None else None
 
     @property
     def state(self) -> tuple[Floats, Floats]:
@@ -257,7 +248,7 @@ class Recorder:
             changes = np.flatnonzero(np.diff(codes, prepend=np.int8(self._last_code)))
             self._starts.append(changes + self.n_steps)
             self._states.append(codes[changes].astype(np.int64))
-            if self._points is not None:
+            if self._record_path:
                 self._keep(v[:n], changes)
             self._v, self._x = v[n - 1].copy(), x[n - 1].copy()
             self._last_code = int(codes[-1])
@@ -265,14 +256,13 @@ class Recorder:
         if self.end == FLIGHT:
             self._fall = self.n_steps, float(self._x[0]), float(self._x[1])
             self.parameters = self.parameters._replace(g=0.0)
-            self._packed = self._pack()
+            self._packed = np.array([*self.parameters, *self._contacts])
             self.end = GOING
             return FLIGHT
         return self.end
 
     def quiet_steps(self) -> int:
         """Count the next steps in which nothing will happen (`engines.quiet`)."""
-        assert self._packed is not None
         return quiet_steps(self._last_code, self._v, self._x, self._packed)
 
     def skip(self, n: int, v: Floats, x: Floats) -> None:
@@ -289,8 +279,7 @@ class Recorder:
         v, x : ndarray, shape (2,)
             Velocities in m/s and heights in m of B1 and B2 after the last of them.
         """
-        if self._points is not None:
-            assert self._packed is not None
+        if self._record_path:
             ends = (self._v, self._x, v, x)
             self._append(between(self._last_code, *ends, self.n_steps, n, self._stride, self._packed))
         self._v, self._x = v, x
@@ -299,7 +288,6 @@ class Recorder:
 
     def _keep(self, v: Floats, changes: NDArray[np.int64]) -> None:
         """Keep every `stride`-th point, the borders, and the last one of the block."""
-        assert self._points is not None
         number = self.n_steps + 1 + np.arange(len(v))
         wanted = number % self._stride == 0
         wanted[-1] = True
@@ -307,21 +295,19 @@ class Recorder:
         self._append(np.column_stack([number[wanted].astype(np.float64), v[wanted]]))
 
     def _append(self, points: Floats) -> None:
-        assert self._points is not None
         self._points.append(points)
         self._n_points += len(points)
         if self._n_points > 4 * PATH_POINTS:
-            self._thin(PATH_POINTS)
+            self._thin()
 
-    def _thin(self, limit: int) -> Floats:
-        """Double the stride until the points between borders fit the limit."""
-        assert self._points is not None
+    def _thin(self) -> Floats:
+        """Double the stride until the points between borders are at most `PATH_POINTS`."""
         points = np.concatenate(self._points)
         number = points[:, 0].astype(np.int64)
         border = np.isin(number, np.concatenate(self._starts))
         border[[0, -1]] = True
         keep = np.ones(len(number), bool)
-        while np.count_nonzero(keep & ~border) > limit:
+        while np.count_nonzero(keep & ~border) > PATH_POINTS:
             self._stride *= 2
             keep = border | (number % self._stride == 0)
         self._points = [points[keep]]
@@ -342,7 +328,7 @@ class Recorder:
             x1_start,
             x2_start,
             raw=Runs(np.concatenate(self._starts), np.concatenate(self._states), self.n_steps),
-            points=self._thin(PATH_POINTS) if self._points is not None else None,
+            points=self._thin() if self._record_path else None,
             failure=failure,
             starts=float(memory["again"]),
             unloaded=tuple(memory["unloaded"].tolist()),

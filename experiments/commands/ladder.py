@@ -33,12 +33,12 @@ def ladder(
 ) -> None:
     """Show why the engines of a finished run diverge: frozen positions, law, gravity, mapping, time step.
 
-    Another law than kelvin-voigt splits the rung of the dissipation law into what that law would leave and
+    Another law than kelvin-voigt splits the contribution of the dissipation law into what that law would leave and
     what the choice of the dashpot adds, and writes ladder-NAME.parquet and .csv into the folder.
     """
     from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
+    from impact_xval.experiments.measures.corners import LAWS
     from impact_xval.experiments.measures.ladder_table import write_ladder
-    from impact_xval.experiments.measures.rungs import LAWS
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.tables.folders import finished
     from impact_xval.experiments.tables.schema import CELLS_SCHEMA
@@ -65,31 +65,15 @@ def _show_run(folder: RunFolder, law: str, stem: str) -> None:
         ladder_statistics,
         summarise_ladder,
     )
-    from impact_xval.experiments.presentation.ladder_document import (
-        alternatives_table,
-        axis_share_table,
-        ladder_findings,
-        norm_table,
-        share_table,
-    )
-    from impact_xval.experiments.presentation.terminal import make_console, print_line, print_table
+    from impact_xval.experiments.presentation.ladder_page import ladder_facts
+    from impact_xval.experiments.presentation.pages import render
+    from impact_xval.experiments.presentation.terminal import make_console, show
 
     config = folder.config()
     found = summarise_ladder(folder, config)
     if law != KELVIN_VOIGT:
         found = LadderSummary(ladder_statistics(folder.root / f"{stem}.parquet", config), found.alternatives)
-    console = make_console()
-    if not found.solvers:
-        print_line(console, "no engine of this run has a result: there is nothing to split")
-        return
-    tables = [share_table(found), norm_table(found), axis_share_table(found, "stiffness_ratio")]
-    if len(found.alternatives):
-        tables.append(alternatives_table(found))
-    for table in tables:
-        print_table(console, table)
-    print_line(console, "")
-    for text in ladder_findings(found):
-        print_line(console, text)
+    show(make_console(), render("ladder_run.md.j2", ladder=ladder_facts(found)))
 
 
 def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
@@ -114,20 +98,19 @@ def _contributions(row: Any) -> list[tuple[str, ...]]:
     """Rows of the table of a cell and engine; empty where the engine has no ladder."""
     import math
 
-    from impact_xval.experiments.measures.ladder import cancelling
+    from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, cancelling
     from impact_xval.experiments.measures.ladder_table import between
-    from impact_xval.experiments.measures.rungs import CAUSES, RUNGS
     from impact_xval.experiments.tables.numbers import percent
 
     if math.isnan(row.velocity_divergence):
         return []
-    there = [r for r in RUNGS if f"{r.name}_norm" in row and not math.isnan(row[f"{r.name}_norm"])]
-    pair = cancelling([row[f"{rung.name}_share"] for rung in there]) or ()
+    there = [c for c in CONTRIBUTIONS if f"{c.name}_norm" in row and not math.isnan(row[f"{c.name}_norm"])]
+    pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
     lines = []
-    for i, rung in enumerate(there):
-        share, low, high = (row[f"{rung.name}_share{end}"] for end in ("", "_low", "_high"))
-        shown = (percent(share), between(low, high) if rung in CAUSES else "")
-        numbers = (f"{row[f'{rung.name}_{part}']:.3e}" for part in ("dv1", "dv2", "norm"))
-        lines.append((rung.label, *numbers, *(("cancels", "") if i in pair else shown)))
+    for i, c in enumerate(there):
+        share, low, high = (row[f"{c.name}_share{end}"] for end in ("", "_low", "_high"))
+        shown = (percent(share), between(low, high) if c in CAUSES else "")
+        numbers = (f"{row[f'{c.name}_{part}']:.3e}" for part in ("dv1", "dv2", "norm"))
+        lines.append((c.label, *numbers, *(("cancels", "") if i in pair else shown)))
     total = (f"{value:.3e}" for value in (row.dv1, row.dv2, row.velocity_divergence))
     return [*lines, ("sum", *total, "100.0 %", "")]

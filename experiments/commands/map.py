@@ -100,21 +100,21 @@ def findings(images: dict[str, Any]) -> list[str]:
     """Write in plain words what a map shows."""
     import numpy as np
 
-    from impact_xval.experiments.measures.plane import PATHS, RUNGS
+    from impact_xval.experiments.measures.plane import PATHS, PLANE_CAUSES
     from impact_xval.experiments.presentation.pages import Paragraph, blocks_of, render
 
     there = ~images["failed"]
-    norms = {rung: images[f"{rung.name}_norm"][there] for rung in RUNGS}
+    norms = {cause: images[f"{cause.name}_norm"][there] for cause in PLANE_CAUSES}
     repeats = images["repeats_norm"][there]
     shares = [
         {
-            "label": rung.label,
-            "seen": np.mean(norms[rung] > 0.01),
-            "most": norms[rung].max(),
+            "label": cause.label,
+            "seen": np.mean(norms[cause] > 0.01),
+            "most": norms[cause].max(),
             "largest": np.mean(images["dominant"][there] == i),
         }
-        for i, rung in enumerate(RUNGS)
-        if norms[rung].size and norms[rung].max() > 0
+        for i, cause in enumerate(PLANE_CAUSES)
+        if norms[cause].size and norms[cause].max() > 0
     ]
     page = render(
         "map.md.j2",

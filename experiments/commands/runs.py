@@ -52,10 +52,9 @@ def run(
         folder = run_sweep(
             experiment, root, workers=workers, scheduler=scheduler, resume=resume, progress=progress
         )
-    written = write_tables(folder)
-    summary, _ = written
+    summary = write_tables(folder)
     write_figures(folder, summary.ladder)
-    write_report(folder, written)
+    write_report(folder, summary)
     show_summary(console, summary)
     print_line(console, f"{time.perf_counter() - start:.0f} s; everything is in {folder.root}")
 
@@ -127,7 +126,7 @@ def table(folder: Folder) -> None:
     from impact_xval.experiments.presentation.views import show_summary
     from impact_xval.experiments.tables.folders import finished
 
-    summary, _ = write_tables(finished(folder))
+    summary = write_tables(finished(folder))
     console = make_console()
     show_summary(console, summary)
     print_line(console, f"summary.md, summary.csv and summary.tex are in {folder}")

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from impact_xval.experiments.hypothesis.subjects import default_names
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from impact_xval.experiments.config.config_errors import (
@@ -15,9 +16,7 @@ from impact_xval.experiments.config.config_errors import (
     validated,
 )
 from impact_xval.experiments.config.configuration import solvers_problem
-from impact_xval.experiments.hypothesis.cases import BY_KEY, Point
-from impact_xval.experiments.hypothesis.cases import outside
-from impact_xval.experiments.hypothesis.subjects import default_names
+from impact_xval.experiments.hypothesis.cases import BY_KEY, Point, outside
 
 #: TOML has lists only: they may stand for pairs, whose numbers are no less strict for it.
 _Range = Annotated[tuple[float, float], Field(strict=False)]

@@ -10,18 +10,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
-from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.hypothesis.cases import CASES, Case, Point
-from impact_xval.experiments.hypothesis.config import HypothesisConfig
-from impact_xval.experiments.hypothesis.cases import draw
 from impact_xval.experiments.hypothesis.isolation import (
     Job,
     ask,
     follow,
     open_executor,
 )
+from impact_xval.experiments.hypothesis.ringing import Branches, count_branches
+from impact_xval.experiments.hypothesis.series import Series, examine, ratios_of
+from impact_xval.experiments.hypothesis.subjects import Answers, Subject, subject
+from numpy.typing import NDArray
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.hypothesis.cases import CASES, Case, Point, draw
+from impact_xval.experiments.hypothesis.config import HypothesisConfig
 from impact_xval.experiments.hypothesis.maps import (
     ErrorMap,
     axes,
@@ -35,9 +37,6 @@ from impact_xval.experiments.hypothesis.mechanism import (
     Mechanism,
     Motion,
 )
-from impact_xval.experiments.hypothesis.ringing import Branches, count_branches
-from impact_xval.experiments.hypothesis.series import Series, examine, ratios_of
-from impact_xval.experiments.hypothesis.subjects import Answers, Subject, subject
 from impact_xval.experiments.hypothesis.verdicts import CaseResult, Group
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.sweep.executors import available_cores

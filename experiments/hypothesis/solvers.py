@@ -31,7 +31,7 @@ from impact_xval.compliant_baselines.engines.convergence import extrapolated
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
-from impact_xval.experiments.sweep.sandbox import Beat, FaultError, Sandbox
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Resolve, answer
 from impact_xval.model import Collision, solve_batch
 from impact_xval.model.collision import RESULT_STATUSES, Status
@@ -258,25 +258,23 @@ def isolated(sandbox: Sandbox, solve: Solve, ratios: Floats, timeout: float) -> 
     Outcomes
         Of all n.
     """
-    n = ratios.shape[1]
-    try:
-        if n == 1:
-            return twice(sandbox, _solve, solve, ratios, timeout=timeout)
-        return sandbox.call(_solve, solve, ratios, patience=timeout)
-    except FaultError as fault:
-        if n == 1:
-            return Outcomes.failure(fault.status, fault.reason)
-    halves = ratios[:, : n // 2], ratios[:, n // 2 :]
-    return Outcomes.join([isolated(sandbox, solve, half, timeout) for half in halves])
+
+    def call(place: slice) -> Outcomes:
+        return sandbox.call(_solve, solve, ratios[:, place], timeout=timeout)
+
+    def failure(_: slice, fault: FaultError) -> Outcomes:
+        return Outcomes.failure(fault.status, fault.reason)
+
+    return Outcomes.join(in_halves(call, ratios.shape[1], failure))
 
 
-def _solve(context: object, solve: Solve, ratios: Floats, *, beat: Beat) -> Outcomes:
+def _solve(context: object, solve: Solve, ratios: Floats) -> Outcomes:
     return solve(*ratios)
 
 
 def twice(sandbox: Sandbox, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
     """Call a function in a sandbox, and once more after a fault."""
     try:
-        return sandbox.call(function, *arguments, patience=timeout)
+        return sandbox.call(function, *arguments, timeout=timeout)
     except FaultError:
-        return sandbox.call(function, *arguments, patience=timeout)
+        return sandbox.call(function, *arguments, timeout=timeout)

@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
-from impact_xval.experiments.measures.laws import in_order_of_laws, with_votes
+from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, load_divergence
 from impact_xval.experiments.presentation.curve_figures import draw_cell_curves, draw_supplement
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
+from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing, look, save
-from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA
+from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_json
 
@@ -92,22 +94,27 @@ def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> lis
 
 
 def _figures(data: Data) -> Iterator[tuple[str, Figure, str]]:
-    drawers: list[tuple[str, Callable[[Data], tuple[Figure, str]]]] = []
-    if data.solvers:
-        drawers += [
-            ("divergence-by-stiffness", _divergence_by_stiffness),
-            ("divergence-map", _divergence_map),
-            ("divergence-by-restitution", _divergence_by_restitution),
-            ("state-paths", _state_paths),
-            ("energy", _energy),
-        ]
-    for name, draw in drawers:
-        figure, caption = draw(data)
-        yield name, figure, with_votes(caption, data.solvers)
+    facts = {"model": REFERENCE, "floor": _FLOOR, "solvers": data.solvers}
+    drawers: dict[str, Callable[[Data], Figure]] = {
+        "divergence-by-stiffness": _divergence_by_stiffness,
+        "divergence-map": _divergence_map,
+        "divergence-by-restitution": _divergence_by_restitution,
+        "state-paths": _state_paths,
+        "energy": _energy,
+    }
+    for name, draw in drawers.items() if data.solvers else ():
+        yield name, draw(data), _caption(name, facts)
     yield from draw_ladders(data.ladder)
-    figure, caption = draw_cell_curves(data.curves, in_order_of_laws(data.config.solvers))
-    yield "impulse-curves", figure, with_votes(caption, data.config.solvers)
-    yield "supplement-1b-2b", *draw_supplement(data.curves)
+    solvers = in_order_of_laws(data.config.solvers)
+    curves = draw_cell_curves(data.curves, solvers)
+    drawn = data.curves[data.curves.curve == FIGURE_CELL]
+    cell = {label: drawn[axis].iloc[0] for axis, label in AXES.items()} if len(drawn) else {}
+    yield "impulse-curves", curves, _caption("impulse-curves", facts | {"cell": cell, "solvers": solvers})
+    yield "supplement-1b-2b", draw_supplement(data.curves), _caption("supplement-1b-2b", facts)
+
+
+def _caption(figure: str, facts: dict[str, Any]) -> str:
+    return phrase("captions.md.j2", figure.replace("-", "_"), facts)
 
 
 def _stiffness_axis(ax: Any, values: list[float]) -> np.ndarray:
@@ -122,7 +129,7 @@ def _stiffness_axis(ax: Any, values: list[float]) -> np.ndarray:
     return np.arange(len(array), dtype=float)
 
 
-def _divergence_by_stiffness(data: Data) -> tuple[Figure, str]:
+def _divergence_by_stiffness(data: Data) -> Figure:
     values = data.levels["stiffness_ratio"]
     columns = len(data.solvers)
     with drawing(2.4 * columns + 0.8, 3.2) as figure:
@@ -141,33 +148,20 @@ def _divergence_by_stiffness(data: Data) -> tuple[Figure, str]:
             ax.set_yscale("log")
             ax.set_title(name)
         axes[0].set_ylabel("velocity divergence D (-)")
-    return figure, (
-        f"Velocity divergence D of each solver from the {REFERENCE} model over the stiffness ratio k2/k1. "
-        "Line with markers: median over mass ratios and restitutions; band: 5th to 95th percentile; dotted: "
-        "maximum. D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)), dimensionless; marked cells "
-        f"(beside a jump) are left out; values below {number(_FLOOR)} are drawn there."
-    )
+    return figure
 
 
-def _divergence_map(data: Data) -> tuple[Figure, str]:
+def _divergence_map(data: Data) -> Figure:
     across = _Side("stiffness_ratio", "k2/k1", ticks=4, digits=2)
     up = _Side("mass_ratio", "mass ratio m2/m1", ticks=12)
     size = (2.4 * len(data.solvers) + 1.2, 1.7 + 0.28 * min(len(data.levels[up.axis]), 20))
-    return _median_maps(data, across, up, size), (
-        f"Median over the restitutions e1, e2 of the velocity divergence D from the {REFERENCE} model, by "
-        "stiffness ratio k2/k1 and mass ratio m2/m1, one panel a solver and one colour scale for all. "
-        "White: nothing to compare. Marked cells (beside a jump) are left out."
-    )
+    return _median_maps(data, across, up, size)
 
 
-def _divergence_by_restitution(data: Data) -> tuple[Figure, str]:
+def _divergence_by_restitution(data: Data) -> Figure:
     across, up = _Side("e1", "e1 (ball on ball)", ticks=8), _Side("e2", "e2 (ball on table)", ticks=8)
     size = (2.3 * len(data.solvers) + 1.2, 2.7)
-    return _median_maps(data, across, up, size, written=36), (
-        f"Median over stiffness and mass ratios of the velocity divergence D from the {REFERENCE} model, by "
-        "the coefficients of restitution e1 (ball on ball) and e2 (ball on table), one panel a solver. "
-        "Marked cells (beside a jump) are left out."
-    )
+    return _median_maps(data, across, up, size, written=36)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +209,7 @@ def _median_maps(data: Data, across: _Side, up: _Side, size: tuple[float, float]
     return figure
 
 
-def _state_paths(data: Data) -> tuple[Figure, str]:
+def _state_paths(data: Data) -> Figure:
     values = data.levels["stiffness_ratio"]
     with drawing(6.0, 3.2) as figure:
         ax = figure.subplots()
@@ -231,15 +225,10 @@ def _state_paths(data: Data) -> tuple[Figure, str]:
         ax.set_ylim(-3, 103)
         ax.set_ylabel("cells with the model's path (%)")
         ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
-    return figure, (
-        "Share of cells in which a solver passes through the same sequence of contact states (S1 both "
-        f"contacts active, S2 ball on table, S3 ball on ball, S4 none) as the {REFERENCE} model, over the "
-        "stiffness ratio k2/k1, of the cells in which the model took no limit (its path ends there). Marked "
-        "cells (beside a jump) are left out."
-    )
+    return figure
 
 
-def _energy(data: Data) -> tuple[Figure, str]:
+def _energy(data: Data) -> Figure:
     values = data.levels["stiffness_ratio"]
     with drawing(6.0, 3.4) as figure:
         ax = figure.subplots()
@@ -260,9 +249,4 @@ def _energy(data: Data) -> tuple[Figure, str]:
             ax.plot(shifted, median, color=style.color, marker=style.marker, linestyle="none", label=name)
         ax.set_ylabel("retained energy, solver minus model (-)")
         ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
-    return figure, (
-        "Difference of the fraction of kinetic energy that is left after the collision, solver minus "
-        f"{REFERENCE} model, over the stiffness ratio k2/k1: marker the median, bar the 5th to 95th "
-        "percentile over mass ratios and restitutions. Above zero the solver dissipates less than the "
-        "model. Solvers are set side by side for legibility; marked cells (beside a jump) are left out."
-    )
+    return figure

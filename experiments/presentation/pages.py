@@ -208,12 +208,12 @@ def _caption_into_table(tokens: list[Token], at: int) -> None:
 
 def _caption(tokens: Sequence[Token], at: int) -> tuple[str, bool] | None:
     """Return the caption of the table that begins at a place, and whether it is a detail; None without one."""
-    if at < 3 or tokens[at - 3].type != "paragraph_open" or not tokens[at - 2].children:
+    if at < 3 or tokens[at - 3].type != "paragraph_open":
         return None
     # markdown-it leaves texts of no letters beside marks
-    first, *_, last = [child for child in tokens[at - 2].children or [] if child.content or child.tag]
+    kinds = [child.type for child in tokens[at - 2].children or [] if child.content or child.tag]
     for mark, detail in (("strong", False), ("em", True)):
-        if first.type == f"{mark}_open" and last.type == f"{mark}_close":
+        if (kinds[0], kinds[-1]) == (f"{mark}_open", f"{mark}_close"):
             return _plain(tokens[at - 2]), detail
     return None
 

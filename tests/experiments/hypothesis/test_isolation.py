@@ -23,7 +23,7 @@ from impact_xval.experiments.sweep.sandbox import Sandbox
 from tests.experiments import faulty
 
 
-def prepare(context, *, beat):
+def prepare(context):
     """Import this module, by being found in it: what a call imports counts as its time."""
 
 

@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
-
-from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, closed_form
-from impact_xval.experiments.hypothesis.cases import draw
-from impact_xval.experiments.hypothesis.judging import judge
 from impact_xval.experiments.hypothesis.series import Series, examine, ratios_of
 from impact_xval.experiments.hypothesis.subjects import Answers, Subject
+
+from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, closed_form, draw
+from impact_xval.experiments.hypothesis.judging import judge
 
 CASE = BY_KEY["zero-late"]
 POINTS = tuple(draw(CASE, 12, 5))

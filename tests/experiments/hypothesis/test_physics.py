@@ -4,18 +4,27 @@ import math
 
 import numpy as np
 import pytest
+from impact_xval.experiments.hypothesis.hard_contact import Table, hard_ball_ball
+from impact_xval.experiments.hypothesis.ringing import (
+    RANGE,
+    count_branches,
+    end_share,
+    mean_more_ends,
+)
+from impact_xval.experiments.hypothesis.series import Series, examine, ratios_of
+from impact_xval.experiments.hypothesis.subjects import model_batch, subject
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.experiments.hypothesis.cases import (
     BY_KEY,
     CASES,
+    MARGIN,
     Point,
     closed_form,
+    draw,
 )
 from impact_xval.experiments.hypothesis.config import parse
-from impact_xval.experiments.hypothesis.cases import MARGIN, draw
-from impact_xval.experiments.hypothesis.hard_contact import Table, hard_ball_ball
 from impact_xval.experiments.hypothesis.mechanism import POINTS, observe
 from impact_xval.experiments.hypothesis.predictions import (
     FAMILIES,
@@ -24,15 +33,7 @@ from impact_xval.experiments.hypothesis.predictions import (
     hunt_crossley_restitution,
     predict,
 )
-from impact_xval.experiments.hypothesis.ringing import (
-    RANGE,
-    count_branches,
-    end_share,
-    mean_more_ends,
-)
 from impact_xval.experiments.hypothesis.run import contrasts
-from impact_xval.experiments.hypothesis.series import Series, examine, ratios_of
-from impact_xval.experiments.hypothesis.subjects import model_batch, subject
 from impact_xval.model import Collision, solve
 
 CONFIG = parse({"points": 12}, "test")

@@ -1,6 +1,6 @@
-"""What a run's convergence certificates say: how far each engine is from its limit, and how well that is known.
+"""Convergence estimates of a run: how far each engine is from its limit dt -> 0, and how well that is known.
 
-Where the exact solver of the law an engine was asked for is part of the run, its certificates are held against it: the
+Where the exact solver of the law an engine was asked for is part of the run, its limits are held against it: the
 same contacts, solved by other means. An engine with the naive mapping runs other contacts than it was asked for: its
 limit is its own, and is held against nothing.
 """
@@ -18,13 +18,6 @@ import pyarrow.compute as pc
 from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
 from impact_xval.compliant_baselines.contract.solver import MappingName
 from impact_xval.experiments.measures.divergence import COMPARABLE
-from impact_xval.experiments.tables.document import (
-    Block,
-    Heading,
-    Paragraph,
-    Table,
-)
-from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.experiments.tables.streams import selected
 
 #: An estimate is honest where the true error is at most this many times as large.
@@ -38,11 +31,11 @@ _ENDS = ("cell", "solver", "status", "v0", "v1", "v2")
 _LIMIT = ("v1_limit", "v2_limit", "limit_error", "order", "regularisation")
 
 
-def certificates(path: Path, solvers: list[str], mapping: MappingName = "calibrated") -> Frame:
-    """Compute a row for every solver with certificates, from the table of cells.
+def convergence_estimates(path: Path, solvers: list[str], mapping: MappingName = "calibrated") -> Frame:
+    """Compute a row for every solver with convergence estimates, from the table of cells.
 
     Columns: ``solver``; ``asked``, the exact solver of the law it was asked for, "" with the naive mapping; ``n``
-    certificates, ``converged`` of them; ``order``, the median; ``error_median``, ``error_p95``, ``error_max``,
+    limits, ``converged`` of them; ``order``, the median; ``error_median``, ``error_p95``, ``error_max``,
     estimated errors of the converged; ``regularisation``, the largest of the converged; ``step_median``, ``step_p95``,
     ``step_max``, their distances from the velocities at the step; and, NaN where `asked` is not in the run,
     ``asked_median``, ``asked_p95``, ``asked_max``, distances of the converged limits from it, and ``honest``, the share
@@ -82,69 +75,3 @@ def _larger(first: Frame, second: Frame) -> Frame:
 def _cuts(name: str, values: Frame) -> dict[str, float]:
     cuts = (values.median(), values.quantile(0.95), values.max()) if len(values) else (np.nan,) * 3
     return {f"{name}_{cut}": float(value) for cut, value in zip(("median", "p95", "max"), cuts, strict=True)}
-
-
-def certificate_blocks(table: Frame) -> list[Block]:
-    """Say and tabulate it; nothing for a run without certificates."""
-    if not len(table):
-        return []
-    return [
-        Heading("In the limit of small steps"),
-        *(Paragraph(_sentence(row)) for row in table.itertuples()),
-        _table(table),
-    ]
-
-
-def _sentence(row: Any) -> str:
-    text = (
-        f"{row.solver}: {row.converged} of {row.n} limits are converged. At the step that was run the velocities are "
-        f"{number(row.step_median, 2)} |v0| from the limit in the median and {number(row.step_max, 2)} at most."
-    )
-    if row.regularisation > 0:
-        text += f" Its regularisation, which no step removes, moves them by up to {number(row.regularisation, 2)}."
-    if not row.asked:
-        text += " It is the engine's own limit: by the naive mapping its contacts are not those that were asked for."
-    if not np.isnan(row.honest):
-        text += (
-            f" The converged limits are {number(row.asked_median, 2)} (median) and at most "
-            f"{number(row.asked_max, 2)} from the exact contacts that were asked for ({row.asked}); that is within "
-            f"{HONEST:g} times the estimated error in {percent(row.honest)} of the cells."
-        )
-    return text
-
-
-def _table(table: Frame) -> Table:
-    names = ("median", "p95", "max")
-    rows = [
-        (
-            str(row["solver"]),
-            str(row["asked"]) or "(naive)",
-            f"{row['converged']} of {row['n']}",
-            number(row["order"], 2),
-            *(
-                " / ".join(number(row[f"{kind}_{cut}"], 2) for cut in names)
-                for kind in ("step", "error", "asked")
-            ),
-            number(row["regularisation"], 2),
-            percent(row["honest"]),
-        )
-        for _, row in table.iterrows()
-    ]
-    return Table(
-        "Convergence certificates: velocities per |v0|, the larger of both balls, median / 95th percentile / maximum. "
-        f"The last column is the share of limits within {HONEST:g} times the estimate of the exact contacts that were "
-        "asked for",
-        (
-            "solver",
-            "asked for",
-            "converged",
-            "order (median)",
-            "step to limit",
-            "estimated error",
-            "limit to what was asked for",
-            "regularisation (max)",
-            "honest",
-        ),
-        rows,
-        text_columns=2,
-    )

@@ -1,12 +1,14 @@
-"""The limit of small steps in the tables of a run."""
+"""The limit dt -> 0 in the tables of a run."""
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.measures.certificates import certificate_blocks, certificates
+from impact_xval.experiments.measures.estimates import convergence_estimates
 from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.presentation.pages import phrase
+from impact_xval.experiments.presentation.summary_page import estimate_facts
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, CERTIFICATE
 from tests.experiments.conftest import SMALL
@@ -32,17 +34,17 @@ def test_both_results_are_kept(tmp_path):
             assert row[ball] / 2 == pytest.approx(row[f"{ball}_limit"], abs=3e-3)
         assert 0 < row["regularisation"] <= row["limit_error"] < 1e-3
         assert row["finest_step"] == row["step"] / 4
-    table = summarise(folder).certificates
+    table = summarise(folder).estimates
     assert table.solver.tolist() == ["mujoco"]
     assert table.n.tolist() == table.converged.tolist() == [12]
     assert table.honest.tolist() == [1.0]
     assert table.step_max[0] < 3e-3
 
 
-def test_certificates_can_be_left_out(tmp_path):
+def test_estimates_can_be_left_out(tmp_path):
     folder, rows = run(tmp_path, convergence={"enabled": False})
     assert all(row[name] is None for row in rows for name in CERTIFICATE)
-    assert not len(summarise(folder).certificates)
+    assert not len(summarise(folder).estimates)
 
 
 def test_an_unconverged_cell_keeps_its_numbers_and_measures_nothing(tmp_path):
@@ -60,7 +62,7 @@ def test_what_is_wanted_of_limits_belongs_to_the_identity_of_a_run():
 
 
 def row(solver, v1, limit=None, *, cell=0, status="ok", regularisation=0.0):
-    """A row of the table of cells, as far as certificates are concerned."""
+    """A row of the table of cells, as far as limits are concerned."""
     numbers = {"v1_limit": limit, "v2_limit": limit and 0.0, "limit_error": limit and 1e-3}
     rest = {"order": limit and 1.0, "regularisation": limit and regularisation}
     ends = {"cell": cell, "solver": solver, "status": status, "v0": -1.0, "v1": v1, "v2": 0.0}
@@ -70,7 +72,7 @@ def row(solver, v1, limit=None, *, cell=0, status="ok", regularisation=0.0):
 def held(path, rows, names, **options):
     fields = [field for field in CELLS_SCHEMA if field.name in rows[0]]
     pq.write_table(pa.Table.from_pylist(rows, pa.schema(fields)), path / "cells.parquet")
-    return certificates(path / "cells.parquet", names, **options)
+    return convergence_estimates(path / "cells.parquet", names, **options)
 
 
 def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
@@ -86,9 +88,10 @@ def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
     assert table.asked.tolist() == ["kelvin-voigt", "hunt-crossley"]
     assert table.asked_max.tolist() == pytest.approx([5e-4, 5e-4])
     assert table.honest.tolist() == [1.0, 1.0]
-    _, *sentences, shown = certificate_blocks(table)
-    for name, text, line in zip(table.asked, sentences, shown.rows, strict=True):
-        assert f"from the exact contacts that were asked for ({name})" in text.text
+    facts = estimate_facts(table)
+    text = phrase("estimates.md.j2", "convergence", facts)
+    for name, line in zip(table.asked, facts["estimate_rows"], strict=True):
+        assert f"from the exact contacts that were asked for ({name})" in text
         assert line[1] == name
     # without the exact solver of its law an engine is held against nothing, whatever else there is
     table = held(tmp_path, [row for row in rows if row["solver"] != "hunt-crossley"], names)
@@ -100,12 +103,12 @@ def test_an_engine_of_the_naive_mapping_is_held_against_nothing(tmp_path):
     table = held(tmp_path, rows, ["mujoco", "mujoco-naive"])
     assert table.asked.tolist() == ["kelvin-voigt", ""]
     assert table.honest.isna().tolist() == [False, True]
-    _, _, naive, _ = certificate_blocks(table)
-    assert "its contacts are not those that were asked for" in naive.text
+    text = phrase("estimates.md.j2", "convergence", estimate_facts(table))
+    assert text.count("its contacts are not those that were asked for") == 1
     assert held(tmp_path, rows, ["mujoco"], mapping="naive").asked.tolist() == [""]
 
 
-def test_what_regularisation_does_is_said_of_certified_cells(tmp_path):
+def test_what_regularisation_does_is_said_of_converged_cells(tmp_path):
     rows = [
         row("mujoco", 0.3, 0.3, regularisation=1e-4),
         row("mujoco", 0.3, 0.3, cell=1, status="unconverged", regularisation=0.02),

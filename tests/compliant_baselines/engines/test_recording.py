@@ -1,7 +1,6 @@
 """What a run says of how it ended, and that every caller goes by it."""
 
 import math
-import sys
 from importlib.metadata import version
 
 import numpy as np
@@ -12,7 +11,6 @@ from impact_xval.compliant_baselines.calibration.pair import Pair, drops
 from impact_xval.compliant_baselines.contact.column import column_of
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverError
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.packages import standing_in
 from impact_xval.compliant_baselines.engines.recording import Recorder
 from impact_xval.model import Collision
 
@@ -71,18 +69,3 @@ def test_the_version_of_an_engine_is_that_of_its_distribution():
     missing = TwoSteps()
     missing.distribution = "no-such-engine"
     assert missing.version() == ""
-
-
-def test_a_stand_in_is_gone_afterwards_whatever_happens():
-    import colorsys
-
-    substitute = object()
-
-    def fail():
-        with standing_in("colorsys", substitute):
-            assert sys.modules["colorsys"] is substitute
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fail()
-    assert sys.modules["colorsys"] is colorsys
