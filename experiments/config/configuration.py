@@ -153,7 +153,7 @@ class Config(Strict):
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
     search: Search | None = Field(None, description="a table: solver, measure, and ranges")
     convergence: ConvergenceTable = Field(
-        default_factory=ConvergenceTable,
+        default_factory=lambda: ConvergenceTable.model_validate({}),
         description="a table: enabled, tolerance, halvings",
     )
     figure_cell: Cell = Field(
