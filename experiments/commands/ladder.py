@@ -108,8 +108,9 @@ def _contributions(row: Any) -> list[tuple[str, ...]]:
     pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
     lines = []
     for i, c in enumerate(there):
-        share, low, high = (row[f"{c.name}_share{end}"] for end in ("", "_low", "_high"))
-        shown = (percent(share), between(low, high) if c in CAUSES else "")
+        name = f"{c.name}_share"
+        by_order = between(row[f"{name}_low"], row[f"{name}_high"]) if c in CAUSES else ""
+        shown = (percent(row[name]), by_order)
         numbers = (f"{row[f'{c.name}_{part}']:.3e}" for part in ("dv1", "dv2", "norm"))
         lines.append((c.label, *numbers, *(("cancels", "") if i in pair else shown)))
     total = (f"{value:.3e}" for value in (row.dv1, row.dv2, row.velocity_divergence))
