@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.jumps import JUMPS, jumps
-from impact_xval.compliant_baselines.references.reference_batch import ReferenceBatch
+from impact_xval.compliant_baselines.references.batch import ReferenceBatch
 from impact_xval.experiments.measures.rungs import LAWS
 from impact_xval.model.collision import RESULT_STATUSES
 
@@ -144,7 +144,7 @@ def corner_marks(
     laws = laws_of(law, obeyed)
     marks = np.full(len(gravity_number), "", dtype="U120")
     for index, solve, number in _solvers(gravity_number, laws):
-        excess, _ = jumps(solve, *cells, number)
+        excess, _, _ = jumps(solve, *cells, number)
         found = (excess > 1) & (marks == "")
         marks[found] = (
             f"ladder: {_called(index, laws)} jumps where a parameter changes by {max(JUMPS):g} or less"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.compliant_baselines.contract.state_paths import model_paths
-from impact_xval.compliant_baselines.references.reference_batch import ReferenceBatch
+from impact_xval.compliant_baselines.references.batch import ReferenceBatch
 from impact_xval.experiments.measures.corners import (
     FREE,
     WEIGHTLESS,

@@ -8,7 +8,7 @@ from functools import partial
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
-from impact_xval.compliant_baselines.references.reference_batch import ReferenceBatch
+from impact_xval.compliant_baselines.references.batch import ReferenceBatch
 
 
 @dataclass(frozen=True, slots=True)
