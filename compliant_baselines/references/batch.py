@@ -78,7 +78,12 @@ class ReferenceBatch:
 
 def follow_batch(
     law_of: Callable[[Floats, Floats, Floats, Floats], Law],
-    *cells: ArrayLike,
+    stiffness_ratio: ArrayLike,
+    mass_ratio: ArrayLike,
+    e1: ArrayLike,
+    e2: ArrayLike,
+    gravity_number: ArrayLike,
+    *,
     frozen: bool,
     max_steps: int,
 ) -> ReferenceBatch:
@@ -88,10 +93,11 @@ def follow_batch(
     ----------
     law_of : callable
         The law of the collisions, given k2/k1, m2/m1, e1 and e2: arrays of shape (n,).
-    *cells : five array_like
-        k2/k1, m2/m1, the coefficients of restitution and the gravity number g/(\|v0\| omega1), omega1 = sqrt(k1
-        (1/m1 + 1/m2)); they broadcast. e_i = 0 and k2/k1 = 0 or infinity give the status ``unrepresentable``; a
-        gravity number of 0 is the scenario `impact`, above it is a `drop`.
+    stiffness_ratio, mass_ratio, e1, e2 : array_like
+        k2/k1, m2/m1 and the coefficients of restitution; they broadcast. e_i = 0 and k2/k1 = 0 or infinity
+        give the status ``unrepresentable``.
+    gravity_number : array_like
+        g/(\|v0\| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 is the scenario `impact`, above it is a `drop`.
     frozen : bool
         Whether positions are frozen (`references.driver`).
     max_steps : int
@@ -102,11 +108,12 @@ def follow_batch(
     ValueError
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
-    *ratios, number = cells
-    shape, (kappa, mu, e1, e2, number) = broadcast_inputs(*ratios, (GRAVITY_NUMBER, number))
+    shape, (kappa, mu, first, second, number) = broadcast_inputs(
+        stiffness_ratio, mass_ratio, e1, e2, (GRAVITY_NUMBER, gravity_number)
+    )
     g = number * np.sqrt(1 + 1 / mu)
     with np.errstate(invalid="ignore", over="ignore"):
-        law = law_of(kappa, mu, e1, e2)
+        law = law_of(kappa, mu, first, second)
     n = kappa.size
     followed = Followed(
         v1=np.full(n, np.nan),

@@ -25,8 +25,10 @@ END_OF_COMPRESSION, RESTART_OF_COMPRESSION, END_OF_RESTITUTION, RETURN, LIMIT = 
 
 
 #: Decorator of the parts that the driver is put together from. They are inlined, and count no references to the table
-#: of coefficients that is handed from one to the next: that took a fifth of the time of a collision.
-part = njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+#: of coefficients that is handed from one to the next: that took a fifth of the time of a collision. What they call
+#: does not count either, so that none of it can make an array.
+_OPTIONS = {"cache": True, "error_model": "numpy", "forceinline": True, "_nrt": False}
+part = njit(**_OPTIONS)
 
 
 @part

@@ -234,7 +234,7 @@ def write_row(log, n, time, state, duration, k1, k2, mode1, mode2, event, g):
         log[n, 10], log[n, 11] = event, g
 
 
-@part
+@njit(cache=True, error_model="numpy")
 def how_ended(law, mode1, mode2, mu, p1, d1, q2, v2, k1, k2, c1, c2, g, quiet, left):
     """How the collision ended, or `GOING`; for how many segments nothing happened, and how many are left."""
     on1, on2 = carries(mode1), carries(mode2)
