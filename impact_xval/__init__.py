@@ -1,10 +1,26 @@
 """Cross-validation of physics engines against the state-transition model of simultaneous impacts.
 
 The three folders beside this package are its floors, reached through it: `impact_xval.experiments` imports
-`impact_xval.compliant_baselines`, which imports `impact_xval.model`.
+`impact_xval.compliant_baselines`, which imports `impact_xval.model`. What a notebook needs is here, and imported when
+it is first used, so that the command starts at once.
 """
 
-from impact_xval.compliant_baselines import get_solver
-from impact_xval.model import Collision, solve, solve_batch
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from impact_xval.compliant_baselines import get_solver
+    from impact_xval.model import Collision, solve, solve_batch
 
 __all__ = ["Collision", "get_solver", "solve", "solve_batch"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    floor = "compliant_baselines" if name == "get_solver" else "model"
+    return getattr(import_module(f"{__name__}.{floor}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

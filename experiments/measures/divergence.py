@@ -9,12 +9,8 @@ import numpy as np
 
 from impact_xval.experiments.measures.hausdorff import hausdorff
 from impact_xval.experiments.tables.schema import MEASURES
-from impact_xval.model.collision import (
-    RESULT_STATUSES,
-    Collision,
-    Outcome,
-    Path,
-)
+from impact_xval.model.collision import RESULT_STATUSES, Collision, ImpulseCurve, Outcome
+from impact_xval.model.kinetic import kinetic_norm
 
 #: Statuses of an outcome that can be compared.
 COMPARABLE = RESULT_STATUSES
@@ -46,7 +42,7 @@ def divergence(
     impulse = collision.m1 * speed
     dv1, dv2 = (other.v1 - model.v1) / speed, (other.v2 - model.v2) / speed
     return {
-        "velocity_divergence": float(np.hypot(dv1, np.sqrt(collision.mass_ratio) * dv2)),
+        "velocity_divergence": float(kinetic_norm(collision.mass_ratio, dv1, dv2)),
         "dv1": dv1,
         "dv2": dv2,
         "dimpulse1": (other.impulse1 - model.impulse1) / impulse,
@@ -80,17 +76,17 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
     return row[-1]
 
 
-def curve_distance(a: Path | None, b: Path | None, impulse: float) -> float | None:
+def curve_distance(a: ImpulseCurve | None, b: ImpulseCurve | None, impulse: float) -> float | None:
     """Symmetric Hausdorff distance of two impulse curves in the (I1, I2) plane.
 
     Parameters
     ----------
-    a, b : Path or None
-        The paths; None gives None.
+    a, b : ImpulseCurve or None
+        None gives None.
     impulse : float
         Unit of the result, in N s.
     """
     if a is None or b is None:
         return None
-    curves = [np.column_stack([path.impulse1, path.impulse2]) / impulse for path in (a, b)]
+    curves = [np.column_stack([curve.impulse1, curve.impulse2]) / impulse for curve in (a, b)]
     return hausdorff(curves[0], curves[1])

@@ -7,8 +7,7 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import column_of
-from impact_xval.compliant_baselines.contract.convergence import Convergence
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT
 from impact_xval.compliant_baselines.engines.recording import Recorder
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
