@@ -15,7 +15,7 @@ from impact_xval.compliant_baselines.contract.trajectory import REST, STUCK
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
 from impact_xval.compliant_baselines.engines.recording import Run, states_of
 from impact_xval.compliant_baselines.references.jumps import mark
-from impact_xval.compliant_baselines.references.reference_solver import ReferenceSolver
+from impact_xval.compliant_baselines.references.solver import ReferenceSolver
 from impact_xval.model.collision import Collision, Outcome
 
 #: Energy an engine may create, over that of B1 before the collision, before its answer counts as

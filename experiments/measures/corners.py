@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
+from impact_xval.compliant_baselines.references.batch import ReferenceBatch
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.jumps import JUMPS, jumps
 from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
-from impact_xval.compliant_baselines.references.reference_batch import ReferenceBatch
 from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
@@ -141,7 +141,7 @@ def corner_marks(
     laws = laws_of(law, obeyed)
     marks = np.full(len(gravity_number), "", dtype="U120")
     for index, solve, number in solvers(gravity_number, laws):
-        excess, _ = jumps(solve, *cells, number)
+        excess, _, _ = jumps(solve, *cells, number)
         found = (excess > 1) & (marks == "")
         marks[found] = (
             f"ladder: {_called(index, laws)} jumps where a parameter changes by {max(JUMPS):g} or less"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.compliant_baselines.contract.state_transition import model_paths
-from impact_xval.compliant_baselines.references.reference_batch import ReferenceBatch
+from impact_xval.compliant_baselines.references.batch import ReferenceBatch
 from impact_xval.experiments.measures.corners import FREE, WEIGHTLESS, gather, laws_of, solvers
 from impact_xval.experiments.measures.ladder import FROZEN, GRAVITY, LAW, Floats, split
 from impact_xval.experiments.tables.streams import replacing

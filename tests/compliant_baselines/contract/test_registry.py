@@ -8,7 +8,7 @@ from impact_xval.compliant_baselines.contract import registry
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.references.bistiffness import BistiffnessSolver
 from impact_xval.compliant_baselines.references.kelvin_voigt import KelvinVoigtSolver
-from impact_xval.compliant_baselines.references.reference_solver import ReferenceSolver
+from impact_xval.compliant_baselines.references.solver import ReferenceSolver
 
 FIRST = ("state-transition", "mujoco", "pybullet")
 

@@ -105,7 +105,7 @@ def test_an_outcome_beside_a_jump_is_marked(name):
 def test_moving_is_measured_against_each_parameter():
     batch = kelvin_voigt_batch
     cell = [np.array([x]) for x in (*BESIDE_A_JUMP, 9.81 / np.sqrt(1e5 * (1 + 1 / BESIDE_A_JUMP[1])))]
-    excess, which = jumps(batch, *cell)
+    excess, which, _ = jumps(batch, *cell)
     base = batch(*cell)
     found = []
     tried = ((i, s * c, jump) for i in range(5) for c, jump in ((1e-3, 0.01), (4e-3, 0.02)) for s in (1, -1))

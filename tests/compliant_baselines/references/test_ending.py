@@ -1,4 +1,4 @@
-"""What the references share, against polynomials, matrix exponentials and root finders."""
+"""How long a flight lasts and when a collision is over, against polynomials, matrix exponentials and root finders."""
 
 import itertools
 import math
@@ -14,23 +14,16 @@ from impact_xval.compliant_baselines.contract.trajectory import (
     REST,
     STUCK,
 )
-from impact_xval.compliant_baselines.references.piecewise import (
-    LOG_COLUMNS,
-    LOG_WIDTH,
-    excess1,
-    excess2,
-    flight_time,
-    how_over,
-    over_within,
-    state_of,
-    write_row,
-)
+from impact_xval.compliant_baselines.references.contact_law import COMPRESSION, LOADED, OPEN, SLACK, state_of
+from impact_xval.compliant_baselines.references.driver import LOG_COLUMNS, LOG_WIDTH, flight_time, write_row
+from impact_xval.compliant_baselines.references.ending import excess1, excess2, how_over, over_within
 from impact_xval.compliant_baselines.references.taylor import ORDER, expand, longest_step
 from tests.compliant_baselines.references.test_taylor import system, table_of
 
 
 def test_states_are_named_by_the_contacts_that_carry_force():
-    assert [state_of(*loaded) for loaded in itertools.product((True, False), repeat=2)] == [1, 3, 2, 4]
+    for on, off in ((LOADED, SLACK), (COMPRESSION, OPEN)):
+        assert [state_of(*modes) for modes in itertools.product((on, off), repeat=2)] == [1, 3, 2, 4]
 
 
 def flight_event(p1, d1, p2, v2, g):
@@ -124,8 +117,8 @@ def test_stuck_balls_never_unload_a_contact_and_a_little_more_energy_can():
 
 
 @pytest.mark.parametrize("loaded1", [True, False])
-def test_within_a_stretch_the_end_is_where_the_energy_has_fallen(loaded1):
-    """Damped vibrations that come to rest in mid-stretch, against a root finder on the matrix exponential."""
+def test_within_a_segment_the_end_is_where_the_energy_has_fallen(loaded1):
+    """Damped vibrations that come to rest in mid-segment, against a root finder on the matrix exponential."""
     mu, k1, k2, c1, c2, g = 1.3, 1.0, 4.0, 0.3, 0.2, 0.5
     state = (g / k1, 0.0, g / k2, 0.0) if loaded1 else (-1.0, -2.0, 0.0, 0.0)
     kick = np.array([0.0, 0.0, 0.0, 1.0])
@@ -138,7 +131,7 @@ def test_within_a_stretch_the_end_is_where_the_energy_has_fallen(loaded1):
         p1, d1, q2, v2, _ = expm(rows * (x * h)) @ [*start, 1]
         return excess2(mu, p1, d1, q2, v2, k1, k2, g) if loaded1 else excess1(mu, q2, v2, k2, g)
 
-    # so strong a kick that the energy reaches the threshold in mid-stretch
+    # so strong a kick that the energy reaches the threshold in mid-segment
     kicked = brentq(lambda s: excess(0.6, state + s * kick), 0.1, 10)
     start = state + kicked * kick
     table = table_of(start)
@@ -151,10 +144,11 @@ def test_within_a_stretch_the_end_is_where_the_energy_has_fallen(loaded1):
 
 def test_a_row_is_written_where_there_is_one():
     log = np.full((2, LOG_WIDTH), np.nan)
-    write_row(log, 1, 5.0, (1.0, 2.0, 3.0, 4.0), 6.0, 7.0, 8.0, 2, 0, 9.0)
+    row = 5.0, (1.0, 2.0, 3.0, 4.0), 6.0, 7.0, 8.0, 2, 0, 31, 9.0
+    write_row(log, 1, *row)
     assert dict(zip(LOG_COLUMNS, log[1], strict=True)) == {
         "time": 5, "p1": 1, "d1": 2, "q2": 3, "v2": 4, "duration": 6, "k1": 7, "k2": 8,
-        "phase1": 2, "phase2": 0, "event": 0, "g": 9,
+        "mode1": 2, "mode2": 0, "event": 31, "g": 9,
     }  # fmt: skip
-    write_row(log, 2, 5.0, (1.0, 2.0, 3.0, 4.0), 6.0, 7.0, 8.0, 2, 0, 9.0)
+    write_row(log, 2, *row)
     assert np.isnan(log[0]).all()
