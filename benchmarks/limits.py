@@ -3,7 +3,7 @@
     python benchmarks/limits.py engines --cells 2000      # some ten minutes on one core
     python benchmarks/limits.py jumps --cells 200000      # a minute
 
-**engines** draws cells of the default box (`config.box.Box`), runs both engines with convergence estimates, and
+**engines** draws cells of the default box (`config.axes.Box`), runs both engines with convergence estimates, and
 holds every limit of status ok and without a mark against the exact Kelvin-Voigt solution: the share further from it
 than three times the stated error, and the furthest. **jumps** solves every cell by an exact reference, then again with
 k2/k1, k1 and both stiffnesses changed by a relative amount, and prints how many of the marked and of the others move

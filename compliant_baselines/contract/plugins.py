@@ -36,15 +36,7 @@ def origin(point: EntryPoint) -> str:
 
 
 class ThirdPartySolver(SolverBase):
-    """A solver of another distribution, kept from breaking what it must not.
-
-    Parameters
-    ----------
-    name : str
-        Of the entry points.
-    points : sequence of EntryPoint
-        Those of this name.
-    """
+    """A solver of another distribution, kept from breaking what it must not; of the entry points with its name."""
 
     def __init__(self, name: str, points: Sequence[EntryPoint]) -> None:
         self.name = name

@@ -23,7 +23,7 @@ Implementer's rules:
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
@@ -162,39 +162,24 @@ class Solver(Protocol):
 
     name: str
 
+    @abstractmethod
     def version(self) -> str:
         """Version of what does the work (the engine's own), or ``""`` if it is not installed."""
-        ...
 
     def unavailable(self) -> str | None:
         """Why the solver cannot run on this machine and the way out, in one sentence; None if it can."""
-        ...
 
+    @abstractmethod
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every collision, in order; failures are outcomes with a status (rule 2)."""
-        ...
 
+    @abstractmethod
     def solve(self, collision: Collision, settings: Settings = ...) -> Outcome:
         """Answer one collision, or raise `SolverError` (rule 3)."""
-        ...
 
 
-class SolverBase(ABC):
-    """What most solvers share: `solve` in terms of `solve_many`, and being available."""
-
-    name: str
-
-    @abstractmethod
-    def version(self) -> str:
-        """Version of what does the work, or ``""`` if it is not installed."""
-
-    def unavailable(self) -> str | None:
-        """Why the solver cannot run here and the way out; None if it can."""
-        return None
-
-    @abstractmethod
-    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
-        """Answer every collision, in order."""
+class SolverBase(Solver):
+    """What most solvers share: `solve` in terms of `solve_many`, and, from `Solver`, being available."""
 
     def solve(self, collision: Collision, settings: Settings | None = None) -> Outcome:
         """Answer one collision.

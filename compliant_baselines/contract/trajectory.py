@@ -86,28 +86,20 @@ class ScanParameters(NamedTuple):
 #: in the last two steps; whether its gap is closed, and the step at which it last closed; the step at which the first
 #: flight began (-1 before it, -2 once a gap has closed again).
 MEMORY = np.dtype(
-    [
-        ("n_steps", "f8"),
-        ("again", "f8"),
-        ("unloaded", "f8", 2),
-        ("lead", "f8"),
-        ("lead_contact", "f8"),
-        ("loaded", "f8", 2),
-        ("last", "f8", 2),
-        ("before_last", "f8", 2),
-        ("closed", "f8", 2),
-        ("closed_at", "f8", 2),
-        ("flight", "f8"),
-    ]
+    [(name, "f8") for name in ("n_steps", "again", "lead", "lead_contact", "flight")]
+    + [(name, "f8", 2) for name in ("unloaded", "loaded", "last", "before_last", "closed", "closed_at")]
 )
 
 
 def new_memory() -> NDArray[np.void]:
     """Memory of `scan` in which nothing has happened yet, shape (1,) of `MEMORY`."""
-    nan, long_ago = (math.nan, math.nan), (-math.inf, -math.inf)
-    closed = (1.0, 1.0)  # as far back as there was a past
-    never = (-1.0, -1.0)
-    return np.array([(0, 0, nan, math.inf, 0, never, nan, nan, closed, long_ago, -1)], MEMORY)
+    memory = np.zeros(1, MEMORY)
+    memory["lead"] = np.inf
+    memory["flight"] = memory["loaded"] = -1
+    for name in ("unloaded", "last", "before_last"):
+        memory[name] = np.nan
+    memory["closed"], memory["closed_at"] = 1, -np.inf  # as far back as there was a past
+    return memory
 
 
 @numba.njit(cache=True)

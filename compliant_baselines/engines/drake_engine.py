@@ -196,7 +196,7 @@ def build(column: Column, properties: Sequence[Any], k1: float, k2: float, *, di
     Parameters
     ----------
     column : Column
-        What is asked.
+        What to set up.
     properties : sequence
         Proximity properties of the upper ball, the lower ball and the table.
     k1, k2 : float
@@ -253,16 +253,7 @@ def started(scene: Scene) -> Any:
 def follow(make: Callable[[Column], Scene], column: Column, max_steps: int, record_path: bool) -> Run:
     """Advance a column until its collision is over; what the engine raises ends the run and is its failure.
 
-    Parameters
-    ----------
-    make : callable
-        Sets a scene up in the state and under the gravity of a column.
-    column : Column
-        What is asked.
-    max_steps : int
-        Steps after which it is given up.
-    record_path : bool
-        Whether to keep points.
+    `make` sets a scene up in the state and under the gravity of a column.
     """
     scene = make(column)
     log = started(scene)
@@ -313,15 +304,7 @@ def run(column: Column, max_steps: int, record_path: bool) -> Run:
 
 
 def dissipation(contact: Contact, speed: float) -> float:
-    """Hunt-Crossley dissipation d in s/m for the restitution this contact is meant to have.
-
-    Parameters
-    ----------
-    contact : Contact
-        Calibrated; its damping ratio says which restitution.
-    speed : float
-        Approach speed in m/s at which it holds.
-    """
+    """Hunt-Crossley dissipation d in s/m for the restitution of a calibrated contact, at an approach speed in m/s."""
     return float(hunt_crossley_coefficients(np.array([contact.restitution]))[0]) / speed
 
 

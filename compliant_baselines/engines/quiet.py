@@ -144,18 +144,14 @@ def between(code, v, x, v_end, x_end, first, n, stride, packed):  # pragma: no c
 
     Parameters
     ----------
-    code : int
-        State of these steps.
+    code, packed
+        State of these steps, and the column, as of `quiet_steps`.
     v, x, v_end, x_end : ndarray, shape (2,)
         Velocities and heights before the first and after the last of them.
-    first : int
-        Number of the step they begin with, from 0.
-    n : int
-        Number of steps.
+    first, n : int
+        Number of the step they begin with, from 0, and how many they are.
     stride : int
         Points are wanted whose number is a multiple of it; the last one is always among them.
-    packed : ndarray, shape (12,)
-        As of `quiet_steps`.
 
     Returns
     -------

@@ -28,7 +28,7 @@ from impact_xval.compliant_baselines.contract.solver import MappingName
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.experiments.presentation.pages import render
 from impact_xval.experiments.presentation.style import drawing, look, save
-from impact_xval.experiments.sweep.sandbox import Beat, FaultError, Sandbox
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import write_text
 from impact_xval.experiments.tables.streams import replacing
@@ -85,12 +85,12 @@ def requests() -> list[ContactRequest]:
     ]
 
 
-def prepare(name: str, *, beat: Beat) -> None:
+def prepare(name: str) -> None:
     """Make the process of an engine ready: import it, compile what it needs, run a contact."""
     try_contacts(_solver(name), [ContactRequest("ball-table", 0.5)])
 
 
-def _try(name: str, requests: Sequence[ContactRequest], *, beat: Beat) -> list[dict[str, Any]]:
+def _try(name: str, requests: Sequence[ContactRequest]) -> list[dict[str, Any]]:
     """Run contacts in the process of an engine; what came of each, as columns."""
     return [_columns(answer) for answer in try_contacts(_solver(name), requests)]
 
@@ -136,13 +136,14 @@ def rows_of(
 
 def _isolated(sandbox: Sandbox, requests: Sequence[ContactRequest]) -> list[dict[str, Any]]:
     """Run contacts together; where the process dies or hangs, halve them to find the one that is at fault."""
-    try:
-        return sandbox.call(_try, requests, patience=_TIMEOUT)
-    except FaultError as fault:
-        if len(requests) == 1:
-            return [{"status": fault.status, "reason": fault.reason}]
-    middle = len(requests) // 2
-    return [*_isolated(sandbox, requests[:middle]), *_isolated(sandbox, requests[middle:])]
+
+    def run(place: slice) -> list[dict[str, Any]]:
+        return sandbox.call(_try, requests[place], timeout=_TIMEOUT)
+
+    def lost(place: slice, fault: FaultError) -> list[dict[str, Any]]:
+        return [{"status": fault.status, "reason": str(fault)}]
+
+    return [row for rows in in_halves(run, len(requests), lost) for row in rows]
 
 
 @dataclass(frozen=True, slots=True)

@@ -188,7 +188,12 @@ class Box(Strict):
         return placed
 
 
-_Seed = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
+def whole(default: int | None, low: int, high: int, what: str = "") -> Any:
+    """Give a field of whole numbers, and say what is legal."""
+    return Field(default, ge=low, le=high, description=f"a whole number from {low} to {high}{what}")
+
+
+_SEED = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
 
 
 class Sample(Box):
@@ -197,8 +202,8 @@ class Sample(Box):
     method: Literal["sobol", "latin-hypercube", "random"] = Field(
         "sobol", description="'sobol', 'latin-hypercube' or 'random'"
     )
-    n: int = Field(1024, ge=1, le=MAX_CELLS, description=f"a whole number from 1 to {MAX_CELLS} (cells)")
-    seed: int = _Seed
+    n: int = whole(1024, 1, MAX_CELLS, " (cells)")
+    seed: int = _SEED
 
 
 class Search(Box):
@@ -209,9 +214,9 @@ class Search(Box):
         "velocity_divergence",
         description="'velocity_divergence', 'dv1', 'dv2', 'dretained_energy' or 'curve_distance'",
     )
-    population: int = Field(64, ge=8, le=10_000, description="a whole number from 8 to 10000 (cells)")
-    generations: int = Field(30, ge=1, le=10_000, description="a whole number from 1 to 10000")
-    seed: int = _Seed
+    population: int = whole(64, 8, 10_000, " (cells)")
+    generations: int = whole(30, 1, 10_000)
+    seed: int = _SEED
 
 
 def _ends(range_: Range) -> tuple[float, float]:

@@ -26,6 +26,7 @@ from impact_xval.experiments.config.axes import (
     Strict,
     axis_problem,
     expand_axis,
+    whole,
 )
 from impact_xval.experiments.config.config_errors import (
     FieldName,
@@ -51,6 +52,10 @@ _Name = Annotated[str, Field(description="1 to 100 printable characters", min_le
 def _parameter(name: str, default: float) -> Any:
     legal = LEGAL[name]
     return Field(default, ge=legal.low, le=legal.high, description=legal.text)
+
+
+def _positive(default: float, unit: str) -> Any:
+    return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({unit})")
 
 
 def _axis(name: str, default: Axis) -> Any:
@@ -104,7 +109,7 @@ class ConvergenceTable(Strict):
 
     enabled: bool = Field(True, description="true or false")
     tolerance: float = Field(1e-3, gt=0, le=1, description="greater than 0, at most 1 (of |v0|)")
-    halvings: int = Field(4, ge=2, le=10, description="a whole number from 2 to 10 (of the step)")
+    halvings: int = whole(4, 2, 10, " (of the step)")
 
 
 class Config(Strict):
@@ -118,9 +123,9 @@ class Config(Strict):
 
     name: _Name = "default"
     scenario: Literal["impact", "drop"] = Field("drop", description="'impact' or 'drop'")
-    gravity: float = Field(9.81, gt=0, allow_inf_nan=False, description="a finite number > 0 (m/s^2)")
-    m1: float = Field(1.0, gt=0, allow_inf_nan=False, description="a finite number > 0 (kg)")
-    k1: float = Field(1e8, gt=0, allow_inf_nan=False, description="a finite number > 0 (N/m)")
+    gravity: float = _positive(9.81, "m/s^2")
+    m1: float = _positive(1.0, "kg")
+    k1: float = _positive(1e8, "N/m")
     v0: float = Field(
         -1.0, lt=0, allow_inf_nan=False, description="a finite number < 0 (m/s, up is positive)"
     )
@@ -141,11 +146,9 @@ class Config(Strict):
     cell_timeout: float = Field(
         300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"
     )
-    chunk_size: int | None = Field(
-        None, ge=1, le=100_000, description="a whole number from 1 to 100000 (cells)"
-    )
-    workers: int | None = Field(None, ge=1, le=4096, description="a whole number from 1 to 4096")
-    grid: Grid = Field(default_factory=lambda: Grid.model_validate({}), description="a table of axes")
+    chunk_size: int | None = whole(None, 1, 100_000, " (cells)")
+    workers: int | None = whole(None, 1, 4096)
+    grid: Grid = Field(default_factory=Grid, description="a table of axes")
     sample: Sample | None = Field(None, description="a table: method, n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
     search: Search | None = Field(None, description="a table: solver, measure, and ranges")
@@ -154,7 +157,7 @@ class Config(Strict):
         description="a table: enabled, tolerance, halvings",
     )
     figure_cell: Cell = Field(
-        default_factory=lambda: Cell.model_validate({}),
+        default_factory=Cell,
         description="a table: stiffness_ratio, mass_ratio, e1, e2",
     )
 

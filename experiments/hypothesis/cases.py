@@ -236,7 +236,7 @@ def pair_class(case: Case, point: Point) -> str:
     return "only e2 = 1" if point.e2 == 1 else "both lossy"
 
 
-def distance(mass_ratio: float, dv1: Floats, dv2: Floats) -> Floats:
+def distance(mass_ratio: Any, dv1: Any, dv2: Any) -> Floats:
     """D = sqrt(dv1^2 + (m2/m1) dv2^2), velocities per abs(v0): the project's velocity divergence."""
     return np.sqrt(np.square(dv1) + mass_ratio * np.square(dv2))
 
@@ -256,7 +256,10 @@ def draw(case: Case, n: int, seed: int) -> list[Point]:
     if case.plastic:
         counts = {(False, False): n - third, (case.stiff == 2, case.stiff == 1): third}
     else:
-        counts = {(False, False): n - 3 * sixth, **dict.fromkeys([(True, False), (False, True), (True, True)], sixth)}
+        counts = {
+            (False, False): n - 3 * sixth,
+            **dict.fromkeys([(True, False), (False, True), (True, True)], sixth),
+        }
     wanted = [elastic for elastic, count in counts.items() for _ in range(count)]
     sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
     points: list[Point] = []
@@ -279,7 +282,9 @@ def _point(case: Case, unit: Floats, elastic: tuple[bool, bool]) -> Point:
         return rounded(low * (high / low) ** u)
 
     low, high = RESTITUTION
-    e1, e2 = (1.0 if one else rounded(low + (high - low) * u) for one, u in zip(elastic, unit[1:3], strict=True))
+    e1, e2 = (
+        1.0 if one else rounded(low + (high - low) * u) for one, u in zip(elastic, unit[1:3], strict=True)
+    )
     mass_ratio = log_between(*MASS_RATIO, unit[0])
     if not case.plastic:
         return Point(mass_ratio, e1, e2)

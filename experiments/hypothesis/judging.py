@@ -198,7 +198,7 @@ def _limit(window: _Window, target: Floats, scale: Floats) -> tuple[Judgement, s
     early, late = _diameter(w[window.first]), _diameter(w[final])
     resolved = FLOOR_ERRORS * float(own[final].max())
     restless = late > resolved and late > early * 10 ** (-LEAST_RATE * (window.decades - 1))
-    aside = restless and late < 0.1 * D[final].min()
+    aside = restless and bool(late < 0.1 * D[final].min())
     if aside:
         limit, limit_error = w[final].mean(axis=0), late
     settles = aside or not restless

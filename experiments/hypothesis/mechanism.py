@@ -1,8 +1,8 @@
 """Why: the relative motion of the stiff pair after the instant at which the hypothesis joins its bodies.
 
-**In time.** All of it is read off the trajectory a solver leaves. The separation of the pair is the integral of its relative
-velocity from first touch, v1 - v2 for the balls, v2 for B2 and the table. For solvers with positions it is the gap; the
-model has none, and its separation is the one that its velocities imply.
+**In time.** All of it is read off the trajectory of a solver. The separation of the pair is the integral of its
+relative velocity from first touch, v1 - v2 for the balls, v2 for B2 and the table. For solvers with positions it is the
+gap; the model has none, and its separation is the one that its velocities imply.
 
 **Where the model has no limit**: e1 = 1 and e2 < 1, united while the table contact is compressed.
 Once the balls are united (v1 = v2 at the return of contact 1) an elastic ball-ball contact rings for ever. With
@@ -138,6 +138,17 @@ class Mechanism:
     again_after: float = math.nan
     again_speed: float = math.nan
 
+    @property
+    def at_once(self) -> bool:
+        """Whether the pair collides again within no time to speak of."""
+        return self.again_after <= AT_ONCE
+
+    def rate_since(self, low: Mechanism) -> float:
+        """Rate at which the largest relative speed falls with the contrast, from a lower one; NaN if it has none."""
+        if not (low.joined and low.largest_rate > 0 < self.largest_rate and low.contrast < self.contrast):
+            return math.nan
+        return -math.log(self.largest_rate / low.largest_rate) / math.log(self.contrast / low.contrast)
+
 
 def motion_of(case: Case, collision: Collision, path: ImpulseCurve) -> Motion:
     """Read the relative motion of the stiff pair off a path.
@@ -266,6 +277,11 @@ class Branches:
     elsewhere: float
     once: float
     twice: float
+
+    @property
+    def more_ends(self) -> int:
+        """Ends of compression that every outcome has beyond the first."""
+        return math.floor(mean_more_ends(self.point.mass_ratio))
 
 
 def mean_more_ends(mass_ratio: float) -> float:

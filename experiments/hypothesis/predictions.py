@@ -146,7 +146,11 @@ class Contacts:
         """Contact 2 for a motion in time; None where it is not linear."""
         if self.family == "hunt-crossley":
             return None
-        return TableContact(0.0, self.e2) if self.family == "bistiffness" else TableContact(self._zeta(self.e2), 1.0)
+        return (
+            TableContact(0.0, self.e2)
+            if self.family == "bistiffness"
+            else TableContact(self._zeta(self.e2), 1.0)
+        )
 
 
 def predict(case: Case, point: Point, family: str) -> Prediction | None:
@@ -223,7 +227,10 @@ class _Oscillator:
     def _parts(self, alpha: float, beta: float) -> tuple[float, float]:
         """Return C and S of alpha p + beta p' = exp(-b t) (C cos st + S sin st), or (C cosh st + S sinh(st)/s)."""
         unit = self._s if self._swings else 1.0
-        S = alpha * (self.u0 + self.b * self.p0) / unit - beta * (self.w**2 * self.p0 + self.b * self.u0) / unit
+        S = (
+            alpha * (self.u0 + self.b * self.p0) / unit
+            - beta * (self.w**2 * self.p0 + self.b * self.u0) / unit
+        )
         return alpha * self.p0 + beta * self.u0, S
 
     def most(self, alpha: float, beta: float) -> float:
@@ -276,7 +283,9 @@ class _Balls:
 
     def fly(self) -> bool:
         """Move to the next touch of B2 and the table, or of the balls; whether it is of the balls."""
-        touch = self.p / self.v2 if self.p < 0 and self.v2 < 0 else math.inf  # -p is its height above the table
+        touch = (
+            self.p / self.v2 if self.p < 0 and self.v2 < 0 else math.inf
+        )  # -p is its height above the table
         meet = self.gap / (self.v2 - self.v1) if self.v2 > self.v1 else math.inf
         t = min(touch, meet)
         self.gap, self.p = self.gap + (self.v1 - self.v2) * t, self.p - self.v2 * t
@@ -319,7 +328,9 @@ class _Balls:
             self.one_body, self.v1, self.v2 = True, mean, mean
 
 
-def rigid_on_soft(mass_ratio: float, e1: float, v1: float, v2: float, table: TableContact) -> tuple[float, float]:
+def rigid_on_soft(
+    mass_ratio: float, e1: float, v1: float, v2: float, table: TableContact
+) -> tuple[float, float]:
     """Follow both balls from the instant after their first impact, at which B2 touches the table.
 
     Parameters

@@ -7,10 +7,8 @@ Three kinds, told apart by how exact their outcomes are:
 * `stepped`: engines. Each collision is run at three steps, h, h/2 and h/4, and extrapolated to dt -> 0.
 * `single`: any other solver of the registry, collision by collision; taken as exact.
 
-What is not of this project can crash or hang: the last two run in processes of their own. Where such a process dies, or
-is silent for longer than `cell_timeout`, its collisions are halved until one is left, which is tried once more in a new
-process: one death may have had any cause (a full memory, an operator). After the second its status is ``crashed`` or
-``timeout``, with the reason.
+What is not of this project can crash or hang: the last two run in processes of their own, and a collision that ends its
+process twice, or takes longer than `cell_timeout`, has the status ``crashed`` or ``timeout`` (`sandbox.in_halves`).
 """
 
 from __future__ import annotations
@@ -241,7 +239,7 @@ def under_test(name: str, steps: int, resolve: Resolve = get_solver) -> SolverUn
 
 
 def isolated(sandbox: Sandbox, solve: Solve, ratios: Floats, timeout: float) -> Outcomes:
-    """Solve collisions in a sandbox, whatever becomes of its process; the rule is in the module.
+    """Solve collisions in a sandbox, whatever becomes of its process.
 
     Parameters
     ----------
@@ -270,11 +268,3 @@ def isolated(sandbox: Sandbox, solve: Solve, ratios: Floats, timeout: float) -> 
 
 def _solve(context: object, solve: Solve, ratios: Floats) -> Outcomes:
     return solve(*ratios)
-
-
-def twice(sandbox: Sandbox, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
-    """Call a function in a sandbox, and once more after a fault."""
-    try:
-        return sandbox.call(function, *arguments, timeout=timeout)
-    except FaultError:
-        return sandbox.call(function, *arguments, timeout=timeout)

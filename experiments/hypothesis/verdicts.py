@@ -177,6 +177,16 @@ class Group:
         return sum(self.counts.values())
 
     @property
+    def share(self) -> float:
+        """Share of the points at which the verdict was reached."""
+        return self.counts.get(self.verdict, 0) / self.points
+
+    @property
+    def bound(self) -> float:
+        """The distance beyond which `far` counts."""
+        return FAR
+
+    @property
     def word(self) -> str:
         """The verdict in a word or two."""
         return "within error" if self.agrees else self.verdict
@@ -257,7 +267,9 @@ def _gather(series: Series, results: Sequence[PointResult], decades: float, shif
     reason = next((group.reason for group in groups if group.verdict == verdict), "")
     whole = _group("all", results, verdict, _worst(shifted), reason)
     one = series.solver
-    return CaseResult(one.name, one.kind, series.case, tuple(results), whole, tuple(groups), decades, shiftable)
+    return CaseResult(
+        one.name, one.kind, series.case, tuple(results), whole, tuple(groups), decades, shiftable
+    )
 
 
 def class_verdict(judgements: Sequence[Judgement]) -> tuple[Verdict, str]:

@@ -18,7 +18,7 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.divergence import COMPARABLE
 from impact_xval.experiments.measures.levels import Levels, grid_levels, levels_of
-from impact_xval.experiments.tables.store import Outcomes
+from impact_xval.experiments.tables.store import Tally
 from impact_xval.experiments.tables.streams import blocks, codes, column, present
 
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
@@ -173,7 +173,7 @@ def worst_rows(table: Compared, count: int) -> Frame:
     return ds.dataset(table.path).take(pa.array(picked, pa.int64())).to_pandas()
 
 
-def reasons_of(outcomes: Outcomes) -> list[tuple[str, str, str, int]]:
+def reasons_of(outcomes: Tally) -> list[tuple[str, str, str, int]]:
     """Return why rows have no result: solver, status, reason and number, the most frequent reasons first."""
     rows = [(*key, n) for key, n in outcomes.items() if key[1] not in COMPARABLE]
     return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))

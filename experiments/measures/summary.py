@@ -28,7 +28,7 @@ from impact_xval.experiments.measures.ladder_summary import LadderSummary, summa
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.levels import Levels
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
-from impact_xval.experiments.tables.store import Outcomes, RunFolder, statuses_of
+from impact_xval.experiments.tables.store import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.streams import codes, present
 
 __all__ = ["FULL_PATHS", "OWN_LAW", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
@@ -119,7 +119,7 @@ def summarise(folder: RunFolder) -> Summary:
     config = folder.config()
     cells = folder.table_path("cells.parquet", CELLS_SCHEMA)
     table = load_divergence(folder, config)
-    outcomes = folder.outcomes()
+    outcomes = folder.tally()
     marks = present(cells, "marked")[codes(cells, "solver", [REFERENCE]) == 0]
     return Summary(
         config=config,
@@ -141,7 +141,7 @@ def load_divergence(folder: RunFolder, config: Config) -> Compared:
     return Compared.of(folder.table_path("divergence.parquet", DIVERGENCE_SCHEMA), config)
 
 
-def _statuses(outcomes: Outcomes, config: Config) -> Frame:
+def _statuses(outcomes: Tally, config: Config) -> Frame:
     counts = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
     return counts.reindex(
         index=in_order_of_laws(config.solvers), columns=sorted(counts.columns), fill_value=0

@@ -24,7 +24,7 @@ from markdown_it.token import Token
 from markupsafe import Markup
 
 from impact_xval.experiments.measures.laws import by_law
-from impact_xval.experiments.tables.numbers import listed, number, percent
+from impact_xval.experiments.tables.numbers import listed, number, percent, short
 
 #: Cells of a table with more letters than this are wrapped in HTML.
 _LONG = 60
@@ -107,7 +107,8 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "percent": percent, "listed": listed, "by_law": by_law}
+    environment.filters |= {"number": number, "short": short, "percent": percent}
+    environment.filters |= {"listed": listed, "by_law": by_law}
     return environment
 
 
@@ -127,7 +128,7 @@ def render(name: str, /, **facts: Any) -> str:
     name : str
         A file in ``templates/``: ``.md.j2`` gives Markdown, a line a paragraph; ``.html.j2`` HTML; ``.txt.j2`` text.
     **facts
-        What the template shows; filters `number`, `percent`, `listed` and `by_law` are at hand.
+        What the template shows; filters `number`, `short`, `percent`, `listed` and `by_law` are at hand.
     """
     text = _environment().get_template(name).render(facts)
     return _one_line_a_paragraph(text) if name.endswith(".md.j2") else text

@@ -25,8 +25,7 @@ from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.scheduler import KilledWorker
 
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
-from impact_xval.experiments.sweep.executors import SandboxExecutor
-from impact_xval.experiments.sweep.sandbox import Sandbox
+from impact_xval.experiments.sweep.sandbox import Sandbox, SandboxExecutor
 
 #: Stands for a cluster on this machine in place of an address.
 LOCAL = "local"

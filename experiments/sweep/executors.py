@@ -9,53 +9,15 @@ from __future__ import annotations
 
 import functools
 import os
-import queue
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, as_completed, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, as_completed, wait
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.sweep.sandbox import Sandbox
+from impact_xval.experiments.sweep.sandbox import Sandbox, SandboxExecutor
 
 _Answer = TypeVar("_Answer")
-
-
-class SandboxExecutor(ThreadPoolExecutor):
-    """Threads of this process, each submitted call with one of as many sandboxes; all are started at once."""
-
-    def __init__(self, make_sandbox: Callable[[], Sandbox], workers: int) -> None:
-        super().__init__(workers, thread_name_prefix="sandbox")
-        self._sandboxes = [make_sandbox() for _ in range(workers)]
-        self._unused: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
-        for sandbox in self._sandboxes:
-            self._unused.put(sandbox)
-        for _ in self._sandboxes:
-            self.submit(Sandbox.start)  # while the caller still plans
-
-    @property
-    def workers(self) -> int:
-        """How many calls are worked on at once."""
-        return len(self._sandboxes)
-
-    def submit(self, fn: Callable[..., _Answer], /, *args: Any, **kwargs: Any) -> Future[_Answer]:
-        """Submit ``fn(sandbox, *args)``."""
-        return super().submit(self._run, fn, *args, **kwargs)
-
-    def _run(self, fn: Callable[..., _Answer], *args: Any, **kwargs: Any) -> _Answer:
-        sandbox = self._unused.get()
-        try:
-            return fn(sandbox, *args, **kwargs)
-        finally:
-            self._unused.put(sandbox)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the threads; with `cancel_futures`, the sandboxes at once and whatever they work on."""
-        if not cancel_futures:
-            super().shutdown(wait=wait)
-        for sandbox in self._sandboxes:
-            sandbox.close()
-        super().shutdown(wait=wait, cancel_futures=cancel_futures)
 
 
 class _Here:

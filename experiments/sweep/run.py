@@ -208,7 +208,7 @@ class _Run:
         """Write the finished tables and the manifest; `by` is who computed them."""
         self._folder.assemble(self._parts)
         write_ladder(self._folder.root)
-        statuses, digests = statuses_of(self._folder.outcomes()), self._folder.digests()
+        statuses, digests = statuses_of(self._folder.tally()), self._folder.digests()
         self._stage("tables")
         session = {
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
+import queue
 import signal
 import subprocess
 import sys
@@ -22,10 +23,12 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 _Piece = TypeVar("_Piece")
+_Answer = TypeVar("_Answer")
 
 _THREADS = (
     "NUMBA_NUM_THREADS",
@@ -100,10 +103,15 @@ class Sandbox:
         """
         if self._process is not None:
             return
+        process = self._launch()
         try:
-            self.prepared = self._answer(self._launch(), self._prepare, (), self._prepare_timeout)
+            self.prepared = self._answer(process, self._prepare, (), self._prepare_timeout)
         except FaultError:
             self._launch()
+        except SandboxError:  # of no use, and the next call is to fail of the same
+            self._process = None
+            _kill(process)
+            raise
 
     def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
         """Return ``function(context, *arguments)`` of the sandbox.
@@ -182,6 +190,43 @@ class Sandbox:
         if not done:
             raise SandboxError(value)
         return value
+
+
+class SandboxExecutor(ThreadPoolExecutor):
+    """Threads of this process, each submitted call with one of as many sandboxes; all are started at once."""
+
+    def __init__(self, make_sandbox: Callable[[], Sandbox], workers: int) -> None:
+        super().__init__(workers, thread_name_prefix="sandbox")
+        self._sandboxes = [make_sandbox() for _ in range(workers)]
+        self._unused: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
+        for sandbox in self._sandboxes:
+            self._unused.put(sandbox)
+        for _ in self._sandboxes:
+            self.submit(Sandbox.start)  # while the caller still plans
+
+    @property
+    def workers(self) -> int:
+        """How many calls are worked on at once."""
+        return len(self._sandboxes)
+
+    def submit(self, fn: Callable[..., _Answer], /, *args: Any, **kwargs: Any) -> Future[_Answer]:
+        """Submit ``fn(sandbox, *args)``."""
+        return super().submit(self._run, fn, *args, **kwargs)
+
+    def _run(self, fn: Callable[..., _Answer], *args: Any, **kwargs: Any) -> _Answer:
+        sandbox = self._unused.get()
+        try:
+            return fn(sandbox, *args, **kwargs)
+        finally:
+            self._unused.put(sandbox)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the threads; with `cancel_futures`, the sandboxes at once and whatever they work on."""
+        if not cancel_futures:
+            super().shutdown(wait=wait)
+        for sandbox in self._sandboxes:
+            sandbox.close()
+        super().shutdown(wait=wait, cancel_futures=cancel_futures)
 
 
 def in_halves(

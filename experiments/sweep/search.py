@@ -132,12 +132,12 @@ def search_worst(
         }
         if continued and folder.manifest().get("configuration") != manifest["configuration"]:
             raise UserError(f"--resume {root}: holds a search of another configuration")
-        write_json(root / MANIFEST, manifest)
         identity = json.dumps([config.identity(), search.model_dump(), manifest["versions"], list(COLUMNS)])
         say = functools.partial(progress, 0, 0)
         with open_executor(
             experiment, prepare, workers, scheduler=scheduler, isolate=isolate, say=say
         ) as executor:
+            write_json(root / MANIFEST, manifest)
             evolution = _Evolution(config, search, folder, executor, identity, progress)
             evolution.run()
             found = evolution.found()

@@ -128,7 +128,7 @@ class _Chunk:
         self._sandbox.start()
         start = time.perf_counter()
         try:
-            return self._sandbox.call(solve, name, self._cells[place], self._lost, timeout=self._timeout)
+            return self._sandbox.call(solve_by, name, self._cells[place], self._lost, timeout=self._timeout)
         except FaultError:
             self.faults += 1
             raise
@@ -156,10 +156,10 @@ def prepare(experiment: Experiment) -> Versions:
 
 def solve_all(experiment: Experiment, cells: Sequence[GridCell]) -> pa.Table:
     """Solve cells by every solver; the rows by solver, then by cell."""
-    return pa.concat_tables([solve(experiment, name, cells, {}) for name in experiment.config.solvers])
+    return pa.concat_tables([solve_by(experiment, name, cells, {}) for name in experiment.config.solvers])
 
 
-def solve(experiment: Experiment, name: str, cells: Sequence[GridCell], lost: Lost) -> pa.Table:
+def solve_by(experiment: Experiment, name: str, cells: Sequence[GridCell], lost: Lost) -> pa.Table:
     """Solve cells by one solver and compare it with the reference.
 
     Parameters

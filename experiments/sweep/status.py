@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.aggregates import reasons_of
 from impact_xval.experiments.tables.lock import running
-from impact_xval.experiments.tables.store import PART, Outcomes, RunFolder, count_outcomes, statuses_of
+from impact_xval.experiments.tables.store import PART, RunFolder, Tally, statuses_of, tally
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def status_of(root: Path) -> RunStatus:
 
 def _complete(folder: RunFolder, manifest: dict[str, Any], cells: int, chunks: int) -> RunStatus:
     try:
-        outcomes = folder.outcomes()
+        outcomes = folder.tally()
     except (OSError, pa.ArrowException):
         path = folder.root / "cells.parquet"
         raise UserError(f"{path}: damaged or missing; impact-xval run --resume writes it again") from None
@@ -88,7 +88,7 @@ def _complete(folder: RunFolder, manifest: dict[str, Any], cells: int, chunks: i
 def _under_way(folder: RunFolder, manifest: dict[str, Any], cells: int, chunks: int, owner: str) -> RunStatus:
     done, damaged, recent = 0, 0, 0
     since = last = _started(manifest)
-    outcomes: Outcomes = Counter()
+    outcomes: Tally = Counter()
     seen: set[int] = set()
     for path in sorted(folder.parts.glob("*")):
         match = PART.fullmatch(path.name)
@@ -105,7 +105,7 @@ def _under_way(folder: RunFolder, manifest: dict[str, Any], cells: int, chunks: 
         done += n
         if stamp >= since:
             recent, last = recent + n, max(last, stamp)
-        outcomes += count_outcomes([table])
+        outcomes += tally([table])
     elapsed = (time.time() if owner else last) - since
     rate = recent / elapsed if recent and elapsed > 0 else None
     left = (cells - done) / rate if rate and owner else None

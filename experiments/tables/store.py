@@ -46,7 +46,7 @@ TABLES = (
 #: Rows that are joined together, at least.
 _PIECE = 8192
 #: Number of rows by solver, status and reason ("" if none).
-Outcomes = Counter[tuple[str, str, str]]
+Tally = Counter[tuple[str, str, str]]
 
 PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
 
@@ -151,11 +151,9 @@ class RunFolder:
                 divergence.add(compared)
                 csv.write_table(compared.select(DIVERGENCE_SCHEMA.names).cast(DIVERGENCE_SCHEMA))
 
-    def outcomes(self) -> Outcomes:
+    def tally(self) -> Tally:
         """Count the rows of the finished table of cells by what became of them."""
-        return count_outcomes(
-            blocks(self.root / "cells.parquet", ["solver", "status", "reason"], whole_cells=False)
-        )
+        return tally(blocks(self.root / "cells.parquet", ["solver", "status", "reason"], whole_cells=False))
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of every finished table."""
@@ -247,9 +245,9 @@ def read_part(source: Path | bytes) -> pa.Table:
         raise UserError(f"{source!s:.200}: not a part of a run; legal: remove it, and --resume") from None
 
 
-def count_outcomes(tables: Iterable[pa.Table]) -> Outcomes:
+def tally(tables: Iterable[pa.Table]) -> Tally:
     """Count the rows of tables by solver, status and reason."""
-    counts: Outcomes = Counter()
+    counts: Tally = Counter()
     for table in tables:
         grouped = table.group_by(["solver", "status", "reason"], use_threads=False)
         for row in grouped.aggregate([([], "count_all")]).to_pylist():
@@ -257,7 +255,7 @@ def count_outcomes(tables: Iterable[pa.Table]) -> Outcomes:
     return counts
 
 
-def statuses_of(outcomes: Outcomes) -> dict[str, dict[str, int]]:
+def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
     """Count every status by solver."""
     counts: dict[str, dict[str, int]] = {}
     for (solver, status, _), n in outcomes.items():

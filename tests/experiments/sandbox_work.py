@@ -49,3 +49,10 @@ def threads(context):
 def ctrl_c(context):
     os.kill(os.getpid(), signal.SIGINT)
     return "unmoved"
+
+
+class Unreadable:
+    """What can be sent to another process and not be read there."""
+
+    def __reduce__(self):
+        return fail, (None,)

@@ -55,10 +55,10 @@ def test_an_engine_that_is_missing_is_said_not_raised(few, tmp_path, capsys, mon
 class DyingSandbox:
     """Runs contacts here; a soft elastic one takes the process along."""
 
-    def call(self, function, requests, *, patience):
+    def call(self, function, requests, *, timeout):
         if any((request.e, request.k) == (1.0, 1e4) for request in requests):
-            raise FaultError("crashed", "", "its process died: SIGSEGV")
-        return function("mujoco", requests, beat=None)
+            raise FaultError("crashed", "its process died: SIGSEGV")
+        return function("mujoco", requests)
 
 
 def test_a_contact_that_crashes_its_engine_is_a_row_and_costs_no_other(few):

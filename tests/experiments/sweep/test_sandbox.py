@@ -76,6 +76,14 @@ def test_a_process_that_dies_of_its_preparation_starts_without():
     sandbox.close()
 
 
+def test_a_context_that_cannot_be_read_is_the_same_bug_at_every_call():
+    sandbox = Sandbox(work.Unreadable(), work.prepare)
+    for _ in range(2):
+        with pytest.raises(SandboxError, match="ValueError: a bug"):
+            sandbox.call(work.echo, timeout=20)
+    sandbox.close()
+
+
 def test_closing_ends_work_at_once_from_another_thread(sandbox):
     sandbox.start()
     start = time.monotonic()

@@ -7,13 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.experiments.hypothesis.cases import BY_KEY, Point, after_first_impact
-from impact_xval.experiments.hypothesis.hard_contact import (
+from impact_xval.experiments.hypothesis.predictions import (
     NEARLY,
-    Table,
-    _contact,
-    hard_ball_ball,
+    TableContact,
+    _Oscillator,
+    predict,
+    rigid_on_soft,
 )
-from impact_xval.experiments.hypothesis.predictions import predict
 
 #: Damping ratios: under, just under, at, just over and over the critical one, up to that of e = 0.02.
 ZETAS = (0.1, 0.6, 1 - 1e-3, 1 - 1e-7, 1 - NEARLY / 2, 1.0, 1 + 1e-12, 1 + 1e-3, 1.24, 2.0, 3.3)
@@ -85,7 +85,7 @@ def test_the_motion_on_a_dashpot_is_that_of_its_equation(zeta, start):
     found = solve_ivp(
         lambda _, y: (y[1], -c * y[1] - k * y[0]), (0, 20), start, events=pulls, dense_output=True, **TIGHT
     )
-    spring = _contact(*start, b, w)
+    spring = _Oscillator(*start, b, w)
     end = spring.zero_of(k, c)
     assert end == pytest.approx(found.t_events[0][0], rel=1e-8)
     times = np.linspace(0, end, 50)
@@ -100,7 +100,7 @@ def test_a_short_time_moves_by_as_much_as_a_series_says():
     """An impact under load comes after no time to speak of: p - p0 = u0 t - (2 b u0 + w^2 p0) t^2/2 + ..."""
     for zeta in ZETAS:
         p0, u0, t = 0.4, -0.02, 1e-6
-        moved, _ = _contact(p0, u0, zeta, 1.0).moved(t)
+        moved, _ = _Oscillator(p0, u0, zeta, 1.0).moved(t)
         assert moved == pytest.approx(u0 * t - 0.5 * (2 * zeta * u0 + p0) * t * t, rel=1e-9)
 
 
@@ -109,7 +109,7 @@ def test_a_short_time_moves_by_as_much_as_a_series_says():
 def test_both_balls_end_where_an_integration_takes_them(zeta, mu, e1):
     v1, v2 = after_first_impact(mu, e1)
     expected = integrated(mu, e1, v1, v2, zeta)
-    assert hard_ball_ball(mu, e1, v1, v2, Table(zeta, 1.0)) == pytest.approx(expected, abs=1e-6)
+    assert rigid_on_soft(mu, e1, v1, v2, TableContact(zeta, 1.0)) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("e2", [0.02, 0.1, math.exp(-2), 0.14])
