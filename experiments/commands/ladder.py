@@ -108,7 +108,8 @@ def _contributions(row: Any) -> list[tuple[str, ...]]:
     pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
     lines = []
     for i, c in enumerate(there):
-        share, low, high = (row[f"{c.name}_share{end}"] for end in ("", "_low", "_high"))
+        # only a cause has a range
+        share, low, high = (row.get(f"{c.name}_share{end}") for end in ("", "_low", "_high"))
         shown = (percent(share), between(low, high) if c in CAUSES else "")
         numbers = (f"{row[f'{c.name}_{part}']:.3e}" for part in ("dv1", "dv2", "norm"))
         lines.append((c.label, *numbers, *(("cancels", "") if i in pair else shown)))
