@@ -14,16 +14,10 @@ from benchmarks import steps
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.registry import law_of, solver_names
 from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.measures.laws import (
-    LAWS_WITH_LAWS,
-    by_law,
-    in_order_of_laws,
-    one_vote,
-    voters,
-    with_votes,
-)
+from impact_xval.experiments.measures.laws import by_law, in_order_of_laws, voters
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.figures import write_figures
+from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.report import write_report, write_tables
 from impact_xval.experiments.presentation.views import show_summary
 from impact_xval.experiments.sweep.run import run_sweep
@@ -32,6 +26,7 @@ from tests.experiments.conftest import SMALL
 from tests.experiments.pages import paragraphs, tables
 
 ROOT = Path(__file__).parents[3]
+LAWS_WITH_LAWS = phrase("table.md.j2", "laws_with_laws")
 NOTE = "kelvin-voigt, mujoco and pybullet were asked for the same law: one vote, not three."
 
 
@@ -85,12 +80,9 @@ def test_solvers_are_grouped_by_the_law_that_the_registry_says():
 
 
 def test_the_sentence_counts_the_solvers_of_one_law():
-    assert one_vote(["mujoco", "pybullet", "kelvin-voigt", "bistiffness"]) == NOTE
-    assert one_vote(["state-transition", "bistiffness", "mujoco"]) == ""
-    assert with_votes("A table.", ["mujoco", "bistiffness"]) == "A table."
-    assert with_votes("A table.", ["mujoco", "drake"]) == (
-        "A table. mujoco and drake were asked for the same law: one vote, not two."
-    )
+    names = ["mujoco", "pybullet", "kelvin-voigt", "bistiffness"]
+    assert phrase("table.md.j2", "one_vote", names) == NOTE
+    assert phrase("table.md.j2", "one_vote", ["state-transition", "bistiffness", "mujoco"]) == ""
 
 
 def test_tables_group_solvers_by_law_and_say_so(summary):
