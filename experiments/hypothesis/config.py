@@ -28,7 +28,7 @@ _CaseName = Literal[
 ]
 
 
-#: What a range must be, by its field: contrasts end where double precision, or what a user of engines can wait for, does.
+#: What a range must be, by its field: contrasts end where double precision does, or what a user can wait for.
 _RANGES: dict[str, Callable[[float, float], bool]] = {
     "stiffness_ratio": lambda low, high: 0 < low < 1 < high <= 1e12,
     "engine_stiffness_ratio": lambda low, high: 1e-6 <= low < 1 < high <= 1e6,
