@@ -31,8 +31,7 @@ from rich.table import Table
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import Column, column_of
-from impact_xval.compliant_baselines.contract.convergence import Convergence
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.grid import CellGrid
@@ -62,14 +61,14 @@ def bare_mujoco(columns: Sequence[Column], steps: Sequence[int]) -> float:
     """Step every column by mj_step alone."""
     from mujoco.batch import Batch
 
-    from impact_xval.compliant_baselines.engines import mujoco_drop
+    from impact_xval.compliant_baselines.engines import mujoco_engine
 
     mujoco: Any = import_module("mujoco")
     spent = 0.0
     for column, n in zip(columns, steps, strict=True):
-        batch = Batch(mujoco_drop.scene_model(), 1, 1)
-        mujoco_drop.load(batch, [column], n, False)
-        model, data = batch.get_model(0), mujoco.MjData(mujoco_drop.scene_model())
+        batch = Batch(mujoco_engine.scene_model(), 1, 1)
+        mujoco_engine.load(batch, [column], n, False)
+        model, data = batch.get_model(0), mujoco.MjData(mujoco_engine.scene_model())
         data.qpos[:], data.qvel[:] = batch.qpos[0], batch.qvel[0]
         spent += timed(lambda model=model, data=data, n=n: mujoco.mj_step(model, data, nstep=n))
     return spent
@@ -79,11 +78,11 @@ def bare_pybullet(columns: Sequence[Column], steps: Sequence[int], stride: int =
     """Step every column by stepSimulation alone, many sub-steps a call."""
     import pybullet as p
 
-    from impact_xval.compliant_baselines.engines import pybullet_world
+    from impact_xval.compliant_baselines.engines import pybullet_engine
 
     spent = 0.0
-    with pybullet_world.connected() as client:
-        world = pybullet_world.World(client)
+    with pybullet_engine.connected() as client:
+        world = pybullet_engine.World(client)
         for column, n in zip(columns, steps, strict=True):
             world.prepare(column)
 

@@ -3,7 +3,7 @@
     python benchmarks/limits.py engines --cells 2000      # some ten minutes on one core
     python benchmarks/limits.py jumps --cells 200000      # a minute
 
-**engines** draws cells of the default box (`config.box.Box`), runs both engines with convergence estimates, and
+**engines** draws cells of the default box (`config.axes.Box`), runs both engines with convergence estimates, and
 holds every limit of status ok and without a mark against the exact Kelvin-Voigt solution: the share further from it
 than three times the stated error, and the furthest. **jumps** solves every cell by an exact reference, then again with
 k2/k1, k1 and both stiffnesses changed by a relative amount, and prints how many of the marked and of the others move
@@ -21,12 +21,11 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.convergence import Convergence
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.jumps import jumps as tried
 from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
-from impact_xval.experiments.config.box import Box
+from impact_xval.experiments.config.axes import Box
 from impact_xval.model.collision import Collision
 
 BATCHES = {"kelvin-voigt": kelvin_voigt_batch, "bistiffness": bistiffness_batch}

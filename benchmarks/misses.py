@@ -16,18 +16,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impact_xval.experiments.hypothesis.cases import (
-    CASES,
-    LOSSY,
-    Case,
-    pair_class,
-)
+from impact_xval.experiments.hypothesis.cases import CASES, LOSSY, Case, draw, pair_class
 from impact_xval.experiments.hypothesis.config import parse
-from impact_xval.experiments.hypothesis.design import draw
-from impact_xval.experiments.hypothesis.run import contrasts
-from impact_xval.experiments.hypothesis.series import Series, ratios_of
-from impact_xval.experiments.hypothesis.subjects import default_names, subject
-from impact_xval.experiments.hypothesis.verdicts import FAR
+from impact_xval.experiments.hypothesis.run import contrasts, ratios_of
+from impact_xval.experiments.hypothesis.solvers import default_names, under_test
+from impact_xval.experiments.hypothesis.verdicts import FAR, Series
 from impact_xval.experiments.tables.numbers import percent
 
 #: D up to which a cell counts as agreeing.
@@ -36,11 +29,11 @@ NEAR = 1e-3
 
 def distances(solver: str, case: Case, cells: int, seed: int) -> np.ndarray:
     """Compute D from the closed form in the inelastic cells of a limit that count, at its largest contrast."""
-    config, one = parse({}, "built-in"), subject(solver, 100)
+    config, one = parse({}, "built-in"), under_test(solver, 100)
     # At least half of a design is inelastic.
     points = tuple(p for p in draw(case, 2 * cells, seed) if pair_class(case, p) in LOSSY)[:cells]
     contrast = contrasts(config, case, one)[-1:]
-    series = Series(one, case, points, contrast, one.ask(*ratios_of(case, points, contrast)))
+    series = Series(one, case, points, contrast, one.solve(*ratios_of(case, points, contrast)))
     return series.distances()[series.usable()[0]]
 
 
@@ -60,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--solver", nargs="+", help="exact solvers; by default all")
     options = parser.parse_args(arguments)
-    names = options.solver or [name for name in default_names() if subject(name, 100).kind == "exact"]
+    names = options.solver or [name for name in default_names() if under_test(name, 100).kind == "exact"]
     start = time.perf_counter()
     print(f"| limit | {' | '.join(names)} |")
     print(f"| --- |{' --- |' * len(names)}")

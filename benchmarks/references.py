@@ -32,7 +32,7 @@ from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, kelvin_voigt_batch
-from impact_xval.compliant_baselines.references.reference_solver import ReferenceBatch
+from impact_xval.compliant_baselines.references.batch import ReferenceBatch
 from impact_xval.experiments.measures.plane import Plane, write_plane
 
 GRAVITY_NUMBER = 0.05

@@ -27,11 +27,10 @@ from distributed import Client, LocalCluster
 from rich.console import Console
 from rich.table import Table
 
-from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.designs import cells_of
 from impact_xval.experiments.sweep.executors import in_flight
-from impact_xval.experiments.sweep.solving import Job, compute
+from impact_xval.experiments.sweep.solving import Experiment, solve_all
 from impact_xval.experiments.tables.store import RunFolder, part_bytes
 
 CHUNK = 16
@@ -40,14 +39,11 @@ CHUNK = 16
 def chunk_times(solvers: Sequence[str], n_chunks: int) -> tuple[np.ndarray, bytes]:
     """Measure times of chunks of `CHUNK` cells in s, and return them with the content of one part."""
     config = parse_config({"solvers": list(solvers), "sample": {"n": CHUNK * n_chunks}})
-    job, cells = Job(config, get_solver), cells_of(config)
+    experiment, cells = Experiment(config), cells_of(config)
     times, data = [], b""
     for chunk in [0, *range(n_chunks)]:
         start = time.process_time()
-        rows, _ = compute(
-            job, cells.cells(range(CHUNK * chunk, CHUNK * (chunk + 1))), {}, beat=lambda word: None
-        )
-        data = part_bytes(rows)
+        data = part_bytes(solve_all(experiment, cells.cells(range(CHUNK * chunk, CHUNK * (chunk + 1)))))
         times.append(time.process_time() - start)
     return np.array(times[1:]), data
 

@@ -36,7 +36,7 @@ from impact_xval.experiments.config.configuration import REFERENCE, Config, pars
 from impact_xval.experiments.presentation.report import write_tables
 from impact_xval.experiments.sweep.designs import cells_of
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.sweep.solving import Job, compute
+from impact_xval.experiments.sweep.solving import Experiment, solve_all
 
 ENGINE_FREE = ["bistiffness", "kelvin-voigt"]
 
@@ -51,11 +51,11 @@ def costs(repetitions: int) -> None:
     for name in names:
         config = parse_config({"solvers": [name], "sample": {"n": 64}})
         cells = cells_of(config).cells(range(64))
-        job = Job(config, get_solver)
-        compute(job, cells, {}, beat=lambda word: None)
+        experiment = Experiment(config)
+        solve_all(experiment, cells)
         for _ in range(repetitions):
             start = time.process_time()
-            compute(job, cells, {}, beat=lambda word: None)
+            solve_all(experiment, cells)
             best[name] = min(best.get(name, math.inf), (time.process_time() - start) / 64)
     # Every solver was run beside the model, with which it is compared.
     best = {name: value - (best[REFERENCE] if name != REFERENCE else 0.0) for name, value in best.items()}

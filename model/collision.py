@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,23 @@ PHASES = ("inactive", "compression", "restitution")
 
 #: Names of the states, indexed by the integer the kernels use (0 is no state).
 STATES = ("", "S1", "S2", "S3", "S4")
+
+
+class Units(NamedTuple):
+    """Units in which a collision has m1 = k1 = 1 and v0 = -1, and its outcome only its ratios (Theorem 5).
+
+    Attributes
+    ----------
+    time : float
+        sqrt(m1/k1), in s; infinite without a stiffness.
+    velocity, impulse, energy : float
+        abs(v0) in m/s, m1 abs(v0) in N s and m1 v0^2 in J.
+    """
+
+    time: float
+    velocity: float
+    impulse: float
+    energy: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +128,17 @@ class Collision:
     def reduced_mass(self) -> float:
         """M = m1 m2/(m1 + m2) of the ball-ball contact, in kg (supplement, below its equation (1))."""
         return self.m1 / (1 + self.m1 / self.m2)
+
+    @property
+    def units(self) -> Units:
+        """Units in which this collision is one of ratios only."""
+        speed = -self.v0
+        time = math.sqrt(self.m1 / self.k1) if self.k1 > 0 else math.inf
+        return Units(time, speed, self.m1 * speed, self.m1 * speed * speed)
+
+    def gravity_number(self, gravity: float) -> float:
+        """g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)): how much g in m/s^2 matters beside the impact."""
+        return gravity / (-self.v0 * math.sqrt(self.k1 / self.reduced_mass))
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from impact_xval.compliant_baselines.contact.mapping import (
 from impact_xval.model import Collision
 
 ROOT = Path(__file__).parents[1]
+FLOORS = ("model", "compliant_baselines", "experiments")
 
 
 def _run(*command):
@@ -28,12 +29,17 @@ def _run(*command):
 
 @pytest.mark.parametrize("arguments", [["check"], ["format", "--check"]])
 def test_style(arguments):
-    folders = ("impact_xval", "model", "compliant_baselines", "experiments", "tests", "benchmarks")
+    folders = ("impact_xval", *FLOORS, "tests", "benchmarks")
     _run(sys.executable, "-m", "ruff", *arguments, *folders)
 
 
 def test_floors_and_rooms():
     _run(Path(sys.executable).with_name("lint-imports"), "--no-cache")
+
+
+def test_a_room_holds_fourteen_modules_at_most():
+    for room in {path.parent for floor in FLOORS for path in (ROOT / floor).rglob("*.py")}:
+        assert len([path for path in room.glob("*.py") if path.name != "__init__.py"]) <= 14, room
 
 
 @pytest.mark.slow
@@ -63,8 +69,8 @@ def test_continuous_integration_runs_the_test_command_of_the_readme():
     assert (ROOT / ".ci/run").stat().st_mode & 0o111
 
 
-def test_every_file_of_a_run_is_in_the_readme():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_every_file_of_a_run_is_in_the_docs():
+    text = (ROOT / "docs/experiments.md").read_text(encoding="utf-8")
     tables = ("cells.parquet", "divergence.parquet", "curves.parquet", "ladder.parquet", "summary.md")
     for name in (*tables, "manifest.json", "report.html", "figures/", "parts/"):
         assert f"`{name}`" in text
@@ -78,7 +84,7 @@ def test_links_between_pages_lead_somewhere():
 
 def test_sections_that_docstrings_cite_are_there():
     found = []
-    for folder in ("model", "compliant_baselines", "experiments", "tests", "benchmarks"):
+    for folder in (*FLOORS, "tests", "benchmarks"):
         for file in (ROOT / folder).rglob("*.py"):
             # The citation of a page may be wrapped.
             text = re.sub(r"\s*\n[ #]*", " ", file.read_text(encoding="utf-8"))

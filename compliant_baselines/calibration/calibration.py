@@ -17,13 +17,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contact.column import Column
 from impact_xval.compliant_baselines.contact.mapping import Contact
-from impact_xval.compliant_baselines.contract.convergence import fitted_order
 from impact_xval.compliant_baselines.contract.solver import MappingName, SolverError
+from impact_xval.compliant_baselines.engines.convergence import extrapolated, fitted_order
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.engine_run import Run
+from impact_xval.compliant_baselines.engines.recording import Run
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,21 +192,23 @@ class ContactLimit:
     orders: tuple[float, float, float]
 
 
-def contact_limit(results: Sequence[ContactResult]) -> ContactLimit:
-    """Extrapolate one contact, asked for at steps each half of the one before, to a step of zero.
+def contact_limit(
+    e: float, restitution: NDArray[np.float64], duration_ratio: NDArray[np.float64]
+) -> ContactLimit:
+    """Extrapolate one contact, requested at steps each half of the one before, to a step of zero.
 
     The errors of a single contact are smooth in the step: it is met at the beginning of the first one.
 
     Parameters
     ----------
-    results : sequence of ContactResult
-        Three or more, the longest step first.
+    e : float
+        Restitution asked for.
+    restitution, duration_ratio : ndarray, shape (n,)
+        Restitution, and duration over the one asked for, at three steps or more, the longest first.
     """
-    restitution = np.array([result.restitution for result in results])
-    duration = np.array([result.duration / result.duration_asked for result in results])
-    off1, off2 = restitution - results[0].request.e, duration - 1
+    off1, off2 = restitution - e, duration_ratio - 1
     return ContactLimit(
-        restitution=float(2 * restitution[-1] - restitution[-2]),
-        duration=float(2 * duration[-1] - duration[-2]),
+        restitution=float(extrapolated(restitution)[-1]),
+        duration=float(extrapolated(duration_ratio)[-1]),
         orders=(fitted_order(np.abs(off1)), fitted_order(np.abs(off2)), fitted_order(np.hypot(off1, off2))),
     )

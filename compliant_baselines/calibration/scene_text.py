@@ -1,29 +1,113 @@
-"""A column as files that an engine runs alone, without this package.
+"""One contact to paste into a scene, and a whole column as files that an engine runs without this package.
 
-Neither scene is written a second time here. MuJoCo's is read off the batch that the adapter has loaded: the numbers
-that stand in it, written into the adapter's own MJCF. PyBullet's is the adapter's own calls, recorded while it makes
-them. The runners step as often as the adapter did and compare with what it got.
+What stands beside the numbers of a contact is what an engine must not do to it on its own account (the adapters'
+modules say why). No scene is written a second time here. MuJoCo's is read off the batch that the adapter has loaded:
+the numbers that stand in it, written into the adapter's own MJCF. PyBullet's is the adapter's own calls, recorded
+while it makes them. The runners step as often as the adapter did and compare with what it got.
 """
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import contextlib
+import functools
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from impact_xval.compliant_baselines.contact.column import Column
-from impact_xval.compliant_baselines.contract.registry import exportable_names
-from impact_xval.compliant_baselines.contract.stand_in import standing_in
-from impact_xval.compliant_baselines.engines import mujoco_drop
+from impact_xval.compliant_baselines.contact.mapping import (
+    Contact,
+    drake_geometries,
+    mujoco_contact,
+    pybullet_bodies,
+)
+from impact_xval.compliant_baselines.contract.registry import engine_names, exportable_names
+from impact_xval.compliant_baselines.contract.solver import SolverError
+from impact_xval.compliant_baselines.engines import mujoco_engine
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.engine_run import Run
+from impact_xval.compliant_baselines.engines.packages import standing_in
+from impact_xval.compliant_baselines.engines.recording import Run
 
-#: Engines that can be exported.
-EXPORTABLE = exportable_names()
+#: Engines whose contact parameters are known here, and those whose scenes can be exported.
+ENGINES, EXPORTABLE = engine_names(), exportable_names()
+
+
+@functools.cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("impact_xval.compliant_baselines.calibration"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    # 12 digits, and always a float: Drake tells 0 from 0.0.
+    environment.filters |= {"repr": repr, "digits": lambda value: repr(float(f"{value:.12g}"))}
+    return environment
+
+
+def paste(engine: str, contact: Contact, step: float) -> tuple[Mapping[str, Any], str]:
+    """Give an engine's parameters of a contact and the text to paste.
+
+    The first body carries the contact, the second is rigid and undamped, wherever an engine's parameters belong to
+    bodies and not to pairs.
+
+    Parameters
+    ----------
+    engine : str
+        One of `ENGINES`.
+    contact : Contact
+        What is asked.
+    step : float
+        Time step in s to write into the text.
+
+    Returns
+    -------
+    parameters : mapping
+        Under the engine's own names, SI units.
+    text : str
+        Lines of MJCF or of Python.
+
+    Raises
+    ------
+    SolverError
+        If the engine cannot take the numbers.
+    ValueError
+        If no such engine is known here.
+    """
+    if engine not in ENGINES:
+        raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
+    parameters = _parameters(engine, contact)
+    template = _environment().get_template("paste.j2")
+    text = template.render(engine=engine, contact=contact, step=step, **parameters)
+    if "inf" in text or "nan" in text:
+        raise SolverError(engine, "unrepresentable", f"a parameter of {contact} leaves double precision")
+    return parameters, text
+
+
+def _parameters(engine: str, contact: Contact) -> dict[str, Any]:
+    if engine == "mujoco":
+        pair = mujoco_contact(contact)
+        return {
+            "solref": list(pair.solref),
+            "solimp": list(pair.solimp),
+            "condim": 1,
+            "integrator": "Euler",
+        }
+    if engine == "pybullet":
+        bodies = pybullet_bodies(contact, contact)[:2]
+        each = [{"contactStiffness": body.stiffness, "contactDamping": body.damping} for body in bodies]
+    else:
+        geometries = drake_geometries(contact, contact)[:2]
+        each = [
+            {"point_contact_stiffness": geometry.stiffness, "relaxation_time": geometry.relaxation_time}
+            for geometry in geometries
+        ]
+    return dict(zip("ab", each, strict=True))
 
 
 def scene_files(solver: EngineSolver, column: Column, max_steps: int) -> tuple[Run, dict[str, str]]:
@@ -45,30 +129,24 @@ def scene_files(solver: EngineSolver, column: Column, max_steps: int) -> tuple[R
     files : dict
         Names and contents.
     """
-    if solver.name == "mujoco":
+    with _recorded() if solver.name == "pybullet" else contextlib.nullcontext([]) as calls:
         (run,) = solver.run_columns([column], max_steps)
-        return run, {"scene.xml": mjcf(column), "run.py": _mujoco_runner(solver, run)}
-    with _recorded() as calls:
-        (run,) = solver.run_columns([column], max_steps)
-    return run, {"run.py": _pybullet_script(solver, run, calls)}
-
-
-def _words(values: Any) -> str:
-    return " ".join(repr(float(value)) for value in np.ravel(values))
+    template = _environment().get_template("run.py.j2")
+    script = template.render(engine=solver.name, version=solver.version(), run=run, calls=_setting_up(calls))
+    files = {"scene.xml": mjcf(column)} if solver.name == "mujoco" else {}
+    return run, files | {"run.py": script}
 
 
 def mjcf(column: Column) -> str:
     """Write the scene MuJoCo runs for a column, its initial state as the keyframe ``start``."""
     from mujoco.batch import Batch
 
-    batch = Batch(mujoco_drop.scene_model(), 1, 1)
-    mujoco_drop.load(batch, [column], 1, False)
-    model, root = batch.model, ElementTree.fromstring(mujoco_drop.SCENE)
+    batch: Any = Batch(mujoco_engine.scene_model(), 1, 1)
+    mujoco_engine.load(batch, [column], 1, False)
+    model, root = batch.model, ElementTree.fromstring(mujoco_engine.SCENE)
 
     def loaded(field: str, row: int | None = None) -> Any:
-        expanded = batch.expanded(field)
-        assert expanded is not None, field
-        values = expanded[0]
+        values = batch.expanded(field)[0]
         return values if row is None else values[row]
 
     def element(path: str) -> ElementTree.Element:
@@ -76,9 +154,8 @@ def mjcf(column: Column) -> str:
         assert found is not None, path
         return found
 
-    option = element("option")
     for name in ("timestep", "tolerance", "gravity"):
-        option.set(name, _words(loaded(f"opt.{name}")))
+        element("option").set(name, _words(loaded(f"opt.{name}")))
     for name in ("B1", "B2"):
         body, geom = model.body(name).id, model.geom(name).id
         placed = element(f".//body[@name='{name}']")
@@ -92,8 +169,8 @@ def mjcf(column: Column) -> str:
         del shape.attrib["mass"]
     for name in ("ball-ball", "ball-table"):
         pair = element(f".//pair[@name='{name}']")
-        pair.set("solref", _words(loaded("pair_solref", model.pair(name).id)))
-        pair.set("solimp", _words(loaded("pair_solimp", model.pair(name).id)))
+        for field in ("solref", "solimp"):
+            pair.set(field, _words(loaded(f"pair_{field}", model.pair(name).id)))
     start = ElementTree.SubElement(ElementTree.SubElement(root, "keyframe"), "key", name="start")
     start.set("qpos", _words(batch.qpos[0]))
     start.set("qvel", _words(batch.qvel[0]))
@@ -101,46 +178,8 @@ def mjcf(column: Column) -> str:
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _facts(solver: EngineSolver, run: Run) -> str:
-    c = run.column
-    return textwrap.dedent(f"""\
-        # Two balls above a table, on one vertical line; SI units, up is positive.
-        #   B1 (upper): {c.m1!r} kg, starts at {c.v1!r} m/s; B2 (lower): {c.m2!r} kg, at {c.v2!r} m/s
-        #   contact 1, ball on ball:  F = max(0, k d + c d'), k = {c.contact1.k!r} N/m, c = {c.contact1.c!r} N s/m
-        #   contact 2, ball on table: F = max(0, k d + c d'), k = {c.contact2.k!r} N/m, c = {c.contact2.c!r} N s/m
-        #   gravity {c.gravity!r} m/s^2, {run.raw.n_steps} steps of {c.step!r} s: then the collision is over
-        STEPS, STEP = {run.raw.n_steps}, {c.step!r}
-        FLIGHT = {run.fall and run.fall[0]!r}  # steps until both balls are in the air: no gravity from there on
-        V1, V2 = {run.v1!r}, {run.v2!r}  # what {solver.name} {solver.version()} gave in the table, in m/s
-        """)
-
-
-_COMPARE = """\
-print(f"v1 = {v1!r} m/s, in the table {V1!r}, difference {v1 - V1:.1e}")
-print(f"v2 = {v2!r} m/s, in the table {V2!r}, difference {v2 - V2:.1e}")
-if max(abs(v1 - V1), abs(v2 - V2)) > 1e-12 * SPEED:
-    sys.exit("not the same: another version of the engine?")
-"""
-
-
-def _mujoco_runner(solver: EngineSolver, run: Run) -> str:
-    return (
-        '"""Runs scene.xml in MuJoCo alone and compares with the table: python run.py"""\n\n'
-        "import sys\nfrom pathlib import Path\n\nimport mujoco\n\n"
-        + _facts(solver, run)
-        + f"SPEED = {max(abs(run.column.v1), abs(run.column.v2))!r}\n\n"
-        + textwrap.dedent("""\
-            model = mujoco.MjModel.from_xml_path(str(Path(__file__).with_name("scene.xml")))
-            data = mujoco.MjData(model)
-            mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
-            for i in range(STEPS):
-                if i == FLIGHT:
-                    model.opt.gravity[:] = 0
-                mujoco.mj_step(model, data)
-            v1, v2 = (float(data.joint(name).qvel[0]) for name in ("B1", "B2"))
-            """)
-        + _COMPARE
-    )
+def _words(values: Any) -> str:
+    return " ".join(repr(float(value)) for value in np.ravel(values))
 
 
 class _Named(int):
@@ -166,7 +205,7 @@ class _RecordingModule:
 
     def __init__(self, module: Any) -> None:
         self._module = module
-        self._counts: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
         self._stepping: list[tuple[str, int]] = []
         self.calls: list[str] = []
 
@@ -186,7 +225,7 @@ class _RecordingModule:
                 return result
             if name == "connect" or name.startswith("create"):
                 kind = {"connect": "client", "createMultiBody": "body"}.get(name, "shape")
-                self._counts[kind] = self._counts.get(kind, 0) + 1
+                self._counts[kind] += 1
                 variable = kind if kind == "client" else f"{kind}{self._counts[kind]}"
                 result, text = _Named(result, variable), f"{variable} = {text}"
             self.calls += [
@@ -208,12 +247,10 @@ def _call(name: str, args: Sequence[Any], kwargs: dict[str, Any]) -> str:
 def _literal(value: Any) -> str:
     if isinstance(value, tuple | list):
         return "(" + ", ".join(map(_literal, value)) + ("," if len(value) == 1 else "") + ")"
-    if isinstance(value, bool | int | str):
-        return repr(value)
-    return repr(float(value))
+    return repr(value if isinstance(value, bool | int | str) else float(value))
 
 
-@contextmanager
+@contextlib.contextmanager
 def _recorded() -> Iterator[list[str]]:
     """Record the calls into pybullet that are made meanwhile; the adapter imports the module where it uses it."""
     import pybullet
@@ -225,27 +262,5 @@ def _recorded() -> Iterator[list[str]]:
 
 def _setting_up(calls: Sequence[str]) -> Sequence[str]:
     """Give the calls before the run itself, in which gravity may be switched off: up to the last placing of a ball."""
-    return calls[: 1 + max(i for i, call in enumerate(calls) if call.startswith("p.resetBaseVelocity"))]
-
-
-def _pybullet_script(solver: EngineSolver, run: Run, calls: Sequence[str]) -> str:
-    return (
-        '"""Runs the collision in PyBullet alone and compares with the table: python run.py"""\n\n'
-        "import sys\n\nimport pybullet as p\n\n"
-        + _facts(solver, run)
-        + f"SPEED = {max(abs(run.column.v1), abs(run.column.v2))!r}\n\n"
-        + "\n".join(_setting_up(calls))
-        + "\n\n"
-        + textwrap.dedent("""\
-            # From here on as often as the adapter stepped, one step a call.
-            p.setPhysicsEngineParameter(fixedTimeStep=STEP, numSubSteps=0)
-            balls = [i for i in range(p.getNumBodies()) if p.getDynamicsInfo(i, -1)[0] > 0]
-            balls.sort(key=lambda i: p.getBasePositionAndOrientation(i)[0][2])  # B2 below B1
-            for i in range(STEPS):
-                if i == FLIGHT:
-                    p.setGravity(0, 0, 0)
-                p.stepSimulation()
-            v2, v1 = (p.getBaseVelocity(i)[0][2] for i in balls)
-            """)
-        + _COMPARE
-    )
+    placing = [i for i, call in enumerate(calls) if call.startswith("p.resetBaseVelocity")]
+    return calls[: 1 + max(placing, default=-1)]

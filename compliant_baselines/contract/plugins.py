@@ -36,15 +36,7 @@ def origin(point: EntryPoint) -> str:
 
 
 class ThirdPartySolver(SolverBase):
-    """A solver of another distribution, kept from breaking what it must not.
-
-    Parameters
-    ----------
-    name : str
-        Of the entry points.
-    points : sequence of EntryPoint
-        Those of this name.
-    """
+    """A solver of another distribution, kept from breaking what it must not; of the entry points with its name."""
 
     def __init__(self, name: str, points: Sequence[EntryPoint]) -> None:
         self.name = name
@@ -101,19 +93,10 @@ class ThirdPartySolver(SolverBase):
 
 
 def _checked(point: EntryPoint) -> Solver:
-    """Load and construct a solver.
-
-    Raises
-    ------
-    TypeError
-        If it is not one.
-    """
+    """Load and construct a solver; a `TypeError` says what it lacks."""
     solver = point.load()()
-    missing = [
-        name
-        for name in ("version", "unavailable", "solve_many", "solve")
-        if not callable(getattr(solver, name, None))
-    ]
+    methods = ("version", "unavailable", "solve_many", "solve")
+    missing = [name for name in methods if not callable(getattr(solver, name, None))]
     if missing:
         raise TypeError(f"it lacks {', '.join(missing)}")
     if getattr(solver, "name", None) != point.name:

@@ -31,7 +31,7 @@ class Entry:
     Attributes
     ----------
     module, cls : str
-        Where its class is.
+        Where its class is; the module below `compliant_baselines`.
     kind : {"model", "reference", "engine"}
         ``model``: at the level of impulses, positions frozen. ``reference``: contacts in time, solved without an
         engine. ``engine``: an adapter of a physics engine.
@@ -49,53 +49,45 @@ class Entry:
 
     module: str
     cls: str
-    kind: Kind
-    law: str
+    kind: Kind = "engine"
+    law: str = KELVIN_VOIGT
     on_request: bool = False
     costly: bool = False
     exportable: bool = False
     naive: bool = False
 
 
-def _model(module: str, cls: str, law: str, *, on_request: bool = False) -> Entry:
-    return Entry(f"impact_xval.compliant_baselines.{module}", cls, "model", law, on_request)
-
-
-def _reference(module: str, cls: str, law: str, *, on_request: bool = False) -> Entry:
-    return Entry(f"impact_xval.compliant_baselines.{module}", cls, "reference", law, on_request)
-
-
-def _engine(module: str, cls: str, law: str = KELVIN_VOIGT, **more: bool) -> Entry:
-    return Entry(f"impact_xval.compliant_baselines.{module}", cls, "engine", law, **more)
-
+_MODEL, _KELVIN_VOIGT = "contract.state_transition", "references.kelvin_voigt"
+_MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}_engine" for name in ("mujoco", "pybullet", "drake"))
 
 # In the order in which tables list the solvers; those on request after all others.
 _ENTRIES: dict[str, Entry] = {
-    "state-transition": _model("contract.state_transition", "StateTransitionSolver", "state-transition"),
-    "bistiffness": _reference("references.bistiffness", "BistiffnessSolver", "bistiffness"),
-    "kelvin-voigt": _reference("references.kelvin_voigt", "KelvinVoigtSolver", KELVIN_VOIGT),
-    "mujoco": _engine("engines.mujoco_drop", "MujocoSolver", exportable=True),
-    "pybullet": _engine("engines.pybullet_drop", "PybulletSolver", exportable=True),
-    "drake": _engine("engines.drake_drop", "DrakeSolver", costly=True),
-    "kelvin-voigt-anchored": _reference(
-        "references.kelvin_voigt", "AnchoredKelvinVoigtSolver", "kelvin-voigt-anchored", on_request=True
+    "state-transition": Entry(_MODEL, "StateTransitionSolver", "model", "state-transition"),
+    "bistiffness": Entry("references.bistiffness", "BistiffnessSolver", "reference", "bistiffness"),
+    "kelvin-voigt": Entry(_KELVIN_VOIGT, "KelvinVoigtSolver", "reference"),
+    "mujoco": Entry(_MUJOCO, "MujocoSolver", exportable=True),
+    "pybullet": Entry(_PYBULLET, "PybulletSolver", exportable=True),
+    "drake": Entry(_DRAKE, "DrakeSolver", costly=True),
+    "kelvin-voigt-anchored": Entry(
+        _KELVIN_VOIGT, "AnchoredKelvinVoigtSolver", "reference", "kelvin-voigt-anchored", on_request=True
     ),
-    "kelvin-voigt-textbook": _reference(
-        "references.kelvin_voigt", "TextbookKelvinVoigtSolver", "kelvin-voigt-textbook", on_request=True
+    "kelvin-voigt-textbook": Entry(
+        _KELVIN_VOIGT, "TextbookKelvinVoigtSolver", "reference", "kelvin-voigt-textbook", on_request=True
     ),
-    "hunt-crossley": _reference(
-        "references.kelvin_voigt", "HuntCrossleySolver", "hunt-crossley", on_request=True
+    "hunt-crossley": Entry(
+        _KELVIN_VOIGT, "HuntCrossleySolver", "reference", "hunt-crossley", on_request=True
     ),
-    "liu-zhao-brogliato": _model(
-        "contract.state_transition", "LiuZhaoBrogliatoSolver", "liu-zhao-brogliato", on_request=True
+    "liu-zhao-brogliato": Entry(
+        _MODEL, "LiuZhaoBrogliatoSolver", "model", "liu-zhao-brogliato", on_request=True
     ),
-    "mujoco-naive": _engine("engines.naive", "NaiveMujocoSolver", on_request=True, naive=True),
-    "pybullet-naive": _engine("engines.naive", "NaivePybulletSolver", on_request=True, naive=True),
-    "drake-hunt-crossley": _engine(
-        "engines.drake_continuous", "DrakeHuntCrossleySolver", "hunt-crossley", on_request=True
-    ),
-    "oracle": _model("contract.oracle", "OracleSolver", "state-transition", on_request=True),
+    "mujoco-naive": Entry(_MUJOCO, "NaiveMujocoSolver", on_request=True, naive=True),
+    "pybullet-naive": Entry(_PYBULLET, "NaivePybulletSolver", on_request=True, naive=True),
+    "drake-hunt-crossley": Entry(_DRAKE, "DrakeHuntCrossleySolver", law="hunt-crossley", on_request=True),
+    "oracle": Entry(_MODEL, "OracleSolver", "model", "state-transition", on_request=True),
 }
+
+#: What a name stands for that is not of this project.
+_UNKNOWN = Entry("", "")
 
 
 def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
@@ -113,18 +105,9 @@ def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
 
 
 def engine_names(*, on_request: bool = False) -> tuple[str, ...]:
-    """Names of the engines that have an adapter here (`engines.engine`), in the order of the tables.
-
-    Parameters
-    ----------
-    on_request : bool
-        Whether to add those that are no comparison's default.
-    """
-    return tuple(
-        name
-        for name, entry in _ENTRIES.items()
-        if entry.kind == "engine" and (on_request or not entry.on_request)
-    )
+    """Names of the engines that have an adapter here; with or without those that are no comparison's default."""
+    engines = ((name, entry) for name, entry in _ENTRIES.items() if entry.kind == "engine")
+    return tuple(name for name, entry in engines if on_request or not entry.on_request)
 
 
 def engine_free_names() -> tuple[str, ...]:
@@ -139,22 +122,22 @@ def exportable_names() -> tuple[str, ...]:
 
 def kind_of(name: str) -> Kind:
     """Tell a model, a reference or an engine by its name; a solver that is not of this project is an engine."""
-    return _ENTRIES[name].kind if name in _ENTRIES else "engine"
+    return _ENTRIES.get(name, _UNKNOWN).kind
 
 
 def law_of(name: str) -> str:
     """Name of the exact solver of the law a solver has or is asked for; `KELVIN_VOIGT` outside this project."""
-    return _ENTRIES[name].law if name in _ENTRIES else KELVIN_VOIGT
+    return _ENTRIES.get(name, _UNKNOWN).law
 
 
 def is_costly(name: str) -> bool:
     """Whether a step costs ten times that of other engines; not known, and so not, outside this project."""
-    return name in _ENTRIES and _ENTRIES[name].costly
+    return _ENTRIES.get(name, _UNKNOWN).costly
 
 
 def is_naive(name: str) -> bool:
-    """Whether a solver is given the naive mapping whatever is configured (`engines.naive`)."""
-    return name in _ENTRIES and _ENTRIES[name].naive
+    """Whether a solver is given the naive mapping whatever is configured."""
+    return _ENTRIES.get(name, _UNKNOWN).naive
 
 
 def get_solver(name: str) -> Solver:
@@ -167,7 +150,7 @@ def get_solver(name: str) -> Solver:
     """
     if name in _ENTRIES:
         entry = _ENTRIES[name]
-        return getattr(import_module(entry.module), entry.cls)()
+        return getattr(import_module(f"impact_xval.compliant_baselines.{entry.module}"), entry.cls)()
     points = plugins.found().get(name)
     if points is None:
         raise ValueError(f"solver {name!r} is unknown; known: {', '.join(solver_names(on_request=True))}")

@@ -23,18 +23,13 @@ Implementer's rules:
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
-from impact_xval.compliant_baselines.contract.convergence import Convergence
-from impact_xval.model.collision import (
-    RESULT_STATUSES,
-    Collision,
-    Outcome,
-    Status,
-)
+from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Status
 from impact_xval.model.grazing import GRAZING_THRESHOLD
 from impact_xval.model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
 
@@ -58,6 +53,33 @@ class SolverError(ValueError):
         self.solver = solver
         self.status: Status = status
         self.reason = reason
+
+
+@dataclass(frozen=True, slots=True)
+class Convergence:
+    """What the limit dt -> 0 of an engine must satisfy (`engines.convergence`).
+
+    Parameters
+    ----------
+    tolerance : float
+        Largest error of the limit, per abs(v0), at which a result counts as converged.
+    halvings : int
+        How often the step may be halved, at least 2.
+
+    Raises
+    ------
+    ValueError
+        For an illegal value.
+    """
+
+    tolerance: float = 1e-3
+    halvings: int = 4
+
+    def __post_init__(self) -> None:
+        if not 0 < self.tolerance <= 1:
+            raise ValueError(f"tolerance = {self.tolerance!r}; legal: greater than 0, at most 1")
+        if not 2 <= self.halvings <= 10:
+            raise ValueError(f"halvings = {self.halvings!r}; legal: a whole number from 2 to 10")
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +126,7 @@ class Settings:
     step_fraction: float = 1e-3
     max_steps: int = 2_000_000
     mapping: MappingName = "calibrated"
-    shortest_state: float = 2.5e-3
+    shortest_state: float = SHORTEST_STATE
     record_path: bool = False
     stiffness_ratio_cutoff: Cutoff = "exact"
     grazing_threshold: float = GRAZING_THRESHOLD
@@ -112,26 +134,26 @@ class Settings:
     convergence: Convergence | None = None
 
     def __post_init__(self) -> None:
-        def require(name: str, legal: bool, legal_range: str) -> None:
+        for name, legal, legal_range in (
+            ("scenario", self.scenario in ("impact", "drop"), "'impact' or 'drop'"),
+            ("gravity", 0 < self.gravity < float("inf"), "a finite number > 0 (m/s^2)"),
+            (
+                "step_fraction",
+                0 < self.step_fraction <= 0.1,
+                "greater than 0, at most 0.1 (of a contact period)",
+            ),
+            ("max_steps", self.max_steps >= 1, "a whole number >= 1"),
+            ("mapping", self.mapping in ("calibrated", "naive"), "'calibrated' or 'naive'"),
+            (
+                "shortest_state",
+                0 <= self.shortest_state <= 0.1,
+                "from 0 to 0.1 (of the shorter contact period)",
+            ),
+            ("stiffness_ratio_cutoff", legal_cutoff(self.stiffness_ratio_cutoff), LEGAL_CUTOFF),
+            ("grazing_threshold", 0 <= self.grazing_threshold <= 1, "from 0 to 1"),
+        ):
             if not legal:
                 raise ValueError(f"{name} = {getattr(self, name)!r}; legal: {legal_range}")
-
-        require("scenario", self.scenario in ("impact", "drop"), "'impact' or 'drop'")
-        require("gravity", 0 < self.gravity < float("inf"), "a finite number > 0 (m/s^2)")
-        require(
-            "step_fraction",
-            0 < self.step_fraction <= 0.1,
-            "greater than 0, at most 0.1 (of a contact period)",
-        )
-        require("max_steps", self.max_steps >= 1, "a whole number >= 1")
-        require("mapping", self.mapping in ("calibrated", "naive"), "'calibrated' or 'naive'")
-        require(
-            "shortest_state",
-            0 <= self.shortest_state <= 0.1,
-            "from 0 to 0.1 (of the shorter contact period)",
-        )
-        require("stiffness_ratio_cutoff", legal_cutoff(self.stiffness_ratio_cutoff), LEGAL_CUTOFF)
-        require("grazing_threshold", 0 <= self.grazing_threshold <= 1, "from 0 to 1")
 
 
 @runtime_checkable
@@ -140,39 +162,24 @@ class Solver(Protocol):
 
     name: str
 
+    @abstractmethod
     def version(self) -> str:
         """Version of what does the work (the engine's own), or ``""`` if it is not installed."""
-        ...
 
     def unavailable(self) -> str | None:
         """Why the solver cannot run on this machine and the way out, in one sentence; None if it can."""
-        ...
 
+    @abstractmethod
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every collision, in order; failures are outcomes with a status (rule 2)."""
-        ...
 
+    @abstractmethod
     def solve(self, collision: Collision, settings: Settings = ...) -> Outcome:
         """Answer one collision, or raise `SolverError` (rule 3)."""
-        ...
 
 
-class SolverBase(ABC):
-    """What most solvers share: `solve` in terms of `solve_many`, and being available."""
-
-    name: str
-
-    @abstractmethod
-    def version(self) -> str:
-        """Version of what does the work, or ``""`` if it is not installed."""
-
-    def unavailable(self) -> str | None:
-        """Why the solver cannot run here and the way out; None if it can."""
-        return None
-
-    @abstractmethod
-    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
-        """Answer every collision, in order."""
+class SolverBase(Solver):
+    """What most solvers share: `solve` in terms of `solve_many`, and, from `Solver`, being available."""
 
     def solve(self, collision: Collision, settings: Settings | None = None) -> Outcome:
         """Answer one collision.

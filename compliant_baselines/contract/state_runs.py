@@ -15,13 +15,13 @@ S4 can occur on the way as well: both contacts open, the balls not yet apart for
 
 **The time** of rule 2 is a share of the shorter contact period (`contact.column.shorter_period`),
 whatever the step. At a step h a state held for a time L shows in the whole number of steps below or above L/h. The
-default share, 2.5e-3, is two and a half of the default steps of 1e-3: three steps count and two do not, rounding
+default share, `SHORTEST_STATE`, is two and a half of the default steps: three steps count and two do not, rounding
 decides nothing, and only a state held for two to three steps can count in one solver and not in another that agrees
 with it. Of short states in a row, one below the step may not show at all, and its neighbours then pass for one that
 counts. At a step above that time an engine misses states that count, which is its discretisation: no filter can tell.
 
 **Limits.** A rigid contact has no period: the time is then 0, and nothing is merged. A contact without stiffness has
-an infinite one, so that the other's is the shorter. A stretch that takes no time in a closed form is short; one that
+an infinite one, so that the other's is the shorter. A segment that takes no time in a closed form is short; one that
 has no end, or begins after one that had none, counts as held.
 """
 
@@ -33,6 +33,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.model.collision import Outcome
+
+#: Default share of the shorter contact period for which a state must be held to count; see the module.
+SHORTEST_STATE = 2.5e-3
 
 #: Share of the time of rule 2 by which a run may fall short of it: rounding, where a step divides it exactly.
 _ROUNDING = 1e-9

@@ -17,7 +17,7 @@ of the first step in which none carries force and at whose end both gaps are ope
 still to meet meets as in an impact. B2 on the table with its weight is a contact, and so is a contact whose bodies
 overlap without force. Otherwise the outcome would be that of the flight: two balls that part with B2 faster by 1e-4
 |v0| would fall for many times the length of the contact and then meet at whatever speed they have come to. Engines
-and references keep this one rule; an adapter is told by the end `FLIGHT` of a scan.
+and references keep this one rule; for an adapter a scan ends there with `FLIGHT`.
 
 **The collision is over** at the end of the first step in which B1 is clear of B2, B2 is clear of the table or
 at rest on it, and v1 >= v2 >= 0.
@@ -52,6 +52,7 @@ Floats = NDArray[np.float64]
 
 #: Units in the last place of the momenta below which an impulse per step counts as none.
 ROUNDING = 64.0
+EPSILON = float(np.finfo(np.float64).eps)
 
 #: How a scan ended.
 GOING, FREE, REST, STUCK, BROKEN, ALOFT, FLIGHT = 0, 1, 2, 3, 4, 5, 6
@@ -69,46 +70,72 @@ class ScanParameters(NamedTuple):
     x2_rest: float
 
 
-def new_memory() -> Floats:
-    """Memory of `scan` in which nothing has happened yet."""
-    gaps = [1.0, 1.0, -np.inf, -np.inf, -1.0, np.inf, 0.0]  # both closed as far back as there was a past
-    return np.array([0.0, np.nan, np.nan, 0.0, -1.0, -1.0, np.nan, np.nan, np.nan, np.nan, *gaps])
+#: What `scan` remembers from one call to the next. A pair of numbers is that of contacts 1 and 2. What a caller may
+#: want of it:
+#:
+#: * n_steps: number of steps so far;
+#: * again: what contacts that began to carry force *again* did in their first step, summed as changes of the relative
+#:   velocity of their pair in m/s;
+#: * unloaded: when a contact last ceased to carry force, in s: where the straight line through its mean forces in the
+#:   last two steps, each counted at the middle of its step, comes to zero. NaN as long as it has not;
+#: * lead, lead_contact: by how many steps the first flight of a drop began or did not, and which contact decided on
+#:   that: after so many of flight it closed, or, negative, it had closed so many before the other one opened. The
+#:   nearest such event; infinite without one.
+#:
+#: The rest is for the next call: whether a contact carries force (1, 0, or -1 as long as it never has) and its impulses
+#: in the last two steps; whether its gap is closed, and the step at which it last closed; the step at which the first
+#: flight began (-1 before it, -2 once a gap has closed again).
+MEMORY = np.dtype(
+    [(name, "f8") for name in ("n_steps", "again", "lead", "lead_contact", "flight")]
+    + [(name, "f8", 2) for name in ("unloaded", "loaded", "last", "before_last", "closed", "closed_at")]
+)
+
+
+def new_memory() -> NDArray[np.void]:
+    """Memory of `scan` in which nothing has happened yet, shape (1,) of `MEMORY`."""
+    memory = np.zeros(1, MEMORY)
+    memory["lead"] = np.inf
+    memory["flight"] = memory["loaded"] = -1
+    for name in ("unloaded", "last", "before_last"):
+        memory[name] = np.nan
+    memory["closed"], memory["closed_at"] = 1, -np.inf  # as far back as there was a past
+    return memory
 
 
 @numba.njit(cache=True)
 def _remember(memory, contact, loaded, impulse, inverse_mass, h):  # pragma: no cover (compiled)
-    """Note what a contact did in a step; see `scan`."""
-    state, last, before = 4 + contact, 6 + contact, 8 + contact
-    if loaded and memory[state] == 0:
-        memory[0] += impulse * inverse_mass
-    if not loaded and memory[state] == 1:
-        fall = memory[before] - memory[last]
-        beyond = memory[last] / fall if fall > 0 else 0.5
-        memory[1 + contact] = (memory[3] - 1.5 + min(beyond, 1.5)) * h
-    if loaded or memory[state] == 1:
-        memory[state] = 1.0 if loaded else 0.0
-    memory[before] = memory[last]
-    memory[last] = impulse
+    """Note what a contact did in a step."""
+    last, before = memory.last[contact], memory.before_last[contact]
+    if loaded and memory.loaded[contact] == 0:
+        memory.again += impulse * inverse_mass
+    if not loaded and memory.loaded[contact] == 1:
+        fall = before - last
+        beyond = last / fall if fall > 0 else 0.5
+        memory.unloaded[contact] = (memory.n_steps - 1.5 + min(beyond, 1.5)) * h
+    if loaded or memory.loaded[contact] == 1:
+        memory.loaded[contact] = 1.0 if loaded else 0.0
+    memory.before_last[contact] = last
+    memory.last[contact] = impulse
 
 
 @numba.njit(cache=True)
 def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
-    """Note by how much time the first flight begins or not; see `scan`."""
-    now = memory[3]
+    """Note by how much time the first flight begins or not."""
+    now = memory.n_steps
     for contact in range(2):
         closed, other = (closed1, closed2) if contact == 0 else (closed2, closed1)
-        was, lead, met = memory[10 + contact] > 0, np.inf, contact
+        was, lead, met = memory.closed[contact] > 0, np.inf, contact
         if closed and not was:
-            memory[12 + contact] = now
-            if memory[14] >= 0:
-                lead, memory[14] = now - memory[14], -2.0
+            memory.closed_at[contact] = now
+            if memory.flight >= 0:
+                lead, memory.flight = now - memory.flight, -2.0
         elif was and not closed and other:
-            lead, met = memory[13 - contact] - now, 1 - contact
-        if abs(lead) < abs(memory[15]):
-            memory[15], memory[16] = lead, met + 1
-    memory[10], memory[11] = 1.0 if closed1 else 0.0, 1.0 if closed2 else 0.0
-    if memory[14] == -1 and not (closed1 or closed2):
-        memory[14] = now
+            lead, met = memory.closed_at[1 - contact] - now, 1 - contact
+        if abs(lead) < abs(memory.lead):
+            memory.lead, memory.lead_contact = lead, met + 1
+    memory.closed[0], memory.closed[1] = 1.0 if closed1 else 0.0, 1.0 if closed2 else 0.0
+    if memory.flight == -1 and not (closed1 or closed2):
+        memory.flight = now
 
 
 @numba.njit(cache=True)
@@ -119,9 +146,9 @@ def scan(  # pragma: no cover (compiled)
     p: ScanParameters,
     left: int,
     codes: NDArray[np.int8],
-    memory: Floats,
+    memory: NDArray[np.void],
 ) -> tuple[int, int]:
-    """Go through a stretch of steps until the collision is over.
+    """Go through a window of steps until the collision is over.
 
     Parameters
     ----------
@@ -135,22 +162,8 @@ def scan(  # pragma: no cover (compiled)
         Number of steps that may still be taken after these.
     codes : ndarray of int8, shape (n,)
         Filled with the raw state, 1 to 4, of each step.
-    memory : ndarray, shape (17,)
-        Of the stretches before, `new_memory` before the first. What a caller may want of it:
-
-        * 0: what contacts that began to carry force *again* did in their first step, summed as changes of the
-          relative velocity of their pair in m/s;
-        * 1, 2: when contacts 1 and 2 last ceased to carry force, in s: where the straight line through their
-          mean forces in the last two steps, each counted at the middle of its step, comes to zero. NaN as
-          long as they have not;
-        * 3: number of steps so far;
-        * 15, 16: by how many steps the first flight of a drop began or did not, and which contact decided on that:
-          after so many of flight it closed, or, negative, it had closed so many before the other one opened. The
-          nearest such event; infinite without one.
-
-        The rest is for the next stretch: whether each contact carries force (1, 0, or -1 as long as it never
-        has), and its impulses in the last two steps; whether the gaps are closed, the steps at which they last
-        closed, and that of the first flight (-1 before it, -2 once a gap has closed again).
+    memory : ndarray of `MEMORY`, shape (1,)
+        Of the windows before, `new_memory` before the first.
 
     Returns
     -------
@@ -160,7 +173,8 @@ def scan(  # pragma: no cover (compiled)
         `GOING`, `FREE`, `REST`, `STUCK`, `ALOFT` (given up), `FLIGHT` (from here on without gravity: the steps that
         follow are not those of this collision), or `BROKEN` (a number that is not finite).
     """
-    eps = ROUNDING * 2.220446049250313e-16
+    eps = ROUNDING * EPSILON
+    seen = memory[0]
     gh = p.g * p.h
     u1, u2 = before[0], before[1]
     stuck_below = 0.5 * p.g * p.g * min(p.m1**2 / p.k1, (p.m1 + p.m2) ** 2 / p.k2)
@@ -177,13 +191,13 @@ def scan(  # pragma: no cover (compiled)
         loaded1, loaded2 = impulse1 > noise1, impulse2 > noise2
         codes[i] = (1 if loaded2 else 3) if loaded1 else (2 if loaded2 else 4)
         u1, u2 = v1, v2
-        memory[3] += 1
-        _remember(memory, 0, loaded1, impulse1, 1 / p.m1 + 1 / p.m2, p.h)
-        _remember(memory, 1, loaded2, impulse2, 1 / p.m2, p.h)
+        seen.n_steps += 1
+        _remember(seen, 0, loaded1, impulse1, 1 / p.m1 + 1 / p.m2, p.h)
+        _remember(seen, 1, loaded2, impulse2, 1 / p.m2, p.h)
 
         weightless = p.g == 0
-        if not weightless or memory[14] >= 0:
-            _follow_gaps(memory, x1 < x2, x2 < 0)
+        if not weightless or seen.flight >= 0:
+            _follow_gaps(seen, x1 < x2, x2 < 0)
         if not loaded1 and (weightless or x1 >= x2) and v1 >= v2:
             if not loaded2 and (weightless or x2 >= 0) and v2 >= 0:
                 return i + 1, FREE

@@ -17,12 +17,13 @@ shown by a test that sets it and measures what it does:
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding, step_finding
+from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding, finding, long_step
 
 #: Impedance from which a contact counts as not of the level of forces.
 FORCE_LEVEL = 0.01
@@ -31,14 +32,24 @@ FORCE_LEVEL = 0.01
 MOST_PAIRS = 100_000
 
 
+class _Geom(NamedTuple):
+    """What a geom brings to a contact: its solref, solimp (five numbers), share in a mixture and priority."""
+
+    solref: tuple[float, ...]
+    solimp: tuple[float, ...]
+    solmix: float
+    priority: int
+
+
 class _Contact(NamedTuple):
     """A contact as the engine would make it: solref, least and greatest impedance, sum of inverse weights."""
 
     where: str
-    solref: tuple[float, float]
+    solref: tuple[float, ...]
     dmin: float
     dmax: float
     inverse_mass: float
+    mixed: tuple[_Geom, _Geom] | None = None  # of two geoms whose different solrefs the engine combines
 
 
 def diagnose_mujoco(model: Any) -> list[Finding]:
@@ -56,171 +67,100 @@ def diagnose_mujoco(model: Any) -> list[Finding]:
     """
     mujoco: Any = import_module("mujoco")
     option = model.opt
-    findings: list[Finding] = []
-    contacts = [*_pairs(model), *_geom_pairs(model, findings)]
-    overridden = bool(option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE)
-    if overridden and contacts:
-        findings.append(
-            Finding(
-                "override",
-                "option flag",
-                f"every contact has solref {tuple(option.o_solref)} instead of its own",
-            )
-        )
-        o_solref, o_solimp = tuple(map(float, option.o_solref)), option.o_solimp
-        contacts = [
-            c._replace(solref=o_solref, dmin=float(o_solimp[0]), dmax=float(o_solimp[1])) for c in contacts
-        ]
+    contacts = [*_pairs(model), *_geom_pairs(model)]
+    if not contacts:
+        return []
+    findings = [
+        finding("mixed-geoms", c.where, one=c.mixed[0].solref, two=c.mixed[1].solref, combined=c.solref)
+        for c in contacts
+        if c.mixed and min(c.solref) <= 0
+    ]
+    if option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE:
+        solref, (dmin, dmax, *_) = tuple(option.o_solref.tolist()), option.o_solimp.tolist()
+        findings.append(finding("override", "option flag", solref=solref))
+        contacts = [c._replace(solref=solref, dmin=dmin, dmax=dmax) for c in contacts]
     discrete = option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
-    if discrete and contacts:
-        findings.append(
-            Finding(
-                "discrete",
-                "option integrator",
-                "contacts are taken at the end of the step: an elastic one gives back less than it took, and refsafe "
-                "replaces what the step cannot resolve; use Euler or implicitfast",
-            )
-        )
+    if discrete:
+        findings.append(finding("discrete", "option integrator"))
     safe = not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
     for contact in contacts:
         findings += _of_contact(contact, float(option.timestep), safe and not discrete)
-    if contacts and option.solver == mujoco.mjtSolver.mjSOL_CG and option.tolerance > 0:
-        findings.append(
-            Finding(
-                "tolerance",
-                "option solver",
-                f"CG stops at {option.tolerance:g} of an absolute measure: a contact whose accelerations are small "
-                "gets part of its force, or none; use Newton, or tolerance 0",
-            )
-        )
+    if option.solver == mujoco.mjtSolver.mjSOL_CG and option.tolerance > 0:
+        findings.append(finding("tolerance", "option solver", tolerance=option.tolerance))
     return _once(findings)
 
 
 def _pairs(model: Any) -> Iterator[_Contact]:
     for i in range(model.npair):
-        geoms = (int(model.pair_geom1[i]), int(model.pair_geom2[i]))
-        name = model.pair(i).name or " and ".join(_name(model, geom) for geom in geoms)
-        solref, solimp = model.pair_solref[i], model.pair_solimp[i]
-        yield _Contact(
-            f"pair {name}",
-            (float(solref[0]), float(solref[1])),
-            float(solimp[0]),
-            float(solimp[1]),
-            _inverse_mass(model, geoms),
-        )
+        a, b = int(model.pair_geom1[i]), int(model.pair_geom2[i])
+        name = model.pair(i).name or f"{_name(model, a)} and {_name(model, b)}"
+        solref, solimp = model.pair_solref[i].tolist(), model.pair_solimp[i].tolist()
+        yield _Contact(f"pair {name}", tuple(solref), solimp[0], solimp[1], _inverse_mass(model, a, b))
 
 
-def _geom_pairs(model: Any, findings: list[Finding]) -> Iterator[_Contact]:
+def _geom_pairs(model: Any) -> Iterator[_Contact]:
     """Contacts that two geoms make without a <pair>; one for each combination of parameters."""
     own = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
-    seen: set[tuple[Any, ...]] = set()
-    looked = 0
-    for a in range(model.ngeom):
-        for b in range(a + 1, model.ngeom):
-            if looked >= MOST_PAIRS:
-                return
-            looked += 1
-            if frozenset((a, b)) in own or not _collide(model, a, b):
-                continue
-            inverse = _inverse_mass(model, (a, b))
-            key = tuple(
-                (
-                    *map(float, model.geom_solref[g]),
-                    *map(float, model.geom_solimp[g]),
-                    float(model.geom_solmix[g]),
-                )
-                for g in (a, b)
-            )
-            if (key, inverse) in seen or inverse == 0:
-                continue
-            seen.add((key, inverse))
-            where = f"geoms {_name(model, a)} and {_name(model, b)}"
-            solref, solimp, mixed = _mixed(model, a, b)
-            if mixed and min(solref) <= 0:
-                findings.append(
-                    Finding(
-                        "mixed-geoms",
-                        where,
-                        f"solref {key[0][:2]} and {key[1][:2]} are combined to {solref}, the smaller of each number; "
-                        "use a <pair>",
-                    )
-                )
-            yield _Contact(where, solref, solimp[0], solimp[1], inverse)
+    seen: set[tuple[_Geom, _Geom, float]] = set()
+    for a, b in itertools.islice(itertools.combinations(range(model.ngeom), 2), MOST_PAIRS):
+        if frozenset((a, b)) in own or not _collide(model, a, b):
+            continue
+        one, two, inverse_mass = _geom(model, a), _geom(model, b), _inverse_mass(model, a, b)
+        if inverse_mass == 0 or (one, two, inverse_mass) in seen:
+            continue
+        seen.add((one, two, inverse_mass))
+        where = f"geoms {_name(model, a)} and {_name(model, b)}"
+        if one.priority != two.priority:
+            first = max(one, two, key=lambda geom: geom.priority)
+            yield _Contact(where, first.solref, first.solimp[0], first.solimp[1], inverse_mass)
+            continue
+        share = one.solmix / (one.solmix + two.solmix) if one.solmix + two.solmix > 0 else 0.5
+        solref = tuple(map(min, one.solref, two.solref))
+        if one.solref[0] > 0 and two.solref[0] > 0:
+            solref = _weighted(share, one.solref, two.solref)
+        mixed = (one, two) if one.solref != two.solref else None
+        dmin, dmax, *_ = _weighted(share, one.solimp, two.solimp)
+        yield _Contact(where, solref, dmin, dmax, inverse_mass, mixed)
+
+
+def _geom(model: Any, i: int) -> _Geom:
+    solref, solimp = tuple(model.geom_solref[i].tolist()), tuple(model.geom_solimp[i].tolist())
+    return _Geom(solref, solimp, float(model.geom_solmix[i]), int(model.geom_priority[i]))
+
+
+def _weighted(share: float, one: tuple[float, ...], two: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(share * x + (1 - share) * y for x, y in zip(one, two, strict=True))
 
 
 def _collide(model: Any, a: int, b: int) -> bool:
-    body_a, body_b = int(model.geom_bodyid[a]), int(model.geom_bodyid[b])
+    body_a, body_b = model.geom_bodyid[a], model.geom_bodyid[b]
     if model.body_weldid[body_a] == model.body_weldid[body_b]:
         return False
-    return bool(
-        (model.geom_contype[a] & model.geom_conaffinity[b])
-        or (model.geom_contype[b] & model.geom_conaffinity[a])
-    )
-
-
-def _mixed(model: Any, a: int, b: int) -> tuple[tuple[float, float], tuple[float, float], bool]:
-    """Parameters of two geoms' contact, and whether the engine combined different ones."""
-    refs = [tuple(map(float, model.geom_solref[g])) for g in (a, b)]
-    imps = [tuple(map(float, model.geom_solimp[g][:2])) for g in (a, b)]
-    priorities = [int(model.geom_priority[g]) for g in (a, b)]
-    if priorities[0] != priorities[1]:
-        first = priorities.index(max(priorities))
-        return (refs[first][0], refs[first][1]), (imps[first][0], imps[first][1]), False
-    weights = [float(model.geom_solmix[g]) for g in (a, b)]
-    share = weights[0] / sum(weights) if sum(weights) > 0 else 0.5
-    if refs[0][0] > 0 and refs[1][0] > 0:
-        ref = [share * x + (1 - share) * y for x, y in zip(*refs, strict=True)]
-    else:
-        ref = [min(x, y) for x, y in zip(*refs, strict=True)]
-    imp = [share * x + (1 - share) * y for x, y in zip(*imps, strict=True)]
-    return (ref[0], ref[1]), (imp[0], imp[1]), refs[0] != refs[1]
+    type_, affinity = model.geom_contype, model.geom_conaffinity
+    return bool((type_[a] & affinity[b]) or (type_[b] & affinity[a]))
 
 
 def _of_contact(contact: _Contact, step: float, safe: bool) -> list[Finding]:
-    first, second = contact.solref
+    where, (first, second) = contact.where, contact.solref
     findings: list[Finding] = []
     if (first > 0) != (second > 0):
-        findings.append(
-            Finding(
-                "mixed-signs",
-                contact.where,
-                f"solref ({first:g}, {second:g}) is neither (time constant, damping ratio), both positive, nor "
-                "(-stiffness, -damping), both <= 0: the default (0.02, 1) replaces it",
-            )
-        )
+        findings.append(finding("mixed-signs", where, first=first, second=second))
         first, second = 0.02, 1.0
     if first > 0:
         if safe and first < 2 * step:
-            findings.append(
-                Finding(
-                    "refsafe",
-                    contact.where,
-                    f"a time constant of {first:g} s is shorter than two steps of {step:g} s and becomes "
-                    f"{2 * step:g} s, a stiffness {(2 * step / first) ** 2:.3g} times lower; shorten the step",
-                )
-            )
+            findings.append(finding("refsafe", where, time_constant=first, step=step))
             first = 2 * step
         # stiffness (d/(dmax tc dr))^2 and damping 2 d/(dmax tc) of the pair alone, at d = dmax
-        omega, rate = 1 / (first * second), 2 / first
-    else:
-        omega, rate = math.sqrt(-first), -second
-        if contact.dmin > FORCE_LEVEL and first < 0 and contact.inverse_mass > 0:
-            k = -first / contact.inverse_mass
-            findings.append(
-                Finding(
-                    "not-newton-per-metre",
-                    contact.where,
-                    f"a direct stiffness of {-first:g} is in 1/s^2: alone, this pair has {k:.4g} N/m at most, and "
-                    f"under solimp {contact.dmin:g} to {contact.dmax:g} a third body that pushes changes it; for N/m "
-                    "take impact-xval contact",
-                )
-            )
-    long = step_finding(contact.where, omega, rate, step)
-    return [*findings, *([long] if long else [])]
+        return findings + long_step(where, 1 / (first * second), 2 / first, step)
+    if contact.dmin > FORCE_LEVEL and first < 0 and contact.inverse_mass > 0:
+        k = -first / contact.inverse_mass
+        facts = {"direct": -first, "stiffness": k, "dmin": contact.dmin, "dmax": contact.dmax}
+        findings.append(finding("not-newton-per-metre", where, **facts))
+    return findings + long_step(where, math.sqrt(-first), -second, step)
 
 
-def _inverse_mass(model: Any, geoms: tuple[int, int]) -> float:
-    return float(sum(model.body_invweight0[model.geom_bodyid[geom], 0] for geom in geoms))
+def _inverse_mass(model: Any, a: int, b: int) -> float:
+    return float(sum(model.body_invweight0[model.geom_bodyid[geom], 0] for geom in (a, b)))
 
 
 def _name(model: Any, geom: int) -> str:
@@ -228,11 +168,11 @@ def _name(model: Any, geom: int) -> str:
 
 
 def _once(findings: list[Finding]) -> list[Finding]:
-    """Tell a trap once for all the contacts it is said of in the same words."""
-    by_words: dict[tuple[str, str], list[str]] = {}
-    for finding in findings:
-        by_words.setdefault((finding.trap, finding.says), []).append(finding.where)
+    """Name a trap once for all the contacts of which the same words hold."""
+    places: dict[tuple[str, str], list[str]] = {}
+    for found in findings:
+        places.setdefault((found.trap, found.says), []).append(found.where)
     return [
-        Finding(trap, places[0] + (f" and {len(places) - 1} more" if len(places) > 1 else ""), says)
-        for (trap, says), places in by_words.items()
+        Finding(trap, first + (f" and {len(others)} more" if others else ""), says)
+        for (trap, says), (first, *others) in places.items()
     ]

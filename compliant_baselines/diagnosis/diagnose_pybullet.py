@@ -17,12 +17,13 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from impact_xval.compliant_baselines.contact.mapping import PYBULLET_RIGID, PybulletBody
-from impact_xval.compliant_baselines.contract.stand_in import standing_in
-from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding, step_finding
+from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding, finding, long_step
+from impact_xval.compliant_baselines.engines.packages import standing_in
 
 #: Engine's default of `contactSlop`, in m.
 DEFAULT_SLOP = 1e-5
@@ -39,11 +40,24 @@ MAXIMAL = 1
 #: Pairs of bodies looked at, at most.
 MOST_PAIRS = 100_000
 
+#: What `changeDynamics` was given, by body and link.
+Dynamics = Mapping[tuple[int, int], Mapping[str, Any]]
+
+
+class _Link(NamedTuple):
+    """Name, mass in kg (0: fixed), restitution, contact parameters, height of the lowest point in m (fixed: -inf)."""
+
+    name: str
+    mass: float
+    restitution: float
+    contact: PybulletBody | None
+    height: float
+
 
 def diagnose_pybullet(
     client: int,
     engine_parameters: Mapping[str, Any] | None = None,
-    dynamics: Mapping[tuple[int, int], Mapping[str, Any]] | None = None,
+    dynamics: Dynamics | None = None,
     *,
     column: bool = False,
 ) -> list[Finding]:
@@ -73,110 +87,59 @@ def diagnose_pybullet(
         links.sort(key=lambda link: link.height)
     settings = p.getPhysicsEngineParameters(physicsClientId=client)
     step = settings["fixedTimeStep"] / max(1, settings["numSubSteps"])
-    stiff = False
     pairs = itertools.pairwise(links) if column else itertools.combinations(links, 2)
-    for (name1, m1, e1, one, _), (name2, m2, e2, two, _) in itertools.islice(pairs, MOST_PAIRS):
-        if m1 == 0 and m2 == 0:
-            continue
-        where = f"{name1} and {name2}"
-        if one is None and two is None:
-            findings.append(
-                Finding(
-                    "no-stiffness",
-                    where,
-                    "neither has a contactStiffness: the contact is rigid, with no duration",
-                )
-            )
-            continue
-        stiff = True
-        if one is None or two is None:
-            bare = name1 if one is None else name2
-            findings.append(
-                Finding(
-                    "unset-body",
-                    bare,
-                    f"it has no contactStiffness, but {name2 if one is None else name1} has: it adds a damping of "
-                    f"{UNSET.damping} N s/m to their contact; set contactStiffness=1e30, contactDamping=0",
-                )
-            )
-        pair = (one or UNSET).against(two or UNSET)
-        if one is not None and two is not None and max(one.stiffness, two.stiffness) < RIGID:
-            findings.append(
-                Finding(
-                    "series",
-                    where,
-                    f"{one.stiffness:g} and {two.stiffness:g} N/m in series are {pair.stiffness:g} N/m, and "
-                    f"dampings add to {pair.damping:g} N s/m, if these two touch; give one contactStiffness=1e30, "
-                    "contactDamping=0",
-                )
-            )
-        if e1 * e2 > 0:
-            findings.append(
-                Finding(
-                    "restitution",
-                    where,
-                    f"restitution {e1:g} times {e2:g} acts beside the stiffness; set it to 0",
-                )
-            )
-        mass = 1 / ((1 / m1 if m1 else 0.0) + (1 / m2 if m2 else 0.0))
-        long = step_finding(where, (pair.stiffness / mass) ** 0.5, pair.damping / mass, step)
-        findings += [long] if long else []
-    if stiff:
-        findings += _slop(engine_parameters)
+    touching = [pair for pair in itertools.islice(pairs, MOST_PAIRS) if any(link.mass for link in pair)]
+    for one, two in touching:
+        findings += _of_pair(one, two, step)
+    if any(link.contact for pair in touching for link in pair):
+        known = engine_parameters is not None
+        slop = (engine_parameters or {}).get("contactSlop", DEFAULT_SLOP)
+        findings += [finding("slop", "contactSlop", slop=slop, known=known)] if slop > 0 else []
     return list(dict.fromkeys(findings))
 
 
-def _slop(parameters: Mapping[str, Any] | None) -> list[Finding]:
-    if parameters is None:
-        says = f"cannot be read from a client; unless it was set to 0, forces begin {DEFAULT_SLOP:g} m inside a surface"
-        return [Finding("slop", "contactSlop", says)]
-    slop = parameters.get("contactSlop", DEFAULT_SLOP)
-    if slop <= 0:
-        return []
-    says = f"forces begin {slop:g} m inside a surface; set setPhysicsEngineParameter(contactSlop=0)"
-    return [Finding("slop", "contactSlop", says)]
+def _of_pair(one: _Link, two: _Link, step: float) -> list[Finding]:
+    where = f"{one.name} and {two.name}"
+    if one.contact is None and two.contact is None:
+        return [finding("no-stiffness", where)]
+    findings = []
+    pair = (one.contact or UNSET).against(two.contact or UNSET)
+    if one.contact is None or two.contact is None:
+        bare, other = (one, two) if one.contact is None else (two, one)
+        findings.append(finding("unset-body", bare.name, other=other.name, damping=UNSET.damping))
+    elif max(one.contact.stiffness, two.contact.stiffness) < RIGID:
+        findings.append(finding("series", where, one=one.contact, two=two.contact, pair=pair))
+    if one.restitution * two.restitution > 0:
+        findings.append(finding("restitution", where, one=one.restitution, two=two.restitution))
+    mass = 1 / sum(1 / link.mass for link in (one, two) if link.mass)
+    return findings + long_step(where, (pair.stiffness / mass) ** 0.5, pair.damping / mass, step)
 
 
-def _links(
-    p: Any, client: int, dynamics: Mapping[tuple[int, int], Mapping[str, Any]] | None
-) -> tuple[list[_Link], list[Finding]]:
-    """List every link that can touch, and those that do not tell enough."""
+def _links(p: Any, client: int, dynamics: Dynamics | None) -> tuple[list[_Link], list[Finding]]:
+    """List every link that can touch, and those whose parameters cannot be read."""
     links: list[_Link] = []
     unreadable: list[Finding] = []
-    for i in range(p.getNumBodies(physicsClientId=client)):
-        body = p.getBodyUniqueId(i, physicsClientId=client)
-        _, name = p.getBodyInfo(body, physicsClientId=client)
-        for link in range(-1, p.getNumJoints(body, physicsClientId=client)):
+    at = {"physicsClientId": client}
+    for body in (p.getBodyUniqueId(i, **at) for i in range(p.getNumBodies(**at))):
+        name = p.getBodyInfo(body, **at)[1].decode()
+        for link in range(-1, p.getNumJoints(body, **at)):
             # A link without a collision shape has an empty box; the shapes of maximal bodies cannot be asked for.
-            low, high = p.getAABB(body, link, physicsClientId=client)
+            low, high = p.getAABB(body, link, **at)
             if low == high:
                 continue
-            info = p.getDynamicsInfo(body, link, physicsClientId=client)
-            words = f"body {body}" + (f" ({name.decode()})" if name else "")
-            if link >= 0:
-                words += f" link {link}"
-            stiffness, damping, restitution = info[9], info[8], info[5]
+            info = p.getDynamicsInfo(body, link, **at)
+            words = f"body {body}" + (f" ({name})" if name else "") + (f" link {link}" if link >= 0 else "")
+            mass, restitution, damping, stiffness = info[0], info[5], info[8], info[9]
             if info[10] == MAXIMAL:  # the engine leaves these numbers as they were, whatever they were
-                known = (dynamics or {}).get((body, link), {})
+                if dynamics is None:
+                    unreadable.append(finding("unreadable", words))
+                    continue
+                known = dynamics.get((body, link), {})
                 stiffness, damping = known.get("contactStiffness", -1.0), known.get("contactDamping", -1.0)
                 restitution = known.get("restitution", 0.0)
-                if dynamics is None:
-                    says = "a body in maximal coordinates does not tell its contactStiffness: left out"
-                    unreadable.append(Finding("unreadable", words, says))
-                    continue
             own = PybulletBody(stiffness, damping) if stiffness > 0 else None
-            links.append(_Link(words, info[0], restitution, own, -math.inf if info[0] == 0 else low[2]))
+            links.append(_Link(words, mass, restitution, own, low[2] if mass else -math.inf))
     return links, unreadable
-
-
-class _Link(NamedTuple):
-    """Name, mass in kg (0: fixed), restitution, contact parameters, height of the lowest point in m (fixed: -inf)."""
-
-    name: str
-    mass: float
-    restitution: float
-    contact: PybulletBody | None
-    height: float
 
 
 class _Stopped(BaseException):
@@ -188,41 +151,33 @@ class _Watching:
 
     def __init__(self, module: Any, column: bool) -> None:
         self._module, self._column = module, column
-        self.parameters: dict[int, dict[str, Any]] = {}
-        self.dynamics: dict[int, dict[tuple[int, int], dict[str, Any]]] = {}
+        self._parameters: dict[int, dict[str, Any]] = defaultdict(dict)
+        self._dynamics: dict[int, dict[tuple[int, int], dict[str, Any]]] = defaultdict(dict)
         self.findings: list[Finding] | None = None
         self.clients: list[int] = []
 
     def __getattr__(self, name: str) -> Any:
-        return {
-            "connect": self._connect,
-            "setPhysicsEngineParameter": self._set_parameter,
-            "changeDynamics": self._change_dynamics,
-            "stepSimulation": self._step,
-        }.get(name, getattr(self._module, name))
+        return getattr(self._module, name)
 
-    def _connect(self, *args: Any, **kwargs: Any) -> int:
+    def connect(self, *args: Any, **kwargs: Any) -> int:
         self.clients.append(self._module.connect(self._module.DIRECT))
         return self.clients[-1]
 
-    def _set_parameter(self, *args: Any, **kwargs: Any) -> Any:
-        self.parameters.setdefault(kwargs.get("physicsClientId", 0), {}).update(kwargs)
+    def setPhysicsEngineParameter(self, *args: Any, **kwargs: Any) -> Any:  # noqa: N802 (PyBullet's name)
+        self._parameters[kwargs.get("physicsClientId", 0)].update(kwargs)
         return self._module.setPhysicsEngineParameter(*args, **kwargs)
 
-    def _change_dynamics(self, *args: Any, **kwargs: Any) -> Any:
+    def changeDynamics(self, *args: Any, **kwargs: Any) -> Any:  # noqa: N802
         body = kwargs["bodyUniqueId"] if "bodyUniqueId" in kwargs else args[0]
         link = kwargs["linkIndex"] if "linkIndex" in kwargs else args[1]
-        known = self.dynamics.setdefault(kwargs.get("physicsClientId", 0), {}).setdefault(
-            (int(body), int(link)), {}
-        )
-        known.update(kwargs)
+        known = self._dynamics[kwargs.get("physicsClientId", 0)]
+        known.setdefault((int(body), int(link)), {}).update(kwargs)
         return self._module.changeDynamics(*args, **kwargs)
 
-    def _step(self, *args: Any, **kwargs: Any) -> None:
+    def stepSimulation(self, *args: Any, **kwargs: Any) -> None:  # noqa: N802
         client = args[0] if args else kwargs.get("physicsClientId", 0)
-        self.findings = diagnose_pybullet(
-            client, self.parameters.get(client, {}), self.dynamics.get(client, {}), column=self._column
-        )
+        parameters, dynamics = self._parameters[client], self._dynamics[client]
+        self.findings = diagnose_pybullet(client, parameters, dynamics, column=self._column)
         raise _Stopped
 
 

@@ -1,9 +1,13 @@
-"""What a doctor finds in a scene: a trap, where, and what it does."""
+"""What a doctor finds in a scene: a trap, where, and what it does; the words are those of ``templates/traps.j2``."""
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 #: Steps in a contact below which it is too short for the step: 10 % of the restitution and more go astray.
 FEWEST_STEPS = 30
@@ -31,8 +35,23 @@ class Finding:
         return f"{self.trap}: {self.where}: {self.says}"
 
 
-def step_finding(where: str, omega: float, damping_rate: float, step: float) -> Finding | None:
-    """Judge a time step against a contact.
+@functools.cache
+def _traps() -> Any:
+    environment = Environment(
+        loader=PackageLoader("impact_xval.compliant_baselines.diagnosis"), undefined=StrictUndefined
+    )
+    environment.filters["g"] = lambda value, digits=6: f"{value:.{digits}g}"
+    return environment.get_template("traps.j2").module
+
+
+def finding(trap: str, where: str, **facts: Any) -> Finding:
+    """Describe a trap by its macro in ``traps.j2``, which is given the facts."""
+    text = getattr(_traps(), trap.replace("-", "_"))(**facts)
+    return Finding(trap, where, " ".join(text.split()))
+
+
+def long_step(where: str, omega: float, damping_rate: float, step: float) -> list[Finding]:
+    """Judge a time step against a contact: a finding, or none.
 
     Parameters
     ----------
@@ -46,16 +65,11 @@ def step_finding(where: str, omega: float, damping_rate: float, step: float) -> 
         In s.
     """
     if not (omega > 0 and step > 0):
-        return None
+        return []
     duration, zeta = math.pi / omega, damping_rate / (2 * omega)
     if zeta > 1:  # what decays fast has to be resolved, too
         duration = min(duration, 2 * math.pi / damping_rate)
     steps = duration / step
     if steps >= FEWEST_STEPS:
-        return None
-    return Finding(
-        "long-step",
-        where,
-        f"a contact of {duration:.3g} s gets {steps:.2g} steps of {step:.3g} s; some {FEWEST_STEPS} are the least for "
-        f"its restitution to be within 10 %, {duration / 100:.2g} s the step for about 1 % (see impact-xval contact)",
-    )
+        return []
+    return [finding("long-step", where, duration=duration, steps=steps, step=step, fewest=FEWEST_STEPS)]

@@ -10,13 +10,12 @@ from math import isnan
 
 from impact_xval.compliant_baselines.contact.column import Column, column_of, unrepresentable
 from impact_xval.compliant_baselines.contract import registry
-from impact_xval.compliant_baselines.contract.convergence import Limit
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase
 from impact_xval.compliant_baselines.contract.trajectory import REST, STUCK
-from impact_xval.compliant_baselines.engines.certificate import certify
-from impact_xval.compliant_baselines.engines.engine_run import Run, states_of
+from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
+from impact_xval.compliant_baselines.engines.recording import Run, states_of
 from impact_xval.compliant_baselines.references.jumps import mark
-from impact_xval.compliant_baselines.references.reference_solver import ReferenceSolver
+from impact_xval.compliant_baselines.references.solver import ReferenceSolver
 from impact_xval.model.collision import Collision, Outcome
 
 #: Energy an engine may create, over that of B1 before the collision, before its answer counts as
@@ -31,7 +30,7 @@ class EngineSolver(SolverBase):
     Statuses beside `ok`: `unavailable` (the engine is not installed), `unrepresentable` (e_i = 0, k_i = 0 or
     infinite, or what the engine itself cannot take), `timeout` (not over after `max_steps`), `crashed`
     (numbers that are not finite, or the engine's own complaint), `unconverged` (over, but with more energy
-    than it began with, or with a limit of small steps that is not known to the tolerance asked for: the
+    than it began with, or with a limit dt -> 0 that is not known to the tolerance asked for: the
     outcome keeps its numbers).
     """
 
@@ -56,30 +55,43 @@ class EngineSolver(SolverBase):
         """Why this engine in particular cannot take a column, in one sentence; None if it can."""
         return None
 
+    def _column_or_refusal(self, collision: Collision, settings: Settings) -> Column | str:
+        refused = unrepresentable(collision)
+        if refused is not None:
+            return refused
+        column = column_of(collision, settings)
+        return self.refusal(column) or column
+
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every collision, in order; failures are outcomes with a status."""
+        if registry.is_naive(self.name):
+            settings = replace(settings, mapping="naive")
         reason = self.unavailable()
         if reason is not None:
             return [Outcome.failure(self.name, "unavailable", reason) for _ in collisions]
         outcomes: dict[int, Outcome] = {}
         columns: dict[int, Column] = {}
         for i, collision in enumerate(collisions):
-            refused = unrepresentable(collision)
-            if refused is None:
-                columns[i] = column_of(collision, settings)
-                refused = self.refusal(columns[i])
-            if refused is not None:
-                columns.pop(i, None)
-                outcomes[i] = Outcome.failure(self.name, "unrepresentable", refused)
-        runs = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
-        for i, run in zip(columns, runs, strict=True):
-            outcomes[i] = outcome_of(self.name, run, settings)
+            column = self._column_or_refusal(collision, settings)
+            if isinstance(column, str):
+                outcomes[i] = Outcome.failure(self.name, "unrepresentable", column)
+            else:
+                columns[i] = column
+        done = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
+        runs = dict(zip(columns, done, strict=True))
+        outcomes |= {i: outcome_of(self.name, run, settings) for i, run in runs.items()}
         flights: dict[int, bool] = {}
         if settings.convergence is not None:
-            over = {i: run for i, run in zip(columns, runs, strict=True) if run.over}
-            limits = certify(self, list(over.values()), settings.convergence, settings.max_steps)
+            over = {i: run for i, run in runs.items() if run.over}
+            limits = estimate_limits(
+                self.run_columns,
+                self.regularisation_probe,
+                list(over.values()),
+                settings.convergence,
+                settings.max_steps,
+            )
             for i, (limit, reason) in zip(over, limits, strict=True):
-                outcomes[i] = certified(outcomes[i], limit, reason)
+                outcomes[i] = with_limit(outcomes[i], limit, reason)
                 if limit is not None:
                     flights[i] = limit.flight
         answered = [outcomes[i] for i in range(len(collisions))]
@@ -119,8 +131,10 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     v1, v2 = run.reported
     if run.end in (REST, STUCK):
         diagnostics["rest_speed"] = run.v2
-    impulse1, impulse2 = run.impulses(v1, v2)
-    created = gain > ENERGY_GAIN_ALLOWED
+    impulse1, impulse2 = run.impulses(v1, v2, run.duration)
+    reason = ""
+    if gain > ENERGY_GAIN_ALLOWED:
+        reason = f"it ended with {gain:.1%} more energy than it began with: the step is too long"
     return Outcome(
         solver=solver,
         v1=v1,
@@ -128,21 +142,19 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
         impulse1=impulse1,
         impulse2=impulse2,
         states=runs.names,
-        status="unconverged" if created else "ok",
-        reason=f"it ended with {gain:.1%} more energy than it began with: the step is too long"
-        if created
-        else "",
+        status="unconverged" if reason else "ok",
+        reason=reason,
         n_events=len(runs.names) - 1,
         diagnostics=diagnostics,
         path=run.path(runs) if run.points is not None else None,
     )
 
 
-def certified(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
-    """Add to an outcome the limit of small steps, and why it is not converged, if it is not.
+def with_limit(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
+    """Add to an outcome the limit dt -> 0, and why it is not converged, if it is not.
 
     `diagnostics` gains `v1_limit`, `v2_limit`, `limit_error` and the part of it that is `regularisation` (all
-    in m/s), `order` and `finest_step` (s), see `contract.convergence`. The outcome's own numbers
+    in m/s), `order` and `finest_step` (s), see `engines.convergence`. The outcome's own numbers
     stay those of the step it was asked for.
     """
     if reason and outcome.status == "ok":

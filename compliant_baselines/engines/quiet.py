@@ -1,7 +1,7 @@
 """For how many steps nothing can happen: how an engine may be left alone without missing anything.
 
 An engine that is read after every step is read far more often than there is anything to see: between two
-events the same contacts carry force, and the collision is not over. `quiet_time` gives a time within which,
+events the same contacts carry force, and the collision is not over. `_quiet_time` gives a time within which,
 by bounds on forces and rates, no contact begins or ends to carry force, no gap closes or opens, and the
 collision is not over. An adapter whose steps are cheaper than its reads takes the steps of that time in one
 call and loses nothing: states, ends and velocities are those of a run that was read after every step, to the
@@ -33,7 +33,7 @@ import numpy as np
 from impact_xval.compliant_baselines.contract.trajectory import ScanParameters
 
 
-class Law(NamedTuple):
+class EngineContacts(NamedTuple):
     """Contacts 1 and 2 as the engine has them: k in N/m, c in N s/m, M the reduced mass of contact 1 in kg."""
 
     k1: float
@@ -70,24 +70,12 @@ def _contact(loaded, k, c, gap, rate, acceleration):  # pragma: no cover (compil
 
 
 @numba.njit(cache=True, error_model="numpy")
-def quiet_time(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
-    """Bound the time in which nothing happens, in s; see the module.
-
-    Parameters
-    ----------
-    code : int
-        State of the last step, 1 to 4: which contacts carried force.
-    v1, v2, x1, x2 : float
-        Velocities in m/s and heights in m after it.
-    p : ScanParameters
-        The column, as `contract.trajectory` has it.
-    law : Law
-        Its contacts.
-    """
+def _quiet_time(code, v1, v2, x1, x2, p, pair):  # pragma: no cover (compiled)
+    """Bound the time in which nothing happens, in s, after a step in this state; see the module."""
     loaded1, loaded2 = code == 1 or code == 3, code == 1 or code == 2
     gap1, rate1 = x1 - x2, v1 - v2
-    stiff = law.k1 / law.M1 + law.k2 / p.m2
-    damp = law.c1 / law.M1 + law.c2 / p.m2
+    stiff = pair.k1 / pair.M1 + pair.k2 / p.m2
+    damp = pair.c1 / pair.M1 + pair.c2 / p.m2
     s = 0.7 / (math.sqrt(stiff) + damp)
     if p.g > 0:
         if loaded1 and loaded2:
@@ -100,29 +88,29 @@ def quiet_time(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
             away = x2 - p.x2_rest
             if p.m2 * v2 * v2 + p.k2 * away * away <= 16 * (p.m2 * p.g) ** 2 / p.k2:
                 return 0.0
-    force1 = max(0.0, -law.k1 * gap1 - law.c1 * rate1) if gap1 < 0 else 0.0
-    force2 = max(0.0, -law.k2 * x2 - law.c2 * v2) if x2 < 0 else 0.0
+    force1 = max(0.0, -pair.k1 * gap1 - pair.c1 * rate1) if gap1 < 0 else 0.0
+    force2 = max(0.0, -pair.k2 * x2 - pair.c2 * v2) if x2 < 0 else 0.0
     if loaded1 or loaded2 or gap1 < 0 or x2 < 0:
-        force1 += (law.k1 * s + law.c1) * abs(rate1)
-        force2 += (law.k2 * s + law.c2) * abs(v2)
+        force1 += (pair.k1 * s + pair.c1) * abs(rate1)
+        force2 += (pair.k2 * s + pair.c2) * abs(v2)
         feedback = 0.5 * stiff * s * s + damp * s
-        acceleration = (force1 / law.M1 + force2 / p.m2 + p.g) / (1 - feedback)
+        acceleration = (force1 / pair.M1 + force2 / p.m2 + p.g) / (1 - feedback)
     else:
         # Both in flight: the gaps alone bound the time.
         s, acceleration = math.inf, p.g
-    s = min(s, _contact(loaded1, law.k1, law.c1, gap1, rate1, acceleration))
-    return min(s, _contact(loaded2, law.k2, law.c2, x2, v2, acceleration))
+    s = min(s, _contact(loaded1, pair.k1, pair.c1, gap1, rate1, acceleration))
+    return min(s, _contact(loaded2, pair.k2, pair.c2, x2, v2, acceleration))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _unpacked(packed):  # pragma: no cover (compiled)
     p = ScanParameters(packed[0], packed[1], packed[2], packed[3], packed[4], packed[5], packed[6])
-    return p, Law(packed[7], packed[8], packed[9], packed[10], packed[11])
+    return p, EngineContacts(packed[7], packed[8], packed[9], packed[10], packed[11])
 
 
 @numba.njit(cache=True, error_model="numpy")
 def quiet_steps(code, v, x, packed):  # pragma: no cover (compiled)
-    """Count the steps in which nothing happens: two less than `quiet_time` has, at most a million.
+    """Count the steps in which nothing happens: two less than their time has, at most a million.
 
     One, because the step after the time may begin within it; another, because an engine may look at a force
     at the end of the step and at a gap at its beginning.
@@ -134,59 +122,52 @@ def quiet_steps(code, v, x, packed):  # pragma: no cover (compiled)
     v, x : ndarray, shape (2,)
         Velocities in m/s and heights in m of B1 and B2 after it.
     packed : ndarray, shape (12,)
-        The fields of `ScanParameters` and of `Law`: an array is handed to compiled code faster than tuples.
+        The fields of `ScanParameters` and of `EngineContacts`: an array is handed to compiled code faster than tuples.
     """
     if code == 0:
         return 0
-    p, law = _unpacked(packed)
-    return max(0, int(min(quiet_time(code, v[0], v[1], x[0], x[1], p, law) / p.h, 1e6)) - 2)
+    p, pair = _unpacked(packed)
+    return max(0, int(min(_quiet_time(code, v[0], v[1], x[0], x[1], p, pair) / p.h, 1e6)) - 2)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _accelerations(code, v1, v2, x1, x2, p, law):  # pragma: no cover (compiled)
+def _accelerations(code, v1, v2, x1, x2, p, pair):  # pragma: no cover (compiled)
     """Accelerations of B1 and B2 in m/s^2 by the law of the contacts that carry force."""
-    force1 = -law.k1 * (x1 - x2) - law.c1 * (v1 - v2) if code == 1 or code == 3 else 0.0
-    force2 = -law.k2 * x2 - law.c2 * v2 if code == 1 or code == 2 else 0.0
+    force1 = -pair.k1 * (x1 - x2) - pair.c1 * (v1 - v2) if code == 1 or code == 3 else 0.0
+    force2 = -pair.k2 * x2 - pair.c2 * v2 if code == 1 or code == 2 else 0.0
     return force1 / p.m1 - p.g, (force2 - force1) / p.m2 - p.g
 
 
 @numba.njit(cache=True, error_model="numpy")
 def between(code, v, x, v_end, x_end, first, n, stride, packed):  # pragma: no cover (compiled)
-    """Interpolate the velocities within n quiet steps, by cubics through velocities and accelerations.
+    """Interpolate the velocities within n quiet steps: cubics through velocities and accelerations at both ends.
 
     Parameters
     ----------
-    code : int
-        State of these steps.
+    code, packed
+        State of these steps, and the column, as of `quiet_steps`.
     v, x, v_end, x_end : ndarray, shape (2,)
         Velocities and heights before the first and after the last of them.
-    first : int
-        Number of the step they begin with, from 0.
-    n : int
-        Number of steps.
+    first, n : int
+        Number of the step they begin with, from 0, and how many they are.
     stride : int
         Points are wanted whose number is a multiple of it; the last one is always among them.
-    packed : ndarray, shape (12,)
-        As of `quiet_steps`.
 
     Returns
     -------
     ndarray, shape (points, 3)
         Number of the point, v1, v2.
     """
-    p, law = _unpacked(packed)
-    a1, a2 = _accelerations(code, v[0], v[1], x[0], x[1], p, law)
-    b1, b2 = _accelerations(code, v_end[0], v_end[1], x_end[0], x_end[1], p, law)
-    span = n * p.h
-    count = (first + n) // stride - first // stride + ((first + n) % stride != 0)
-    points = np.empty((count, 3))
-    for i in range(count):
-        number = min((first // stride + 1 + i) * stride, first + n)
-        t = (number - first) / n
-        rest = 1 - t
-        left, right = (1 + 2 * t) * rest * rest, t * t * (3 - 2 * t)
-        slope, end_slope = t * rest * rest * span, -t * t * rest * span
-        points[i, 0] = number
-        points[i, 1] = left * v[0] + right * v_end[0] + slope * a1 + end_slope * b1
-        points[i, 2] = left * v[1] + right * v_end[1] + slope * a2 + end_slope * b2
+    p, pair = _unpacked(packed)
+    a = _accelerations(code, v[0], v[1], x[0], x[1], p, pair)
+    b = _accelerations(code, v_end[0], v_end[1], x_end[0], x_end[1], p, pair)
+    inner = np.arange((first // stride + 1) * stride, first + n, stride)
+    points = np.empty((inner.size + 1, 3))
+    points[:-1, 0], points[-1, 0] = inner, first + n
+    t, span = (points[:, 0] - first) / n, n * p.h
+    rest = 1 - t
+    left, right = (1 + 2 * t) * rest * rest, t * t * (3 - 2 * t)
+    slope, end_slope = t * rest * rest * span, -t * t * rest * span
+    for i in range(2):
+        points[:, 1 + i] = left * v[i] + right * v_end[i] + slope * a[i] + end_slope * b[i]
     return points

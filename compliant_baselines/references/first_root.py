@@ -7,7 +7,7 @@ interval if the outer Bernstein coefficients of H are >= 0 and the inner ones ex
 that is neither certified so, nor split by a root into a certified part and a rest, is halved: no root, and
 no pair of close roots, can be stepped over.
 
-A function that is zero when the stretch begins, to whatever order, is divided by that power of the time
+A function that is zero when the segment begins, to whatever order, is divided by that power of the time
 first, so that the zero it starts from is never found again (contact 2 starts from a zero of third order).
 """
 
@@ -17,7 +17,7 @@ from math import inf, sqrt
 
 from numba import njit
 
-#: An interval this short, relative to a stretch, resolves a tangency to rounding.
+#: An interval this short, relative to a segment, resolves a tangency to rounding.
 SHORTEST = 1e-10
 
 #: Intervals after which the search is given up: numbers that are not finite, or next to it, are never certified.

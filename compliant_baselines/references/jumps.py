@@ -19,13 +19,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from math import isfinite, sqrt
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.compliant_baselines.references.reference_batch import ReferenceBatch
+from impact_xval.compliant_baselines.references.batch import ReferenceBatch
 from impact_xval.model.collision import Collision, Outcome
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,9 @@ CHANGED = ("k2/k1", "m2/m1", "e1", "e2", "gravity")
 TRIED = tuple((i, sign * size) for i in range(len(CHANGED)) for size in JUMPS for sign in (1, -1))
 
 
-def jumps(batch: Callable[..., ReferenceBatch], *cells: Floats) -> tuple[Floats, NDArray[np.intp]]:
+def jumps(
+    batch: Callable[..., ReferenceBatch], *cells: Floats
+) -> tuple[Floats, NDArray[np.intp], ReferenceBatch]:
     r"""Change every parameter a little and see how far the outcome moves.
 
     Parameters
@@ -58,6 +60,8 @@ def jumps(batch: Callable[..., ReferenceBatch], *cells: Floats) -> tuple[Floats,
         result, NaN where the cell itself has none.
     which : ndarray of int, shape (n,)
         Which of `TRIED` gives it.
+    exact : ReferenceBatch
+        The outcomes themselves.
     """
     base = batch(*cells)
     excess = np.zeros((len(TRIED), base.v1.size))
@@ -72,7 +76,7 @@ def jumps(batch: Callable[..., ReferenceBatch], *cells: Floats) -> tuple[Floats,
         away = np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2))
         excess[n] = np.where(np.isnan(away), np.inf, away) / JUMPS[abs(change)]
     excess[:, np.isnan(base.v1)] = np.nan
-    return excess.max(axis=0), np.argmax(excess, axis=0)
+    return excess.max(axis=0), np.argmax(excess, axis=0), base
 
 
 def mark(
@@ -105,13 +109,9 @@ def mark(
     some = [collisions[i] for i in there]
     gravity = settings.gravity if settings.scenario == "drop" else 0.0
     cells = np.array(
-        [
-            (c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, gravity / (-c.v0 * sqrt(c.k1 / c.reduced_mass)))
-            for c in some
-        ]
+        [(c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, c.gravity_number(gravity)) for c in some]
     ).T
-    excess, which = jumps(batch, *cells)
-    exact = batch(*cells)
+    excess, which, exact = jumps(batch, *cells)
     flew = (exact.fall < exact.duration).tolist()
     for i, over, tried, flight in zip(there, excess.tolist(), which.tolist(), flew, strict=True):
         if over > 1:

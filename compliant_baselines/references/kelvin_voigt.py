@@ -1,7 +1,7 @@
 r"""Kelvin-Voigt contacts without an engine, and the named alternatives to them.
 
-Contact i is F = max(0, k_i delta + c_i delta') while its bodies overlap; `references.dashpot_kernel`
-follows it exactly. What c_i is made from has a name:
+Contact i is F = max(0, k_i delta + c_i delta') while its bodies overlap; see `references.dashpot_law`. What c_i is
+made from has a name:
 
 | solver | damping | c_1 | c_2 |
 |---|---|---|---|
@@ -23,7 +23,6 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import ArrayLike
 
 from impact_xval.compliant_baselines.contact.restitution_laws import (
@@ -31,19 +30,10 @@ from impact_xval.compliant_baselines.contact.restitution_laws import (
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
-from impact_xval.compliant_baselines.references.dashpot_kernel import LOADED, collide
-from impact_xval.compliant_baselines.references.piecewise import LOG_WIDTH
-from impact_xval.compliant_baselines.references.reference_batch import (
-    MAX_STEPS,
-    Floats,
-    Followed,
-    ReferenceBatch,
-    batch_of,
-    scaled_inputs,
-)
-from impact_xval.compliant_baselines.references.reference_path import KernelLaw
-from impact_xval.compliant_baselines.references.reference_solver import ReferenceSolver
-from impact_xval.compliant_baselines.references.taylor import LINEAR, PRODUCT
+from impact_xval.compliant_baselines.references.batch import MAX_STEPS, Floats, ReferenceBatch, follow_batch
+from impact_xval.compliant_baselines.references.contact_law import HUNT_CROSSLEY, KELVIN_VOIGT
+from impact_xval.compliant_baselines.references.driver import Law
+from impact_xval.compliant_baselines.references.solver import ReferenceSolver
 from impact_xval.model.collision import Collision
 
 Damping = Literal["pair", "anchored", "textbook", "hunt-crossley"]
@@ -53,7 +43,7 @@ DAMPINGS: tuple[str, ...] = get_args(Damping)
 def dampings(
     damping: Damping, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
 ) -> tuple[int, Floats, Floats]:
-    """Law of the kernel and the damping of both contacts in its units, NaN for e = 0.
+    """Law of the driver and the damping of both contacts in its units, NaN for e = 0.
 
     Parameters
     ----------
@@ -70,10 +60,10 @@ def dampings(
     if damping not in DAMPINGS:
         raise ValueError(f"damping = {damping!r}; legal: {', '.join(DAMPINGS)}")
     if damping == "hunt-crossley":
-        return PRODUCT, hunt_crossley_coefficients(e1), hunt_crossley_coefficients(e2)
+        return HUNT_CROSSLEY, hunt_crossley_coefficients(e1), hunt_crossley_coefficients(e2)
     ratios = textbook_damping_ratios if damping == "textbook" else damping_ratios
     mass1 = np.ones_like(mu) if damping == "anchored" else 1 / (1 + 1 / mu)
-    return LINEAR, 2 * ratios(e1) * np.sqrt(mass1), 2 * ratios(e2) * np.sqrt(kappa * mu)
+    return KELVIN_VOIGT, 2 * ratios(e1) * np.sqrt(mass1), 2 * ratios(e2) * np.sqrt(kappa * mu)
 
 
 def kelvin_voigt_batch(
@@ -87,23 +77,17 @@ def kelvin_voigt_batch(
     frozen: bool = False,
     max_steps: int = MAX_STEPS,
 ) -> ReferenceBatch:
-    r"""Follow many collisions with contacts of spring and dashpot at once.
+    """Follow many collisions with contacts of spring and dashpot at once.
 
     Parameters
     ----------
-    stiffness_ratio, mass_ratio, e1, e2 : array_like
-        k2/k1, m2/m1 and the coefficients of restitution; they broadcast. e_i = 0 and k2/k1 = 0 or infinity
-        give the status ``unrepresentable``.
-    gravity_number : array_like
-        g/(\|v0\| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 is the scenario `impact`, above it is a
-        `drop`.
+    stiffness_ratio, mass_ratio, e1, e2, gravity_number, max_steps
+        As for `batch.follow_batch`.
     damping : str
         One of `DAMPINGS`, see the module.
     frozen : bool
         Whether a contact ends for good when its force does, and returns as soon as its bodies approach: the law in
         the impulse space of the state-transition model.
-    max_steps : int
-        Stretches after which a cell is given up (status ``timeout``).
 
     Returns
     -------
@@ -114,26 +98,10 @@ def kelvin_voigt_batch(
     ValueError
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
-    shape, (kappa, mu, first, second, g) = scaled_inputs(stiffness_ratio, mass_ratio, e1, e2, gravity_number)
-    with np.errstate(invalid="ignore", over="ignore"):
-        law, c1, c2 = dampings(damping, kappa, mu, first, second)
-    return batch_of(shape, mu, g, Followed(*_follow_all(law, kappa, mu, c1, c2, g, frozen, max_steps)))
-
-
-@njit(cache=True, parallel=True, error_model="numpy")
-def _follow_all(law, kappa, mu, c1, c2, g, frozen, max_steps):
-    n = kappa.size
-    v1, v2 = np.full(n, np.nan), np.full(n, np.nan)
-    duration, fall = np.full(n, np.nan), np.full(n, np.nan)
-    end, sequence = np.full(n, -1, np.int8), np.zeros(n, np.uint64)
-    n_states, n_events, n_steps = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n, np.int32)
-    no_log = np.empty((0, LOG_WIDTH))
-    for i in prange(n):
-        if 0 < kappa[i] < np.inf and c1[i] < np.inf and c2[i] < np.inf:
-            result = collide(law, kappa[i], mu[i], c1[i], c2[i], g[i], frozen, max_steps, no_log)
-            v1[i], v2[i], end[i], sequence[i], n_states[i], n_events[i], n_steps[i] = result[:7]
-            duration[i], fall[i] = result[7:]
-    return v1, v2, end, sequence, n_states, n_events, n_steps, duration, fall, np.zeros(n, np.bool_)
+    cells = stiffness_ratio, mass_ratio, e1, e2, gravity_number
+    return follow_batch(
+        lambda *ratios: Law(*dampings(damping, *ratios)), *cells, frozen=frozen, max_steps=max_steps
+    )
 
 
 class KelvinVoigtSolver(ReferenceSolver):
@@ -142,22 +110,16 @@ class KelvinVoigtSolver(ReferenceSolver):
     name = "kelvin-voigt"
     damping: Damping = "pair"
 
-    def follow(self, collision: Collision, g: float, max_steps: int, log: Floats) -> Followed:
-        """Call the kernel, in scaled units."""
-        law = self.law(collision)
-        ratios = collision.stiffness_ratio, collision.mass_ratio
-        return Followed(*collide(law.force, *ratios, law.c1, law.c2, g, False, max_steps, log), limited=False)
-
     def batch(self, *cells: Floats) -> ReferenceBatch:
         """Follow many collisions at once."""
         return kelvin_voigt_batch(*cells, damping=self.damping)
 
-    def law(self, collision: Collision) -> KernelLaw:
-        """Law and damping, scaled; a contact carries force when loaded, and its phase shows in its rate."""
+    def law(self, collision: Collision) -> Law:
+        """Give the law its dampings, scaled."""
         c = collision
         one = (np.array([x]) for x in (c.stiffness_ratio, c.mass_ratio, c.e1, c.e2))
-        law, c1, c2 = dampings(self.damping, *one)
-        return KernelLaw(law, float(c1[0]), float(c2[0]), (LOADED,))
+        code, c1, c2 = dampings(self.damping, *one)
+        return Law(code, float(c1[0]), float(c2[0]))
 
 
 class AnchoredKelvinVoigtSolver(KelvinVoigtSolver):

@@ -29,11 +29,8 @@ from numba import njit
 #: Degree of the polynomials.
 ORDER = 22
 
-#: Length of a stretch times Lambda.
+#: Length of a segment times Lambda.
 RADIUS = 2.0
-
-#: Laws of force: those of `expand` and of `expand_product`.
-LINEAR, PRODUCT = 0, 1
 
 #: Rows of a table of coefficients.
 P1, D1, Q2, V2 = 0, 1, 2, 3
@@ -71,7 +68,7 @@ def expand(table, degree, h, mu, k1, k2, c1, c2, push1, push2):
     degree : int
         Highest degree to fill in.
     h : float
-        Duration of the stretch.
+        Duration of the segment.
     mu, k1, k2, c1, c2 : float
         As in `longest_step`.
     push1, push2 : float
@@ -95,7 +92,7 @@ def expand(table, degree, h, mu, k1, k2, c1, c2, push1, push2):
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
 def evaluate(table, degree, x):
-    """State (p1, d1, q2, v2) at x in [0, 1] of a stretch."""
+    """State (p1, d1, q2, v2) at x in [0, 1] of a segment."""
     p1, d1, q2, v2 = table[0, degree], table[1, degree], table[2, degree], table[3, degree]
     for n in range(degree - 1, -1, -1):
         p1 = p1 * x + table[0, n]

@@ -14,7 +14,10 @@ from typing import Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands import cli_checks, cli_collisions, cli_runs
+from impact_xval.experiments.commands import calibrate, collisions, doctor, hypothesis, runs, solvers
+from impact_xval.experiments.commands.contact import contact
+from impact_xval.experiments.commands.ladder import ladder
+from impact_xval.experiments.commands.map import draw_map
 from impact_xval.experiments.config.errors import UserError
 
 app = typer.Typer(
@@ -38,24 +41,24 @@ def _root(
 
 # In the order of the help.
 for command in (
-    cli_runs.run,
-    cli_runs.search,
-    cli_runs.status,
-    cli_collisions.solve,
-    cli_checks.hypothesis,
-    cli_checks.calibrate,
-    cli_collisions.export_scene,
-    cli_collisions.contact,
-    cli_checks.doctor,
-    cli_checks.solvers,
-    cli_checks.conform,
-    cli_runs.table,
-    cli_runs.figures,
-    cli_runs.report,
-    cli_runs.ladder,
+    runs.run,
+    runs.search,
+    runs.status,
+    collisions.solve,
+    hypothesis.hypothesis,
+    calibrate.calibrate,
+    collisions.export_scene,
+    contact,
+    doctor.doctor,
+    solvers.solvers,
+    solvers.conform,
+    runs.table,
+    runs.figures,
+    runs.report,
+    ladder,
 ):
     app.command()(command)
-app.command("map")(cli_collisions.draw_map)
+app.command("map")(draw_map)
 
 #: What typer makes of Ctrl-C in a command.
 _CTRL_C = 130

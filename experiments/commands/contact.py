@@ -1,30 +1,19 @@
-"""What ``impact-xval contact`` does: one contact, as an engine wants it, and what the engine makes of it."""
+"""``impact-xval contact``: one contact, as an engine wants it, and what the engine makes of it."""
 
 from __future__ import annotations
 
-import json
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from impact_xval.compliant_baselines import SolverError, get_solver
-from impact_xval.compliant_baselines.calibration.pair import Pair
-from impact_xval.compliant_baselines.calibration.pair_check import (
-    Drops,
-    drops,
-    durations_taken,
-    largest_step,
-)
-from impact_xval.compliant_baselines.calibration.pair_text import ENGINES, paste
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.experiments.commands.options import number
+import typer
+
+from impact_xval.experiments.commands.options import JsonObject, number
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.presentation.terminal import (
-    error_line,
-    make_console,
-    print_line,
-    print_table,
-)
-from impact_xval.experiments.tables.document import Table
+
+if TYPE_CHECKING:
+    from impact_xval.compliant_baselines import SolverError
+    from impact_xval.compliant_baselines.calibration.pair import Drops, Pair
+    from impact_xval.compliant_baselines.engines.engine import EngineSolver
 
 #: What is tried; beyond, the positions or velocities of a drop drown in rounding, or its end is never reached.
 LEAST_MASS, LARGEST_MASS, LARGEST_RATIO = 1e-15, 1e15, 1e12
@@ -33,25 +22,39 @@ SLOWEST, FASTEST = 1e-9, 1e9
 LONGEST = 1e6
 
 
-def contact(engine: str, values: dict[str, Any], *, tolerance: str, gravity: str, as_json: bool) -> None:
-    """Print what to paste for a contact, the largest step, and what the engine gave.
+def contact(
+    engine: Annotated[str, typer.Option(metavar="NAME", help="'mujoco', 'pybullet' or 'drake'.")],
+    masses: Annotated[
+        tuple[str, str],
+        typer.Option(metavar="KG KG", help="Of the two bodies, 1e-15 to 1e15; inf for a fixed one."),
+    ],
+    restitution: Annotated[str, typer.Option(metavar="E", help="From 1e-4 to 1.")],
+    stiffness: Annotated[str | None, typer.Option(metavar="N/M", help="Of the contact.")] = None,
+    duration: Annotated[
+        str | None, typer.Option(metavar="S", help="Of the contact; instead of a stiffness.")
+    ] = None,
+    speed: Annotated[str, typer.Option(metavar="M/S", help="Speed of approach, 1e-9 to 1e9.")] = "1",
+    gravity: Annotated[
+        str, typer.Option(metavar="G", help="In m/s^2: also show a drop onto the fixed body under it.")
+    ] = "0",
+    tolerance: Annotated[
+        str, typer.Option(metavar="X", help="Allowed relative error of restitution and duration.")
+    ] = "0.01",
+    json: JsonObject = False,
+) -> None:
+    """Print what to paste into a scene for one contact, and the largest step at which it means what it says.
 
-    Parameters
-    ----------
-    engine : str
-        One of `ENGINES`.
-    values : dict
-        Of `Pair`, as text.
-    tolerance, gravity : str
-        Allowed relative error; m/s^2.
-    as_json : bool
-        Whether to print a JSON object.
-
-    Raises
-    ------
-    UserError
-        If the request is illegal, impossible, or the engine cannot do it.
+    Give the two masses, the restitution, and the stiffness or the duration. Beside what was asked stands what
+    verifying drops in the engine gave.
     """
+    from json import dumps
+
+    from impact_xval.compliant_baselines import SolverError, get_solver
+    from impact_xval.compliant_baselines.calibration.pair import drops, largest_step
+    from impact_xval.compliant_baselines.calibration.scene_text import ENGINES, paste
+    from impact_xval.compliant_baselines.engines.engine import EngineSolver
+    from impact_xval.experiments.presentation.terminal import error_line
+
     if engine not in ENGINES:
         raise UserError(f"--engine = {engine!r:.60}; legal: {', '.join(ENGINES)}")
     allowed, g = number("--tolerance", tolerance), number("--gravity", gravity)
@@ -59,12 +62,13 @@ def contact(engine: str, values: dict[str, Any], *, tolerance: str, gravity: str
         raise UserError(f"--gravity = {gravity!r:.60}; legal: a finite number >= 0 (m/s^2)")
     if not 0 < allowed <= 0.5:
         raise UserError(f"--tolerance = {tolerance!r:.60}; legal: greater than 0, at most 0.5")
-    pair = _pair(values)
+    given = {"restitution": restitution, "stiffness": stiffness, "duration": duration, "speed": speed}
+    pair = _pair(masses, given)
     if g and not pair.fixed:
         raise UserError(f"--gravity = {gravity!r:.60}; legal: 0 for two free bodies, which fall alike")
     solver = get_solver(engine)
     assert isinstance(solver, EngineSolver)
-    if not as_json:
+    if not json:
         error_line(f"trying steps in {engine} ...")
     try:
         found = largest_step(solver, pair, allowed)
@@ -73,23 +77,19 @@ def contact(engine: str, values: dict[str, Any], *, tolerance: str, gravity: str
     except SolverError as error:
         raise UserError(_why(solver, pair, error)) from None
     heavy = _under_gravity(solver, pair, found.step, g) if g else None
-    if as_json:
-        print(
-            json.dumps(
-                _object(solver, pair, allowed, parameters, text, found, fine, heavy, g),
-                indent=2,
-                allow_nan=False,
-            )
-        )
-        return
-    _show(solver, pair, allowed, text, found, fine, heavy, g)
+    if json:
+        pasted = {"parameters": parameters, "paste": text, "tolerance": allowed}
+        verified = _verified(found, fine, heavy)
+        print(dumps(_request(solver, pair) | pasted | verified, indent=2, allow_nan=False))
+    else:
+        _show(solver, pair, allowed, text, found, fine, heavy)
 
 
-def _pair(values: dict[str, Any]) -> Pair:
-    numbers: dict[str, Any] = {"masses": tuple(number("--masses", text) for text in values["masses"])}
-    for name in ("restitution", "stiffness", "duration", "speed"):
-        if values[name] is not None:
-            numbers[name] = number(f"--{name}", values[name])
+def _pair(masses: tuple[str, str], given: dict[str, str | None]) -> Pair:
+    from impact_xval.compliant_baselines.calibration.pair import Pair
+
+    numbers: dict[str, Any] = {"masses": tuple(number("--masses", text) for text in masses)}
+    numbers |= {name: number(f"--{name}", text) for name, text in given.items() if text is not None}
     try:
         pair = Pair(**numbers)
     except ValueError as error:
@@ -118,62 +118,54 @@ def _beyond(pair: Pair) -> str | None:
     if not SLOWEST <= pair.speed <= FASTEST:
         return f"--speed = {pair.speed!r}; legal: from {SLOWEST:g} to {FASTEST:g} (m/s)"
     if pair.contact.duration > LONGEST:
-        name = "duration" if pair.stiffness is None else "stiffness"
+        name, value, _ = pair.given
         return (
-            f"--{name} = {getattr(pair, name)!r}: a contact of {pair.contact.duration:.3g} s; legal: at most "
-            f"{LONGEST:g} s"
+            f"--{name} = {value!r}: a contact of {pair.contact.duration:.3g} s; legal: at most {LONGEST:g} s"
         )
     return None
 
 
 def _why(solver: EngineSolver, pair: Pair, error: SolverError) -> str:
     """Say why an engine does not do a pair; a duration out of its range with the range."""
-    said = f"--engine {solver.name}: {error.status}: {error.reason}"
+    from impact_xval.compliant_baselines.calibration.pair import durations_taken
+
+    problem = f"--engine {solver.name}: {error.status}: {error.reason}"
     if error.status != "unrepresentable":
-        return said
+        return problem
     taken = durations_taken(solver, pair)
-    asked = "--duration" if pair.duration is not None else "--stiffness"
-    value = pair.duration if pair.duration is not None else pair.stiffness
+    name, value, _ = pair.given
     if taken is None:
-        return f"{asked} = {value!r}: {said}"
+        return f"--{name} = {value!r}: {problem}"
     short = pair.contact.duration < taken[0]
     limit = f"at least {taken[0]:.3g}" if short else f"at most {taken[1]:.3g}"
     return (
-        f"{asked} = {value!r}: a contact of {pair.contact.duration:.3g} s: {said}; legal for these masses, "
+        f"--{name} = {value!r}: a contact of {pair.contact.duration:.3g} s: {problem}; legal for these masses, "
         f"restitution and speed: a duration of {limit} s"
     )
 
 
-def _under_gravity(solver: EngineSolver, pair: Pair, step: float, g: float) -> Drops | str:
+def _under_gravity(solver: EngineSolver, pair: Pair, step: float, g: float) -> dict[str, Any]:
+    """Drop onto the fixed body under gravity: what came back, or why nothing did."""
+    from impact_xval.compliant_baselines import SolverError
+    from impact_xval.compliant_baselines.calibration.pair import drops
+
     try:
-        return drops(solver, pair, step, [0.0], g)
+        found = drops(solver, pair, step, [0.0], g)
     except SolverError as error:
-        return f"{error.status}: {error.reason}; the body may never leave: its weight sets it at rest"
+        reason = f"{error.status}: {error.reason}; the body may never leave: its weight sets it at rest"
+        return {"gravity": g, "reason": reason}
+    return {"gravity": g, "restitution": found.restitution[0], "duration": found.duration[0]}
 
 
-def _object(
-    solver: EngineSolver,
-    pair: Pair,
-    tolerance: float,
-    parameters: Any,
-    text: str,
-    found: Drops,
-    fine: Drops,
-    heavy: Drops | str | None,
-    g: float,
-) -> dict[str, Any]:
+def _request(solver: EngineSolver, pair: Pair) -> dict[str, Any]:
     c = pair.contact
-    got = {"restitution": list(found.restitution), "duration": list(found.duration), "drops": found.n}
-    result: dict[str, Any] = {
+    return {
         "engine": solver.name,
         "version": solver.version(),
         "request": {
             # JSON knows no infinity.
             "masses": ["inf" if math.isinf(m) else m for m in pair.masses],
-            "restitution": pair.restitution,
-            "stiffness": pair.stiffness,
-            "duration": pair.duration,
-            "speed": pair.speed,
+            **{name: getattr(pair, name) for name in ("restitution", "stiffness", "duration", "speed")},
         },
         "contact": {
             "reduced_mass": c.mass,
@@ -184,22 +176,14 @@ def _object(
             "duration": c.duration,
             "penetration": pair.penetration,
         },
-        "parameters": parameters,
-        "paste": text,
-        "tolerance": tolerance,
-        "largest_step": found.step,
-        "verified": got,
-        "verified_at_a_tenth": {"restitution": fine.restitution[0], "duration": fine.duration[0]},
     }
-    if isinstance(heavy, Drops):
-        result["under_gravity"] = {
-            "gravity": g,
-            "restitution": heavy.restitution[0],
-            "duration": heavy.duration[0],
-        }
-    elif heavy is not None:
-        result["under_gravity"] = {"gravity": g, "reason": heavy}
-    return result
+
+
+def _verified(found: Drops, fine: Drops, heavy: dict[str, Any] | None) -> dict[str, Any]:
+    range_ = {"restitution": list(found.restitution), "duration": list(found.duration), "drops": found.n}
+    at_a_tenth = {"restitution": fine.restitution[0], "duration": fine.duration[0]}
+    verified = {"largest_step": found.step, "verified": range_, "verified_at_a_tenth": at_a_tenth}
+    return verified if heavy is None else verified | {"under_gravity": heavy}
 
 
 def _show(
@@ -209,48 +193,24 @@ def _show(
     text: str,
     found: Drops,
     fine: Drops,
-    heavy: Drops | str | None,
-    g: float,
+    heavy: dict[str, Any] | None,
 ) -> None:
-    console, c = make_console(), pair.contact
-    print_line(
-        console,
-        f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.c / (2 * c.mass * c.omega):.4g}) between bodies of "
-        f"reduced mass {c.mass:.6g} kg",
+    from impact_xval.experiments.presentation.pages import render
+    from impact_xval.experiments.presentation.terminal import make_console, print_line, show
+
+    console = make_console()
+    page = render(
+        "contact.md.j2",
+        engine=solver.name,
+        version=solver.version(),
+        pair=pair,
+        contact=pair.contact,
+        tolerance=tolerance,
+        found=found,
+        fine=fine,
+        heavy=heavy,
     )
-    print_line(
-        console,
-        f"at {pair.speed:g} m/s they go {pair.penetration:.3g} m into each other: bodies much larger than that",
-    )
-    print_line(console, "")
-    print_line(console, text.rstrip("\n"))
-    beside = (f"at {found.step:g} s", f"at {found.step / 10:g} s", *(["with gravity"] if g else []))
-    rows = []
-    heavier = heavy if isinstance(heavy, Drops) else None
-    for name, unit, asked in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
-        low, high = getattr(found, name)
-        row = [
-            name,
-            f"{asked:.6g}{unit}",
-            f"{low:.6g} to {high:.6g}{unit}",
-            f"{getattr(fine, name)[0]:.6g}{unit}",
-        ]
-        if g:
-            row.append(f"{getattr(heavier, name)[0]:.6g}{unit}" if heavier else "-")
-        rows.append(row)
-    print_table(console, Table(f"Drops in {solver.name}, by its time step", ("", "asked", *beside), rows))
-    print_line(console, "")
-    print_line(
-        console,
-        f"{found.step:g} s is the largest step (two digits) at which {solver.name} {solver.version()} keeps both "
-        f"within {tolerance:.3g} of what was asked, wherever within a step the bodies touch ({found.n} drops), and "
-        f"at the shorter steps tried too: {c.duration / found.step:.0f} steps in a contact",
-    )
-    if isinstance(heavy, str):
-        print_line(console, f"with gravity: {heavy}")
-    elif heavy is not None:
-        print_line(
-            console,
-            f"with gravity {g:g} m/s^2, which no contact's parameters know of: g/(v omega) = "
-            f"{g / (pair.speed * c.omega):.2g}",
-        )
+    before, after = page.split("PASTE")
+    show(console, before)
+    print_line(console, f"\n{text}")
+    show(console, after)

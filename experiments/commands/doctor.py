@@ -1,50 +1,49 @@
-"""What ``impact-xval doctor`` does: traps in a scene of the user's, or in those of an experiment."""
+"""``impact-xval doctor``: traps in a scene of the user's, or in those of an experiment."""
 
 from __future__ import annotations
 
-import json
-import runpy
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding
-from impact_xval.experiments.config.configuration import load_config, parse_config
+from impact_xval.experiments.commands.options import path
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.presentation.terminal import make_console, print_line
-from impact_xval.experiments.sweep.designs import cells_of_run
-from impact_xval.experiments.sweep.examination import experiment_findings
-from impact_xval.experiments.tables.store import RunFolder
+
+if TYPE_CHECKING:
+    from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding
 
 
-def doctor(what: Path | None, *, as_json: bool) -> None:
-    """Examine a scene or an experiment and print what was found.
+def doctor(
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SCENE]",
+            parser=path("SCENE"),
+            help="MJCF file, PyBullet script (run up to its first step), URDF, CONFIG.toml or folder of a run; "
+            "without it, the built-in experiment.",
+        ),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON list, an object a trap.")] = False,
+) -> None:
+    """Look for the traps engines set: contact parameters that are replaced, ignored or not what they seem.
 
-    Parameters
-    ----------
-    what : Path, optional
-        MJCF file, PyBullet script, URDF file, configuration or folder of a run; the built-in experiment if there is
-        none.
-    as_json : bool
-        Whether to print a JSON list.
-
-    Raises
-    ------
-    UserError
-        If it cannot be read, or its engine is missing.
-    typer.Exit
-        With code 1, if anything was found.
+    Exit code 1 if there are any.
     """
-    name, findings = _examine(what)
-    if as_json:
-        rows = [{"trap": f.trap, "where": f.where, "says": f.says} for f in findings]
-        print(json.dumps(rows, indent=2))
+    from dataclasses import asdict
+    from json import dumps
+
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+
+    if scene is None or scene.suffix == ".toml" or scene.is_dir():
+        name, findings = _of_experiment(scene)
+    else:
+        name, findings = str(scene), _of_file(scene)
+    if json:
+        print(dumps([asdict(finding) for finding in findings], indent=2))
     else:
         console = make_console()
         for finding in findings:
@@ -54,37 +53,53 @@ def doctor(what: Path | None, *, as_json: bool) -> None:
         raise typer.Exit(1)
 
 
-def _examine(what: Path | None) -> tuple[str, list[Finding]]:
-    if what is None or what.suffix == ".toml" or what.is_dir():
-        cells = None
-        if what is None:
-            config = parse_config({})
-        elif what.is_dir():
-            folder = RunFolder(what)
-            config = folder.config()
-            if folder.manifest().get("state") == "complete":
-                cells = cells_of_run(folder, config)
-        else:
-            config = load_config(what)
-        examined, findings = experiment_findings(config, cells=cells)
-        return f"scenes of {config.name!r} ({', '.join(examined) or 'no engine is installed'})", findings
-    if not what.is_file():
+def _of_experiment(what: Path | None) -> tuple[str, list[Finding]]:
+    from impact_xval.experiments.config.configuration import load_config, parse_config
+    from impact_xval.experiments.sweep.designs import cells_of_run
+    from impact_xval.experiments.sweep.examination import experiment_findings
+    from impact_xval.experiments.tables.store import RunFolder
+
+    cells = None
+    if what is None:
+        config = parse_config({})
+    elif what.is_dir():
+        folder = RunFolder(what)
+        config = folder.config()
+        if folder.manifest().get("state") == "complete":
+            cells = cells_of_run(folder, config)
+    else:
+        config = load_config(what)
+    examined, findings = experiment_findings(config, cells=cells)
+    return f"scenes of {config.name!r} ({', '.join(examined) or 'no engine is installed'})", findings
+
+
+def _of_file(scene: Path) -> list[Finding]:
+    from impact_xval.compliant_baselines import get_solver
+
+    if not scene.is_file():
         raise UserError(
-            f"{what}: no such file; legal: an MJCF, URDF, TOML or Python file, or the folder of a run"
+            f"{scene}: no such file; legal: an MJCF, URDF, TOML or Python file, or the folder of a run"
         )
-    kinds = {".xml": _mjcf, ".mjb": _mjcf, ".urdf": _urdf, ".py": _script}
-    if what.suffix not in kinds:
+    kinds = {
+        ".xml": ("mujoco", _mjcf),
+        ".mjb": ("mujoco", _mjcf),
+        ".urdf": ("pybullet", _urdf),
+        ".py": ("pybullet", _script),
+    }
+    if scene.suffix not in kinds:
         raise UserError(
-            f"{what}: legal: .xml or .mjb (MuJoCo), .py or .urdf (PyBullet), .toml, or the folder of a run"
+            f"{scene}: legal: .xml or .mjb (MuJoCo), .py or .urdf (PyBullet), .toml, or the folder of a run"
         )
-    engine = "mujoco" if what.suffix in (".xml", ".mjb") else "pybullet"
+    engine, examine = kinds[scene.suffix]
     reason = get_solver(engine).unavailable()
     if reason is not None:
-        raise UserError(f"{what}: {engine} is unavailable: {reason}")
-    return str(what), kinds[what.suffix](what)
+        raise UserError(f"{scene}: {engine} is unavailable: {reason}")
+    return examine(scene)
 
 
 def _mjcf(path: Path) -> list[Finding]:
+    from importlib import import_module
+
     from impact_xval.compliant_baselines.diagnosis.diagnose_mujoco import diagnose_mujoco
 
     mujoco: Any = import_module("mujoco")
@@ -116,6 +131,8 @@ def _urdf(path: Path) -> list[Finding]:
 
 
 def _script(path: Path) -> list[Finding]:
+    import runpy
+
     from impact_xval.compliant_baselines.diagnosis.diagnose_pybullet import diagnose_at_first_step
 
     def run() -> None:

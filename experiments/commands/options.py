@@ -18,8 +18,9 @@ from impact_xval.experiments.config.errors import UserError
 if TYPE_CHECKING:
     from impact_xval.experiments.config.configuration import Config
 
-#: What decides an impact, and keys of a configuration that the options spell otherwise.
+#: What decides an impact, what else a collision has, and a key of a configuration that its option spells otherwise.
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
+_SCALES = ("scenario", "gravity", "m1", "k1", "v0", "step_fraction", "mapping")
 _SPELT = {"stiffness_ratio_cutoff": "--cutoff"}
 
 #: Options whose values may be legal one by one, and not together.
@@ -94,13 +95,20 @@ def path(name: str) -> Callable[[str], Path]:
     return read
 
 
-def one_cell(values: Mapping[str, str]) -> Config:
+def typed(parameters: Mapping[str, Any]) -> dict[str, str]:
+    """Pick what was typed of a collision from the parameters of a command, by key of a configuration and ratio."""
+    given = {key: parameters.get(key) for key in (*RATIOS, *_SCALES)}
+    given["stiffness_ratio_cutoff"] = parameters.get("cutoff")
+    return {key: value for key, value in given.items() if isinstance(value, str)}
+
+
+def one_cell(parameters: Mapping[str, Any]) -> Config:
     """Make a configuration of what is typed for one collision.
 
     Parameters
     ----------
-    values : mapping
-        Text by key of a configuration and by `RATIOS`; a ratio that is not among them is 1.
+    parameters : mapping
+        Of the command, as typer has read them; a ratio that is not a text among them is 1.
 
     Raises
     ------
@@ -109,7 +117,7 @@ def one_cell(values: Mapping[str, str]) -> Config:
     """
     from impact_xval.experiments.config.configuration import parse_config
 
-    data: dict[str, Any] = {key: number_or_text(text) for key, text in values.items()}
+    data: dict[str, Any] = {key: number_or_text(text) for key, text in typed(parameters).items()}
     cell = {key: data.pop(key, 1.0) for key in RATIOS}
     data |= {"name": "collision", "figure_cell": cell, "grid": {key: [1.0] for key in cell}}
 

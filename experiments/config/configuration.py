@@ -12,15 +12,22 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, field_validator, model_validator
 
+from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
 from impact_xval.experiments.config.axes import (
+    LEGAL,
     MAX_CELLS,
     Axis,
+    Sample,
+    Search,
+    Strict,
     axis_problem,
     expand_axis,
+    whole,
 )
-from impact_xval.experiments.config.box import Sample, Search
 from impact_xval.experiments.config.config_errors import (
     FieldName,
     dotted,
@@ -40,33 +47,39 @@ DESIGNS = ("grid", "sample", "cells")
 REFERENCE = "state-transition"
 
 _Name = Annotated[str, Field(description="1 to 100 printable characters", min_length=1, max_length=100)]
-_Restitution = Annotated[float, Field(ge=0, le=1, description="from 0 to 1")]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+def _parameter(name: str, default: float) -> Any:
+    legal = LEGAL[name]
+    return Field(default, ge=legal.low, le=legal.high, description=legal.text)
 
 
-class Cell(_Strict):
+def _positive(default: float, unit: str) -> Any:
+    return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({unit})")
+
+
+def _axis(name: str, default: Axis) -> Any:
+    return Field(default, description=LEGAL[name].text)
+
+
+class Cell(Strict):
     """One collision by its ratios; the numbers that decide an impact (Theorem 5)."""
 
-    stiffness_ratio: float = Field(default=1.0, ge=0, description="from 0 to inf (k2/k1)")
-    mass_ratio: float = Field(
-        default=2 / math.sqrt(3), gt=0, allow_inf_nan=False, description="a finite number > 0 (m2/m1)"
-    )
-    e1: _Restitution = 0.9
-    e2: _Restitution = 0.7
+    stiffness_ratio: float = _parameter("stiffness_ratio", 1.0)
+    mass_ratio: float = _parameter("mass_ratio", 2 / math.sqrt(3))
+    e1: float = _parameter("e1", 0.9)
+    e2: float = _parameter("e2", 0.7)
 
 
-class Grid(_Strict):
+class Grid(Strict):
     """Axes of the grid: each a list of numbers, ``{log = [lo, hi, n]}`` or ``{linear = [lo, hi, n]}``."""
 
-    stiffness_ratio: Axis = Field({"log": [1e-3, 1e3, 13]}, description="from 0 to inf (k2/k1)")
-    mass_ratio: Axis = Field([0.5, 2 / math.sqrt(3), 2.0], description="finite numbers > 0 (m2/m1)")
-    e1: Axis = Field([0.5, 0.7, 0.9, 1.0], description="from 0 to 1")
-    e2: Axis = Field([0.5, 0.7, 0.9, 1.0], description="from 0 to 1")
+    stiffness_ratio: Axis = _axis("stiffness_ratio", {"log": [1e-3, 1e3, 13]})
+    mass_ratio: Axis = _axis("mass_ratio", [0.5, 2 / math.sqrt(3), 2.0])
+    e1: Axis = _axis("e1", [0.5, 0.7, 0.9, 1.0])
+    e2: Axis = _axis("e2", [0.5, 0.7, 0.9, 1.0])
 
-    @field_validator("stiffness_ratio", "mass_ratio", "e1", "e2", mode="before")
+    @field_validator(*LEGAL, mode="before")
     @classmethod
     def _legal_axis(cls, value: object, info: Any) -> object:
         problem = axis_problem(info.field_name, value)
@@ -91,15 +104,15 @@ class Grid(_Strict):
         return [int(next(iter(axis.values()))[2]) if isinstance(axis, dict) else len(axis) for axis in axes]
 
 
-class ConvergenceTable(_Strict):
+class ConvergenceTable(Strict):
     """How far engines are followed towards a step of zero, cell by cell."""
 
     enabled: bool = Field(True, description="true or false")
     tolerance: float = Field(1e-3, gt=0, le=1, description="greater than 0, at most 1 (of |v0|)")
-    halvings: int = Field(4, ge=2, le=10, description="a whole number from 2 to 10 (of the step)")
+    halvings: int = whole(4, 2, 10, " (of the step)")
 
 
-class Config(_Strict):
+class Config(Strict):
     """An experiment: what is computed, by which solvers and how."""
 
     #: Keys of earlier versions, and what there is instead.
@@ -110,9 +123,9 @@ class Config(_Strict):
 
     name: _Name = "default"
     scenario: Literal["impact", "drop"] = Field("drop", description="'impact' or 'drop'")
-    gravity: float = Field(9.81, gt=0, allow_inf_nan=False, description="a finite number > 0 (m/s^2)")
-    m1: float = Field(1.0, gt=0, allow_inf_nan=False, description="a finite number > 0 (kg)")
-    k1: float = Field(1e8, gt=0, allow_inf_nan=False, description="a finite number > 0 (N/m)")
+    gravity: float = _positive(9.81, "m/s^2")
+    m1: float = _positive(1.0, "kg")
+    k1: float = _positive(1e8, "N/m")
     v0: float = Field(
         -1.0, lt=0, allow_inf_nan=False, description="a finite number < 0 (m/s, up is positive)"
     )
@@ -125,7 +138,7 @@ class Config(_Strict):
     )
     max_steps: int = Field(2_000_000, ge=1, le=10**12, description="a whole number >= 1")
     shortest_state: float = Field(
-        2.5e-3, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
+        SHORTEST_STATE, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
     )
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
     stiffness_ratio_cutoff: Cutoff = Field("exact", description=LEGAL_CUTOFF)
@@ -133,11 +146,9 @@ class Config(_Strict):
     cell_timeout: float = Field(
         300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"
     )
-    chunk_size: int | None = Field(
-        None, ge=1, le=100_000, description="a whole number from 1 to 100000 (cells)"
-    )
-    workers: int | None = Field(None, ge=1, le=4096, description="a whole number from 1 to 4096")
-    grid: Grid = Field(default_factory=lambda: Grid.model_validate({}), description="a table of axes")
+    chunk_size: int | None = whole(None, 1, 100_000, " (cells)")
+    workers: int | None = whole(None, 1, 4096)
+    grid: Grid = Field(default_factory=Grid, description="a table of axes")
     sample: Sample | None = Field(None, description="a table: method, n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
     search: Search | None = Field(None, description="a table: solver, measure, and ranges")
@@ -146,7 +157,7 @@ class Config(_Strict):
         description="a table: enabled, tolerance, halvings",
     )
     figure_cell: Cell = Field(
-        default_factory=lambda: Cell.model_validate({}),
+        default_factory=Cell,
         description="a table: stiffness_ratio, mass_ratio, e1, e2",
     )
 
@@ -177,14 +188,10 @@ class Config(_Strict):
     @model_validator(mode="after")
     def _within_double_precision(self) -> Config:
         ratios = self._ratios()
-        for name, base in (("stiffness_ratio", self.k1), ("mass_ratio", self.m1)):
-            for ratio in ratios[name]:
-                product = ratio * base
-                if 0 < ratio < math.inf and not 0 < product < math.inf:
-                    raise ValueError(
-                        f"{name} = {ratio!r} times {base!r} = {product!r} leaves double precision; "
-                        "legal: a finite product > 0"
-                    )
+        for name, values in ratios.items():
+            found = self.product_problem(name, values)
+            if found:
+                raise ValueError(found[1])
         if not 0 < self.m1 * abs(self.v0) < math.inf:
             raise ValueError(
                 f"m1 = {self.m1!r} times |v0| = {abs(self.v0)!r} leaves double precision; "
@@ -195,6 +202,32 @@ class Config(_Strict):
             if problem:
                 raise ValueError(problem)
         return self
+
+    def product_problem(self, name: str, ratios: ArrayLike) -> tuple[int, str] | None:
+        """Find the first ratio whose mass or stiffness leaves double precision.
+
+        Parameters
+        ----------
+        name : {"stiffness_ratio", "mass_ratio"}
+        ratios : array_like, shape (n,)
+
+        Returns
+        -------
+        tuple of int and str, or None
+            Its place, and what is wrong with it.
+        """
+        base = self.k1 if name == "stiffness_ratio" else self.m1
+        values = np.asarray(ratios, dtype=np.float64)
+        with np.errstate(over="ignore", under="ignore"):
+            products = values * base
+        bad = (values > 0) & np.isfinite(values) & ~((products > 0) & np.isfinite(products))
+        if not bad.any():
+            return None
+        first = int(np.argmax(bad))
+        return first, (
+            f"{name} = {float(values[first])!r} times {base!r} = {float(products[first])!r} leaves double precision; "
+            "legal: a finite product > 0"
+        )
 
     def _ratios(self) -> dict[str, list[float]]:
         """Ratios of the figures' cell and of the cells known so far: those of a list are read later."""

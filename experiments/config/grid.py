@@ -64,12 +64,10 @@ class Cells(ABC):
 
     def cells(self, indices: range) -> list[GridCell]:
         """Make some cells."""
-        made = []
-        for index, values in zip(indices, self.ratios(indices).tolist(), strict=True):
-            stiffness_ratio, mass_ratio, e1, e2 = values
-            cell = Cell(stiffness_ratio=stiffness_ratio, mass_ratio=mass_ratio, e1=e1, e2=e2)
-            made.append(GridCell(index, stiffness_ratio, mass_ratio, collision_of(self._config, cell)))
-        return made
+        return [
+            GridCell(index, values[0], values[1], _collision(self._config, *values))
+            for index, values in zip(indices, self.ratios(indices).tolist(), strict=True)
+        ]
 
     def digest(self, indices: range) -> str:
         """SHA-256 of the parameters of some cells, to the last bit."""
@@ -144,12 +142,16 @@ class CellList(Cells):
 
 def collision_of(config: Config, cell: Cell) -> Collision:
     """Give a cell the masses, stiffnesses and velocity of an experiment."""
+    return _collision(config, cell.stiffness_ratio, cell.mass_ratio, cell.e1, cell.e2)
+
+
+def _collision(config: Config, stiffness_ratio: float, mass_ratio: float, e1: float, e2: float) -> Collision:
     return Collision(
         m1=config.m1,
-        m2=config.m1 * cell.mass_ratio,
+        m2=config.m1 * mass_ratio,
         k1=config.k1,
-        k2=config.k1 * cell.stiffness_ratio,
-        e1=cell.e1,
-        e2=cell.e2,
+        k2=config.k1 * stiffness_ratio,
+        e1=e1,
+        e2=e2,
         v0=config.v0,
     )

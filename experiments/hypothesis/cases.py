@@ -1,8 +1,13 @@
-"""The limits of the supplement, what it says of each, and what is a point of which.
+"""The limits of the supplement: closed forms, regimes, and the points at which each is approached.
 
 **Contrast.** Each limit is approached along one number x >= 1 that goes to infinity: k1/k2 for k2/k1 → 0, k2/k1
 for k2/k1 → infinity, and 1/e_i^2 for e_i → 0, because an end of compression multiplies the stiffness by it
 (supplement, 3.3). A rate r means that the distance from the closed form falls as x^-r: a rate in e_i is twice that.
+
+**Points** are drawn at random inside each regime, or given. A scrambled Sobol sequence fills (ln m2/m1, e1, e2[, ln
+k2/k1]) evenly, and of each regime a given number is kept, divided over the classes of elastic contacts. Points within
+`MARGIN` of a border between regimes are not drawn: there the two closed forms meet, and the contrast at which a series
+begins to fall is the inverse of the distance from the border.
 
 Velocities are per abs(v0), masses per m1.
 """
@@ -15,10 +20,21 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import qmc
 
 from impact_xval.model import Collision, solve
 
 Floats = NDArray[np.float64]
+
+#: Least distance from the border of a regime, in velocity per abs(v0). Beside a border the balls also move apart, or
+#: together, so slowly that an engine needs most of its steps for a few collisions.
+MARGIN = 0.1
+
+#: Ranges that are drawn from: m2/m1, an inelastic e, and k2/k1 of the plastic limits.
+MASS_RATIO, RESTITUTION, STIFFNESS_RATIO = (0.2, 10.0), (0.3, 0.95), (0.03, 30.0)
+
+#: Candidates drawn at a time, and in all, before a class of a regime is found empty.
+_DRAW, _MOST = 1024, 65_536
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,6 +236,68 @@ def pair_class(case: Case, point: Point) -> str:
     return "only e2 = 1" if point.e2 == 1 else "both lossy"
 
 
-def distance(mass_ratio: float, dv1: Floats, dv2: Floats) -> Floats:
+def distance(mass_ratio: Any, dv1: Any, dv2: Any) -> Floats:
     """D = sqrt(dv1^2 + (m2/m1) dv2^2), velocities per abs(v0): the project's velocity divergence."""
     return np.sqrt(np.square(dv1) + mass_ratio * np.square(dv2))
+
+
+def draw(case: Case, n: int, seed: int) -> list[Point]:
+    """Draw the points of a case; the same ones for the same seed.
+
+    Of a limit of k2/k1 half of the n points have e1, e2 < 1, and the rest is shared by e1 = 1, e2 = 1 and both; of a
+    plastic limit a third has the other contact elastic.
+
+    Raises
+    ------
+    ValueError
+        If the regime does not hold enough of them.
+    """
+    third, sixth = n // 3, n // 6
+    if case.plastic:
+        counts = {(False, False): n - third, (case.stiff == 2, case.stiff == 1): third}
+    else:
+        counts = {
+            (False, False): n - 3 * sixth,
+            **dict.fromkeys([(True, False), (False, True), (True, True)], sixth),
+        }
+    wanted = [elastic for elastic, count in counts.items() for _ in range(count)]
+    sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
+    points: list[Point] = []
+    for _ in range(_MOST // _DRAW):
+        for candidate in sampler.random(_DRAW):
+            point = _point(case, candidate, wanted[len(points)])
+            if border(case, point) >= MARGIN:
+                points.append(point)
+            if len(points) == n:
+                return points
+    e1, e2 = wanted[len(points)]
+    raise ValueError(f"{case.key}: no point with e1 = 1: {e1}, e2 = 1: {e2} found")
+
+
+def _point(case: Case, unit: Floats, elastic: tuple[bool, bool]) -> Point:
+    def rounded(value: float) -> float:
+        return float(f"{value:.6g}")
+
+    def log_between(low: float, high: float, u: float) -> float:
+        return rounded(low * (high / low) ** u)
+
+    low, high = RESTITUTION
+    e1, e2 = (
+        1.0 if one else rounded(low + (high - low) * u) for one, u in zip(elastic, unit[1:3], strict=True)
+    )
+    mass_ratio = log_between(*MASS_RATIO, unit[0])
+    if not case.plastic:
+        return Point(mass_ratio, e1, e2)
+    e1, e2 = (math.nan, e2) if case.stiff == 1 else (e1, math.nan)
+    return Point(mass_ratio, e1, e2, log_between(*STIFFNESS_RATIO, unit[3]))
+
+
+def outside(case: Case, point: Point) -> str | None:
+    """Say why a given point is none of a case, and what to do about it; None if it is one."""
+    inside = border(case, point)
+    if inside >= 0:
+        return None
+    return (
+        f"m2/m1 = {point.mass_ratio:g}, e1 = {point.e1:g}, e2 = {point.e2:g} lies outside {case.key} by "
+        f"{-inside:.3g} (velocity per |v0|); legal: {case.regime}; change the point, or name the regime it is in"
+    )

@@ -1,8 +1,9 @@
-"""What a test of the hypothesis is asked to do, as a validated TOML file; the empty file is the built-in one."""
+"""The configuration of a test of the hypothesis, as a validated TOML file; the empty file is the built-in one."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,9 +16,8 @@ from impact_xval.experiments.config.config_errors import (
     validated,
 )
 from impact_xval.experiments.config.configuration import solvers_problem
-from impact_xval.experiments.hypothesis.cases import BY_KEY, Point
-from impact_xval.experiments.hypothesis.design import outside
-from impact_xval.experiments.hypothesis.subjects import default_names
+from impact_xval.experiments.hypothesis.cases import BY_KEY, Point, outside
+from impact_xval.experiments.hypothesis.solvers import default_names
 
 #: TOML has lists only: they may stand for pairs, whose numbers are no less strict for it.
 _Range = Annotated[tuple[float, float], Field(strict=False)]
@@ -28,17 +28,32 @@ _CaseName = Literal[
 ]
 
 
+#: What a range must be, by its field: contrasts end where double precision, or what a user of engines can wait for, does.
+_RANGES: dict[str, Callable[[float, float], bool]] = {
+    "stiffness_ratio": lambda low, high: 0 < low < 1 < high <= 1e12,
+    "engine_stiffness_ratio": lambda low, high: 1e-6 <= low < 1 < high <= 1e6,
+    "mass_ratio": lambda low, high: 0 < low < high <= 1e12,
+    "contrast": lambda low, high: 1 < low < high <= 1e10,
+    "plastic_contrast": lambda low, high: 1 < low < high <= 1e16,
+    "engine_contrast": lambda low, high: 1 < low < high <= 1e6,
+    "engine_plastic_contrast": lambda low, high: 1 < low < high <= 1e6,
+}
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
+
+class _WithRanges(_Strict):
+    @field_validator(*_RANGES, check_fields=False)
     @classmethod
-    def _require(cls, legal: bool, name: str, value: _Range) -> None:
-        """Refuse a range that is not what the description of its field says."""
-        if not legal:
-            raise ValueError(f"{short(list(value))}; legal: {cls.model_fields[name].description}")
+    def _legal(cls, value: _Range, info: Any) -> _Range:
+        if not _RANGES[info.field_name](*value):
+            raise ValueError(f"{short(list(value))}; legal: {cls.model_fields[info.field_name].description}")
+        return value
 
 
-class MapConfig(_Strict):
+class MapConfig(_WithRanges):
     """The maps of where the hypothesis is good enough."""
 
     size: int = Field(61, ge=4, le=400, description="a whole number from 4 to 400 (cells along each axis)")
@@ -56,18 +71,6 @@ class MapConfig(_Strict):
         max_length=6,
         description="a list of 1 to 6 pairs [e1, e2], from 0.02 to 1",
     )
-
-    @field_validator("stiffness_ratio", "engine_stiffness_ratio", "mass_ratio")
-    @classmethod
-    def _ranges(cls, value: _Range, info: Any) -> _Range:
-        low, high = value
-        legal = {
-            "stiffness_ratio": 0 < low < 1 < high <= 1e12,
-            "engine_stiffness_ratio": 1e-6 <= low < 1 < high <= 1e6,
-            "mass_ratio": 0 < low < high <= 1e12,
-        }
-        cls._require(legal[info.field_name], info.field_name, value)
-        return value
 
 
 class GivenPoint(_Strict):
@@ -97,16 +100,7 @@ class GivenPoint(_Strict):
         return Point(self.mass_ratio, e1, e2, self.stiffness_ratio)
 
 
-#: Highest contrast by range; beyond it double precision, or the patience of an engine's user, ends.
-_HIGHEST = {
-    "contrast": 1e10,
-    "plastic_contrast": 1e16,
-    "engine_contrast": 1e6,
-    "engine_plastic_contrast": 1e6,
-}
-
-
-class HypothesisConfig(_Strict):
+class HypothesisConfig(_WithRanges):
     """A test of the hypothesis."""
 
     seed: int = Field(1, ge=0, le=2**32, description="a whole number from 0 to 2^32")
@@ -146,12 +140,6 @@ class HypothesisConfig(_Strict):
         [], description="a list of tables: case, mass_ratio, e1, e2, for a plastic limit stiffness_ratio"
     )
 
-    @field_validator(*_HIGHEST)
-    @classmethod
-    def _ranges(cls, value: _Range, info: Any) -> _Range:
-        cls._require(1 < value[0] < value[1] <= _HIGHEST[info.field_name], info.field_name, value)
-        return value
-
     @field_validator("solvers")
     @classmethod
     def _known(cls, value: list[str]) -> list[str]:
@@ -177,11 +165,5 @@ def load(path: Path | None) -> HypothesisConfig:
 
 
 def parse(data: dict[str, Any], where: str) -> HypothesisConfig:
-    """Validate a configuration given as plain values.
-
-    Raises
-    ------
-    UserError
-        If anything is illegal.
-    """
+    """Validate a configuration given as plain values; as `load`."""
     return validated(HypothesisConfig, data, where, counted)

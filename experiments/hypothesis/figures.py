@@ -1,11 +1,9 @@
-"""The figures of a run, each with a caption that stands alone."""
+"""The figures of a run; their captions are in the template of the page."""
 
 from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from impact_xval.experiments.hypothesis.cases import CASES, LOSSY, pair_class
-from impact_xval.experiments.hypothesis.mechanism import POINTS
-from impact_xval.experiments.hypothesis.ringing import end_share, mean_more_ends
-from impact_xval.experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
-from impact_xval.experiments.hypothesis.series import Series
-from impact_xval.experiments.hypothesis.tables import group_points
-from impact_xval.experiments.measures.laws import with_votes
-from impact_xval.experiments.presentation.style import (
-    Look,
-    drawing,
-    look,
-    save,
-)
-from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.hypothesis.mechanism import end_share, mean_more_ends
+from impact_xval.experiments.hypothesis.run import DRAWN, Results
+from impact_xval.experiments.hypothesis.verdicts import Series
+from impact_xval.experiments.presentation.style import Look, drawing, look, save
 
 _DPI = 150
 
@@ -45,56 +34,36 @@ _X = {"k1/k2": "k1/k2", "k2/k1": "k2/k1", "1/e1^2": "1/e1$^2$", "1/e2^2": "1/e2$
 _BANDS = ("#1b7837", "#a6dba0", "#fee0b6", "#b35806")
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure that was written.
-
-    Attributes
-    ----------
-    name : str
-        Of the file, without extension.
-    caption : str
-    """
-
-    name: str
-    caption: str
-
-
 def _look(results: Results, solver: str) -> Look:
     return _LOOKS.get(solver) or look(solver, results.config.solvers.index(solver))
 
 
-def write_figures(results: Results, folder: Path) -> dict[str, Picture]:
-    """Draw every figure into a folder, as PNG and PDF."""
+def write_figures(results: Results, folder: Path) -> list[str]:
+    """Draw every figure into a folder, as PNG and PDF; return their names in the order of the page."""
     folder.mkdir(parents=True, exist_ok=True)
-    written = {}
-    for name, figure, caption in _figures(results):
-        save(figure, folder, name, dpi=_DPI)
-        written[name] = Picture(name, caption)
-    return written
-
-
-def _figures(results: Results) -> Iterator[tuple[str, Figure, str]]:
-    def of_all(drawn: tuple[Figure, str]) -> tuple[Figure, str]:
-        return drawn[0], with_votes(drawn[1], results.solvers)
-
-    yield "distance", *of_all(_distance(results))
+    drawn = {"distance": _distance(results)}
     if results.motions:
-        yield "relative-motion", *of_all(_relative_motion(results))
+        drawn["relative-motion"] = _relative_motion(results)
     if results.branches:
-        yield "no-limit", *_no_limit(results)
-    for e1, e2 in results.config.map.restitutions:
-        if any((one.e1, one.e2) == (e1, e2) for one in results.maps):
-            yield f"map-{e1:g}-{e2:g}", *of_all(_map(results, e1, e2))
+        drawn["no-limit"] = _no_limit(results)
+    drawn |= {map_name(e1, e2): _map(results, e1, e2) for e1, e2 in results.mapped}
+    for name, figure in drawn.items():
+        save(figure, folder, name, dpi=_DPI)
+    return list(drawn)
 
 
-def _distance(results: Results) -> tuple[Figure, str]:
+def map_name(e1: float, e2: float) -> str:
+    """Name the figure of the maps at given restitutions."""
+    return f"map-{e1:g}-{e2:g}"
+
+
+def _distance(results: Results) -> Figure:
     with drawing(10.0, 6.6) as figure:
         axes = figure.subplots(2, 3)
         handles: dict[str, Any] = {}
         for ax, case in zip(axes.flat, CASES, strict=True):
             for series in (one for one in results.series if one.case == case):
-                name = series.subject.name
+                name = series.solver.name
                 style = _look(results, name)
                 chosen = [i for i, point in enumerate(series.points) if pair_class(case, point) in LOSSY]
                 usable, _ = series.usable()
@@ -103,7 +72,7 @@ def _distance(results: Results) -> tuple[Figure, str]:
                 median = np.full(series.contrast.size, np.nan)
                 median[known] = np.nanmedian(D[:, known], axis=0)
                 median[median < _FLOOR] = np.nan
-                engine = series.subject.kind == "stepped"
+                engine = series.solver.kind == "stepped"
                 (line,) = ax.plot(
                     series.contrast,
                     median,
@@ -123,33 +92,15 @@ def _distance(results: Results) -> tuple[Figure, str]:
         for ax in axes[:, 0]:
             ax.set_ylabel("distance from the closed form, D (-)")
         figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5)
-    return figure, (
-        "Distance D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)) of each solver's outcome from the closed form "
-        "that the hypothesis gives, against the contrast, one panel a limit: median over the points of the "
-        "design whose other contacts are lossy. Open markers: engines, extrapolated to no time step. Thin "
-        "dotted lines with a number: the power law fitted to the last decades of a line, D falling as "
-        "contrast to the minus that number, where the verdict of this class is 'supported'. A line that "
-        "levels out goes to another limit. Below about 1e-13 there is rounding only. " + _supporting(results)
-    )
-
-
-def _supporting(results: Results) -> str:
-    """Say which verdicts on the class drawn are `supported`, and at how many of its points."""
-    found: dict[tuple[str, str], list[str]] = {}
-    for result in results.verdicts:
-        for group in result.classes:
-            if group.name in LOSSY and group.verdict == "supported":
-                found.setdefault((result.case.key, group_points(group)), []).append(result.solver)
-    each = "; ".join(f"{case} by {listed(names)} ({points})" for (case, points), names in found.items())
-    return f"Supported of this class: {each}." if found else "Of this class none is supported."
+    return figure
 
 
 def _slope(ax: Any, results: Results, series: Series, median: np.ndarray, color: str) -> None:
     """Draw below a line the power law fitted to its last decades, where the verdict of its class is `supported`."""
-    found = results.verdict(series.subject.name, series.case.key)
+    found = results.verdict(series.solver.name, series.case.key)
     group = next((g for g in found.classes if g.name in LOSSY), None) if found else None
     known = np.flatnonzero(np.isfinite(median))
-    if not found or not group or group.verdict != "supported" or series.subject.kind == "stepped":
+    if not found or not group or group.verdict != "supported" or series.solver.kind == "stepped":
         return
     last = known[series.contrast[known] >= series.contrast[known[-1]] * 10**-found.decades]
     if last.size < 3:
@@ -162,9 +113,9 @@ def _slope(ax: Any, results: Results, series: Series, median: np.ndarray, color:
     ax.text(10 ** ends[1], heights[1], f" {-slope:.2f}", color=color, fontsize=7, va="center")
 
 
-def _relative_motion(results: Results) -> tuple[Figure, str]:
+def _relative_motion(results: Results) -> Figure:
     titles = {case.key: case.title for case in CASES}
-    kinds = {series.subject.name: series.subject.kind for series in results.series}
+    kinds = {series.solver.name: series.solver.kind for series in results.series}
     with drawing(10.0, 5.4) as figure:
         axes = figure.subplots(2, len(DRAWN))
         handles: dict[str, Any] = {}
@@ -195,31 +146,16 @@ def _relative_motion(results: Results) -> tuple[Figure, str]:
         axes[0, 0].set_ylabel("relative velocity\nof the stiff pair, per |v0| (-)")
         axes[1, 0].set_ylabel("separation of the stiff pair,\nper soft compression (-)")
         figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
-    where = "; ".join(
-        f"{key}: m2/m1 = {number(POINTS[key].mass_ratio)}, e1 = {POINTS[key].e1:g}, e2 = {POINTS[key].e2:g}"
-        for key in DRAWN
-    )
-    return figure, (
-        "Relative motion of the stiff pair (B1 and B2 in the first two columns, B2 and the table in the "
-        f"last) at a contrast of {number(DRAWN_CONTRAST)}. Top: its relative velocity, positive where it "
-        "separates. Bottom: its separation since first touch, per largest compression of the soft contact "
-        "(of the model, which has no positions, the one that its velocities imply). Dots: the instant of equal "
-        f"velocities at which the hypothesis joins the pair, for the model and for bistiffness. {where}."
-    )
+    return figure
 
 
-def _no_limit(results: Results) -> tuple[Figure, str]:
+def _no_limit(results: Results) -> Figure:
     worst = max(results.branches, key=lambda branch: branch.measured)
     series = next(
-        s for s in results.series if s.subject.name == "state-transition" and s.case.key == "zero-early"
+        s for s in results.series if s.solver.name == "state-transition" and s.case.key == "zero-early"
     )
     i = series.points.index(worst.point)
     more = math.floor(mean_more_ends(worst.point.mass_ratio))
-    values = (
-        f"e2{f'^{more}' if more > 1 else ''} and e2^{more + 1} times that of the closed form"
-        if more
-        else "that of the closed form, and e2 times it"
-    )
     with drawing(9.0, 3.2) as figure:
         left, right = figure.subplots(1, 2)
         left.plot(series.contrast, series.rows("v1")[i], "o", color="black", markersize=3.5)
@@ -254,19 +190,10 @@ def _no_limit(results: Results) -> tuple[Figure, str]:
         right.set_xlabel("mass ratio m2/m1 (-)")
         right.set_ylabel("outcomes with two ends\nof compression (%)")
         right.legend()
-    p = worst.point
-    return figure, (
-        "Where the model itself has no limit: e1 = 1 and a lossy table contact, balls united while the "
-        "table contact is compressed. Left: final velocity v1 against the contrast at m2/m1 = "
-        f"{number(p.mass_ratio)}, e2 = {number(p.e2)}; it falls on one of two values, whatever the "
-        f"contrast: {values}. Right: share of contrasts with two ends of compression, counted over contrasts "
-        "drawn at random (bars: 95 %), and the closed form r = (sqrt(q^2 - 1) - arccos(1/q))/pi with q^2 = "
-        "(3 - m2)/(m2 (1 + m2)), m1 = 1, or, where r > 1 (m2/m1 < 0.121) and some collisions have more "
-        "than two, 2 - r, or none."
-    )
+    return figure
 
 
-def _map(results: Results, e1: float, e2: float) -> tuple[Figure, str]:
+def _map(results: Results, e1: float, e2: float) -> Figure:
     chosen = [one for one in results.maps if (one.e1, one.e2) == (e1, e2)]
     columns = min(4, len(chosen))
     rows = -(-len(chosen) // columns)
@@ -298,10 +225,4 @@ def _map(results: Results, e1: float, e2: float) -> tuple[Figure, str]:
                 ax.set_xlabel("stiffness ratio k2/k1 (-)")
         labels = ("within 1 %", "within 5 %", "within 20 %", "beyond 20 %")
         figure.legend([Patch(color=color) for color in _BANDS], labels, loc="outside lower center", ncols=4)
-    return figure, (
-        f"Where the hypothesis is good enough at e1 = {e1:g}, e2 = {e2:g}: distance D of a solver's outcome "
-        "from the closed form of the nearer limit (k2/k1 = 0 left of the black line, infinity right of "
-        "it), in per cent of the impact's kinetic norm, over the stiffness ratio and the mass ratio. "
-        "White: no result, or beyond the map of the engines, which is smaller and coarser; they are "
-        "extrapolated to no time step."
-    )
+    return figure

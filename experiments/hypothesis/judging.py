@@ -1,4 +1,4 @@
-"""What a series of outcomes says of a limit: does it get there, at what rate, and where does it go if not.
+"""The judgement of a series of outcomes on a limit: does it get there, at what rate, and where does it go if not.
 
 A series is the outcomes (v1, v2) of one solver at one point of the design, at rising contrasts x. Velocities are taken
 as vectors w = (v1, sqrt(m2/m1) v2), whose length is the kinetic norm.
@@ -27,7 +27,7 @@ jump; else `undecided`, with the reason.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -62,7 +62,7 @@ _SLACK = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What a series says.
+    """The judgement of a series.
 
     Attributes
     ----------
@@ -133,106 +133,130 @@ def judge(
     decades : float
         Of the fit.
     """
-    x = np.log10(contrast[usable])
     scale = np.array([1.0, math.sqrt(mass_ratio)])
     w = np.column_stack([v1[usable], v2[usable]]) * scale
     target = np.array(closed_form) * scale
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
     own = _neighbours(error[usable])
-    D = np.hypot(*(w - target).T)
+    window, sunk = _window(np.log10(contrast[usable]), w, np.hypot(*(w - target).T), own, decades)
+    if isinstance(window, str):
+        return Judgement("undecided", window)
+    found, reason = _limit(window, target, scale)
+    if reason:
+        return replace(found, reason=reason)
+    least = window.D[window.final].min()
+    if found.offset > max(3 * found.limit_error, 0.2 * found.last) and least > 0.5 * found.offset:
+        return replace(found, verdict="refuted")
+    return _rate(found, window, sunk)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Window:
+    """The outcomes that are fitted: log10 of the contrast, velocities, their distance from the closed form, error."""
+
+    x: Floats
+    w: Floats
+    D: Floats
+    own: Floats
+    decades: float
+
+    @property
+    def first(self) -> NDArray[np.bool_]:
+        return self.x <= self.x[0] + 1 + _SLACK
+
+    @property
+    def final(self) -> NDArray[np.bool_]:
+        return self.x >= self.x[-1] - 1 - _SLACK
+
+
+def _window(x: Floats, w: Floats, D: Floats, own: Floats, decades: float) -> tuple[_Window | str, bool]:
+    """Choose the window, or say why there is none; and whether the distance has sunk under the solver's error in it."""
     span = float(x[-1] - x[0]) if x.size else 0.0
     if span < decades - _SLACK:
-        return Judgement(
-            "undecided",
-            f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range of "
-            "contrasts",
-        )
+        return (
+            f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range of contrasts"
+        ), False
     above = np.flatnonzero(FLOOR_ERRORS * own < D)
-    if above.size == 0 or x[above[-1]] - x[0] < decades - _SLACK:
-        end = x[0] + decades
-        sunk = True
-    else:
-        end, sunk = x[above[-1]], False
+    sunk = above.size == 0 or bool(x[above[-1]] - x[0] < decades - _SLACK)
+    end = x[0] + decades if sunk else x[above[-1]]
     inside = (x >= end - decades - _SLACK) & (x <= end + _SLACK)
     x, w, D, own = x[inside], w[inside], D[inside], own[inside]
     if x[-1] - x[0] < decades - _SLACK or x.size < 2 * decades + 1:
-        return Judgement(
-            "undecided",
-            f"{x.size} outcomes over {x[-1] - x[0]:.2g} decades are too few: results are missing in between",
-        )
-    final = x >= x[-1] - 1 - _SLACK
-    limit, limit_error = _extrapolate(x, w)
+        return (
+            f"{x.size} outcomes over {x[-1] - x[0]:.2g} decades are too few: results are missing in between"
+        ), False
+    return _Window(x, w, D, own, decades), sunk
+
+
+def _limit(window: _Window, target: Floats, scale: Floats) -> tuple[Judgement, str]:
+    """Find where the series goes, as a judgement that is still open; the reason why it settles nowhere, if so."""
+    w, D, own, final = window.w, window.D, window.own, window.final
+    limit, limit_error = _extrapolate(window.x, w)
     limit_error = max(limit_error, float(own[final].max()))
-    offset = float(np.hypot(*(limit - target)))
     spread = np.sort(w[final] / scale, axis=0)
+    (a, c), (b, d) = map(float, spread[0]), map(float, spread[-1])
+    early, late = _diameter(w[window.first]), _diameter(w[final])
+    resolved = FLOOR_ERRORS * float(own[final].max())
+    restless = late > resolved and late > early * 10 ** (-LEAST_RATE * (window.decades - 1))
+    aside = restless and bool(late < 0.1 * D[final].min())
+    if aside:
+        limit, limit_error = w[final].mean(axis=0), late
+    settles = aside or not restless
+    offset = float(np.hypot(*(limit - target)))
+    v1, v2 = map(float, limit / scale) if settles else (math.nan, math.nan)
     found = Judgement(
         "undecided",
-        window=(float(10 ** x[0]), float(10 ** x[-1])),
+        window=(float(10 ** window.x[0]), float(10 ** window.x[-1])),
         last=float(np.median(D[final])),
+        limit=(v1, v2),
         limit_error=limit_error,
         offset=offset,
-        consistent=offset <= 3 * limit_error,
-        spread=(float(spread[0, 0]), float(spread[-1, 0]), float(spread[0, 1]), float(spread[-1, 1])),
+        consistent=not restless and offset <= 3 * limit_error,
+        settles=settles,
+        spread=(a, b, c, d),
     )
-    fields = {name: getattr(found, name) for name in Judgement.__slots__ if name not in ("verdict", "reason")}
+    if settles:
+        return found, ""
+    return found, (
+        f"it does not settle: in the last decade v1 runs from {a:.3g} to {b:.3g} and v2 from {c:.3g} to {d:.3g}"
+    )
 
-    first = x <= x[0] + 1 + _SLACK
-    early, late = _diameter(w[first]), _diameter(w[final])
-    resolved = FLOOR_ERRORS * float(own[final].max())
-    restless = late > resolved and late > early * 10 ** (-LEAST_RATE * (decades - 1))
-    if restless and late < 0.1 * D[final].min():
-        limit, limit_error = w[final].mean(axis=0), late
-        offset = float(np.hypot(*(limit - target)))
-        fields |= {"limit_error": limit_error, "offset": offset, "consistent": False}
-    elif restless:
-        (a, b), (c, d) = fields["spread"][:2], fields["spread"][2:]
-        fields |= {"consistent": False, "settles": False}
-        return Judgement(
-            "undecided",
-            f"it does not settle: in the last decade v1 runs from {a:.3g} to {b:.3g} and v2 from {c:.3g} to "
-            f"{d:.3g}",
-            **fields,
-        )
-    fields["limit"] = tuple(map(float, limit / scale))
-    if offset > max(3 * limit_error, 0.2 * found.last) and D[final].min() > 0.5 * offset:
-        return Judgement("refuted", **fields)
 
+def _rate(found: Judgement, window: _Window, sunk: bool) -> Judgement:
+    """Complete a judgement that refutes nothing by the rate of the approach, and decide on it."""
+    x, D, own = window.x, window.D, window.own
     clear = FLOOR_ERRORS * own < D
-    if np.count_nonzero(clear) >= 3:
-        line: Any = theilslopes(np.log10(D[clear]), x[clear], alpha=CONFIDENCE)
+    x_clear, log_D = x[clear], np.log10(D[clear])
+    if x_clear.size >= 3:
+        line: Any = theilslopes(log_D, x_clear, alpha=CONFIDENCE)
         slope, at_zero, low, high = map(float, line)
-        fields |= {"rate": -slope, "rate_low": -high, "rate_high": -low}
-        above = np.log10(D[clear]) - at_zero - slope * x[clear]
-        rise = np.diff(np.log10(D[clear]), prepend=math.log10(D[clear][0]))
-        late_half = x[clear] >= 0.5 * (x[0] + x[-1])
+        found = replace(found, rate=-slope, rate_low=-high, rate_high=-low)
+        above = log_D - at_zero - slope * x_clear
+        rise = np.diff(log_D, prepend=log_D[0])
+        late_half = x_clear >= 0.5 * (x[0] + x[-1])
         jumps = int(np.count_nonzero(late_half & (np.minimum(above, rise) > math.log10(JUMP))))
         if jumps:
             reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
-            return Judgement("undecided", reason, **{**fields, "settles": False, "consistent": False})
+            return replace(found, reason=reason, settles=False, consistent=False)
     if sunk:
-        reach = float(x[clear][-1] - x[0]) if clear.any() else 0.0
-        return Judgement(
-            "undecided",
-            f"after {reach:.2g} decades it is within the solver's own error ({own[final].max():.1g}) of the "
-            f"closed form, and a rate needs {decades:g}",
-            **fields,
+        reach = float(x_clear[-1] - x[0]) if x_clear.size else 0.0
+        reason = (
+            f"after {reach:.2g} decades it is within the solver's own error ({own[window.final].max():.1g}) of the "
+            f"closed form, and a rate needs {window.decades:g}"
         )
-    fall = float(np.median(D[first])) / found.last
-    if fields["rate_low"] > LEAST_RATE and fall >= LEAST_FALL:
-        return Judgement("supported", **fields)
-    if fields["rate_low"] > LEAST_RATE:
-        return Judgement(
-            "undecided",
-            f"the distance falls by {fall:.2g} from the first to the last decade of the fit; {LEAST_FALL:g} is asked "
-            "for: extend the range of contrasts",
-            **fields,
+    elif not found.rate_low > LEAST_RATE:
+        reason = (
+            f"the rate {found.rate:.2g} ({found.rate_low:.2g} to {found.rate_high:.2g}) cannot be told from none, nor "
+            "the limit from the closed form"
         )
-    return Judgement(
-        "undecided",
-        f"the rate {fields['rate']:.2g} ({fields['rate_low']:.2g} to {fields['rate_high']:.2g}) cannot be "
-        "told from none, nor the limit from the closed form",
-        **fields,
-    )
+    elif (fall := float(np.median(D[window.first])) / found.last) < LEAST_FALL:
+        reason = (
+            f"the distance falls by {fall:.2g} from the first to the last decade of the fit; {LEAST_FALL:g} is "
+            "needed: extend the range of contrasts"
+        )
+    else:
+        return replace(found, verdict="supported")
+    return replace(found, reason=reason)
 
 
 def _neighbours(error: Floats) -> Floats:

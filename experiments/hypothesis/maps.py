@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.experiments.hypothesis.cases import nearer_limit
+from impact_xval.experiments.hypothesis.cases import distance, nearer_limit
 from impact_xval.experiments.hypothesis.config import MapConfig
-from impact_xval.experiments.hypothesis.subjects import Answers, Subject
+from impact_xval.experiments.hypothesis.solvers import Outcomes, SolverUnderTest
 from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
 
-#: Errors asked for: 1, 5 and 20 % of the impact's kinetic norm.
+#: Errors that are told apart: 1, 5 and 20 % of the impact's kinetic norm.
 LEVELS = (0.01, 0.05, 0.2)
 
 
@@ -34,7 +35,7 @@ class ErrorMap:
     uncertainty : ndarray, shape (n, m)
         Of the solver itself.
     status, reason : ndarray of str, shape (n, m)
-        Of its answer.
+        Of its outcome.
     """
 
     solver: str
@@ -47,17 +48,20 @@ class ErrorMap:
     status: NDArray[np.str_]
     reason: NDArray[np.str_]
 
+    def side(self, soft_table: bool) -> NDArray[np.bool_]:
+        """Whether a stiffness ratio lies on the side k2/k1 < 1, or on the other, shape (n,)."""
+        return self.stiffness_ratio < 1 if soft_table else self.stiffness_ratio > 1
 
-def axes(config: MapConfig, subject: Subject) -> tuple[Floats, Floats]:
+
+def axes(config: MapConfig, one: SolverUnderTest) -> tuple[Floats, Floats]:
     """Return k2/k1 and m2/m1 of a map; neither axis has a value at k2/k1 = 1, where the limits change over."""
-    engine = subject.kind == "stepped"
+    engine = one.kind == "stepped"
     size = config.engine_size if engine else config.size
-    size = size // 2 if subject.costly else size
+    size = size // 2 if one.costly else size
     size += size % 2  # even: symmetric about 1, without it
     limits = config.engine_stiffness_ratio if engine else config.stiffness_ratio
     kappa = np.round(np.geomspace(*limits, max(4, size)), 12)
-    masses = np.geomspace(*config.mass_ratio, max(3, size // 2))
-    return kappa, masses
+    return kappa, np.geomspace(*config.mass_ratio, max(3, size // 2))
 
 
 def map_ratios(kappa: Floats, masses: Floats, e1: float, e2: float) -> Floats:
@@ -66,52 +70,37 @@ def map_ratios(kappa: Floats, masses: Floats, e1: float, e2: float) -> Floats:
     return np.array([k, m, np.full(k.size, e1), np.full(k.size, e2)])
 
 
-def error_map(solver: str, e1: float, e2: float, kappa: Floats, masses: Floats, answers: Answers) -> ErrorMap:
-    """Turn the answers to `map_ratios` into a map."""
+def error_map(
+    solver: str, e1: float, e2: float, kappa: Floats, masses: Floats, outcomes: Outcomes
+) -> ErrorMap:
+    """Turn the outcomes of `map_ratios` into a map."""
     k, m = map_ratios(kappa, masses, e1, e2)[:2]
     v1, v2 = nearer_limit(k, m, e1, e2)
-    error = np.sqrt(np.square(answers.v1 - v1) + m * np.square(answers.v2 - v2))
-    error[~np.isin(answers.status, RESULT_STATUSES)] = math.nan
-    shape = (kappa.size, masses.size)
+    error = distance(m, outcomes.v1 - v1, outcomes.v2 - v2)
+    error[~np.isin(outcomes.status, RESULT_STATUSES)] = math.nan
+    columns: Any = (error, outcomes.error, outcomes.status, outcomes.reason)
     return ErrorMap(
-        solver,
-        e1,
-        e2,
-        kappa,
-        masses,
-        error.reshape(shape),
-        answers.error.reshape(shape),
-        answers.status.reshape(shape),
-        answers.reason.reshape(shape),
+        solver, e1, e2, kappa, masses, *(column.reshape(kappa.size, masses.size) for column in columns)
     )
 
 
 def contrast_needed(found: ErrorMap, mass_ratio: float, level: float, *, soft_table: bool) -> float:
     """Least contrast from which on the error stays within a level, to the end of the map; infinite if at none.
 
-    Parameters
-    ----------
-    found : ErrorMap
-    mass_ratio : float
-        The nearest column of the map is taken.
-    level : float
-    soft_table : bool
-        On the side k2/k1 < 1, else on the other.
+    On the side k2/k1 < 1 for a soft table, else on the other; the nearest mass ratio of the map is taken.
     """
     column = int(np.argmin(np.abs(np.log(found.mass_ratio / mass_ratio))))
-    side = found.stiffness_ratio < 1 if soft_table else found.stiffness_ratio > 1
+    side = found.side(soft_table)
     kappa, error = found.stiffness_ratio[side], found.error[side, column]
     if soft_table:
         kappa, error = 1 / kappa[::-1], error[::-1]
     bad = np.flatnonzero(~(error <= level))
-    if bad.size == 0:
-        return float(kappa[0])
-    return float(kappa[bad[-1] + 1]) if bad[-1] + 1 < kappa.size else math.inf
+    first = bad[-1] + 1 if bad.size else 0
+    return float(kappa[first]) if first < kappa.size else math.inf
 
 
 def share_within(found: ErrorMap, level: float, *, soft_table: bool) -> float:
     """Share of the cells of one side of the map within a level."""
-    side = found.stiffness_ratio < 1 if soft_table else found.stiffness_ratio > 1
-    error = found.error[side]
+    error = found.error[found.side(soft_table)]
     known = np.isfinite(error)
     return float(np.mean(error[known] <= level)) if known.any() else math.nan

@@ -1,4 +1,4 @@
-"""From points to a verdict for a solver and a limit.
+"""From the outcomes of a solver to its verdict on a limit.
 
 Within a class of points (which contacts are elastic, `cases.pair_class`) the verdict is
 
@@ -20,11 +20,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.registry import law_of
-from impact_xval.experiments.hypothesis.cases import Case, Point, pair_class
-from impact_xval.experiments.hypothesis.judging import Judgement, Verdict
-from impact_xval.experiments.hypothesis.predictions import Prediction
+from impact_xval.experiments.hypothesis.cases import Case, Point, closed_form, distance, pair_class
+from impact_xval.experiments.hypothesis.judging import Judgement, Verdict, judge
+from impact_xval.experiments.hypothesis.predictions import Prediction, predict
+from impact_xval.experiments.hypothesis.solvers import Outcomes, SolverUnderTest
+from impact_xval.model.collision import RESULT_STATUSES
+
+Floats = NDArray[np.float64]
+
+#: Grazing margin below which an outcome lies beside a jump. In the limits of k2/k1 the stiff contact's ringing, which
+#: is what grazes, shrinks as the root of the contrast, and the margin with it: there it is multiplied by that root.
+GRAZING = 1e-3
 
 #: Share of refuted points from which a class is.
 REFUTING_SHARE = 0.1
@@ -34,6 +43,53 @@ FAR = 0.01
 
 #: Resamples of a bootstrap, and its seed.
 _RESAMPLES, _SEED = 2000, 2013
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """Outcomes of a solver at all points of a limit.
+
+    Attributes
+    ----------
+    solver : SolverUnderTest
+    case : Case
+    points : tuple of Point
+    contrast : ndarray, shape (m,)
+    outcomes : Outcomes
+        Of n points and m contrasts, the contrast varying fastest.
+    """
+
+    solver: SolverUnderTest
+    case: Case
+    points: tuple[Point, ...]
+    contrast: Floats
+    outcomes: Outcomes
+
+    def rows(self, name: str) -> NDArray:
+        """Return a column of the outcomes by point and contrast, shape (n, m)."""
+        return getattr(self.outcomes, name).reshape(len(self.points), self.contrast.size)
+
+    def usable(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which outcomes are results away from a jump, and which are grazing; shape (n, m) each."""
+        scale = 1.0 if self.case.plastic else np.sqrt(self.contrast)
+        done = np.isin(self.rows("status"), RESULT_STATUSES)
+        grazing = done & (self.rows("grazing_margin") * scale < GRAZING)
+        return done & ~grazing, grazing
+
+    def without_result(self, i: int) -> str:
+        """Say how many outcomes of a point are no results, by status, and why the first is none; empty if all are."""
+        row, reasons = self.rows("status")[i], self.rows("reason")[i]
+        found = []
+        for status in dict.fromkeys(row[~np.isin(row, RESULT_STATUSES)]):
+            which = np.flatnonzero(row == status)
+            found.append(f"{which.size} of {row.size} {status}: {reasons[which[0]]}")
+        return "; ".join(found)
+
+    def distances(self) -> Floats:
+        """Distance of every outcome from the closed form, shape (n, m); NaN without a result."""
+        forms = np.array([closed_form(self.case, point) for point in self.points])
+        mass_ratio = np.array([[point.mass_ratio] for point in self.points])
+        return distance(mass_ratio, self.rows("v1") - forms[:, :1], self.rows("v2") - forms[:, 1:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +129,7 @@ class PointResult:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """What the points of a class, or of all classes, say together.
+    """The points of a class, or of all classes, together.
 
     Attributes
     ----------
@@ -115,6 +171,26 @@ class Group:
     far: int
     limit_error: float
 
+    @property
+    def points(self) -> int:
+        """How many points there are."""
+        return sum(self.counts.values())
+
+    @property
+    def share(self) -> float:
+        """Share of the points at which the verdict was reached."""
+        return self.counts.get(self.verdict, 0) / self.points
+
+    @property
+    def bound(self) -> float:
+        """The distance beyond which `far` counts."""
+        return FAR
+
+    @property
+    def word(self) -> str:
+        """The verdict in a word or two."""
+        return "within error" if self.agrees else self.verdict
+
 
 @dataclass(frozen=True, slots=True)
 class CaseResult:
@@ -146,13 +222,54 @@ class CaseResult:
 
     @property
     def law(self) -> str:
-        """The law the solver has or was asked for."""
+        """The law the solver has or was given."""
         return law_of(self.solver)
 
     @property
     def differing(self) -> tuple[Group, ...]:
         """Classes whose verdict is not that of the whole."""
         return tuple(group for group in self.classes if group.verdict != self.whole.verdict)
+
+
+def examine(series: Series, decades: float) -> CaseResult:
+    """Judge every point of a series, on its last decades and on those a decade before, and gather the verdicts."""
+    usable, grazing = series.usable()
+    x = series.contrast
+    shiftable = bool(np.log10(x[-1] / x[0]) >= decades + 1 - 1e-6)
+    results = []
+    for i, point in enumerate(series.points):
+        v1, v2, error = (series.rows(name)[i] for name in ("v1", "v2", "error"))
+        form = closed_form(series.case, point)
+        judgement = judge(x, v1, v2, error, usable[i], form, point.mass_ratio, decades)
+        # The window may end before the last contrast, where rounding is reached: a decade before *its* end, if that
+        # leaves enough.
+        end = judgement.window[1] / 10
+        enough = np.log10(end / x[0]) >= decades - 1e-6
+        before = x <= (end if enough else x[-1] / 10) * (1 + 1e-6)
+        shifted = judge(x, v1, v2, error, usable[i] & before, form, point.mass_ratio, decades)
+        prediction = predict(series.case, point, series.solver.family)
+        beside, lost = int(grazing[i].sum()), series.without_result(i)
+        results.append(PointResult(point, judgement, shifted, prediction, form, beside, lost))
+    return _gather(series, results, decades, shiftable)
+
+
+def _gather(series: Series, results: Sequence[PointResult], decades: float, shiftable: bool) -> CaseResult:
+    classes: dict[str, list[PointResult]] = {}
+    for result in results:
+        classes.setdefault(pair_class(series.case, result.point), []).append(result)
+    groups, shifted = [], []
+    for name, members in classes.items():
+        verdict, reason = class_verdict([m.judgement for m in members])
+        before, _ = class_verdict([m.shifted for m in members])
+        groups.append(_group(name, members, verdict, before, reason))
+        shifted.append((before, before == "undecided" and _agree([m.shifted for m in members])))
+    verdict = _worst([(group.verdict, group.agrees) for group in groups])
+    reason = next((group.reason for group in groups if group.verdict == verdict), "")
+    whole = _group("all", results, verdict, _worst(shifted), reason)
+    one = series.solver
+    return CaseResult(
+        one.name, one.kind, series.case, tuple(results), whole, tuple(groups), decades, shiftable
+    )
 
 
 def class_verdict(judgements: Sequence[Judgement]) -> tuple[Verdict, str]:
@@ -167,26 +284,27 @@ def class_verdict(judgements: Sequence[Judgement]) -> tuple[Verdict, str]:
     if 2 * by["supported"] >= n and not by["refuted"] and not astray and harmless:
         return "supported", ""
     worst = astray or open_ones
-    reason = worst[0].reason if worst else "one point alone is refuted"
-    return "undecided", f"{reason} ({len(worst)} of {n} points so)" if worst else reason
+    if not worst:
+        return "undecided", "one point alone is refuted"
+    return "undecided", f"{worst[0].reason} ({len(worst)} of {n} points so)"
 
 
-def agrees(judgements: Sequence[Judgement]) -> bool:
+def _agree(judgements: Sequence[Judgement]) -> bool:
     """Whether nothing is refuted or unsettled, and the closed form lies within the error of every limit."""
     return all(j.verdict == "supported" or (j.consistent and j.settles) for j in judgements)
 
 
-def group_of(
+def _group(
     name: str, results: Sequence[PointResult], verdict: Verdict, shifted: Verdict, reason: str
 ) -> Group:
-    """Summarise points under a verdict."""
     rates = np.array([r.judgement.rate for r in results if r.judgement.verdict == "supported"])
     refuted = [r.judgement for r in results if r.judgement.verdict == "refuted"]
     low = high = math.nan
-    if rates.size:
+    if rates.size:  # one rate is legal, which scipy.stats.bootstrap refuses
         draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, rates.size))
-        low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
+        low, high = map(float, np.quantile(np.median(draws, axis=1), [0.025, 0.975]))
     offsets = np.quantile([j.offset for j in refuted], [0, 0.5, 1]) if refuted else np.full(3, math.nan)
+    least, median, largest = map(float, offsets)
     return Group(
         name=name,
         verdict=verdict,
@@ -194,35 +312,16 @@ def group_of(
         counts=dict(Counter(r.judgement.verdict for r in results)),
         shifted_counts=dict(Counter(r.shifted.verdict for r in results)),
         reason=reason,
-        agrees=verdict == "undecided" and agrees([r.judgement for r in results]),
+        agrees=verdict == "undecided" and _agree([r.judgement for r in results]),
         rate=float(np.median(rates)) if rates.size else math.nan,
-        rate_low=float(low),
-        rate_high=float(high),
+        rate_low=low,
+        rate_high=high,
         least_rate=float(rates.min()) if rates.size else math.nan,
         largest_rate=float(rates.max()) if rates.size else math.nan,
-        offset=(float(offsets[0]), float(offsets[1]), float(offsets[2])),
+        offset=(least, median, largest),
         far=sum(j.offset > FAR for j in refuted),
         limit_error=max((j.limit_error for j in refuted), default=math.nan),
     )
-
-
-def gather(
-    solver: str, kind: str, case: Case, results: Sequence[PointResult], decades: float, shiftable: bool
-) -> CaseResult:
-    """Turn the points of a solver and a limit into its verdicts."""
-    classes: dict[str, list[PointResult]] = {}
-    for result in results:
-        classes.setdefault(pair_class(case, result.point), []).append(result)
-    groups, shifted = [], []
-    for name, members in classes.items():
-        verdict, reason = class_verdict([m.judgement for m in members])
-        before, _ = class_verdict([m.shifted for m in members])
-        groups.append(group_of(name, members, verdict, before, reason))
-        shifted.append((before, before == "undecided" and agrees([m.shifted for m in members])))
-    verdict = _worst([(g.verdict, g.agrees) for g in groups])
-    reason = next((g.reason for g in groups if g.verdict == verdict), "")
-    whole = group_of("all", results, verdict, _worst(shifted), reason)
-    return CaseResult(solver, kind, case, tuple(results), whole, tuple(groups), decades, shiftable)
 
 
 def _worst(found: Sequence[tuple[Verdict, bool]]) -> Verdict:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
+import pyarrow.dataset as ds
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.registry import law_of
@@ -20,12 +18,8 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.divergence import COMPARABLE
 from impact_xval.experiments.measures.levels import Levels, grid_levels, levels_of
-from impact_xval.experiments.tables.streams import (
-    blocks,
-    codes,
-    column,
-    present,
-)
+from impact_xval.experiments.tables.store import Tally
+from impact_xval.experiments.tables.streams import blocks, codes, column, present
 
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
 #: either.
@@ -176,32 +170,12 @@ def worst_rows(table: Compared, count: int) -> Frame:
     for code in range(len(table.solvers)):
         rows = np.flatnonzero(table.compared & ~table.marked & (table.solver == code))
         picked += rows[np.argsort(-d[rows], kind="stable")[:count]].tolist()
-    return rows_at(table.path, picked)
+    return ds.dataset(table.path).take(pa.array(picked, pa.int64())).to_pandas()
 
 
-def rows_at(path: Path, positions: Sequence[int]) -> Frame:
-    """Read rows by their position in a table, in the order given."""
-    found: dict[int, Frame] = {}
-    start = 0
-    for block in blocks(path, whole_cells=False):
-        inside = [position for position in positions if start <= position < start + len(block)]
-        taken = block.take([position - start for position in inside]).to_pandas() if inside else None
-        found |= {position: taken.iloc[[i]] for i, position in enumerate(inside) if taken is not None}
-        start += len(block)
-    if not found:
-        return pq.read_schema(path).empty_table().to_pandas()
-    return pd.concat([found[position] for position in positions], ignore_index=True)
-
-
-def reasons_of(tables: Iterable[pa.Table]) -> list[tuple[str, str, str, int]]:
-    """Count why rows have no result: solver, status, reason and number, the most frequent reasons first."""
-    counted: Counter[tuple[str, str, str]] = Counter()
-    for table in tables:
-        failed = table.filter(~pc.field("status").isin(list(COMPARABLE)))
-        grouped = failed.group_by(["solver", "status", "reason"], use_threads=False)
-        for row in grouped.aggregate([([], "count_all")]).to_pylist():
-            counted[row["solver"], row["status"], row["reason"] or ""] += row["count_all"]
-    rows = [(*key, n) for key, n in counted.items()]
+def reasons_of(outcomes: Tally) -> list[tuple[str, str, str, int]]:
+    """Return why rows have no result: solver, status, reason and number, the most frequent reasons first."""
+    rows = [(*key, n) for key, n in outcomes.items() if key[1] not in COMPARABLE]
     return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
 
 

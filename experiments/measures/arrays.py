@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.tables.folders import finished
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, COLUMNS, DIVERGENCE_SCHEMA
 from impact_xval.experiments.tables.store import RunFolder
-from impact_xval.experiments.tables.streams import blocks
+from impact_xval.experiments.tables.streams import column, texts
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,10 +61,7 @@ def to_xarray(folder: RunFolder | Path | str, columns: Sequence[str] = DEFAULT) 
     import xarray as xr
 
     run = folder if isinstance(folder, RunFolder) else finished(Path(folder))
-    known = [
-        *CELLS_SCHEMA.names,
-        *(name for name in DIVERGENCE_SCHEMA.names if name not in CELLS_SCHEMA.names),
-    ]
+    known = list(dict.fromkeys([*CELLS_SCHEMA.names, *DIVERGENCE_SCHEMA.names]))
     for name in columns:
         if name not in known:
             raise ValueError(f"columns: {name!r} is unknown; known: {', '.join(known)}")
@@ -77,9 +73,9 @@ def to_xarray(folder: RunFolder | Path | str, columns: Sequence[str] = DEFAULT) 
     variables = {}
     for name in columns:
         if name in CELLS_SCHEMA.names:
-            values = _column(cells, name).reshape(-1, n_solvers).T
+            values = _read(cells, name).reshape(-1, n_solvers).T
         else:
-            compared = _column(divergence, name).reshape(-1, n_solvers - 1).T
+            compared = _read(divergence, name).reshape(-1, n_solvers - 1).T
             first = np.full((1, compared.shape[1]), np.nan if compared.dtype != object else None)
             values = np.concatenate([first.astype(compared.dtype), compared])
         _, unit, meaning = COLUMNS[name]
@@ -102,18 +98,12 @@ def _axes(
         axes = config.grid.axes()
         coords = {name: described(name, name, values) for name, values in axes.items()}
         return tuple(axes), coords, tuple(map(len, axes.values()))
-    along = {name: _column(cells, name)[::n_solvers] for name in ("cell", *AXES)}
+    along = {name: _read(cells, name)[::n_solvers] for name in ("cell", *AXES)}
     coords = {name: described(name, "cell", values) for name, values in along.items()}
     coords["cell"] = described("cell", "cell", along["cell"].astype(int))
     return ("cell",), coords, (len(along["cell"]),)
 
 
-def _column(path: Path, name: str) -> np.ndarray:
-    pieces = []
-    for block in blocks(path, [name], whole_cells=False):
-        column = block.column(0)
-        text = pa.types.is_string(column.type)
-        pieces.append(
-            np.array(column.to_pylist(), dtype=object) if text else column.cast(pa.float64()).to_numpy()
-        )
-    return np.concatenate(pieces) if pieces else np.empty(0)
+def _read(path: Path, name: str) -> np.ndarray:
+    """Read a column: text as it is, all else as float64."""
+    return texts(path, name) if COLUMNS[name][0] == "text" else column(path, name)

@@ -16,7 +16,7 @@ The switch of the law has one more position where an `alternative` is put in the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
+from impact_xval.compliant_baselines.references.batch import ReferenceBatch
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.jumps import JUMPS, jumps
-from impact_xval.compliant_baselines.references.reference_batch import ReferenceBatch
-from impact_xval.experiments.measures.rungs import LAWS
+from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
 from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
@@ -39,11 +39,18 @@ FROZEN, FREE = 0, 1
 ENERGETIC = 0
 WEIGHTLESS, SCENARIO = 0, 1
 
-#: A corner: the positions of its switches (positions, law, gravity).
+#: A corner: the positions of its switches (positions, law, gravity); that of the model.
 Index = tuple[int, int, int]
-
-#: What the model is.
 MODEL: Index = (FROZEN, ENERGETIC, WEIGHTLESS)
+
+
+#: Laws that "what if" may put in the place of kelvin-voigt, and what answers for them.
+LAWS: Mapping[str, Callable[..., ReferenceBatch]] = {
+    KELVIN_VOIGT: kelvin_voigt_batch,
+    "kelvin-voigt-anchored": partial(kelvin_voigt_batch, damping="anchored"),
+    "kelvin-voigt-textbook": partial(kelvin_voigt_batch, damping="textbook"),
+    "hunt-crossley": partial(kelvin_voigt_batch, damping="hunt-crossley"),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,28 +102,18 @@ def laws_of(law: str, obeyed: str) -> tuple[str, ...]:
     return ("bistiffness", obeyed) if law == KELVIN_VOIGT else ("bistiffness", law, obeyed)
 
 
-def solve_corners(
-    cells: Sequence[Floats], gravity_number: Floats, laws: Sequence[str]
-) -> Iterator[tuple[Index, ReferenceBatch]]:
-    r"""Compute all corners but the model, one after the other.
+def solvers(
+    gravity_number: Floats, laws: Sequence[str]
+) -> Iterator[tuple[Index, Callable[..., ReferenceBatch], Floats]]:
+    r"""Give what solves each corner but the model, and its gravity numbers.
 
     Parameters
     ----------
-    cells : sequence of four ndarray, shape (n,)
-        k2/k1, m2/m1, e1 and e2.
     gravity_number : ndarray, shape (n,)
         g/(\|v0\| omega1); where all are 0, the corners of the scenario are left out.
     laws : sequence of str
         From `laws_of`.
     """
-    for index, solve, number in _solvers(gravity_number, laws):
-        yield index, solve(*cells, number)
-
-
-def _solvers(
-    gravity_number: Floats, laws: Sequence[str]
-) -> Iterator[tuple[Index, Callable[..., ReferenceBatch], Floats]]:
-    """Give what solves each corner but the model, and its gravity number."""
     for gravity in (WEIGHTLESS, SCENARIO) if np.any(gravity_number > 0) else (WEIGHTLESS,):
         for positions, law in product((FREE, FROZEN), range(len(laws))):
             index = positions, law, gravity
@@ -143,8 +140,8 @@ def corner_marks(
     """
     laws = laws_of(law, obeyed)
     marks = np.full(len(gravity_number), "", dtype="U120")
-    for index, solve, number in _solvers(gravity_number, laws):
-        excess, _ = jumps(solve, *cells, number)
+    for index, solve, number in solvers(gravity_number, laws):
+        excess, _, _ = jumps(solve, *cells, number)
         found = (excess > 1) & (marks == "")
         marks[found] = (
             f"ladder: {_called(index, laws)} jumps where a parameter changes by {max(JUMPS):g} or less"
@@ -160,9 +157,9 @@ def gather(model: Floats, batches: Iterable[tuple[Index, ReferenceBatch]], laws:
     model : ndarray, shape (n, 2)
         Final velocities per abs(v0); NaN without a result.
     batches : iterable of (Index, ReferenceBatch)
-        From `solve_corners`, for the same cells.
+        The outcomes of `solvers`, for the same cells.
     laws : sequence of str
-        What it was given.
+        From `laws_of`.
     """
     velocities = np.full((2, len(laws), 2, *model.shape), np.nan)
     velocities[MODEL] = model
@@ -212,4 +209,5 @@ def corners(
         For an unknown law, or an illegal value.
     """
     laws = laws_of(law, obeyed)
-    return gather(model, solve_corners(cells, gravity_number, laws), laws)
+    batches = ((index, solve(*cells, number)) for index, solve, number in solvers(gravity_number, laws))
+    return gather(model, batches, laws)

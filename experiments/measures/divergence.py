@@ -9,12 +9,8 @@ import numpy as np
 
 from impact_xval.experiments.measures.hausdorff import hausdorff
 from impact_xval.experiments.tables.schema import MEASURES
-from impact_xval.model.collision import (
-    RESULT_STATUSES,
-    Collision,
-    ImpulseCurve,
-    Outcome,
-)
+from impact_xval.model.collision import RESULT_STATUSES, Collision, ImpulseCurve, Outcome
+from impact_xval.model.kinetic import kinetic_norm
 
 #: Statuses of an outcome that can be compared.
 COMPARABLE = RESULT_STATUSES
@@ -46,7 +42,7 @@ def divergence(
     impulse = collision.m1 * speed
     dv1, dv2 = (other.v1 - model.v1) / speed, (other.v2 - model.v2) / speed
     return {
-        "velocity_divergence": float(np.hypot(dv1, np.sqrt(collision.mass_ratio) * dv2)),
+        "velocity_divergence": float(kinetic_norm(collision.mass_ratio, dv1, dv2)),
         "dv1": dv1,
         "dv2": dv2,
         "dimpulse1": (other.impulse1 - model.impulse1) / impulse,
@@ -86,11 +82,11 @@ def curve_distance(a: ImpulseCurve | None, b: ImpulseCurve | None, impulse: floa
     Parameters
     ----------
     a, b : ImpulseCurve or None
-        The paths; None gives None.
+        None gives None.
     impulse : float
         Unit of the result, in N s.
     """
     if a is None or b is None:
         return None
-    curves = [np.column_stack([path.impulse1, path.impulse2]) / impulse for path in (a, b)]
+    curves = [np.column_stack([curve.impulse1, curve.impulse2]) / impulse for curve in (a, b)]
     return hausdorff(curves[0], curves[1])

@@ -5,28 +5,30 @@ In every cell, for (v1, v2), to rounding,
     engine - model = frozen positions + dissipation law + gravity + regularisation and mapping + time step
 
 **The three causes** stand between the model and the law that the engine was asked for in its scenario. They are three
-switches, and every combination of them is known without an engine (`corners`). What a switch changes depends on the
+switches, and every combination of them is known without an engine (`corners`). "Frozen positions" is short for the
+fixed-configuration assumption of the model. What a switch changes depends on the
 others: gravity moves more with free positions than with frozen ones. There are six orders in which to turn the three
 on, each of which splits the difference another way, and none is the right one. The vector of a cause is the mean of
 what it changes over the six (its *Shapley value*): the three still sum to the difference, and none depends on an order.
 How far the orders are apart is given beside it, as the least and the largest share.
 
 Where another law is put in the place of the engine's (`corners.laws_of`), the switch of the law is turned by way of it,
-in every order: the rung of the dissipation law is then what it changes as far as the alternative, `law_choice` what is
-left, and the two sum to what the rung is without. Frozen positions and gravity do not change.
+in every order: the contribution of the dissipation law is then what it changes as far as the alternative, `law_choice`
+what is left, and the two sum to what the contribution is without. Frozen positions and gravity do not change.
 
-**The last two rungs** have one order, since nothing is known of an engine with the model's law: the limit of small
-steps minus the law it was asked for, then the engine minus that limit. Where no limit was computed, or it did not
+**The last two contributions** have one order, since nothing is known of an engine with the model's law: the limit
+dt -> 0 minus the law it was asked for, then the engine minus that limit. Where no limit was computed, or it did not
 converge, the two are one, `ENGINE`.
 
-**Sizes.** The size of a rung is its kinetic norm, sqrt(dv1^2 + (m2/m1) dv2^2) per \|v0\|, as D is that of the total.
-Norms do not add: rungs are vectors, and may oppose each other. What does add is their component along the total,
+**Sizes.** The size of a contribution is its kinetic norm (`model.kinetic`) per \|v0\|, as D is that of the total.
+Norms do not add: contributions are vectors, and may oppose each other. What does add is their component along the
+total,
 
-    along_i = <rung_i, total>/D,    <a, b> = a1 b1 + (m2/m1) a2 b2,    sum along_i = D,
+    along_i = <contribution_i, total>/D,    <a, b> = a1 b1 + (m2/m1) a2 b2,    sum along_i = D,
 
-and share_i = along_i/D, of which the sum is 1. A negative share is a rung that takes the engine back towards the
+and share_i = along_i/D, of which the sum is 1. A negative share is one that takes the engine back towards the
 model; a share above 1 one that others take back. Where one is above `CANCEL[1]` and another below `CANCEL[0]` the
-shares say little but that D is small: two large causes cancel (`cancelling`). Over many cells the share of a rung is
+shares say little but that D is small: two large causes cancel (`cancelling`). Over many cells the share of one is
 sum(along_i)/sum(D): what it contributes to the mean D, cells of large D counting for as much as they diverge; its
 range is that of this quotient over the six orders.
 """
@@ -40,19 +42,8 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.experiments.measures.corners import Corners
-from impact_xval.experiments.measures.rungs import (
-    CHOICE,
-    ENGINE,
-    FROZEN,
-    GRAVITY,
-    LAW,
-    MAPPING,
-    STEP,
-    Rung,
-)
-
-Floats = NDArray[np.float64]
+from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
+from impact_xval.experiments.measures.corners import Corners, Floats
 
 #: D below which there is nothing to split: the accuracy of the references.
 NOTHING = 1e-9
@@ -60,6 +51,95 @@ NOTHING = 1e-9
 #: Two large causes cancel where one share is below the first and another above the second: each is then longer than D,
 #: and the larger more than twice as long.
 CANCEL = (-1.0, 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """One part of a divergence.
+
+    Attributes
+    ----------
+    name : str
+        In tables and files.
+    label : str
+        For readers.
+    before, after : str
+        What it changes. Of a cause (`CAUSES`) these are the positions of a switch of `corners`; below the causes they
+        are two outcomes, of which it is the difference, after minus before.
+    color : str
+        In figures.
+    phrase : str
+        In a sentence about an engine, after "by".
+    """
+
+    name: str
+    label: str
+    before: str
+    after: str
+    color: str
+    phrase: str
+
+
+_ASKED = "kelvin-voigt in the scenario of the run"
+_LIMIT = "the engine in the limit dt -> 0"
+_RUN = "the engine at the step it was run with"
+
+FROZEN = Contribution(
+    "frozen_positions",
+    "frozen positions",
+    "contacts that return when their bodies approach",
+    "contacts that return when their gap has closed",
+    "#CC79A7",
+    "frozen positions",
+)
+LAW = Contribution(
+    "dissipation_law",
+    "dissipation law",
+    "energetic restitution",
+    "the law the engine was asked for (spring and dashpot, kelvin-voigt), or an alternative to it",
+    "#009E73",
+    "the dissipation law",
+)
+CHOICE = Contribution(
+    "law_choice",
+    "choice of the dashpot",
+    "the alternative law",
+    "the law the engine was asked for",
+    "#F0E442",
+    "the choice of the dashpot",
+)
+GRAVITY = Contribution(
+    "gravity",
+    "gravity",
+    "no gravity",
+    "gravity as in the scenario of the run, B2 in static equilibrium",
+    "#E69F00",
+    "gravity",
+)
+MAPPING = Contribution(
+    "mapping",
+    "regularisation and mapping",
+    _ASKED,
+    _LIMIT,
+    "#0072B2",
+    "its regularisation and mapping",
+)
+STEP = Contribution("discretisation", "time step", _LIMIT, _RUN, "#D55E00", "its time step")
+ENGINE = Contribution(
+    "engine", "mapping and time step", _ASKED, _RUN, "#56B4E9", "its mapping and time step, not separated"
+)
+
+#: Those that need no engine, in the order of `by_order`: averages over the orders in which they can be made.
+CAUSES = (FROZEN, LAW, CHOICE, GRAVITY)
+
+#: All, in their order; a cell has either the last one or the two before it, and `CHOICE` only where another law than
+#: kelvin-voigt is asked about. Where one says kelvin-voigt, an engine of another law has its own.
+CONTRIBUTIONS = (*CAUSES, MAPPING, STEP, ENGINE)
+
+
+def contributions_of(law: str) -> tuple[Contribution, ...]:
+    """Return the contributions by way of a law, in their order."""
+    return tuple(c for c in CONTRIBUTIONS if c is not CHOICE or law != KELVIN_VOIGT)
 
 
 def by_order(corners: Floats) -> Floats:
@@ -96,25 +176,25 @@ def cancelling(shares: Sequence[float]) -> tuple[int, int] | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """The ladders of n cells.
+    """The contributions to the divergence of n cells.
 
     Attributes
     ----------
-    rungs : tuple of Rung
-        Those that were asked for, in order.
+    contributions : tuple of Contribution
+        The m of them, in order.
     vectors : ndarray, shape (m, n, 2)
-        dv1 and dv2 of every rung per abs(v0); NaN for a rung that a cell does not have.
+        dv1 and dv2 of each per abs(v0); NaN for one that a cell does not have.
     total : ndarray, shape (n, 2)
         Engine minus model.
     norms, along : ndarray, shape (m, n)
-        Kinetic norm of every rung, and its component along the total; `along` is NaN where D is 0.
+        Kinetic norm of each, and its component along the total; `along` is NaN where D is 0.
     orders : ndarray, shape (6, m, n)
-        `along` by each order of the causes; all the same for the rungs that have one order.
+        `along` by each order of the causes; all the same for those that have one order.
     divergence : ndarray, shape (n,)
         D.
     """
 
-    rungs: tuple[Rung, ...]
+    contributions: tuple[Contribution, ...]
     vectors: Floats
     total: Floats
     norms: Floats
@@ -138,16 +218,12 @@ class Split:
             return np.where(self.divergence >= NOTHING, along / self.divergence, np.nan)
 
     def dominant(self) -> NDArray[np.intp]:
-        """Index into `rungs` of the one with the largest share in each cell; -1 where there is nothing to split."""
+        """Index of the largest share in each cell; -1 where there is nothing to split."""
         return np.where(self.divergence >= NOTHING, _largest(self.along), -1)
 
     def agreed(self) -> NDArray[np.bool_]:
-        """Whether the same rung has the largest share by all six orders."""
+        """Whether the same contribution has the largest share by all six orders."""
         return np.all([_largest(along) == self.dominant() for along in self.orders], axis=0)
-
-    def residual(self) -> Floats:
-        """Return the largest component, cell by cell, by which the rungs fail to sum to the total."""
-        return np.abs(np.nansum(self.vectors, axis=0) - self.total).max(axis=1)
 
 
 def _largest(along: Floats) -> NDArray[np.intp]:
@@ -155,7 +231,7 @@ def _largest(along: Floats) -> NDArray[np.intp]:
 
 
 def split(mass_ratio: Floats, corners: Corners, limit: Floats, engine: Floats) -> Split:
-    """Split the difference of an engine from the model into rungs.
+    """Split the difference of an engine from the model into contributions.
 
     Parameters
     ----------
@@ -164,12 +240,12 @@ def split(mass_ratio: Floats, corners: Corners, limit: Floats, engine: Floats) -
     corners : Corners
         The model, the law of the engine in its scenario, and what is between, for the same cells.
     limit : ndarray, shape (n, 2)
-        The engine in the limit of small steps; NaN where it is not known.
+        The engine in the limit dt -> 0; NaN where it is not known.
     engine : ndarray, shape (n, 2)
         Final velocities per abs(v0); NaN without a result.
     """
     known = ~np.isnan(limit).any(axis=1, keepdims=True)
-    choice = (CHOICE,) if corners.velocities.shape[1] > 2 else ()
+    alternative = corners.velocities.shape[1] > 2
     causes = by_order(corners.velocities)
     rest = np.stack(
         [
@@ -189,13 +265,11 @@ def split(mass_ratio: Floats, corners: Corners, limit: Floats, engine: Floats) -
 
     along = component(vectors)
     return Split(
-        rungs=(FROZEN, LAW, *choice, GRAVITY, MAPPING, STEP, ENGINE),
+        contributions=CONTRIBUTIONS if alternative else contributions_of(KELVIN_VOIGT),
         vectors=vectors,
         total=total,
         norms=np.sqrt((weight * vectors**2).sum(axis=2)),
         along=along,
-        orders=np.stack(
-            [np.concatenate([component(causes[i]), along[-len(rest) :]]) for i in range(len(causes))]
-        ),
+        orders=np.stack([np.concatenate([component(order), along[-len(rest) :]]) for order in causes]),
         divergence=divergence,
     )

@@ -1,6 +1,6 @@
 """What the divergence of the engines is made of, over many cells: by engine and by region.
 
-The share of a rung over a region is the sum of its components along the total over the sum of D (`ladder`): the
+The share of a contribution over a region is the sum of its components along the total over the sum of D (`ladder`): the
 shares of an engine and region sum to 1. Its range is that of the same quotient over the six orders of the causes.
 Grazing cells are left out, as in the rest of a summary.
 """
@@ -21,19 +21,22 @@ from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, kind
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
-from impact_xval.experiments.measures.corners import corner_names
-from impact_xval.experiments.measures.ladder import NOTHING, Floats, by_order
-from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
-from impact_xval.experiments.measures.levels import levels_of
-from impact_xval.experiments.measures.rungs import (
+from impact_xval.experiments.measures.corners import LAWS, corner_names
+from impact_xval.experiments.measures.ladder import (
     CAUSES,
     CHOICE,
-    LAWS,
+    CONTRIBUTIONS,
     MAPPING,
-    RUNGS,
+    NOTHING,
+    Contribution,
+    Floats,
+    by_order,
 )
+from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
+from impact_xval.experiments.measures.levels import levels_of
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import codes, column, present
+from impact_xval.model.kinetic import kinetic_norm
 
 #: A pandas DataFrame or Series; see `summary.Frame`.
 Frame = Any
@@ -42,23 +45,20 @@ Frame = Any
 BAND = "stiffness_band"
 BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
 
-_STATISTICS = [
-    *(
-        "solver",
-        "axis",
-        "value",
-        "rung",
-        "n",
-        "total",
-        "share",
-        "low",
-        "high",
-        "mean",
-        "median",
-        "p95",
-        "max",
-    ),
-    *("dominant", "agreed", "doubt"),
+_REGION = ["solver", "axis", "value", "contribution"]
+_NUMBERS = [
+    "n",
+    "total",
+    "share",
+    "low",
+    "high",
+    "mean",
+    "median",
+    "p95",
+    "max",
+    "dominant",
+    "agreed",
+    "doubt",
 ]
 
 #: Largest run whose cells are asked "what if" for a summary: some ten seconds.
@@ -72,12 +72,12 @@ class LadderSummary:
     Attributes
     ----------
     statistics : DataFrame
-        ``solver, axis ("all", an axis of the grid or "stiffness_band"), value, rung, n, total, share, low, high, mean,
-        median, p95, max, dominant, agreed, doubt``: `n` cells have the rung, `total` is the mean D of the region,
-        `share` the rung's share of it, `low` and `high` the least and largest that the six orders of the causes give
-        (the share itself for a rung that is no cause), `mean` to `max` are of its norm, it has the largest share in the
-        fraction `dominant` of the cells, in the fraction `agreed` of the region the largest cause is the same by every
-        order, and `doubt` is the median of the estimated error of the engine's limit, where there is one.
+        ``solver, axis ("all", an axis of the grid or "stiffness_band"), value, contribution, n, total, share, low,
+        high, mean, median, p95, max, dominant, agreed, doubt``. `n` cells have the contribution, `total` is the mean D
+        of the region, `share` its share of that, `low` and `high` the least and largest that the six orders of the
+        causes give (the share itself for one that is no cause); `mean` to `max` are of its norm. It has the largest
+        share in the fraction `dominant` of the cells; in the fraction `agreed` of the region the largest cause is the
+        same by every order; `doubt` is the median of the estimated error of the engine's limit, where there is one.
     alternatives : DataFrame
         "What if" without an engine, no gravity: ``law, value (a band's lower edge, NaN for all), n, median, p95`` of D
         from the model, ``closer``, the fraction of cells in which that D is less than kelvin-voigt's, and
@@ -92,13 +92,19 @@ class LadderSummary:
         """The engines, in the order of the tables."""
         return list(dict.fromkeys(self.statistics.solver))
 
+    @property
+    def present(self) -> list[Contribution]:
+        """The contributions that some cell has, in their order."""
+        there = set(self.statistics.contribution)
+        return [c for c in CONTRIBUTIONS if c.name in there]
+
     def region(self, solver: str, axis: str = "all", value: float = np.nan) -> Frame:
-        """Return the rows of one engine and region, indexed by rung; empty where nothing was compared."""
+        """Return the rows of one engine and region, indexed by contribution; empty where nothing was compared."""
         table = self.statistics
         found = table[(table.solver == solver) & (table.axis == axis)]
         if axis != "all":
             found = found[found.value == value]
-        return found.set_index("rung")
+        return found.set_index("contribution")
 
 
 def band_of(stiffness_ratio: Any) -> Any:
@@ -117,7 +123,7 @@ def ladder_statistics(path: Path, config: Config) -> Frame:
     """Compute `LadderSummary.statistics` from a table of ladders of any size, a column in memory at a time."""
     frames = [_engine_statistics(path, name, config) for name in config.solvers if kind_of(name) == "engine"]
     frames = [frame for frame in frames if len(frame)]
-    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=_STATISTICS)
+    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=[*_REGION, *_NUMBERS])
 
 
 def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
@@ -126,20 +132,20 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
     if not np.any(rows):
         return pd.DataFrame()
     there = set(pq.read_schema(path).names)
-    rungs = [rung for rung in RUNGS if f"{rung.name}_norm" in there]
+    contributions = [c for c in CONTRIBUTIONS if f"{c.name}_norm" in there]
     regions = _regions(path, rows, config)
     total = column(path, "velocity_divergence")[rows]
-    dominant = codes(path, "dominant", [rung.name for rung in rungs])[rows]
+    dominant = codes(path, "dominant", [c.name for c in contributions])[rows]
     agreed = column(path, "dominant_by_every_order")[rows]
-    orders = _shares_by_order(path, rows, total, regions, CHOICE in rungs)
+    orders = _shares_by_order(path, rows, total, regions, CHOICE in contributions)
     apart = ~np.isnan(column(path, f"{MAPPING.name}_norm")[rows])
     doubt = np.where(apart, column(path, "limit_error")[rows], np.nan)
     frames = []
-    for i, rung in enumerate(rungs):
+    for i, contribution in enumerate(contributions):
         values = pd.DataFrame(
             {
-                "norm": column(path, f"{rung.name}_norm")[rows],
-                "along": column(path, f"{rung.name}_share")[rows] * total,
+                "norm": column(path, f"{contribution.name}_norm")[rows],
+                "along": column(path, f"{contribution.name}_share")[rows] * total,
                 "total": total,
                 "dominant": dominant == i,
                 "agreed": agreed,
@@ -147,20 +153,22 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
             }
         )
         for axis, region in regions.items():
-            found = _by_region(values, region).assign(solver=solver, axis=axis, rung=rung.name)
+            found = _by_region(values, region).assign(
+                solver=solver, axis=axis, contribution=contribution.name
+            )
             low, high = found.share, found.share
-            if rung in CAUSES:
-                shares = orders[axis][:, i]  # the causes are the first rungs
+            if contribution in CAUSES:
+                shares = orders[axis][:, i]  # the causes come first
                 low, high = shares.min(axis=0), shares.max(axis=0)
             frames.append(found.assign(low=low, high=high))
     statistics = pd.concat(frames, ignore_index=True)
     order = {name: i for i, name in enumerate(regions)}
-    # by axis, then by value, then by rung, as they came
+    # by axis, then by value, then by contribution, as they came
     statistics = statistics.sort_values("value", kind="stable").sort_values(
         "axis", kind="stable", key=lambda names: names.map(order)
     )
     statistics.loc[statistics.axis == "all", "value"] = np.nan
-    return statistics[statistics.n > 0][_STATISTICS]
+    return statistics[statistics.n > 0]
 
 
 def _shares_by_order(
@@ -237,7 +245,7 @@ def _alternatives(folder: RunFolder, config: Config) -> Frame:
     regular = table["marked"].is_null().to_numpy()
 
     def distance(a: Any, b: Any) -> Any:
-        return np.hypot(a.v1 - b.v1, np.sqrt(mass_ratio) * (a.v2 - b.v2))
+        return kinetic_norm(mass_ratio, a.v1 - b.v1, a.v2 - b.v2)
 
     answers = {law: answer(*cells) for law, answer in LAWS.items()}
     kept = distance(answers[KELVIN_VOIGT], model)
@@ -252,3 +260,15 @@ def _alternatives(folder: RunFolder, config: Config) -> Frame:
                 closer = np.mean(away[here] < kept[here])
                 rows.append((law, value, int(here.sum()), median, p95, closer, np.median(left[here])))
     return pd.DataFrame(rows, columns=columns)
+
+
+def csv_rows(ladder: LadderSummary) -> list[Frame]:
+    """Return the statistics in the columns of ``summary.csv``: a norm, a share and its range, by cause and region."""
+    table = ladder.statistics.assign(cells="regular")
+    frames = [table.assign(measure="norm_" + table.contribution)]
+    for measure, statistic in (("share", "share"), ("share_low", "low"), ("share_high", "high")):
+        shares = table.assign(measure=f"{measure}_" + table.contribution, mean=table[statistic])
+        shares[["median", "p95", "max"]] = np.nan
+        frames.append(shares)
+    left_out = ["contribution", "total", "share", "low", "high", "dominant", "agreed", "doubt"]
+    return [frame.drop(columns=left_out) for frame in frames]

@@ -2,121 +2,110 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
-import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, engine_free_names, law_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
-from impact_xval.experiments.measures.corners import (
-    Corners,
-    Texts,
-    corner_marks,
-    corner_names,
-    corners,
-)
+from impact_xval.experiments.measures.corners import Corners, Texts, corner_marks, corner_names, corners
 from impact_xval.experiments.measures.divergence import COMPARABLE
 from impact_xval.experiments.measures.ladder import (
-    NOTHING,
-    Floats,
-    Split,
-    cancelling,
-    split,
-)
-from impact_xval.experiments.measures.rungs import (
     CAUSES,
     CHOICE,
     ENGINE,
-    Rung,
-    rungs_of,
+    NOTHING,
+    Contribution,
+    Floats,
+    Split,
+    cancelling,
+    contributions_of,
+    split,
 )
 from impact_xval.experiments.tables.schema import COLUMNS
 from impact_xval.experiments.tables.streams import blocks, replacing, table_writer
 
-LADDER, LADDER_CSV = "ladder.parquet", "ladder.csv"
+LADDER = "ladder.parquet"
 
 #: Status of an engine's result that changes with its step: it has a ladder, which no statistic counts.
 UNCONVERGED = "unconverged"
 
-#: Least width of a range that a sentence mentions.
-_WIDE = 0.005
+#: Why the last two contributions are one.
+NO_LIMIT = "no certified limit dt -> 0 for this cell"
 
-#: Why the last two rungs are one.
-NO_LIMIT = "no certified limit of small steps for this cell"
+#: Least width of a range, and least share beside the largest, that a sentence mentions.
+_WIDE, _MENTIONED = 0.005, 0.02
 
 _PARAMETERS = ("cell", *AXES, "gravity_number", "solver")
 _READ = (*_PARAMETERS, "status", "marked", "reason", "v0", "v1", "v2", "grazing_margin")
 _LIMIT = ("v1_limit", "v2_limit", "limit_error")
 
-#: Size of a share from which a sentence mentions it beside the largest.
-_MENTIONED = 0.02
 
-
-def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
-    return pa.field(name, kind, metadata={"unit": "-", "meaning": meaning})
-
-
-def ladder_schema(rungs: Sequence[Rung]) -> pa.Schema:
+def ladder_schema(contributions: Sequence[Contribution]) -> pa.Schema:
     """Return the Arrow schema of a table of ladders; unit and meaning of each column are in its metadata."""
-    number, text = pa.float64(), pa.string()
+    types = {"int": pa.int64(), "float": pa.float64(), "text": pa.string(), "bool": pa.bool_()}
     fields = [
-        _field(name, {"int": pa.int64(), "float": number, "text": text}[COLUMNS[name][0]], COLUMNS[name][2])
-        for name in _PARAMETERS
-    ]
-    fields += [
-        _field(
+        *((name, COLUMNS[name][0], COLUMNS[name][2]) for name in _PARAMETERS),
+        (
             "status",
-            text,
+            "text",
             "ok; unconverged: the engine's result is; or that of the outcome without which there is no ladder",
         ),
-        _field("reason", text, "which outcome that is, and why; or why mapping and time step are one rung"),
-        _field("marked", text, COLUMNS["marked"][2]),
-        _field("model_grazing_margin", number, "grazing margin of the state-transition model"),
-        _field("velocity_divergence", number, "D, the kinetic norm of (dv1, dv2)"),
-        _field("dv1", number, "engine minus model, per |v0|; the sum of dv1 of the rungs"),
-        _field("dv2", number, "engine minus model, per |v0|; the sum of dv2 of the rungs"),
+        (
+            "reason",
+            "text",
+            "which outcome that is, and why; or why mapping and time step are one contribution",
+        ),
+        ("marked", "text", COLUMNS["marked"][2]),
+        ("model_grazing_margin", "float", "grazing margin of the state-transition model"),
+        ("velocity_divergence", "float", "D, the kinetic norm of (dv1, dv2)"),
+        ("dv1", "float", "engine minus model, per |v0|; the sum of dv1 of the contributions"),
+        ("dv2", "float", "engine minus model, per |v0|; the sum of dv2 of the contributions"),
+        *(field for contribution in contributions for field in _fields(contribution)),
+        ("limit_error", "float", "estimated error of the engine's limit dt -> 0"),
+        ("dominant", "text", "the contribution with the largest share"),
+        ("dominant_by_every_order", "bool", "whether it has the largest by each of the six orders"),
+        ("sentence", "text", "the row in words"),
+        *(
+            (f"{name}_v{i}", "float", f"corner {name.replace('_', ', ')}: final velocity of B{i} per |v0|")
+            for name in corner_names(CHOICE in contributions).values()
+            for i in (1, 2)
+        ),
     ]
-    for rung in rungs:
-        fields += _rung_fields(rung)
-    fields += [
-        _field("limit_error", number, "estimated error of the engine's limit of small steps"),
-        _field("dominant", text, "the rung with the largest share"),
-        _field("dominant_by_every_order", pa.bool_(), "whether it has the largest by each of the six orders"),
-        _field("sentence", text, "the row in words"),
-    ]
-    for name in corner_names(CHOICE in rungs).values():
-        told = f"corner {name.replace('_', ', ')}: final velocity of"
-        fields += [_field(f"{name}_v{i}", number, f"{told} B{i} per |v0|") for i in (1, 2)]
-    return pa.schema(fields)
-
-
-def _rung_fields(rung: Rung) -> list[pa.Field]:
-    number = pa.float64()
-    difference = f"{rung.label}: {rung.after} minus {rung.before}"
-    if rung in CAUSES:
-        mean = "mean over the six orders of the causes (Shapley value)"
-        difference = f"{rung.label}, {mean}: {rung.before} -> {rung.after}"
-    fields = [
-        _field(f"{rung.name}_dv1", number, f"{difference}; v1 per |v0|"),
-        _field(f"{rung.name}_dv2", number, f"{difference}; v2 per |v0|"),
-        _field(f"{rung.name}_norm", number, f"kinetic norm of ({rung.name}_dv1, {rung.name}_dv2)"),
-        _field(f"{rung.name}_share", number, "component along (dv1, dv2) over D; shares of a row sum to 1"),
-    ]
-    if rung in CAUSES:
-        fields += [
-            _field(f"{rung.name}_share_low", number, "least share by the six orders of the causes"),
-            _field(f"{rung.name}_share_high", number, "largest share by the six orders of the causes"),
+    return pa.schema(
+        [
+            pa.field(name, types[kind], metadata={"unit": "-", "meaning": meaning})
+            for name, kind, meaning in fields
         ]
-    return fields
+    )
 
 
-LADDER_SCHEMA = ladder_schema(rungs_of(KELVIN_VOIGT))
+def _fields(c: Contribution) -> list[tuple[str, str, str]]:
+    """Columns of one contribution: name, type and meaning."""
+    cause = c in CAUSES
+    difference = (
+        f"{c.label}, mean over the six orders of the causes (Shapley value): {c.before} -> {c.after}"
+        if cause
+        else f"{c.label}: {c.after} minus {c.before}"
+    )
+    meanings = {
+        "dv1": f"{difference}; v1 per |v0|",
+        "dv2": f"{difference}; v2 per |v0|",
+        "norm": f"kinetic norm of ({c.name}_dv1, {c.name}_dv2)",
+        "share": "component along (dv1, dv2) over D; shares of a row sum to 1",
+    }
+    if cause:
+        meanings["share_low"] = "least share by the six orders of the causes"
+        meanings["share_high"] = "largest share by the six orders of the causes"
+    return [(f"{c.name}_{key}", "float", meaning) for key, meaning in meanings.items()]
+
+
+LADDER_SCHEMA = ladder_schema(contributions_of(KELVIN_VOIGT))
 
 
 def write_ladder(root: Path, law: str = KELVIN_VOIGT, stem: str = "ladder") -> None:
@@ -127,33 +116,20 @@ def write_ladder(root: Path, law: str = KELVIN_VOIGT, stem: str = "ladder") -> N
     root : Path
         Holds ``cells.parquet``, sorted by cell, and gets ``STEM.parquet`` and ``STEM.csv``.
     law : str
-        The dissipation law, one of `rungs.LAWS`.
+        The dissipation law, one of `corners.LAWS`.
     stem : str
         Name of the files.
     """
-    schema = ladder_schema(rungs_of(law))
+    schema = ladder_schema(contributions_of(law))
     with (
         table_writer(root / f"{stem}.parquet", schema) as table,
         replacing(root / f"{stem}.csv") as text,
         pacsv.CSVWriter(str(text), schema) as csv,
     ):
-        for piece in _pieces(root / "cells.parquet"):
+        for piece in blocks(root / "cells.parquet", [*_READ, *_LIMIT]):
             rows = ladder_rows(piece, law)
             table.add(rows)
             csv.write_table(rows.cast(schema))
-
-
-def _pieces(path: Path) -> Iterator[pa.Table]:
-    """Read the table of cells in pieces of whole cells; columns of limits are null where it has none."""
-    there = set(pq.read_schema(path).names)
-    return map(_with_limits, blocks(path, [name for name in (*_READ, *_LIMIT) if name in there]))
-
-
-def _with_limits(table: pa.Table) -> pa.Table:
-    for name in _LIMIT:
-        if name not in table.column_names:
-            table = table.append_column(name, pa.nulls(len(table), pa.float64()))
-    return table
 
 
 def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
@@ -175,7 +151,7 @@ def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
     engines = cells.filter(pa.array(~np.isin(solvers, engine_free_names())))
     model = cells.filter(pa.array(solvers == REFERENCE))
     if not len(engines):
-        return ladder_schema(rungs_of(law)).empty_table()
+        return ladder_schema(contributions_of(law)).empty_table()
     asked = np.array([law_of(name) for name in engines["solver"].to_pylist()])
     laws = list(dict.fromkeys(asked.tolist()))
     groups = [np.flatnonzero(asked == obeyed) for obeyed in laws]
@@ -204,13 +180,6 @@ def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Ta
     return _table(engines, _numbers(model, "grazing_margin")[at], marks, here, ladders, status, reason)
 
 
-def _marks(solvers: list[str | None], corners: list[str]) -> list[str | None]:
-    """Join the mark of each row's solver with that of the corners."""
-    return [
-        "; ".join(filter(None, (mine, other))) or None for mine, other in zip(solvers, corners, strict=True)
-    ]
-
-
 def _numbers(table: pa.Table, name: str) -> Floats:
     return table[name].to_numpy(zero_copy_only=False).astype(float)
 
@@ -228,12 +197,12 @@ def _velocities(table: pa.Table, statuses: Sequence[str]) -> Floats:
 def _statuses(
     engines: pa.Table, model: pa.Table, at: Any, unanswered: Any, ladders: Split
 ) -> tuple[list[str], list[str | None]]:
-    """Status and reason of every row: the first outcome that is missing, or why two rungs are one."""
+    """Status and reason of every row: the first outcome that is missing, or why two contributions are one."""
     statuses: list[str] = []
     reasons: list[str | None] = []
     names, found = engines["solver"].to_pylist(), engines["status"].to_pylist()
     why, models = engines["reason"].to_pylist(), model["status"].to_pylist()
-    joined = ~np.isnan(ladders.norms[ladders.rungs.index(ENGINE)])
+    joined = ~np.isnan(ladders.norms[ladders.contributions.index(ENGINE)])
     for i, place in enumerate(at.tolist()):
         if found[i] not in COMPARABLE:
             status, reason = found[i], f"{names[i]}: {why[i] or found[i]}"
@@ -255,46 +224,47 @@ def _table(
     here: Corners,
     ladders: Split,
     status: list[str],
-    reason: Any,
+    reason: list[str | None],
 ) -> pa.Table:
-    ok = ~np.isnan(ladders.divergence) & np.array([s in ("ok", UNCONVERGED) for s in status])
-    columns: dict[str, Any] = {name: engines[name] for name in _PARAMETERS}
+    """Put the columns together; numbers are null where there is no ladder."""
+    ok = ~np.isnan(ladders.divergence) & np.isin(status, ("ok", UNCONVERGED))
 
     def numbers(values: Floats) -> pa.Array:
         return pa.array(values, pa.float64(), mask=~ok | np.isnan(values))
 
-    columns |= {
+    names = [c.name for c in ladders.contributions]
+    first = np.where(ok, ladders.dominant(), -1)
+    columns: dict[str, Any] = {
+        **{name: engines[name] for name in (*_PARAMETERS, "limit_error")},
         "status": status,
         "reason": reason,
-        "marked": _marks(engines["marked"].to_pylist(), marks.tolist()),
+        "marked": [
+            "; ".join(filter(None, pair)) or None
+            for pair in zip(engines["marked"].to_pylist(), marks.tolist(), strict=True)
+        ],
         "model_grazing_margin": pa.array(margin, pa.float64(), from_pandas=True),
         "velocity_divergence": numbers(ladders.divergence),
-        "dv1": numbers(ladders.total[:, 0]),
-        "dv2": numbers(ladders.total[:, 1]),
+        "dominant": [names[i] if i >= 0 else None for i in first.tolist()],
+        "dominant_by_every_order": pa.array(ladders.agreed(), mask=first < 0),
+        "sentence": _sentences(engines["solver"].to_pylist(), ladders, ok),
     }
     shares, (low, high) = ladders.shares, ladders.ranges
-    for i, rung in enumerate(ladders.rungs):
-        columns[f"{rung.name}_dv1"] = numbers(ladders.vectors[i, :, 0])
-        columns[f"{rung.name}_dv2"] = numbers(ladders.vectors[i, :, 1])
-        columns[f"{rung.name}_norm"] = numbers(ladders.norms[i])
-        columns[f"{rung.name}_share"] = numbers(shares[i])
-        columns[f"{rung.name}_share_low"] = numbers(low[i])
-        columns[f"{rung.name}_share_high"] = numbers(high[i])
-    names = [rung.name for rung in ladders.rungs]
-    first = np.where(ok, ladders.dominant(), -1)
-    columns["limit_error"] = engines["limit_error"]
-    columns["dominant"] = [names[i] if i >= 0 else None for i in first.tolist()]
-    columns["dominant_by_every_order"] = pa.array(ladders.agreed(), mask=first < 0)
-    columns["sentence"] = _sentences(engines["solver"].to_pylist(), ladders, ok)
-    for index, name in corner_names(CHOICE in ladders.rungs).items():
-        for i in range(2):
-            columns[f"{name}_v{i + 1}"] = numbers(here.velocities[index][:, i])
-    schema = ladder_schema(ladders.rungs)
+    for i, name in enumerate(names):
+        columns[f"{name}_norm"] = numbers(ladders.norms[i])
+        columns[f"{name}_share"] = numbers(shares[i])
+        columns[f"{name}_share_low"] = numbers(low[i])
+        columns[f"{name}_share_high"] = numbers(high[i])
+    for i in range(2):
+        columns[f"dv{i + 1}"] = numbers(ladders.total[:, i])
+        columns |= {f"{c}_dv{i + 1}": numbers(v[:, i]) for c, v in zip(names, ladders.vectors, strict=True)}
+        for index, corner in corner_names(CHOICE in ladders.contributions).items():
+            columns[f"{corner}_v{i + 1}"] = numbers(here.velocities[index][:, i])
+    schema = ladder_schema(ladders.contributions)
     return pa.table({name: columns[name] for name in schema.names}, schema=schema)
 
 
 class Part(NamedTuple):
-    """A rung in a sentence: its phrase, share and norm, and its least and largest share by the orders."""
+    """A contribution in a sentence: its phrase, share and norm, and its least and largest share by the orders."""
 
     phrase: str
     share: float
@@ -315,7 +285,7 @@ def between(low: float, high: float) -> str:
 
 
 def _sentences(solvers: list[str], ladders: Split, ok: Any) -> list[str | None]:
-    phrases = [rung.phrase for rung in ladders.rungs]
+    phrases = [c.phrase for c in ladders.contributions]
     shares, (low, high) = ladders.shares, ladders.ranges
     sentences: list[str | None] = []
     agreed = ladders.agreed()
@@ -329,7 +299,7 @@ def _sentences(solvers: list[str], ladders: Split, ok: Any) -> list[str | None]:
 
 
 def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool = True) -> str:
-    """Say in words which rung carries most of a divergence.
+    """Write in words which contribution carries most of a divergence.
 
     Parameters
     ----------
@@ -338,7 +308,7 @@ def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool
     divergence : float
         D.
     parts : sequence of Part
-        Every rung there is.
+        Every contribution there is.
     agreed : bool
         Whether the largest is the same by every order.
     """

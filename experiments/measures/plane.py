@@ -17,19 +17,13 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
-from impact_xval.compliant_baselines.contract.state_paths import model_paths
-from impact_xval.compliant_baselines.references.reference_batch import ReferenceBatch
-from impact_xval.experiments.measures.corners import (
-    FREE,
-    WEIGHTLESS,
-    gather,
-    laws_of,
-    solve_corners,
-)
-from impact_xval.experiments.measures.ladder import Floats, split
-from impact_xval.experiments.measures.rungs import FROZEN, GRAVITY, LAW
+from impact_xval.compliant_baselines.contract.state_transition import model_paths
+from impact_xval.compliant_baselines.references.batch import ReferenceBatch
+from impact_xval.experiments.measures.corners import FREE, WEIGHTLESS, gather, laws_of, solvers
+from impact_xval.experiments.measures.ladder import FROZEN, GRAVITY, LAW, Floats, split
 from impact_xval.experiments.tables.streams import replacing
 from impact_xval.model import Cutoff, solve_batch
+from impact_xval.model.kinetic import kinetic_norm
 
 #: Cells solved together.
 _BLOCK = 25_000
@@ -43,7 +37,7 @@ PATHS = (
     "not told: a closed-form limit ended a path",
 )
 
-RUNGS = (FROZEN, LAW, GRAVITY)
+PLANE_CAUSES = (FROZEN, LAW, GRAVITY)
 
 _FIELDS = (
     ("stiffness_ratio", pa.float64(), "k2/k1"),
@@ -62,18 +56,18 @@ _FIELDS = (
     ),
     *(
         (
-            f"{rung.name}_norm",
+            f"{cause.name}_norm",
             pa.float64(),
-            f"kinetic norm of {rung.phrase}, mean over the six orders of the causes (Shapley value)",
+            f"kinetic norm of {cause.phrase}, mean over the six orders of the causes (Shapley value)",
         )
-        for rung in RUNGS
+        for cause in PLANE_CAUSES
     ),
     ("repeats_norm", pa.float64(), "kinetic norm of the law of Liu, Zhao and Brogliato minus the model"),
     ("velocity_divergence", pa.float64(), "D of kelvin-voigt in the scenario from the model"),
     (
         "dominant",
         pa.int8(),
-        "rung with the largest share: 0 frozen positions, 1 dissipation law, 2 gravity; -1 none",
+        "cause with the largest share: 0 frozen positions, 1 dissipation law, 2 gravity; -1 none",
     ),
     ("paths", pa.int8(), "; ".join(f"{code} {text}" for code, text in enumerate(PATHS))),
     ("grazing_margin", pa.float64(), "grazing margin of the model; small beside a jump"),
@@ -162,14 +156,14 @@ def write_plane(
 
 
 def _solve(plane: Plane, kappa: Floats, mu: Floats) -> pa.Table:
-    """Solve cells and measure the rungs between their outcomes."""
+    """Solve cells and measure the differences between their outcomes."""
     cells = kappa, mu, np.full(kappa.shape, plane.e1), np.full(kappa.shape, plane.e2)
     cutoff = plane.stiffness_ratio_cutoff
     number = plane.gravity / np.sqrt(1 + 1 / mu)
     model = solve_batch(*cells, stiffness_ratio_cutoff=cutoff)
     repeats = solve_batch(*cells, stiffness_ratio_cutoff=cutoff, impact_law="liu-zhao-brogliato")
     laws = laws_of(KELVIN_VOIGT, KELVIN_VOIGT)
-    batches = dict(solve_corners(cells, number, laws))
+    batches = {index: solve(*cells, gravity) for index, solve, gravity in solvers(number, laws)}
     corners = gather(np.column_stack([model.v1, model.v2]), batches.items(), laws)
     stiff, dashpot = batches[FREE, 0, WEIGHTLESS], batches[FREE, 1, WEIGHTLESS]
     outcomes = {
@@ -188,9 +182,9 @@ def _solve(plane: Plane, kappa: Floats, mu: Floats) -> pa.Table:
     parts = split(mu, corners, np.full_like(corners.asked, np.nan), corners.asked)
     away = outcomes["liu_zhao_brogliato"] - corners.model
     failed = (corners.reason != "") | np.isnan(corners.model).any(axis=1) | np.isnan(away).any(axis=1)
-    columns |= {f"{rung.name}_norm": parts.norms[parts.rungs.index(rung)] for rung in RUNGS}
+    columns |= {f"{cause.name}_norm": parts.norms[parts.contributions.index(cause)] for cause in PLANE_CAUSES}
     columns |= {
-        "repeats_norm": np.hypot(away[:, 0], np.sqrt(mu) * away[:, 1]),
+        "repeats_norm": kinetic_norm(mu, away[:, 0], away[:, 1]),
         "velocity_divergence": parts.divergence,
         "dominant": np.where(failed, -1, parts.dominant()),
         "paths": _compare_paths(model_paths(*cells, cutoff), model.status == "ok", stiff, dashpot),

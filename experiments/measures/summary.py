@@ -23,13 +23,13 @@ from impact_xval.experiments.measures.aggregates import (
     statistics,
     worst_rows,
 )
-from impact_xval.experiments.measures.certificates import certificates
+from impact_xval.experiments.measures.estimates import convergence_estimates
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.levels import Levels
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
-from impact_xval.experiments.tables.store import RunFolder
-from impact_xval.experiments.tables.streams import blocks, codes, present
+from impact_xval.experiments.tables.store import RunFolder, Tally, statuses_of
+from impact_xval.experiments.tables.streams import codes, present
 
 __all__ = ["FULL_PATHS", "OWN_LAW", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
 
@@ -71,8 +71,8 @@ class Summary:
     between : DataFrame
         D between every two compliant solvers over the cells both solved: ``solver, other, n, median, p95,
         max``.
-    certificates : DataFrame
-        Convergence certificates by solver (`measures.certificates`); empty without any.
+    estimates : DataFrame
+        Convergence estimates by solver (`measures.estimates`); empty without any.
     n_cells, n_marked : int
         Cells of the grid, and those of them in which the model is marked.
     ladder : LadderSummary
@@ -86,7 +86,7 @@ class Summary:
     statuses: Frame
     reasons: Frame
     between: Frame
-    certificates: Frame
+    estimates: Frame
     n_cells: int
     n_marked: int
     ladder: LadderSummary
@@ -119,21 +119,19 @@ def summarise(folder: RunFolder) -> Summary:
     config = folder.config()
     cells = folder.table_path("cells.parquet", CELLS_SCHEMA)
     table = load_divergence(folder, config)
+    outcomes = folder.tally()
     marks = present(cells, "marked")[codes(cells, "solver", [REFERENCE]) == 0]
     return Summary(
         config=config,
         levels=table.levels,
         statistics=statistics(table, tuple(SUMMARISED), _SHARES),
         worst=worst_rows(table, _WORST),
-        statuses=_statuses(folder, config),
-        reasons=pd.DataFrame(
-            reasons_of(blocks(cells, ["solver", "status", "reason"], whole_cells=False)),
-            columns=["solver", "status", "reason", "n"],
-        ),
+        statuses=_statuses(outcomes, config),
+        reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         between=between(cells, config),
         n_cells=len(marks),
         n_marked=int(marks.sum()),
-        certificates=certificates(cells, config.solvers, config.mapping),
+        estimates=convergence_estimates(cells, config.solvers, config.mapping),
         ladder=summarise_ladder(folder, config),
     )
 
@@ -143,8 +141,8 @@ def load_divergence(folder: RunFolder, config: Config) -> Compared:
     return Compared.of(folder.table_path("divergence.parquet", DIVERGENCE_SCHEMA), config)
 
 
-def _statuses(folder: RunFolder, config: Config) -> Frame:
-    counts = pd.DataFrame.from_dict(folder.statuses(), orient="index").fillna(0).astype(int)
+def _statuses(outcomes: Tally, config: Config) -> Frame:
+    counts = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
     return counts.reindex(
         index=in_order_of_laws(config.solvers), columns=sorted(counts.columns), fill_value=0
     )

@@ -13,13 +13,12 @@ from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.summary import Frame
 from impact_xval.experiments.presentation.style import drawing, look
 from impact_xval.experiments.sweep.curves import FIGURE_CELL
-from impact_xval.experiments.tables.numbers import number
 
 #: Colours of the states along a curve, from the palette of `style`; S4 has no extent.
 _STATES = {1: ("S1", "#000000"), 2: ("S2", "#0072B2"), 3: ("S3", "#D55E00")}
 
 
-def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> tuple[Figure, str]:
+def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> Figure:
     """Draw the curves of one collision by every solver, and how far each is from l1 and l2.
 
     Parameters
@@ -38,22 +37,15 @@ def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> tuple[Figure, str
         for position, name in enumerate(drawn):
             rows, style = cell[cell.solver == name], look(name, position)
             model = name == REFERENCE
+            line = {
+                "linestyle": style.dash,
+                "linewidth": 2.6 if model else 1.5,
+                "alpha": 0.85 if model else 1,
+            }
+            end = rows[["impulse1", "impulse2"]].iloc[-1]
             for ax in (whole, detail):
-                ax.plot(
-                    rows.impulse1,
-                    rows.impulse2,
-                    color=style.color,
-                    linestyle=style.dash,
-                    linewidth=2.6 if model else 1.5,
-                    alpha=0.85 if model else 1,
-                    label=name,
-                )
-                ax.plot(
-                    rows.impulse1.iloc[-1],
-                    rows.impulse2.iloc[-1],
-                    color=style.color,
-                    marker=style.marker or "*",
-                )
+                ax.plot(rows.impulse1, rows.impulse2, color=style.color, label=name, **line)
+                ax.plot(*end, color=style.color, marker=style.marker or "*")
         for ax in (whole, detail):
             _compression_lines(ax, mass_ratio, 1.05 * reach)
             _impulse_labels(ax)
@@ -63,15 +55,10 @@ def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> tuple[Figure, str
             _frame(detail, ends)
         detail.set_title("where the curves end")
         whole.set_title("whole curves")
-    return figure, (
-        f"Impulse curves of one collision{_parameters(cell)}, by the {REFERENCE} model and the solvers it is "
-        "compared with: ball-table impulse I2 over ball-ball impulse I1, both per m1 |v0|. Grey lines: "
-        "compression line l1 (equal velocities, v1 = v2) and l2 (lower ball at rest, I1 = I2). Markers: "
-        "where each curve ends; the right panel enlarges the ends."
-    )
+    return figure
 
 
-def draw_supplement(curves: Frame) -> tuple[Figure, str]:
+def draw_supplement(curves: Frame) -> Figure:
     """Redraw figures 1(b) and 2(b) of the supplement, and below each the distance from the line it nears."""
     panels = (
         ("supplement-1b", "l2", "$I_2 - I_1$, per $m_1 |v_0|$", "figure 1(b): k2/k1 = 40"),
@@ -88,7 +75,7 @@ def draw_supplement(curves: Frame) -> tuple[Figure, str]:
             i1, i2 = rows.impulse1.to_numpy(), rows.impulse2.to_numpy()
             away = i2 - i1 if line == "l2" else -1 + (1 + 1 / mass_ratio) * i1 - i2 / mass_ratio
             travelled = i1 if line == "l2" else i2
-            for state, start, end in _stretches(rows.state.to_numpy()):
+            for state, start, end in _segments(rows.state.to_numpy()):
                 if state not in _STATES:
                     continue
                 name, color = _STATES[state]
@@ -98,52 +85,25 @@ def draw_supplement(curves: Frame) -> tuple[Figure, str]:
             _impulse_labels(upper)
             upper.set_title(title)
             handles, labels = upper.get_legend_handles_labels()
-            unique = dict(zip(labels, handles, strict=True))
-            order = sorted(unique)
-            upper.legend([unique[name] for name in order], order, loc="upper left")
+            unique = sorted(dict(zip(labels, handles, strict=True)).items())
+            upper.legend([handle for _, handle in unique], [name for name, _ in unique], loc="upper left")
             lower.axhline(0, color="0.45", linewidth=1)
             lower.set_xlabel(f"${'I_1' if line == 'l2' else 'I_2'}\\,/\\,(m_1 |v_0|)$")
             lower.set_ylabel(quantity)
-            lower.text(
-                0.99,
-                0.04,
-                "zero: on " + (r"$\ell_2$" if line == "l2" else r"$\ell_1$"),
-                transform=lower.transAxes,
-                ha="right",
-                color="0.35",
-            )
-    return figure, (
-        f"Impulse curves of the {REFERENCE} model at the parameters of figures 1(b) and 2(b) of the "
-        "supplement of Jia, Mason and Erdmann (2013): k2/k1 = 40 and 1/40, m2/m1 = 2/sqrt(3), e1 = 0.9, e2 "
-        "= 0.7. Above: ball-table impulse I2 over ball-ball impulse I1, per m1 |v0|, coloured by state (S1 "
-        "both contacts active, S2 ball on table, S3 ball on ball), with the compression lines l1 (v1 = v2) "
-        "and l2 (v2 = 0, I1 = I2). Below: the distance from the line the curve snakes around, l2 for the "
-        "stiffer table and l1 for the stiffer ball-ball contact."
-    )
+            zero = f"zero: on $\\ell_{line[1]}$"
+            lower.text(0.99, 0.04, zero, transform=lower.transAxes, ha="right", color="0.35")
+    return figure
 
 
 def _compression_lines(ax: Any, mass_ratio: float, reach: float) -> None:
     """Draw l1: -1 + (1 + 1/m2) I1 - I2/m2 = 0 and l2: I1 = I2, in units of m1 |v0| with m2 per m1."""
     foot = mass_ratio / (1 + mass_ratio)
     top = (reach + mass_ratio) / (1 + mass_ratio)
-    ax.plot([foot, top], [0, reach], color="0.55", linewidth=1.1, linestyle=(0, (6, 3)), zorder=1)
-    ax.plot([0, reach], [0, reach], color="0.55", linewidth=1.1, linestyle=(0, (2, 2)), zorder=1)
-    ax.annotate(
-        r"$\ell_1$",
-        (top, reach),
-        xytext=(-14, -6),
-        textcoords="offset points",
-        color="0.35",
-        annotation_clip=True,
-    )
-    ax.annotate(
-        r"$\ell_2$",
-        (reach, reach),
-        xytext=(2, -12),
-        textcoords="offset points",
-        color="0.35",
-        annotation_clip=True,
-    )
+    lines = ((foot, top, (6, 3), r"$\ell_1$", (-14, -6)), (0, reach, (2, 2), r"$\ell_2$", (2, -12)))
+    for start, end, dash, name, beside in lines:
+        ax.plot([start, end], [0, reach], color="0.55", linewidth=1.1, linestyle=(0, dash), zorder=1)
+        where = {"xytext": beside, "textcoords": "offset points", "annotation_clip": True}
+        ax.annotate(name, (end, reach), color="0.35", **where)
 
 
 def _impulse_labels(ax: Any) -> None:
@@ -161,18 +121,8 @@ def _frame(ax: Any, ends: Frame) -> None:
     ax.set_ylim(centre[1] - half, centre[1] + half)
 
 
-def _parameters(cell: Frame) -> str:
-    if not len(cell):
-        return ""
-    row = cell.iloc[0]
-    return (
-        f" (k2/k1 = {number(row.stiffness_ratio)}, m2/m1 = {number(row.mass_ratio)}, e1 = {number(row.e1)}, "
-        f"e2 = {number(row.e2)})"
-    )
-
-
-def _stretches(state: np.ndarray) -> list[tuple[int, int, int]]:
-    """Split a curve where its state changes: (state, start, end) of each stretch, ends exclusive."""
+def _segments(state: np.ndarray) -> list[tuple[int, int, int]]:
+    """Split a curve where its state changes: (state, start, end) of each segment, ends exclusive."""
     borders = [0, *(np.flatnonzero(np.diff(state)) + 1).tolist(), len(state)]
     return [
         (int(state[start]), start, min(end + 1, len(state))) for start, end in itertools.pairwise(borders)

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
-from impact_xval.experiments.measures.laws import in_order_of_laws, with_votes
+from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, load_divergence
 from impact_xval.experiments.presentation.curve_figures import draw_cell_curves, draw_supplement
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
-from impact_xval.experiments.presentation.style import drawing, look, save
-from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA
+from impact_xval.experiments.presentation.pages import phrase
+from impact_xval.experiments.presentation.style import Look, drawing, look, save
+from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_json
 
@@ -29,32 +32,26 @@ _FLOOR = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """What figures are drawn from.
+    """What figures of divergence are drawn from.
 
     Attributes
     ----------
-    config : Config
     levels : dict of list
         Values of every axis, rising.
     regular : DataFrame
         The compared rows of the divergence table, marked cells left out; axes by level.
-    curves : DataFrame
-        The table of curves.
-    ladder : LadderSummary
-        What the divergence of the engines is made of.
+    solvers : list of str
+        The compared solvers that have a result somewhere, grouped by the law they were asked for.
     """
 
-    config: Config
     levels: dict[str, list[float]]
     regular: Frame
-    curves: Frame
-    ladder: LadderSummary
+    solvers: list[str]
 
-    @property
-    def solvers(self) -> list[str]:
-        """The compared solvers that have a result somewhere, grouped by the law they were asked for."""
-        there = set(self.regular.solver)
-        return in_order_of_laws(name for name in self.config.solvers if name in there)
+    def by_solver(self) -> Iterator[tuple[str, Look, Frame]]:
+        """Give each solver with its look and its rows."""
+        for position, name in enumerate(self.solvers):
+            yield name, look(name, position), self.regular[self.regular.solver == name]
 
 
 def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> list[tuple[Path, str]]:
@@ -72,42 +69,53 @@ def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> lis
         The PNG of each figure, and its caption; a figure that has nothing to show is left out.
     """
     config = folder.config()
-    table = load_divergence(folder, config)
-    measures = ("velocity_divergence", "dretained_energy", FULL_PATHS)
-    data = Data(
-        config,
-        {axis: sorted(levels.values) for axis, levels in table.levels.items()},
-        table.frame(measures, table.compared & ~table.marked),
-        folder.read_table(CURVES, CURVES_SCHEMA).to_pandas(),
-        summarise_ladder(folder, config) if ladder is None else ladder,
-    )
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
-    written: list[tuple[Path, str]] = []
-    for name, figure, caption in _figures(data):
+    drawn = chain(
+        _divergences(folder, config),
+        draw_ladders(summarise_ladder(folder, config) if ladder is None else ladder),
+        _curves(folder, config),
+    )
+    captions = {}
+    for name, figure, caption in drawn:
         save(figure, target, name)
-        written.append((target / f"{name}.png", caption))
-    write_json(target / CAPTIONS, {path.stem: caption for path, caption in written})
-    return written
+        captions[name] = caption
+    write_json(target / CAPTIONS, captions)
+    return [(target / f"{name}.png", caption) for name, caption in captions.items()]
 
 
-def _figures(data: Data) -> Iterator[tuple[str, Figure, str]]:
-    drawers: list[tuple[str, Callable[[Data], tuple[Figure, str]]]] = []
-    if data.solvers:
-        drawers += [
-            ("divergence-by-stiffness", _divergence_by_stiffness),
-            ("divergence-map", _divergence_map),
-            ("divergence-by-restitution", _divergence_by_restitution),
-            ("state-paths", _state_paths),
-            ("energy", _energy),
-        ]
-    for name, draw in drawers:
-        figure, caption = draw(data)
-        yield name, figure, with_votes(caption, data.solvers)
-    yield from draw_ladders(data.ladder)
-    figure, caption = draw_cell_curves(data.curves, in_order_of_laws(data.config.solvers))
-    yield "impulse-curves", figure, with_votes(caption, data.config.solvers)
-    yield "supplement-1b-2b", *draw_supplement(data.curves)
+def _divergences(folder: RunFolder, config: Config) -> Iterator[tuple[str, Figure, str]]:
+    """Draw what the table of divergence holds: name, figure, caption; nothing where nothing was compared."""
+    table = load_divergence(folder, config)
+    measures = ("velocity_divergence", "dretained_energy", FULL_PATHS)
+    regular = table.frame(measures, table.compared & ~table.marked)
+    levels = {axis: sorted(levels.values) for axis, levels in table.levels.items()}
+    there = set(regular.solver)
+    data = Data(levels, regular, in_order_of_laws(name for name in config.solvers if name in there))
+    facts = {"model": REFERENCE, "floor": _FLOOR, "solvers": data.solvers}
+    drawers: dict[str, Callable[[Data], Figure]] = {
+        "divergence-by-stiffness": _divergence_by_stiffness,
+        "divergence-map": _divergence_map,
+        "divergence-by-restitution": _divergence_by_restitution,
+        "state-paths": _state_paths,
+        "energy": _energy,
+    }
+    for name, draw in drawers.items() if data.solvers else ():
+        yield name, draw(data), _caption(name, facts)
+
+
+def _curves(folder: RunFolder, config: Config) -> Iterator[tuple[str, Figure, str]]:
+    """Draw the stored impulse curves."""
+    curves = folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
+    first = curves[curves.curve == FIGURE_CELL].head(1).to_dict("records")
+    cell = {label: first[0][axis] for axis, label in AXES.items()} if first else {}
+    facts = {"model": REFERENCE, "solvers": in_order_of_laws(config.solvers), "cell": cell}
+    yield "impulse-curves", draw_cell_curves(curves, facts["solvers"]), _caption("impulse-curves", facts)
+    yield "supplement-1b-2b", draw_supplement(curves), _caption("supplement-1b-2b", facts)
+
+
+def _caption(figure: str, facts: dict[str, Any]) -> str:
+    return phrase("captions.md.j2", figure.replace("-", "_"), facts)
 
 
 def _stiffness_axis(ax: Any, values: list[float]) -> np.ndarray:
@@ -122,14 +130,12 @@ def _stiffness_axis(ax: Any, values: list[float]) -> np.ndarray:
     return np.arange(len(array), dtype=float)
 
 
-def _divergence_by_stiffness(data: Data) -> tuple[Figure, str]:
+def _divergence_by_stiffness(data: Data) -> Figure:
     values = data.levels["stiffness_ratio"]
     columns = len(data.solvers)
     with drawing(2.4 * columns + 0.8, 3.2) as figure:
         axes = figure.subplots(1, columns, sharey=True, squeeze=False)[0]
-        for position, (ax, name) in enumerate(zip(axes, data.solvers, strict=True)):
-            style = look(name, position)
-            rows = data.regular[data.regular.solver == name]
+        for ax, (name, style, rows) in zip(axes, data.by_solver(), strict=True):
             grouped = rows.groupby("stiffness_ratio").velocity_divergence
             low, median, high, top = (
                 grouped.quantile(q).reindex(values).clip(lower=_FLOOR) for q in (0.05, 0.5, 0.95, 1.0)
@@ -141,33 +147,20 @@ def _divergence_by_stiffness(data: Data) -> tuple[Figure, str]:
             ax.set_yscale("log")
             ax.set_title(name)
         axes[0].set_ylabel("velocity divergence D (-)")
-    return figure, (
-        f"Velocity divergence D of each solver from the {REFERENCE} model over the stiffness ratio k2/k1. "
-        "Line with markers: median over mass ratios and restitutions; band: 5th to 95th percentile; dotted: "
-        "maximum. D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)), dimensionless; marked cells "
-        f"(beside a jump) are left out; values below {number(_FLOOR)} are drawn there."
-    )
+    return figure
 
 
-def _divergence_map(data: Data) -> tuple[Figure, str]:
+def _divergence_map(data: Data) -> Figure:
     across = _Side("stiffness_ratio", "k2/k1", ticks=4, digits=2)
     up = _Side("mass_ratio", "mass ratio m2/m1", ticks=12)
     size = (2.4 * len(data.solvers) + 1.2, 1.7 + 0.28 * min(len(data.levels[up.axis]), 20))
-    return _median_maps(data, across, up, size), (
-        f"Median over the restitutions e1, e2 of the velocity divergence D from the {REFERENCE} model, by "
-        "stiffness ratio k2/k1 and mass ratio m2/m1, one panel a solver and one colour scale for all. "
-        "White: nothing to compare. Marked cells (beside a jump) are left out."
-    )
+    return _median_maps(data, across, up, size)
 
 
-def _divergence_by_restitution(data: Data) -> tuple[Figure, str]:
+def _divergence_by_restitution(data: Data) -> Figure:
     across, up = _Side("e1", "e1 (ball on ball)", ticks=8), _Side("e2", "e2 (ball on table)", ticks=8)
     size = (2.3 * len(data.solvers) + 1.2, 2.7)
-    return _median_maps(data, across, up, size, written=36), (
-        f"Median over stiffness and mass ratios of the velocity divergence D from the {REFERENCE} model, by "
-        "the coefficients of restitution e1 (ball on ball) and e2 (ball on table), one panel a solver. "
-        "Marked cells (beside a jump) are left out."
-    )
+    return _median_maps(data, across, up, size, written=36)
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,13 +179,12 @@ def _median_maps(data: Data, across: _Side, up: _Side, size: tuple[float, float]
     with drawing(*size) as figure:
         axes = figure.subplots(1, len(data.solvers), sharey=True, squeeze=False)[0]
         tables = [
-            data.regular[data.regular.solver == name]
-            .groupby([up.axis, across.axis])
+            part.groupby([up.axis, across.axis])
             .velocity_divergence.median()
             .unstack()
             .reindex(index=rows, columns=columns)
             .to_numpy(dtype=float)
-            for name in data.solvers
+            for _, _, part in data.by_solver()
         ]
         highest = max(float(np.nanmax(table)) for table in tables)
         images = []
@@ -215,14 +207,12 @@ def _median_maps(data: Data, across: _Side, up: _Side, size: tuple[float, float]
     return figure
 
 
-def _state_paths(data: Data) -> tuple[Figure, str]:
+def _state_paths(data: Data) -> Figure:
     values = data.levels["stiffness_ratio"]
     with drawing(6.0, 3.2) as figure:
         ax = figure.subplots()
         x = _stiffness_axis(ax, values)
-        for position, name in enumerate(data.solvers):
-            style = look(name, position)
-            rows = data.regular[data.regular.solver == name]
+        for position, (name, style, rows) in enumerate(data.by_solver()):
             share = rows[FULL_PATHS].astype(float).groupby(rows.stiffness_ratio).mean().reindex(values)
             # Wide below, narrow above: solvers that agree stay visible under one another.
             room = len(data.solvers) - 1 - position
@@ -231,15 +221,10 @@ def _state_paths(data: Data) -> tuple[Figure, str]:
         ax.set_ylim(-3, 103)
         ax.set_ylabel("cells with the model's path (%)")
         ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
-    return figure, (
-        "Share of cells in which a solver passes through the same sequence of contact states (S1 both "
-        f"contacts active, S2 ball on table, S3 ball on ball, S4 none) as the {REFERENCE} model, over the "
-        "stiffness ratio k2/k1, of the cells in which the model took no limit (its path ends there). Marked "
-        "cells (beside a jump) are left out."
-    )
+    return figure
 
 
-def _energy(data: Data) -> tuple[Figure, str]:
+def _energy(data: Data) -> Figure:
     values = data.levels["stiffness_ratio"]
     with drawing(6.0, 3.4) as figure:
         ax = figure.subplots()
@@ -249,9 +234,7 @@ def _energy(data: Data) -> tuple[Figure, str]:
         places = np.log10(x) if logarithmic else x
         width = 0.6 * (float(np.min(np.diff(places))) if len(x) > 1 else 0.5)
         count = len(data.solvers)
-        for position, name in enumerate(data.solvers):
-            style = look(name, position)
-            rows = data.regular[data.regular.solver == name]
+        for position, (name, style, rows) in enumerate(data.by_solver()):
             grouped = rows.dretained_energy.groupby(rows.stiffness_ratio)
             low, median, high = (grouped.quantile(q).reindex(values) for q in (0.05, 0.5, 0.95))
             shifted = places + width * ((position + 0.5) / count - 0.5)
@@ -260,9 +243,4 @@ def _energy(data: Data) -> tuple[Figure, str]:
             ax.plot(shifted, median, color=style.color, marker=style.marker, linestyle="none", label=name)
         ax.set_ylabel("retained energy, solver minus model (-)")
         ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
-    return figure, (
-        "Difference of the fraction of kinetic energy that is left after the collision, solver minus "
-        f"{REFERENCE} model, over the stiffness ratio k2/k1: marker the median, bar the 5th to 95th "
-        "percentile over mass ratios and restitutions. Above zero the solver dissipates less than the "
-        "model. Solvers are set side by side for legibility; marked cells (beside a jump) are left out."
-    )
+    return figure

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from impact_xval.experiments.measures.plane import PATHS, RUNGS, Plane
+from impact_xval.experiments.measures.plane import PATHS, PLANE_CAUSES, Plane
+from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.tables.numbers import number
 
@@ -38,13 +39,10 @@ def draw_plane(plane: Plane, images: Images) -> Iterator[tuple[str, Figure, str]
     images : dict of ndarray, shape (side, side)
         From `plane.write_plane`.
     """
-    yield "plane-causes", *_causes(plane, images)
-    yield "plane-dominant-and-paths", *_kinds(plane, images)
-
-
-def _where(plane: Plane) -> str:
-    gravity = f", g/(|v0| sqrt(k1/m1)) = {number(plane.gravity)}" if plane.gravity else ", no gravity"
-    return f"e1 = {number(plane.e1)}, e2 = {number(plane.e2)}{gravity}"
+    caption = phrase("captions.md.j2", "plane_causes", plane, _RANGE[0])
+    yield "plane-causes", _causes(plane, images), caption
+    caption = phrase("captions.md.j2", "plane_dominant_and_paths", plane)
+    yield "plane-dominant-and-paths", _kinds(plane, images), caption
 
 
 def _show(ax: Any, plane: Plane, image: NDArray, **options: Any) -> Any:
@@ -61,7 +59,7 @@ def _show(ax: Any, plane: Plane, image: NDArray, **options: Any) -> Any:
     return shown
 
 
-def _causes(plane: Plane, images: Images) -> tuple[Figure, str]:
+def _causes(plane: Plane, images: Images) -> Figure:
     names = [name for name in _NORMS if name != "gravity_norm" or plane.gravity]
     with drawing(9.4, 7.2 if len(names) > 3 else 3.8) as figure:
         rows = 2 if len(names) > 3 else 1
@@ -74,25 +72,17 @@ def _causes(plane: Plane, images: Images) -> tuple[Figure, str]:
         for row in axes:
             row[0].set_ylabel("mass ratio m2/m1 (-)")
         figure.colorbar(shown, ax=axes, label="kinetic norm of the difference of (v1, v2) (-)", extend="min")
-    return figure, (
-        f"Where each cause of divergence that needs no engine matters, over {plane.side} x {plane.side} collisions at "
-        f"{_where(plane)}. Colour: kinetic norm, sqrt(dv1^2 + (m2/m1) dv2^2) per |v0|, of the difference of final "
-        "velocities between exact solvers that differ in this alone, the mean over the orders in which positions, law "
-        "and gravity can be changed; black: "
-        f"{number(_RANGE[0])} or less. Sharp edges are jumps of the model and of bistiffness, whose outcomes are "
-        "discontinuous where a compression just ends or just does not. 'Restart stiffness' is the second impulse-level "
-        "model, in which a repeated compression starts at the original stiffness."
-    )
+    return figure
 
 
-def _kinds(plane: Plane, images: Images) -> tuple[Figure, str]:
-    rungs = RUNGS if plane.gravity else RUNGS[:2]
-    dominant = np.where(images["dominant"] < 0, len(rungs), images["dominant"])
+def _kinds(plane: Plane, images: Images) -> Figure:
+    causes = PLANE_CAUSES if plane.gravity else PLANE_CAUSES[:2]
+    dominant = np.where(images["dominant"] < 0, len(causes), images["dominant"])
     panels: list[tuple[NDArray, list[str], list[str], str]] = [
         (
             dominant,
-            [*(rung.color for rung in rungs), "#F7F7F7"],
-            [*(rung.label for rung in rungs), "no divergence"],
+            [*(cause.color for cause in causes), "#F7F7F7"],
+            [*(cause.label for cause in causes), "no divergence"],
             "which cause carries most of D",
         ),
         (images["paths"], list(_PATH_COLORS), list(PATHS), "whether the state paths are alike"),
@@ -111,11 +101,4 @@ def _kinds(plane: Plane, images: Images) -> tuple[Figure, str]:
             ]
             ax.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.16), fontsize=8)
         axes[0].set_ylabel("mass ratio m2/m1 (-)")
-    return figure, (
-        f"What divergence is made of, over {plane.side} x {plane.side} collisions at {_where(plane)}. Left: the cause "
-        "with the largest share of D, the kinetic norm of the difference of kelvin-voigt in this scenario from the "
-        "model; a share is the component along the whole difference of the cause, the mean over all orders of the "
-        "causes. Right: whether bistiffness and "
-        "kelvin-voigt, without gravity, pass through the same contact states (S1 both contacts active, S2 ball on "
-        "table, S3 ball on ball, S4 none) as the model; where a closed-form limit ended a path, that is not told."
-    )
+    return figure

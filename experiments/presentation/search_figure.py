@@ -8,9 +8,9 @@ import pyarrow.parquet as pq
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.measures.summary import SUMMARISED
+from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.sweep.search import EVALUATIONS, Found
-from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_text
 
 FIGURE = "search"
@@ -49,12 +49,6 @@ def write_figure(folder: RunFolder, config: Config, found: Found) -> None:
 
 def caption(found: Found) -> str:
     """Say what the figure shows, so that it can stand alone."""
-    s = found.search
-    fixed = [f"{AXES[name]} = {number(lo)}" for name, (lo, hi) in s.ends().items() if lo == hi]
-    return (
-        f"Search for the largest {SUMMARISED[s.measure]} between {s.solver} and the state-transition model by "
-        f"differential evolution: {found.evaluated} cells in {len(found.best)} generations of {s.population}, "
-        f"seed {s.seed}. Left: largest value so far. Others: every cell evaluated, over each parameter, coloured "
-        f"by generation; red star: the worst{'; fixed: ' + ', '.join(fixed) if fixed else ''}. {found.marked} "
-        f"marked cells (beside a jump) and {found.failed} without a result do not count and are not shown."
-    )
+    search = found.search
+    fixed = {AXES[name]: low for name, (low, high) in search.ends().items() if low == high}
+    return phrase("captions.md.j2", "search", found, SUMMARISED[search.measure], fixed)

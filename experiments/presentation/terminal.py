@@ -18,27 +18,30 @@ from rich.progress import (
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from impact_xval.experiments.tables.document import Table
+from impact_xval.experiments.presentation.pages import Table, blocks_of
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
 
 
-def print_table(console: Console, table: Table) -> None:
-    """Print a table below its caption."""
-    print_line(console, "")
-    print_line(console, table.caption)
-    console.print(rich_table(table))
-
-
-def rich_table(table: Table) -> RichTable:
-    """Make a table of a document one for the terminal; its text is shown as it is, its caption left out."""
-    shown = RichTable(box=None, pad_edge=False)
-    for position, title in enumerate(table.header):
-        shown.add_column(Text(title), justify="left" if position < table.text_columns else "right")
-    for row in table.rows:
-        shown.add_row(*map(Text, row))
-    return shown
+def show(console: Console, markdown: str) -> None:
+    """Print Markdown: a line a paragraph, and tables with their captions between empty lines."""
+    last = None
+    for block in blocks_of(markdown):
+        if last is not None and Table in (type(block), type(last)):
+            print_line(console, "")
+        if isinstance(block, Table):
+            if block.caption:
+                print_line(console, block.caption)
+            table = RichTable(box=None, pad_edge=False)
+            for title, right in zip(block.header, block.numeric, strict=True):
+                table.add_column(Text(title), justify="right" if right else "left")
+            for row in block.rows:
+                table.add_row(*map(Text, row))
+            console.print(table)
+        else:
+            print_line(console, block.text)
+        last = block
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from typing import Any
 
@@ -10,11 +9,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Cell, Config
-from impact_xval.experiments.config.grid import collision_of
+from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE
-from impact_xval.experiments.sweep.sandbox import Beat, FaultError, Sandbox
-from impact_xval.experiments.sweep.solving import Job, answer, settings_of
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
+from impact_xval.experiments.sweep.solving import Experiment
+from impact_xval.experiments.tables.schema import schema
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import replacing
 from impact_xval.model.collision import Collision, Outcome
@@ -31,19 +32,19 @@ CURVES = "curves.parquet"
 #: Points kept of a curve, enough to draw it.
 _POINTS = 4000
 
-_FIELDS = (
-    ("curve", pa.string(), "which collision"),
-    ("stiffness_ratio", pa.float64(), "k2/k1"),
-    ("mass_ratio", pa.float64(), "m2/m1"),
-    ("e1", pa.float64(), "restitution, ball on ball"),
-    ("e2", pa.float64(), "restitution, ball on table"),
-    ("solver", pa.string(), "name of the solver"),
-    ("impulse1", pa.float64(), "ball-ball impulse so far, per m1 |v0|"),
-    ("impulse2", pa.float64(), "ball-table impulse so far, per m1 |v0|"),
-    ("state", pa.int64(), "1 to 4 for S1 to S4"),
-)
+
+def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
+    return pa.field(name, kind, metadata={"unit": "-", "meaning": meaning})
+
+
 CURVES_SCHEMA = pa.schema(
-    [pa.field(name, kind, metadata={"unit": "-", "meaning": meaning}) for name, kind, meaning in _FIELDS]
+    [
+        _field("curve", pa.string(), "which collision"),
+        *schema((*AXES, "solver")),
+        _field("impulse1", pa.float64(), "ball-ball impulse so far, per m1 |v0|"),
+        _field("impulse2", pa.float64(), "ball-table impulse so far, per m1 |v0|"),
+        _field("state", pa.int64(), "1 to 4 for S1 to S4"),
+    ]
 )
 
 
@@ -57,33 +58,33 @@ def write_curves(config: Config, folder: RunFolder, executor: Any) -> None:
     executor
         One of `sweep.executors`.
     """
-    wanted = [(FIGURE_CELL, config.figure_cell, list(config.solvers))]
-    wanted += [(label, cell, [REFERENCE]) for label, cell in SUPPLEMENT.items()]
+    wanted = [(FIGURE_CELL, config.figure_cell, name) for name in config.solvers]
+    wanted += [(label, cell, REFERENCE) for label, cell in SUPPLEMENT.items()]
     calls = [
-        (label, cell, name, executor.submit(_solve, name, collision_of(config, cell), config.cell_timeout))
-        for label, cell, solvers in wanted
-        for name in solvers
+        executor.submit(_solve, name, GridCell(0, 1.0, 1.0, collision_of(config, cell)), config.cell_timeout)
+        for _, cell, name in wanted
     ]
     tables = [CURVES_SCHEMA.empty_table()]
-    for label, cell, name, future in calls:
-        outcome = future.result()
-        if outcome is not None and outcome.status in COMPARABLE and outcome.path is not None:
+    for (label, cell, name), call in zip(wanted, calls, strict=True):
+        outcome = call.result()
+        if outcome.status in COMPARABLE and outcome.path is not None:
             tables.append(_curve(label, cell, collision_of(config, cell), name, outcome))
     with replacing(folder.root / CURVES) as temporary:
         pq.write_table(pa.concat_tables(tables), temporary, compression="zstd")
 
 
-def _solve(sandbox: Sandbox, name: str, collision: Collision, patience: float) -> Outcome | None:
-    """Answer a cell in a sandbox; None if the solver crashed or hung, twice."""
-    for _ in range(2):
-        with contextlib.suppress(FaultError):
-            return sandbox.call(_answer, name, collision, patience=patience)
-    return None
+def _solve(sandbox: Sandbox, name: str, cell: GridCell, timeout: float) -> Outcome:
+    def call(_: slice) -> Outcome:
+        return sandbox.call(_outcome, name, cell, timeout=timeout)
+
+    def failure(_: slice, fault: FaultError) -> Outcome:
+        return Outcome.failure(name, fault.status, fault.reason)
+
+    return in_halves(call, 1, failure)[0]
 
 
-def _answer(job: Job, name: str, collision: Collision, *, beat: Beat) -> Outcome:
-    beat(name)
-    return answer(job.resolve(name), [collision], settings_of(job.config))[0]
+def _outcome(experiment: Experiment, name: str, cell: GridCell) -> Outcome:
+    return experiment.outcomes(name, [cell], {})[0]
 
 
 def _curve(label: str, cell: Cell, collision: Collision, name: str, outcome: Outcome) -> pa.Table:

@@ -8,9 +8,7 @@ project installed in the same versions, but none of the run's files: parts are w
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import queue
 import signal
 import threading
 import time
@@ -27,14 +25,14 @@ from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.scheduler import KilledWorker
 
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
-from impact_xval.experiments.sweep.sandbox import Sandbox
+from impact_xval.experiments.sweep.sandbox import Sandbox, SandboxExecutor
 
-#: Names a local cluster where a scheduler is asked for.
+#: Stands for a cluster on this machine in place of an address.
 LOCAL = "local"
 
 #: Seconds to wait for a scheduler to answer, and between two lines that say that no worker has come yet.
 _ANSWER = 10
-_PATIENCE = 30
+_WAIT = 30
 #: Seconds for which the number of workers is taken as known.
 _KNOWN = 5.0
 
@@ -42,38 +40,24 @@ _KNOWN = 5.0
 class SandboxPlugin(WorkerPlugin):
     """Gives every thread of a worker a sandbox, while a run goes on."""
 
-    sandboxes: list[Sandbox]
-    idle: queue.SimpleQueue[Sandbox]
+    executor: SandboxExecutor
 
     def __init__(self, name: str, make_sandbox: Callable[[], Sandbox]) -> None:
         self.name = name
         self._make_sandbox = make_sandbox
 
     def setup(self, worker: Any) -> None:
-        """Start the sandboxes, without keeping the worker waiting; each is idle from when it is prepared."""
-        self.sandboxes = [self._make_sandbox() for _ in range(worker.state.nthreads)]
-        self.idle = queue.SimpleQueue()
-        for sandbox in self.sandboxes:
-            threading.Thread(target=self._start, args=(sandbox,), daemon=True).start()
-
-    def _start(self, sandbox: Sandbox) -> None:
-        with contextlib.suppress(Exception):  # whoever calls it next meets what there is to meet
-            sandbox.start()
-        self.idle.put(sandbox)
+        """Start the sandboxes, without keeping the worker waiting."""
+        self.executor = SandboxExecutor(self._make_sandbox, worker.state.nthreads)
 
     def teardown(self, worker: Any) -> None:
         """End the processes, whatever they do."""
-        for sandbox in self.sandboxes:
-            sandbox.close()
+        self.executor.shutdown(wait=False, cancel_futures=True)
 
 
 def _on_worker(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
     plugin: Any = get_worker().plugins[name]
-    sandbox = plugin.idle.get()
-    try:
-        return function(sandbox, *arguments)
-    finally:
-        plugin.idle.put(sandbox)
+    return plugin.executor.submit(function, *arguments).result()
 
 
 class DaskExecutor(Executor):
@@ -82,14 +66,14 @@ class DaskExecutor(Executor):
     def __init__(self, client: Any, name: str) -> None:
         self._client, self._name = client, name
         self._executor = client.get_executor(pure=False)
-        self._workers, self._asked = 0, -_KNOWN
+        self._workers, self._counted = 0, 0.0
 
     @property
     def workers(self) -> int:
         """How many calls are worked on at once; a cluster may grow and shrink."""
-        if time.monotonic() - self._asked >= _KNOWN:
+        if not self._workers or time.monotonic() - self._counted >= _KNOWN:
             self._workers = sum(self._client.nthreads().values())
-            self._asked = time.monotonic()
+            self._counted = time.monotonic()
         return self._workers
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -116,7 +100,7 @@ def dask_executor(
     workers : int
         Processes of a local cluster.
     say : callable
-        Told a line about the cluster.
+        Given a line about the cluster.
 
     Raises
     ------
@@ -129,10 +113,9 @@ def dask_executor(
         name = f"impact-xval-{uuid.uuid4().hex[:8]}"
         client.register_plugin(SandboxPlugin(name, make_sandbox))
         executor = DaskExecutor(client, name)
-        say(f"Dask cluster at {client.scheduler.address}: {_count(executor)}")
+        say(f"Dask cluster at {client.scheduler.address}: {executor.workers} worker threads")
         while not executor.workers:
             _wait_for_worker(client, say)
-            executor._asked = -_KNOWN
         try:
             yield executor
         except KilledWorker as error:
@@ -186,7 +169,7 @@ def _local_cluster(**settings: Any) -> LocalCluster:
 
 def _wait_for_worker(client: Any, say: Callable[[str], None]) -> None:
     try:
-        client.wait_for_workers(1, timeout=_PATIENCE)
+        client.wait_for_workers(1, timeout=_WAIT)
     except TimeoutError:
         say(f"no worker has come yet; start some: dask worker {client.scheduler.address} --nthreads 1")
 
@@ -197,10 +180,6 @@ def _forget(client: Any, name: str) -> None:
         client.sync(client.unregister_worker_plugin, name, callback_timeout=3)
     except Exception:  # whatever it is: the run itself is over
         return
-
-
-def _count(executor: DaskExecutor) -> str:
-    return f"{executor.workers} worker threads"
 
 
 def _short(error: BaseException) -> str:

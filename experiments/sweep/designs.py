@@ -12,13 +12,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from impact_xval.experiments.config.axes import (
-    AXES,
-    MAX_CELLS,
-    is_legal,
-    value_problem,
-)
-from impact_xval.experiments.config.box import Sample
+from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, Sample, value_problem
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import CellGrid, CellList, Cells
@@ -121,7 +115,7 @@ def _checked(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.float
         values = column.cast(pa.float64()).to_numpy().astype(float)
     except pa.ArrowException:
         raise UserError(f"{path}: {name} is not a column of numbers ({column.type})") from None
-    legal = is_legal(name, values)
+    legal = (values >= LEGAL[name].low) & (values <= LEGAL[name].high)
     if not legal.all():
         row = int(np.argmin(legal))
         raise UserError(f"{path}: row {row + 1}: {name} = {value_problem(name, float(values[row]))}")
@@ -129,17 +123,10 @@ def _checked(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.float
 
 
 def _within_double_precision(config: Config, values: NDArray[np.float64], where: str) -> None:
-    for name, base in (("stiffness_ratio", config.k1), ("mass_ratio", config.m1)):
-        ratios = values[:, list(AXES).index(name)]
-        with np.errstate(over="ignore", under="ignore"):
-            product = ratios * base
-        bad = (ratios > 0) & np.isfinite(ratios) & ~((product > 0) & np.isfinite(product))
-        if bad.any():
-            row = int(np.argmax(bad))
-            raise UserError(
-                f"{where}: row {row + 1}: {name} = {ratios[row]!r} times {base!r} leaves double precision; "
-                "legal: a finite product > 0"
-            )
+    for i, name in enumerate(("stiffness_ratio", "mass_ratio")):
+        found = config.product_problem(name, values[:, i])
+        if found:
+            raise UserError(f"{where}: row {found[0] + 1}: {found[1]}")
     masses = values[:, list(AXES).index("mass_ratio")]
     for row in map(int, (np.argmin(masses), np.argmax(masses))):
         problem = config.gravity_problem(float(masses[row]))

@@ -1,7 +1,7 @@
 """Where the work of a sweep is done: executors in the sense of `concurrent.futures`, each with sandboxes.
 
 What is submitted is called as ``function(sandbox, *arguments)``, in a thread that has the sandbox to itself.
-There are two: processes on this machine (`local_executor`), and the workers of a Dask cluster
+There are two: processes on this machine (`SandboxExecutor`), and the workers of a Dask cluster
 (`sweep.dask_cluster`). No result depends on which, nor on how many.
 """
 
@@ -9,53 +9,15 @@ from __future__ import annotations
 
 import functools
 import os
-import queue
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, as_completed, wait
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.sweep.sandbox import Sandbox
-from impact_xval.experiments.sweep.solving import Job, prepare
+from impact_xval.experiments.sweep.sandbox import Sandbox, SandboxExecutor
 
 _Answer = TypeVar("_Answer")
-
-
-class SandboxExecutor(Executor):
-    """Threads of this process, each submitted call with one of as many sandboxes."""
-
-    def __init__(self, sandboxes: list[Sandbox]) -> None:
-        self._sandboxes = sandboxes
-        self._threads = ThreadPoolExecutor(len(sandboxes), thread_name_prefix="sandbox")
-        self._idle: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
-        for sandbox in sandboxes:
-            self._idle.put(sandbox)
-
-    @property
-    def workers(self) -> int:
-        """How many calls are worked on at once."""
-        return len(self._sandboxes)
-
-    def submit(self, fn: Callable[..., _Answer], /, *args: Any, **kwargs: Any) -> Future[_Answer]:
-        """Submit ``fn(sandbox, *args)``."""
-        return self._threads.submit(self._run, fn, *args, **kwargs)
-
-    def _run(self, fn: Callable[..., _Answer], *args: Any, **kwargs: Any) -> _Answer:
-        sandbox = self._idle.get()
-        try:
-            return fn(sandbox, *args, **kwargs)
-        finally:
-            self._idle.put(sandbox)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the threads; with `cancel_futures`, the sandboxes at once and whatever they work on."""
-        if cancel_futures:
-            for sandbox in self._sandboxes:
-                sandbox.close()
-        self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
-        for sandbox in self._sandboxes:
-            sandbox.close()
 
 
 class _Here:
@@ -64,13 +26,13 @@ class _Here:
     prepared = None
 
     def __init__(self, context: Any) -> None:
-        self._context = context
+        self.context = context
 
     def start(self) -> None:
         """There is nothing to start."""
 
-    def call(self, function: Callable[..., Any], *arguments: Any, patience: float) -> Any:
-        return function(self._context, *arguments, beat=lambda word: None)
+    def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
+        return function(self.context, *arguments)
 
 
 class DirectExecutor(Executor):
@@ -92,54 +54,51 @@ class DirectExecutor(Executor):
 
 
 @contextmanager
-def local_executor(make_sandbox: Callable[[], Sandbox], workers: int) -> Iterator[SandboxExecutor]:
-    """Work in processes of this machine; they are gone when the block ends, at once if by an exception."""
-    executor = SandboxExecutor([make_sandbox() for _ in range(workers)])
-    for _ in range(workers):
-        executor.submit(Sandbox.start)  # all at once, and while the caller still plans
+def open_executor(
+    context: Any,
+    prepare: Callable[[Any], Any],
+    workers: int,
+    *,
+    scheduler: str | None = None,
+    isolate: bool = True,
+    say: Callable[[str], None] = lambda line: None,
+) -> Iterator[Any]:
+    """Give an executor; all it started is gone when the block ends, at once if by an exception.
+
+    Parameters
+    ----------
+    context, prepare
+        Of every `Sandbox`.
+    workers : int
+        Processes on this machine.
+    scheduler : str or None
+        Address of a Dask scheduler, or ``local``; None for processes without Dask.
+    isolate : bool
+        False for `DirectExecutor`.
+    say : callable
+        Given a line about a cluster.
+    """
+    if not isolate:
+        yield DirectExecutor(context)
+        return
+    make_sandbox = functools.partial(Sandbox, context, prepare)
+    if scheduler is not None:
+        try:
+            from impact_xval.experiments.sweep.dask_cluster import dask_executor
+        except ImportError as error:
+            raise UserError(
+                f"--scheduler {scheduler}: needs Dask ({error}); run pip install 'impact-xval[cluster]'"
+            ) from None
+        with dask_executor(make_sandbox, scheduler, workers, say) as executor:
+            yield executor
+        return
+    executor = SandboxExecutor(make_sandbox, workers)
     try:
         yield executor
     except BaseException:
         executor.shutdown(cancel_futures=True)
         raise
     executor.shutdown()
-
-
-@contextmanager
-def open_executor(
-    job: Job, workers: int, scheduler: str | None, say: Callable[[str], None], *, isolate: bool = True
-) -> Iterator[Any]:
-    """Give the executor that is asked for; all it started is gone when the block ends.
-
-    Parameters
-    ----------
-    job : Job
-        Told to every sandbox.
-    workers : int
-        Processes on this machine.
-    scheduler : str or None
-        Address of a Dask scheduler, or ``local``; None for processes without Dask.
-    say : callable
-        Told a line about a cluster.
-    isolate : bool
-        False for `DirectExecutor`.
-    """
-    if not isolate:
-        yield DirectExecutor(job)
-        return
-    make_sandbox = functools.partial(Sandbox, job, prepare)
-    if scheduler is None:
-        with local_executor(make_sandbox, workers) as executor:
-            yield executor
-        return
-    try:
-        from impact_xval.experiments.sweep.dask_cluster import dask_executor
-    except ImportError as error:
-        raise UserError(
-            f"--scheduler {scheduler}: needs Dask ({error}); run pip install 'impact-xval[cluster]'"
-        ) from None
-    with dask_executor(make_sandbox, scheduler, workers, say) as executor:
-        yield executor
 
 
 def in_flight(
@@ -154,19 +113,15 @@ def in_flight(
     tasks : iterable
         Made one by one, when they are handed out.
     capacity : callable
-        How many may be handed out at once; asked again and again, since a cluster may grow.
+        How many may be handed out at once; called again and again, since a cluster may grow.
     """
     pending: set[Future[_Answer]] = set()
-    room = capacity()
     for task in tasks:
         pending.add(submit(task))
-        if len(pending) >= room:
+        if len(pending) >= capacity():
             finished, pending = wait(pending, return_when=FIRST_COMPLETED)
             yield from (future.result() for future in finished)
-            room = capacity()
-    while pending:
-        finished, pending = wait(pending, return_when=FIRST_COMPLETED)
-        yield from (future.result() for future in finished)
+    yield from (future.result() for future in as_completed(pending))
 
 
 def available_cores() -> int:

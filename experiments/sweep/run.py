@@ -11,7 +11,6 @@ import platform
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -24,48 +23,23 @@ from impact_xval.experiments.config.grid import Cells
 from impact_xval.experiments.measures.ladder_table import write_ladder
 from impact_xval.experiments.sweep.curves import write_curves
 from impact_xval.experiments.sweep.designs import cells_of
-from impact_xval.experiments.sweep.executors import available_cores, in_flight, open_executor
-from impact_xval.experiments.sweep.isolation import Report, Task, run_task
+from impact_xval.experiments.sweep.executors import available_cores, open_executor
 from impact_xval.experiments.sweep.sandbox import ClosedError
-from impact_xval.experiments.sweep.solving import Job, Resolve, solver_versions
-from impact_xval.experiments.tables.folders import open_folder
-from impact_xval.experiments.tables.lock import holding, running
-from impact_xval.experiments.tables.schema import COLUMNS
-from impact_xval.experiments.tables.store import (
-    FORMAT,
-    MANIFEST,
-    RunFolder,
-    write_json,
+from impact_xval.experiments.sweep.solving import (
+    Experiment,
+    Report,
+    Resolve,
+    prepare,
+    solve_chunks,
+    solver_versions,
 )
+from impact_xval.experiments.tables.folders import discard, missing, open_folder
+from impact_xval.experiments.tables.lock import check_free, holding
+from impact_xval.experiments.tables.schema import COLUMNS
+from impact_xval.experiments.tables.store import FORMAT, MANIFEST, RunFolder, statuses_of, write_json
 
-#: Told how many cells are done, of how many, and a line worth saying ("" if none).
+#: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What a run will do: its chunks and the identity of each."""
-
-    config: Config
-    cells: Cells
-    versions: dict[str, str]
-    identities: list[str]
-
-    @classmethod
-    def of(cls, config: Config, cells: Cells, resolve: Resolve) -> Plan:
-        """Plan a run; the identity of a chunk is a hash of configuration, versions and cells."""
-        versions = solver_versions(config, resolve)
-        common = json.dumps([config.identity(), versions, list(COLUMNS)], sort_keys=True)
-        identities = [
-            hashlib.sha256(f"{common} cells {cells.digest(cells.chunk(n))}".encode()).hexdigest()[:32]
-            for n in range(cells.chunks())
-        ]
-        return cls(config, cells, versions, identities)
-
-    def task(self, number: int) -> Task:
-        """Make the task of a chunk."""
-        chunk = self.cells.cells(self.cells.chunk(number))
-        return Task(number, chunk, self.config.cell_timeout)
 
 
 def run_sweep(
@@ -112,138 +86,152 @@ def run_sweep(
     InterruptedRunError
         On Ctrl-C, a full disk or a lost cluster; finished parts are kept.
     """
-    owner = running(root)
-    if owner is not None:
-        raise UserError(
-            f"--out {root}: another run writes there ({owner}); legal: wait for it, or another folder"
-        )
-    cells = cells_of(config)
-    folder, continued = open_folder(root, resume=resume)
-    with clearly(folder), holding(root) as line:
-        progress(0, 0, line)
+    experiment, cells = Experiment(config, resolve), cells_of(config)
+    with kept(root, resume, progress) as (folder, continued):
         workers = workers or config.workers or available_cores()
-        run = _Run(config, cells, folder, continued, workers, scheduler or "this machine")
-        say = functools.partial(progress, 0, 0)
+        run = _Run(experiment, cells, folder, continued, progress)
+        say, most = functools.partial(progress, 0, 0), min(workers, cells.chunks())
         with open_executor(
-            Job(config, resolve), min(workers, cells.chunks()), scheduler, say, isolate=isolate
+            experiment, prepare, most, scheduler=scheduler, isolate=isolate, say=say
         ) as executor:
-            run.solve(executor, Plan.of(config, cells, resolve), progress)
-        run.finish()
+            run.solve(executor)
+        run.finish({"where": scheduler or "this machine", "workers": workers})
     return folder
 
 
-class _Run:
-    """A session of a run: what it was asked, and what it has done."""
-
-    def __init__(
-        self, config: Config, cells: Cells, folder: RunFolder, continued: bool, workers: int, where: str
-    ) -> None:
-        self.config, self.cells, self.folder, self.workers = config, cells, folder, workers
-        self.started = self.stamp = time.perf_counter()
-        self.continued = continued
-        if continued:
-            _same_experiment(folder, config)
-        self.history: list[Any] = folder.manifest().get("sessions", []) if continued else []
-        self.parts: dict[int, Path] = {}
-        self.reused = 0
-        self.where = where
-        self.stages: dict[str, float] = {}
-        self.seconds: Counter[str] = Counter()
-        self.faults = 0
-
-    def solve(self, executor: Any, plan: Plan, progress: Progress) -> None:
-        """Compute the parts that are not there, and the curves."""
-        self.plan = plan
-        self.parts, findings = self.folder.find_parts(plan.identities)
-        for finding in findings:
-            progress(0, 0, finding)
-        self.manifest = _manifest(plan, self.history)
-        write_json(self.folder.root / MANIFEST, self.manifest)
-        done = sum(len(self.cells.chunk(number)) for number in self.parts)
-        self.reused = len(self.parts)
-        if self.continued:
-            progress(
-                done,
-                len(self.cells),
-                f"resumed: {self.reused} of {len(plan.identities)} parts are there and whole",
-            )
-        if len(self.parts) < self.cells.chunks():
-            executor.submit(_ready).result()
-        self._stage("start")
-        todo = (plan.task(n) for n in range(self.cells.chunks()) if n not in self.parts)
-        reports = in_flight(
-            lambda task: executor.submit(run_task, task), todo, lambda: max(2, 2 * executor.workers)
-        )
-        for report in reports:
-            self._keep(report)
-            done += len(self.cells.chunk(report.number))
-            progress(done, len(self.cells), "")
-        self._stage("solve")
-        write_curves(self.config, self.folder, executor)
-        self._stage("curves")
-
-    def _keep(self, report: Report) -> None:
-        if report.versions is not None and report.versions != self.plan.versions:
-            differing = sorted(
-                name for name, here in self.plan.versions.items() if report.versions.get(name) != here
-            )
-            there = ", ".join(f"{name} {report.versions.get(name)}" for name in differing)
-            here = ", ".join(f"{name} {self.plan.versions[name]}" for name in differing)
-            raise UserError(f"a worker has {there}, this process {here}; legal: the same versions everywhere")
-        self.parts[report.number] = self.folder.write_part(
-            report.number, self.plan.identities[report.number], report.data
-        )
-        self.seconds.update(report.seconds)
-        self.faults += report.faults
-
-    def finish(self) -> None:
-        """Write the finished tables and the manifest."""
-        self.folder.assemble(self.parts)
-        write_ladder(self.folder.root)
-        statuses, digests = self.folder.statuses(), self.folder.digests()
-        self._stage("tables")
-        session = {
-            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-            "where": self.where,
-            "workers": self.workers,
-            "parts_reused": self.reused,
-            "parts_computed": len(self.parts) - self.reused,
-            "processes_lost": self.faults,
-            "wall_time_s": round(time.perf_counter() - self.started, 3),
-            "stages_s": self.stages,
-            "solver_time_s": {name: round(value, 3) for name, value in self.seconds.items()},
-        }
-        self.manifest |= {
-            "state": "complete",
-            "statuses": statuses,
-            "files": digests,
-            "sessions": [*self.history, session],
-        }
-        write_json(self.folder.root / MANIFEST, self.manifest)
-
-    def _stage(self, name: str) -> None:
-        now = time.perf_counter()
-        self.stages[name] = round(now - self.stamp, 3)
-        self.stamp = now
-
-
 @contextlib.contextmanager
-def clearly(folder: RunFolder) -> Iterator[None]:
-    """Turn what can end a run from outside into one line."""
+def kept(
+    root: Path, resume: bool, progress: Progress, format: str = FORMAT
+) -> Iterator[tuple[RunFolder, bool]]:
+    """Keep a folder to this process, and turn what can end a run from outside into one line.
+
+    Parameters
+    ----------
+    root, resume, progress
+        As for `run_sweep`.
+    format : str
+        What the manifest of such a run says it is.
+
+    Yields
+    ------
+    folder : RunFolder
+    continued : bool
+        Whether a run is there.
+
+    Raises
+    ------
+    UserError
+        If the folder cannot be used; then, and after one in the block, what was made for nothing is removed.
+    InterruptedRunError
+    """
+    check_free(root)
+    new = missing(root)
+    folder, continued = open_folder(root, resume=resume, format=format)
     try:
-        yield
+        with holding(root) as line:
+            progress(0, 0, line)
+            yield folder, continued
     except UserError:
-        with contextlib.suppress(OSError):
-            folder.discard()
+        discard(folder, new)
         raise
     except (KeyboardInterrupt, ClosedError):
         raise InterruptedRunError("interrupted") from None
     except OSError as error:
-        if not folder.root.is_dir():
-            raise InterruptedRunError(f"{folder.root}: the folder is gone") from None
-        where = error.filename or folder.root
+        if not root.is_dir():
+            raise InterruptedRunError(f"{root}: the folder is gone") from None
         what = os.strerror(error.errno) if error.errno else str(error)
-        raise InterruptedRunError(f"{where}: {what}") from None
+        raise InterruptedRunError(f"{error.filename or root}: {what}") from None
+
+
+class _Run:
+    """A session of a run: what it is to do, and what it has done."""
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        cells: Cells,
+        folder: RunFolder,
+        continued: bool,
+        progress: Progress,
+    ) -> None:
+        self._experiment, self._cells, self._folder = experiment, cells, folder
+        self._continued, self._progress = continued, progress
+        self._started = self._stamp = time.perf_counter()
+        self._history: list[Any] = []
+        if continued:
+            _same_experiment(folder, experiment.config)
+            self._history = folder.manifest().get("sessions", [])
+        self._stages: dict[str, float] = {}
+        self._seconds: Counter[str] = Counter()
+        self._faults = 0
+
+    def solve(self, executor: Any) -> None:
+        """Compute the parts that are not there, and the curves."""
+        config, cells = self._experiment.config, self._cells
+        self._versions = solver_versions(self._experiment)
+        self._identities = _identities(config, cells, self._versions)
+        self._parts, findings = self._folder.find_parts(self._identities)
+        for finding in findings:
+            self._progress(0, 0, finding)
+        self._manifest = _manifest(config, cells, self._versions, self._history)
+        write_json(self._folder.root / MANIFEST, self._manifest)
+        done, self._reused = sum(len(cells.chunk(number)) for number in self._parts), len(self._parts)
+        if self._continued:
+            line = f"resumed: {self._reused} of {cells.chunks()} parts are there and whole"
+            self._progress(done, len(cells), line)
+        if self._reused < cells.chunks():
+            executor.submit(_ready).result()
+        self._stage("start")
+        todo = (number for number in range(cells.chunks()) if number not in self._parts)
+        for report in solve_chunks(executor, ((n, cells.cells(cells.chunk(n))) for n in todo)):
+            self._keep(report)
+            done += len(cells.chunk(report.number))
+            self._progress(done, len(cells), "")
+        self._stage("solve")
+        write_curves(config, self._folder, executor)
+        self._stage("curves")
+
+    def _keep(self, report: Report) -> None:
+        ours, theirs = self._versions, report.versions or self._versions
+        if theirs != ours:
+            differing = sorted(name for name in ours if theirs.get(name) != ours[name])
+            there = ", ".join(f"{name} {theirs.get(name)}" for name in differing)
+            here = ", ".join(f"{name} {ours[name]}" for name in differing)
+            raise UserError(f"a worker has {there}, this process {here}; legal: the same versions everywhere")
+        self._parts[report.number] = self._folder.write_part(
+            report.number, self._identities[report.number], report.data
+        )
+        self._seconds.update(report.seconds)
+        self._faults += report.faults
+
+    def finish(self, by: dict[str, Any]) -> None:
+        """Write the finished tables and the manifest; `by` is who computed them."""
+        self._folder.assemble(self._parts)
+        write_ladder(self._folder.root)
+        statuses, digests = statuses_of(self._folder.tally()), self._folder.digests()
+        self._stage("tables")
+        session = {
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            **by,
+            "parts_reused": self._reused,
+            "parts_computed": len(self._parts) - self._reused,
+            "processes_lost": self._faults,
+            "wall_time_s": round(time.perf_counter() - self._started, 3),
+            "stages_s": self._stages,
+            "solver_time_s": {name: round(value, 3) for name, value in self._seconds.items()},
+        }
+        self._manifest |= {
+            "state": "complete",
+            "statuses": statuses,
+            "files": digests,
+            "sessions": [*self._history, session],
+        }
+        write_json(self._folder.root / MANIFEST, self._manifest)
+
+    def _stage(self, name: str) -> None:
+        now = time.perf_counter()
+        self._stages[name] = round(now - self._stamp, 3)
+        self._stamp = now
 
 
 def _ready(sandbox: Any) -> None:
@@ -266,18 +254,27 @@ def _same_experiment(folder: RunFolder, config: Config) -> None:
     raise UserError(f"--resume {folder.root}: holds a run of another configuration: {detail}")
 
 
-def _manifest(plan: Plan, history: list[Any]) -> dict[str, Any]:
+def _identities(config: Config, cells: Cells, versions: dict[str, str]) -> list[str]:
+    """Identity of every chunk: a hash of configuration, versions and cells."""
+    common = json.dumps([config.identity(), versions, list(COLUMNS)], sort_keys=True)
+    return [
+        hashlib.sha256(f"{common} cells {cells.digest(cells.chunk(n))}".encode()).hexdigest()[:32]
+        for n in range(cells.chunks())
+    ]
+
+
+def _manifest(config: Config, cells: Cells, versions: dict[str, str], history: list[Any]) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "state": "running",
         "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
-        "name": plan.config.name,
-        "cells": len(plan.cells),
-        "chunks": len(plan.identities),
+        "name": config.name,
+        "cells": len(cells),
+        "chunks": cells.chunks(),
         "reference": REFERENCE,
-        "configuration": plan.config.canonical(),
-        "identity": plan.config.identity(),
-        "versions": plan.versions,
+        "configuration": config.canonical(),
+        "identity": config.identity(),
+        "versions": versions,
         "libraries": {name: version(name) for name in ("numpy", "scipy", "numba", "pyarrow", "pandas")},
         "machine": {
             "system": platform.system(),
@@ -286,7 +283,7 @@ def _manifest(plan: Plan, history: list[Any]) -> dict[str, Any]:
             "cores": available_cores(),
             "python": platform.python_version(),
         },
-        "seeds": _seeds(plan.config),
+        "seeds": _seeds(config),
         "sessions": history,
     }
 

@@ -1,10 +1,13 @@
 """A process of its own for the solvers: what crashes it, or hangs in it, costs an answer and nothing else.
 
 The process is started as ``python -c`` with the path of modules of this one, and spoken to through pipes
-(pickles, from and to a process we started ourselves; none is ever read from a disk or a network). Not
-`multiprocessing`: its processes cannot be started by a daemon, which is what a worker of Dask is, and they
-import the caller's main script again. Its threads of numerical libraries are one each: collisions are shared
-out to processes, and no number may depend on how many threads there are.
+(pickles, from and to a process we started ourselves; none is ever read from a disk or a network). Its threads
+of numerical libraries are one each: collisions are shared out to processes, and no number may depend on how
+many threads there are.
+
+Not `multiprocessing`, nor a pool made of it (pebble 5.2 was tried): its processes cannot be started by a
+daemon, which is what a worker of Dask is; they import the caller's main script again, which breaks one without
+``if __name__ == "__main__"``; and one that hangs outlives a parent that is killed.
 """
 
 from __future__ import annotations
@@ -17,13 +20,15 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, Literal, TypeVar
 
-#: Called by work in the sandbox, with a word for what comes next; the patience of the caller starts anew.
-Beat = Callable[[str], None]
+_Piece = TypeVar("_Piece")
+_Answer = TypeVar("_Answer")
 
 _THREADS = (
     "NUMBA_NUM_THREADS",
@@ -34,6 +39,12 @@ _THREADS = (
 )
 #: Linux ends the process with the highest score first when memory runs out: the sandbox, not the main process.
 _OOM_SCORE = "600"
+#: Seconds for a process that has closed its pipe to end by itself: its exit code is of interest.
+_GRACE = 1.0
+#: Seconds between two looks at whether the caller is alive.
+_LOOK = 0.5
+#: Deaths in which a cell was at work, the last of them alone, before it counts as their cause.
+_DEATHS = 2
 
 
 class FaultError(Exception):
@@ -42,16 +53,14 @@ class FaultError(Exception):
     Attributes
     ----------
     status : {"crashed", "timeout"}
-    at : str
-        The last word it said before (`Beat`), "" if none.
     reason : str
         One sentence; the same whenever the same happens.
     """
 
-    def __init__(self, status: Literal["crashed", "timeout"], at: str, reason: str) -> None:
+    def __init__(self, status: Literal["crashed", "timeout"], reason: str) -> None:
         super().__init__(reason)
         self.status: Literal["crashed", "timeout"] = status
-        self.at, self.reason = at, reason
+        self.reason = reason
 
 
 class ClosedError(Exception):
@@ -70,17 +79,16 @@ class Sandbox:
     context : object
         Sent once to each process, and handed to everything that is called there.
     prepare : callable
-        Called in each new process before anything else, as ``prepare(context, beat=beat)``; imports and
-        compiled code belong there, since the patience of a call does not cover it. If the process dies of it,
-        the next starts without.
-    prepare_patience : float
+        Called in each new process before anything else, as ``prepare(context)``; imports and compiled code
+        belong there, since the time limit of a call does not cover it. If the process dies of it, the next
+        starts without.
+    prepare_timeout : float
         Seconds after which a process that is not ready is taken as hanging.
     """
 
-    def __init__(self, context: Any, prepare: Callable[..., Any], prepare_patience: float = 900.0) -> None:
-        self._context, self._prepare, self._prepare_patience = context, prepare, prepare_patience
+    def __init__(self, context: Any, prepare: Callable[..., Any], prepare_timeout: float = 900.0) -> None:
+        self.context, self._prepare, self._prepare_timeout = context, prepare, prepare_timeout
         self._process: subprocess.Popen[bytes] | None = None
-        self._messages: queue.SimpleQueue[tuple[str, Any] | None] = queue.SimpleQueue()
         self._closed = False
         #: What `prepare` returned; None before the first start, and where it failed.
         self.prepared: Any = None
@@ -95,14 +103,18 @@ class Sandbox:
         """
         if self._process is not None:
             return
-        self._launch()
+        process = self._launch()
         try:
-            self.prepared = self._ask(self._prepare, (), self._prepare_patience)
+            self.prepared = self._answer(process, self._prepare, (), self._prepare_timeout)
         except FaultError:
             self._launch()
+        except SandboxError:  # of no use, and the next call is to fail of the same
+            self._process = None
+            _kill(process)
+            raise
 
-    def call(self, function: Callable[..., Any], *arguments: Any, patience: float) -> Any:
-        """Return ``function(context, *arguments, beat=beat)`` of the sandbox.
+    def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
+        """Return ``function(context, *arguments)`` of the sandbox.
 
         Parameters
         ----------
@@ -110,8 +122,8 @@ class Sandbox:
             At the top level of a module.
         arguments
             What can be pickled.
-        patience : float
-            Seconds of silence (no beat and no answer) after which the process counts as hanging and is killed.
+        timeout : float
+            Seconds after which the process counts as hanging and is killed.
 
         Raises
         ------
@@ -121,7 +133,8 @@ class Sandbox:
         SandboxError
         """
         self.start()
-        return self._ask(function, arguments, patience)
+        assert self._process is not None
+        return self._answer(self._process, function, arguments, timeout)
 
     def close(self) -> None:
         """End the process, whatever it does; safe from any thread, and at any time."""
@@ -130,144 +143,188 @@ class Sandbox:
         if process is not None:
             _kill(process)
 
-    def _launch(self) -> None:
+    def _launch(self) -> subprocess.Popen[bytes]:
         if self._closed:
             raise ClosedError
-        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
-        self._messages = queue.SimpleQueue()
+        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({os.getpid()})"
         self._process = process = subprocess.Popen(
             [sys.executable, "-c", code],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | dict.fromkeys(_THREADS, "1"),
         )
-        assert process.stdout is not None
-        reader = threading.Thread(target=_read, args=(process.stdout, self._messages), daemon=True)
-        reader.start()
         if self._closed:  # closed by another thread meanwhile, which may not have seen this process
             process.kill()
-        self._send(self._context)
+        _send(process, self.context)
+        return process
 
-    def _send(self, value: Any) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError, ValueError):  # a death is noticed by whoever reads
-            pickle.dump(pickle.dumps(value), self._process.stdin)
-            self._process.stdin.flush()
+    def _answer(
+        self, process: subprocess.Popen[bytes], function: Callable[..., Any], arguments: tuple, timeout: float
+    ) -> Any:
+        late = threading.Event()
 
-    def _ask(self, function: Callable[..., Any], arguments: tuple, patience: float) -> Any:
-        if self._closed:
-            raise ClosedError
-        self._send((function, arguments, patience))
-        at = ""
-        while True:
-            try:
-                message = self._messages.get(timeout=patience)
-            except queue.Empty:
-                self._end(grace=0.0)
-                raise FaultError(
-                    "timeout", at, f"no answer within {patience:g} s; its process was ended"
-                ) from None
-            if message is None:
-                code = self._end(
-                    grace=1.0
-                )  # it closed its pipe: it is about to die, and of what is of interest
-                raise FaultError("crashed", at, f"its process died: {_cause(code)}")
-            kind, value = message
-            if kind == "at":
-                at = value
-            elif kind == "error":
-                raise SandboxError(value)
-            else:
-                return value
+        def end() -> None:
+            late.set()
+            process.kill()
 
-    def _end(self, grace: float) -> int:
-        """End the process, unless it ends by itself in time, and return its exit code."""
-        process = self._process
-        assert process is not None
-        if self._closed:
-            raise ClosedError
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(grace)
-        self._process = None
-        return _kill(process)
+        timer = threading.Timer(timeout, end)
+        timer.daemon = True
+        timer.start()
+        assert process.stdout is not None
+        try:
+            _send(process, (function, arguments, timeout))
+            done, value = pickle.load(process.stdout)
+        except (EOFError, OSError, ValueError, pickle.UnpicklingError):  # it is gone, perhaps in mid-sentence
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_GRACE)
+            code = _kill(process)
+            self._process = None
+            if self._closed:
+                raise ClosedError from None
+            if late.is_set():
+                reason = f"no answer within {timeout:g} s; its process was ended"
+                raise FaultError("timeout", reason) from None
+            raise FaultError("crashed", f"its process died: {_cause(code)}") from None
+        finally:
+            timer.cancel()
+        if not done:
+            raise SandboxError(value)
+        return value
+
+
+class SandboxExecutor(ThreadPoolExecutor):
+    """Threads of this process, each submitted call with one of as many sandboxes; all are started at once."""
+
+    def __init__(self, make_sandbox: Callable[[], Sandbox], workers: int) -> None:
+        super().__init__(workers, thread_name_prefix="sandbox")
+        self._sandboxes = [make_sandbox() for _ in range(workers)]
+        self._unused: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
+        for sandbox in self._sandboxes:
+            self._unused.put(sandbox)
+        for _ in self._sandboxes:
+            self.submit(Sandbox.start)  # while the caller still plans
+
+    @property
+    def workers(self) -> int:
+        """How many calls are worked on at once."""
+        return len(self._sandboxes)
+
+    def submit(self, fn: Callable[..., _Answer], /, *args: Any, **kwargs: Any) -> Future[_Answer]:
+        """Submit ``fn(sandbox, *args)``."""
+        return super().submit(self._run, fn, *args, **kwargs)
+
+    def _run(self, fn: Callable[..., _Answer], *args: Any, **kwargs: Any) -> _Answer:
+        sandbox = self._unused.get()
+        try:
+            return fn(sandbox, *args, **kwargs)
+        finally:
+            self._unused.put(sandbox)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the threads; with `cancel_futures`, the sandboxes at once and whatever they work on."""
+        if not cancel_futures:
+            super().shutdown(wait=wait)
+        for sandbox in self._sandboxes:
+            sandbox.close()
+        super().shutdown(wait=wait, cancel_futures=cancel_futures)
+
+
+def in_halves(
+    call: Callable[[slice], _Piece], n: int, failure: Callable[[slice, FaultError], _Piece]
+) -> list[_Piece]:
+    """Call for n cells at once, in halves where their process dies or hangs, and so on down to single cells.
+
+    A cell is lost when its process died at least twice, the last time with this cell alone: one death may have
+    been anybody's (a full memory, an operator), and costs nothing but time.
+
+    Parameters
+    ----------
+    call : callable
+        Answers for some cells, by a call of a `Sandbox`.
+    n : int
+        Number of cells.
+    failure : callable
+        What stands for the answer for a cell that is lost, from its place and the last fault.
+
+    Returns
+    -------
+    list
+        What `call` and `failure` returned, in the order of the cells.
+    """
+
+    def pieces(start: int, stop: int, deaths: int) -> list[_Piece]:
+        place, middle = slice(start, stop), (start + stop) // 2
+        try:
+            return [call(place)]
+        except FaultError as fault:
+            if stop - start > 1:
+                return [*pieces(start, middle, deaths + 1), *pieces(middle, stop, deaths + 1)]
+            if deaths + 1 >= _DEATHS:
+                return [failure(place, fault)]
+        return pieces(start, stop, deaths + 1)
+
+    return pieces(0, n, 0)
+
+
+def _send(process: subprocess.Popen[bytes], value: Any) -> None:
+    assert process.stdin is not None
+    with contextlib.suppress(BrokenPipeError, ValueError):  # a death is noticed by whoever reads
+        pickle.dump(value, process.stdin)
+        process.stdin.flush()
 
 
 def _kill(process: subprocess.Popen[bytes]) -> int:
     process.kill()
     code = process.wait()
-    if process.stdin is not None:
-        with contextlib.suppress(OSError):
-            process.stdin.close()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with contextlib.suppress(OSError):
+                pipe.close()
     return code
-
-
-def _read(pipe: BinaryIO, messages: queue.SimpleQueue[tuple[str, Any] | None]) -> None:
-    """Pass on what the process says, and None when it is gone, however it went."""
-    with pipe, contextlib.suppress(Exception):
-        while True:
-            messages.put(pickle.load(pipe))
-    messages.put(None)
 
 
 def _cause(code: int) -> str:
     if code >= 0:
         return f"exit code {code}"
-    try:
-        name = signal.Signals(-code).name
-    except ValueError:
-        name = f"signal {-code}"
+    known = {number.value: number.name for number in signal.Signals}
+    name = known.get(-code, f"signal {-code}")
     return f"{name} (out of memory, or killed)" if name == "SIGKILL" else name
 
 
-def serve() -> None:
+def serve(caller: int) -> None:
     """Work for the process at the other end of standard input, until it is gone; the life of a sandbox."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(_OOM_SCORE)
+    threading.Thread(target=_follow, args=(caller,), daemon=True).start()
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # engines print there
-
-    def say(kind: str, value: Any) -> None:
-        pickle.dump((kind, value), out)
+    messages: Any = sys.stdin.buffer
+    context, first = None, True
+    while messages.peek(1):
+        try:
+            message = pickle.load(messages)
+            if first:
+                context, first = message, False
+                continue
+            function, arguments, timeout = message
+            _alarm(timeout)
+            answer = True, function(context, *arguments)
+        except Exception:
+            answer = False, traceback.format_exc()
+        _alarm(0)
+        pickle.dump(answer, out)
         out.flush()
 
-    inbox: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_listen, args=(inbox,), daemon=True).start()
-    context: Any = None
-    first = True
-    while True:
-        blob = inbox.get()
-        try:
-            if first:
-                context, first = pickle.loads(blob), False
-                continue
-            function, arguments, patience = pickle.loads(blob)
 
-            def beat(word: str, patience: float = patience) -> None:
-                _watch(patience)
-                say("at", word)
-
-            _watch(patience)
-            answer = function(context, *arguments, beat=beat)
-        except Exception:
-            say("error", traceback.format_exc())
-        except SystemExit as end:  # at once: an orderly end would wait for the thread that listens
-            os._exit(end.code if isinstance(end.code, int) else 1)
-        else:
-            say("done", answer)
-        _watch(0)
-
-
-def _listen(inbox: queue.SimpleQueue[bytes]) -> None:
-    """Pass on what is asked; end the process when the asker is gone (killed, it tells nobody)."""
-    with contextlib.suppress(Exception):
-        while True:
-            inbox.put(pickle.load(sys.stdin.buffer))
+def _follow(caller: int) -> None:
+    """End this process when its caller is gone: killed, it tells nobody, and work may go on for long."""
+    while os.getppid() == caller:
+        time.sleep(_LOOK)
     os._exit(1)
 
 
-def _watch(patience: float) -> None:
+def _alarm(timeout: float) -> None:
     """End this process long after its caller should have: even one that hangs in C, its caller dead, ends."""
     if hasattr(signal, "setitimer"):
-        signal.setitimer(signal.ITIMER_REAL, 2 * patience + 60 if patience else 0)
+        signal.setitimer(signal.ITIMER_REAL, 2 * timeout + 60 if timeout else 0)

@@ -9,10 +9,11 @@ the law's.
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import hashlib
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,28 +21,25 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.box import Search
+from impact_xval.experiments.config.axes import AXES, Search
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import CellList, GridCell
 from impact_xval.experiments.sweep.designs import unit_points
-from impact_xval.experiments.sweep.executors import available_cores, in_flight, open_executor
-from impact_xval.experiments.sweep.isolation import Task, run_task
-from impact_xval.experiments.sweep.run import Progress, clearly
-from impact_xval.experiments.sweep.sandbox import Beat, FaultError, Sandbox
+from impact_xval.experiments.sweep.executors import available_cores, open_executor
+from impact_xval.experiments.sweep.run import Progress, kept
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
 from impact_xval.experiments.sweep.solving import (
-    Job,
+    Experiment,
     Resolve,
-    solve_cells,
+    prepare,
+    solve_all,
+    solve_chunks,
     solver_versions,
 )
-from impact_xval.experiments.tables.folders import open_folder
-from impact_xval.experiments.tables.lock import holding
 from impact_xval.experiments.tables.schema import COLUMNS, DIVERGENCE_SCHEMA
 from impact_xval.experiments.tables.store import (
     MANIFEST,
@@ -124,30 +122,30 @@ def search_worst(
     if not search.free():
         raise UserError("search: every parameter is a number; legal: one range or more")
     config = config.model_copy(update={"solvers": [REFERENCE, search.solver], "search": search})
-    workers = workers or config.workers or available_cores()
-    folder, continued = open_folder(root, resume=resume, format=FORMAT)
-    manifest = {
-        "format": FORMAT,
-        "state": "running",
-        "configuration": config.canonical(),
-        "versions": solver_versions(config, resolve),
-    }
-    identity = json.dumps([config.identity(), search.model_dump(), manifest["versions"], list(COLUMNS)])
-    with clearly(folder), holding(root) as line:
-        progress(0, 0, line)
+    experiment, workers = Experiment(config, resolve), workers or config.workers or available_cores()
+    with kept(root, resume, progress, FORMAT) as (folder, continued):
+        manifest = {
+            "format": FORMAT,
+            "state": "running",
+            "configuration": config.canonical(),
+            "versions": solver_versions(experiment),
+        }
         if continued and folder.manifest().get("configuration") != manifest["configuration"]:
             raise UserError(f"--resume {root}: holds a search of another configuration")
-        write_json(root / MANIFEST, manifest)
-        job, say = Job(config, resolve), lambda text: progress(0, 0, text)
-        with open_executor(job, workers, scheduler, say, isolate=isolate) as executor:
-            work = _Work(config, search, folder, executor, identity, progress)
-            work.run()
-            found = work.found()
-        _write(folder, config, found, manifest)
+        identity = json.dumps([config.identity(), search.model_dump(), manifest["versions"], list(COLUMNS)])
+        say = functools.partial(progress, 0, 0)
+        with open_executor(
+            experiment, prepare, workers, scheduler=scheduler, isolate=isolate, say=say
+        ) as executor:
+            write_json(root / MANIFEST, manifest)
+            evolution = _Evolution(config, search, folder, executor, identity, progress)
+            evolution.run()
+            found = evolution.found()
+        _write(folder, evolution.evaluations(), found, manifest)
     return found
 
 
-class _Work:
+class _Evolution:
     def __init__(
         self,
         config: Config,
@@ -159,10 +157,9 @@ class _Work:
     ) -> None:
         self._config, self._search, self._folder, self._executor = config, search, folder, executor
         self._identity, self._progress = identity, progress
-        self._generation = 0
-        self.parts: list[Path] = []
-        self.values: list[NDArray[np.float64]] = []
-        self.cells: list[NDArray[np.float64]] = []
+        self._cells: list[GridCell] = []
+        self._generations: list[pa.Table] = []
+        self._best: list[float] = []
 
     def run(self) -> None:
         """Evolve; every generation is kept."""
@@ -185,68 +182,54 @@ class _Work:
     def _objective(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Evaluate a generation: minus the size of the measure, 0 where it does not count; x is (d, n)."""
         ratios = self._search.place(x.T)
-        start = sum(map(len, self.cells))
-        cells = CellList(self._config, np.vstack([*self.cells, ratios])).cells(
-            range(start, start + len(ratios))
-        )
+        first, number = len(self._cells), len(self._generations)
+        cells = CellList(self._config, ratios).cells(range(len(ratios)))
+        cells = [dataclasses.replace(cell, index=first + cell.index) for cell in cells]
         identity = hashlib.sha256(self._identity.encode() + ratios.astype("<f8").tobytes()).hexdigest()[:32]
-        part = self._folder.find_part(self._generation, identity)
+        part = self._folder.find_part(number, identity)
+        rows = read_part(part) if part is not None else self._solve(cells)
         if part is None:
-            part = self._folder.write_part(self._generation, identity, self._solve(cells))
-        table = read_part(part).filter(pc.field("solver") != REFERENCE)
-        self.parts.append(part)
-        self.cells.append(ratios)
-        self.values.append(self._counted(table))
-        self._generation += 1
+            self._folder.write_part(number, identity, part_bytes(rows))
+        self._cells += cells
+        self._generations.append(rows.filter(pc.field("solver") != REFERENCE))
+        values = self._values(self._generations[-1])
+        self._best.append(max([*self._best[-1:], float(values.max())]))
         total = self._search.population * (self._search.generations + 1)
-        self._progress(sum(map(len, self.cells)), total, "")
-        return -self.values[-1]
+        self._progress(len(self._cells), total, "")
+        return -values
 
-    def _solve(self, cells: Sequence[GridCell]) -> bytes:
+    def _solve(self, cells: list[GridCell]) -> pa.Table:
         size = max(1, -(-len(cells) // (4 * max(1, self._executor.workers))))
-        tasks = [
-            Task(n, cells[i : i + size], self._config.cell_timeout)
-            for n, i in enumerate(range(0, len(cells), size))
-        ]
-        reports = in_flight(
-            lambda task: self._executor.submit(run_task, task),
-            tasks,
-            lambda: max(2, 2 * self._executor.workers),
-        )
-        done = {report.number: report.data for report in reports}
-        tables = [read_part(done[n]) for n in sorted(done)]
-        return part_bytes(pa.concat_tables(tables))
+        chunks = ((start, cells[start : start + size]) for start in range(0, len(cells), size))
+        reports = sorted(solve_chunks(self._executor, chunks), key=lambda report: report.number)
+        return pa.concat_tables([read_part(report.data) for report in reports])
 
-    def _counted(self, table: pa.Table) -> NDArray[np.float64]:
+    def _values(self, table: pa.Table) -> NDArray[np.float64]:
         """Size of the measure; 0 for marked cells, and without a result."""
-        value = np.abs(table.column(self._search.measure).to_numpy().astype(float))
+        value = np.abs(_numbers(table, self._search.measure))
         return np.where(np.isnan(value) | _marked(table), 0.0, value)
 
+    def evaluations(self) -> pa.Table:
+        """Return the rows of every cell."""
+        return pa.concat_tables(self._generations)
+
     def found(self) -> Found:
-        """Write the table of evaluations, and say what is in it."""
-        with table_writer(self._folder.root / EVALUATIONS, DIVERGENCE_SCHEMA) as table:
-            for part in self.parts:
-                rows = read_part(part)
-                table.add(rows.filter(pc.field("solver") != REFERENCE))
-        everything = pq.read_table(self._folder.root / EVALUATIONS)
-        values = np.concatenate(self.values)
+        """Say what is among the evaluations."""
+        everything = self.evaluations().select(DIVERGENCE_SCHEMA.names)
+        values, marked = self._values(everything), _marked(everything)
         order = np.argsort(-values, kind="stable")
         order = order[values[order] > 0][:_LISTED]
-        rows = everything.take(order).to_pylist()
-        measured = everything.column(self._search.measure).to_numpy().astype(float)
-        marked = _marked(everything)
         return Found(
             search=self._search,
-            rows=rows,
-            confirmed=[self._again(int(order[0]), factor) for factor in _STEPS] if len(order) else [],
+            rows=everything.take(order).to_pylist(),
+            confirmed=[self._again(self._cells[order[0]], factor) for factor in _STEPS] if len(order) else [],
             evaluated=len(values),
             marked=int(marked.sum()),
-            failed=int((np.isnan(measured) & ~marked).sum()),
-            best=np.maximum.accumulate([values.max() for values in self.values]).tolist(),
+            failed=int((np.isnan(_numbers(everything, self._search.measure)) & ~marked).sum()),
+            best=self._best,
         )
 
-    def _again(self, index: int, factor: float) -> dict[str, Any]:
-        cell = CellList(self._config, np.vstack(self.cells))[index]
+    def _again(self, cell: GridCell, factor: float) -> dict[str, Any]:
         fraction = self._config.step_fraction * factor
         row = self._executor.submit(_confirm, cell, fraction, self._config.cell_timeout).result()
         value = row.get(self._search.measure)
@@ -257,20 +240,21 @@ class _Work:
         }
 
 
-def _confirm(sandbox: Sandbox, cell: GridCell, fraction: float, patience: float) -> dict[str, Any]:
+def _confirm(sandbox: Sandbox, cell: GridCell, fraction: float, timeout: float) -> dict[str, Any]:
     try:
-        return sandbox.call(_with_step, cell, fraction, patience=patience)
+        return sandbox.call(_with_step, cell, fraction, timeout=timeout)
     except FaultError as fault:
         return {"status": fault.status}
 
 
-def _with_step(job: Job, cell: GridCell, fraction: float, *, beat: Beat) -> dict[str, Any]:
-    config = job.config.model_copy(update={"step_fraction": fraction})
-    rows, _ = solve_cells(config, [cell], job.resolve, beat=beat)
-    return rows[-1]
+def _with_step(experiment: Experiment, cell: GridCell, fraction: float) -> dict[str, Any]:
+    config = experiment.config.model_copy(update={"step_fraction": fraction})
+    return solve_all(dataclasses.replace(experiment, config=config), [cell]).to_pylist()[-1]
 
 
-def _write(folder: RunFolder, config: Config, found: Found, manifest: dict[str, Any]) -> None:
+def _write(folder: RunFolder, evaluations: pa.Table, found: Found, manifest: dict[str, Any]) -> None:
+    with table_writer(folder.root / EVALUATIONS, DIVERGENCE_SCHEMA) as table:
+        table.add(evaluations)
     lines = [",".join(AXES), *(",".join(repr(row[axis]) for axis in AXES) for row in found.rows)]
     write_text(folder.root / WORST, "\n".join(lines) + "\n")
     write_json(
@@ -290,6 +274,10 @@ def _write(folder: RunFolder, config: Config, found: Found, manifest: dict[str, 
 
 def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _numbers(table: pa.Table, name: str) -> NDArray[np.float64]:
+    return table.column(name).to_numpy().astype(float)
 
 
 def _marked(table: pa.Table) -> NDArray[np.bool_]:

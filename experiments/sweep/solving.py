@@ -1,83 +1,192 @@
-"""A batch of cells by every solver, as rows; what a worker process does."""
+"""A chunk of cells by each solver, as the rows of a part; a call of a sandbox is one solver's.
+
+What crashes or hangs is found by halving (`sandbox.in_halves`), and becomes rows with that status.
+"""
 
 from __future__ import annotations
 
+import functools
 import math
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import shorter_period
-from impact_xval.compliant_baselines.contract.convergence import Convergence
-from impact_xval.compliant_baselines.contract.solver import Settings, Solver
+from impact_xval.compliant_baselines.contract.solver import Convergence, Settings, Solver
 from impact_xval.compliant_baselines.contract.state_runs import compared_states
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
-from impact_xval.experiments.sweep.sandbox import Beat
-from impact_xval.experiments.tables.schema import (
-    CERTIFICATE,
-    COLUMNS,
-    MEASURES,
-    ROW_SCHEMA,
-)
+from impact_xval.experiments.sweep.executors import in_flight
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves
+from impact_xval.experiments.tables.schema import CERTIFICATE, ROW_SCHEMA
+from impact_xval.experiments.tables.store import part_bytes
 from impact_xval.model.collision import Collision, Outcome, Status
 
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
 Resolve = Callable[[str], Solver]
 
-
-#: What is known of the solvers that cannot answer these cells: status and reason by name.
-Failures = dict[str, tuple[Status, str]]
-Seconds = dict[str, float]
+#: Status and reason of what is lost: of a solver (by name) at a cell (by index).
+Lost = dict[tuple[str, int], tuple[Status, str]]
 Versions = dict[str, str]
 
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).
 VELOCITIES = frozenset({"v1_limit", "v2_limit", "limit_error", "regularisation", "rest_speed"})
 
 
-@dataclass(frozen=True, slots=True)
-class Job:
-    """What every process of a run is told once.
+@dataclass
+class Experiment:
+    """What every process of a run is given once.
 
     Attributes
     ----------
     config : Config
-        The experiment.
+        The experiment; its first solver is the reference.
     resolve : callable
         Finds a solver by its name.
     """
 
     config: Config
-    resolve: Resolve
+    resolve: Resolve = get_solver
+    _models: tuple[Any, list[Outcome]] = field(default=(None, []), init=False, repr=False)
+
+    def outcomes(self, name: str, cells: Sequence[GridCell], lost: Lost) -> list[Outcome]:
+        """Solve cells by a solver; those that are lost to it are failures."""
+        asked = [cell.collision for cell in cells if (name, cell.index) not in lost]
+        found = iter(answer(self.resolve(name), asked, settings_of(self.config)) if asked else [])
+        return [
+            Outcome.failure(name, *lost[name, cell.index]) if (name, cell.index) in lost else next(found)
+            for cell in cells
+        ]
+
+    def models(self, cells: Sequence[GridCell], lost: Lost) -> list[Outcome]:
+        """Solve cells by the reference; kept for the next solver of the same cells."""
+        if self._models[0] != list(cells):
+            self._models = list(cells), self.outcomes(REFERENCE, cells, lost)
+        return self._models[1]
 
 
-def prepare(job: Job, *, beat: Beat) -> Versions:
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What came of a chunk.
+
+    Attributes
+    ----------
+    number : int
+        Number of the chunk.
+    data : bytes
+        Its rows, by cell, then by solver, as the content of a part.
+    seconds : dict
+        Wall time by solver.
+    versions : dict
+        Of the project and of every solver where the chunk was computed.
+    faults : int
+        Processes that died or were ended.
+    """
+
+    number: int
+    data: bytes
+    seconds: dict[str, float]
+    versions: Versions | None
+    faults: int
+
+
+def solve_chunk(sandbox: Sandbox, number: int, cells: Sequence[GridCell]) -> Report:
+    """Solve a chunk of cells by each solver of the experiment that the sandbox was given, whatever they do."""
+    config: Config = sandbox.context.config
+    chunk = _Chunk(sandbox, cells, config)
+    rows = pa.concat_tables([piece for name in config.solvers for piece in chunk.solved_by(name)])
+    by_cell = np.arange(len(rows)).reshape(len(config.solvers), -1).T.ravel()
+    return Report(number, part_bytes(rows.take(by_cell)), chunk.seconds, sandbox.prepared, chunk.faults)
+
+
+def solve_chunks(executor: Any, chunks: Iterable[tuple[int, Sequence[GridCell]]]) -> Iterator[Report]:
+    """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come."""
+    return in_flight(
+        lambda chunk: executor.submit(solve_chunk, *chunk), chunks, lambda: max(2, 2 * executor.workers)
+    )
+
+
+class _Chunk:
+    def __init__(self, sandbox: Sandbox, cells: Sequence[GridCell], config: Config) -> None:
+        self._sandbox, self._cells, self._timeout = sandbox, cells, config.cell_timeout
+        self._lost: Lost = {}
+        self.seconds = dict.fromkeys(config.solvers, 0.0)
+        self.faults = 0
+
+    def solved_by(self, name: str) -> list[pa.Table]:
+        rows, failed = functools.partial(self._rows, name), functools.partial(self._failed, name)
+        return in_halves(rows, len(self._cells), failed)
+
+    def _rows(self, name: str, place: slice) -> pa.Table:
+        self._sandbox.start()
+        start = time.perf_counter()
+        try:
+            return self._sandbox.call(solve_by, name, self._cells[place], self._lost, timeout=self._timeout)
+        except FaultError:
+            self.faults += 1
+            raise
+        finally:
+            self.seconds[name] += time.perf_counter() - start
+
+    def _failed(self, name: str, place: slice, fault: FaultError) -> pa.Table:
+        cell = self._cells[place.start].index
+        self._lost[name, cell] = fault.status, fault.reason
+
+        def give_up(_: slice, fault: FaultError) -> pa.Table:
+            raise SandboxError(f"cell {cell}, outside of every solver: {fault.reason}")
+
+        return in_halves(lambda _: self._rows(name, place), 1, give_up)[0]
+
+
+def prepare(experiment: Experiment) -> Versions:
     """Make a process ready: solve a cell by every solver, so that all is imported and compiled."""
-    versions = solver_versions(job.config, job.resolve)
-    cell = GridCell(0, 1.0, 1.0, collision_of(job.config, job.config.figure_cell))
-    solve_cells(job.config, [cell], job.resolve, beat=beat)
+    versions = solver_versions(experiment)
+    solve_all(
+        experiment, [GridCell(0, 1.0, 1.0, collision_of(experiment.config, experiment.config.figure_cell))]
+    )
     return versions
 
 
-def compute(
-    job: Job, cells: Sequence[GridCell], failures: Failures, *, beat: Beat
-) -> tuple[pa.Table, Seconds]:
-    """Solve cells as `solve_cells` does; the rows as a table."""
-    rows, seconds = solve_cells(job.config, cells, job.resolve, failures, beat)
-    return pa.Table.from_pylist(rows, schema=ROW_SCHEMA), seconds
+def solve_all(experiment: Experiment, cells: Sequence[GridCell]) -> pa.Table:
+    """Solve cells by every solver; the rows by solver, then by cell."""
+    return pa.concat_tables([solve_by(experiment, name, cells, {}) for name in experiment.config.solvers])
 
 
-def solver_versions(config: Config, resolve: Resolve = get_solver) -> Versions:
+def solve_by(experiment: Experiment, name: str, cells: Sequence[GridCell], lost: Lost) -> pa.Table:
+    """Solve cells by one solver and compare it with the reference.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    name : str
+        Of the solver.
+    cells : sequence of GridCell
+    lost : dict
+        Solvers that are not called for a cell, with the status and reason of that row.
+
+    Returns
+    -------
+    Table
+        A row for each cell, with the columns of `schema.ROW_SCHEMA`.
+    """
+    models = experiment.models(cells, lost)
+    outcomes = models if name == REFERENCE else experiment.outcomes(name, cells, lost)
+    rows = [_row(experiment.config, name, *each) for each in zip(cells, models, outcomes, strict=True)]
+    return pa.Table.from_pylist(rows, schema=ROW_SCHEMA)
+
+
+def solver_versions(experiment: Experiment) -> Versions:
     """Versions of the project and of every solver; why not, for one that is unavailable."""
     versions = {"impact-xval": version("impact-xval")}
-    for name in config.solvers:
-        solver = resolve(name)
+    for name in experiment.config.solvers:
+        solver = experiment.resolve(name)
         reason = solver.unavailable()
         versions[name] = solver.version() if reason is None else f"unavailable: {reason}"
     return versions
@@ -101,59 +210,8 @@ def settings_of(config: Config) -> Settings:
     )
 
 
-def solve_cells(
-    config: Config,
-    cells: Sequence[GridCell],
-    resolve: Resolve,
-    failures: Failures | None = None,
-    beat: Beat = lambda word: None,
-) -> tuple[list[dict[str, Any]], dict[str, float]]:
-    """Solve cells by every solver of an experiment.
-
-    Parameters
-    ----------
-    config : Config
-        The experiment; its first solver is the reference.
-    cells : sequence of GridCell
-        The cells.
-    resolve : callable
-        Finds a solver by its name.
-    failures : dict, optional
-        Solvers that are not to be asked, and the status and reason of their rows.
-    beat : callable
-        Told the name of each solver before it is asked.
-
-    Returns
-    -------
-    rows : list of dict
-        A value for every column of `schema.ROW_SCHEMA`, by cell, then by solver in the order of the
-        configuration.
-    seconds : dict
-        Wall time by solver.
-    """
-    settings = settings_of(config)
-    collisions = [cell.collision for cell in cells]
-    references: list[Outcome] = []
-    by_solver: list[list[dict[str, Any]]] = []
-    seconds: dict[str, float] = {}
-    for name in config.solvers:
-        start = time.perf_counter()
-        beat(name)
-        if failures and name in failures:
-            outcomes = [Outcome.failure(name, *failures[name])] * len(cells)
-        else:
-            outcomes = answer(resolve(name), collisions, settings)
-        references = references or outcomes
-        # Paths are needed for the measures only; of all solvers but the reference they are dropped here.
-        by_solver.append(
-            [_row(config, name, *each) for each in zip(cells, references, outcomes, strict=True)]
-        )
-        seconds[name] = time.perf_counter() - start
-    return [row for rows in zip(*by_solver, strict=True) for row in rows], seconds
-
-
 def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
-    """Ask a solver, and turn whatever goes wrong into outcomes with a status and a reason."""
+    """Call a solver, and turn whatever goes wrong into outcomes with a status and a reason."""
     unavailable = solver.unavailable()
     if unavailable is not None:
         return [Outcome.failure(solver.name, "unavailable", unavailable)] * len(collisions)
@@ -221,7 +279,7 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
         "model_status": model.status,
         "model_grazing_margin": model.grazing_margin,
         # The model's divergence from itself is in no table.
-        **(divergence(c, model, outcome, paths) if name != REFERENCE else dict.fromkeys(MEASURES)),
+        **(divergence(c, model, outcome, paths) if name != REFERENCE else {}),
     }
     if done:
         row |= {
@@ -235,7 +293,7 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
             "n_events": outcome.n_events,
             "retained_energy": outcome.retained_energy(c),
         }
-    return {column: row.get(column) for column in COLUMNS}
+    return row
 
 
 def _whole(value: float | None) -> int | None:

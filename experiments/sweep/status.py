@@ -15,10 +15,7 @@ import pyarrow.parquet as pq
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.aggregates import reasons_of
 from impact_xval.experiments.tables.lock import running
-from impact_xval.experiments.tables.store import PART, RunFolder, count_statuses
-from impact_xval.experiments.tables.streams import blocks
-
-_COLUMNS = ("solver", "status", "reason")
+from impact_xval.experiments.tables.store import PART, RunFolder, Tally, statuses_of, tally
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,71 +75,42 @@ def status_of(root: Path) -> RunStatus:
 
 
 def _complete(folder: RunFolder, manifest: dict[str, Any], cells: int, chunks: int) -> RunStatus:
-    path = folder.root / "cells.parquet"
     try:
-        failed = reasons_of(blocks(path, _COLUMNS, whole_cells=False))
-        statuses = folder.statuses()
+        outcomes = folder.tally()
     except (OSError, pa.ArrowException):
+        path = folder.root / "cells.parquet"
         raise UserError(f"{path}: damaged or missing; impact-xval run --resume writes it again") from None
-    return RunStatus(
-        state="complete",
-        owner="",
-        cells=cells,
-        cells_done=cells,
-        parts=chunks,
-        parts_done=chunks,
-        parts_damaged=0,
-        statuses=statuses,
-        reasons=failed,
-        rate=_last_rate(manifest, cells, chunks),
-        seconds_left=None,
-    )
+    rate = _last_rate(manifest, cells, chunks)
+    counts = (cells, cells, chunks, chunks, 0)
+    return RunStatus("complete", "", *counts, statuses_of(outcomes), reasons_of(outcomes), rate, None)
 
 
 def _under_way(folder: RunFolder, manifest: dict[str, Any], cells: int, chunks: int, owner: str) -> RunStatus:
-    done, damaged, since, recent = 0, 0, _started(manifest), 0
-    statuses: Counter[tuple[str, str]] = Counter()
-    failed: Counter[tuple[str, str, str]] = Counter()
-    last = since
+    done, damaged, recent = 0, 0, 0
+    since = last = _started(manifest)
+    outcomes: Tally = Counter()
     seen: set[int] = set()
-    for path in sorted(folder.parts.iterdir()) if folder.parts.is_dir() else []:
+    for path in sorted(folder.parts.glob("*")):
         match = PART.fullmatch(path.name)
         if match is None or int(match[1]) in seen:
             continue
         try:
-            table = pq.read_table(path, columns=[*_COLUMNS, "cell"])
+            table = pq.read_table(path, columns=["solver", "status", "reason", "cell"])
             stamp = path.stat().st_mtime
         except (OSError, pa.ArrowException, KeyError):
             damaged += 1
             continue
         seen.add(int(match[1]))
-        n = len(set(table.column("cell").to_pylist()))
+        n = len(table.column("cell").unique())
         done += n
         if stamp >= since:
             recent, last = recent + n, max(last, stamp)
-        for solver, counts in count_statuses([table]).items():
-            for status, count in counts.items():
-                statuses[solver, status] += count
-        for solver, status, reason, count in reasons_of([table]):
-            failed[solver, status, reason] += count
+        outcomes += tally([table])
     elapsed = (time.time() if owner else last) - since
     rate = recent / elapsed if recent and elapsed > 0 else None
-    by_solver: dict[str, dict[str, int]] = {}
-    for (solver, status), count in statuses.items():
-        by_solver.setdefault(solver, {})[status] = count
-    return RunStatus(
-        state="running" if owner else "stopped",
-        owner=owner,
-        cells=cells,
-        cells_done=min(done, cells),
-        parts=chunks,
-        parts_done=len(seen),
-        parts_damaged=damaged,
-        statuses=by_solver,
-        reasons=sorted(((*key, n) for key, n in failed.items()), key=lambda row: (-row[3], row[:3])),
-        rate=rate,
-        seconds_left=(cells - done) / rate if rate and owner else None,
-    )
+    left = (cells - done) / rate if rate and owner else None
+    state, counts = "running" if owner else "stopped", (cells, min(done, cells), chunks, len(seen), damaged)
+    return RunStatus(state, owner, *counts, statuses_of(outcomes), reasons_of(outcomes), rate, left)
 
 
 def _count(root: Path, manifest: dict[str, Any], key: str) -> int:

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.tables.lock import LOCK, OWNER
 from impact_xval.experiments.tables.store import FORMAT, MANIFEST, RunFolder
 from impact_xval.experiments.tables.streams import is_temporary
+
+
+def missing(root: Path) -> list[Path]:
+    """Return the folders that must be made for `root` to be there, `root` first."""
+    return [path for path in (root, *root.parents) if not path.exists()]
 
 
 def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunFolder, bool]:
@@ -35,17 +41,16 @@ def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunF
     UserError
         If the folder holds something else, holds a run and `resume` is false, or cannot be written to.
     """
-    folder = RunFolder(root, format)
-    existed = root.exists()
+    folder, new = RunFolder(root, format), missing(root)
     try:
-        entries = sorted(entry.name for entry in root.iterdir()) if existed else []
-        continued = MANIFEST in entries
+        entries = sorted(entry.name for entry in root.iterdir()) if not new else []
         # What a run leaves that was killed before its first line of work.
         started = folder.parts.is_dir() and not any(folder.parts.iterdir())
     except NotADirectoryError:
         raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
     except OSError as error:
         raise UserError(f"--out {root}: cannot be read: {error.strerror}") from None
+    continued = MANIFEST in entries
     ours = (LOCK, OWNER, *(["parts"] if started else []))
     foreign = [name for name in entries if not (is_temporary(name) or name in ours)]
     if continued:
@@ -61,12 +66,25 @@ def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunF
         for directory in (root, folder.parts):
             tempfile.TemporaryFile(dir=directory).close()
     except OSError as error:
-        if not existed:
-            with contextlib.suppress(OSError):
-                folder.parts.rmdir()
-                root.rmdir()
+        discard(folder, new)
         raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
     return folder, continued
+
+
+def discard(folder: RunFolder, new: Iterable[Path]) -> None:
+    """Remove what was made for a run that was refused, unless something was kept there.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    new : iterable of Path
+        Folders that were not there before (`missing`).
+    """
+    there = {path.name for path in folder.root.iterdir()} if folder.root.is_dir() else set()
+    ours = (folder.parts.rmdir, (folder.root / LOCK).unlink) if there <= {"parts", LOCK} else ()
+    for remove in (*ours, *(path.rmdir for path in new)):
+        with contextlib.suppress(OSError):  # it holds something, or was never made
+            remove()
 
 
 def finished(root: Path) -> RunFolder:

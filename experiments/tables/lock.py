@@ -28,7 +28,7 @@ LOCK = ".lock"
 OWNER = ".owner.json"
 
 #: Seconds between two signs of life, and without any after which a run elsewhere counts as dead.
-BEAT = 10.0
+HEARTBEAT = 10.0
 SILENCE = 60.0
 
 
@@ -61,15 +61,20 @@ def running(root: Path) -> Owner | None:
     owner = owner_of(root)
     if owner is None:
         return None
-    if owner.host == socket.gethostname():
-        lock = FileLock(root / LOCK)
-        try:
-            lock.acquire(timeout=0)
-        except (Timeout, OSError, NotImplementedError):
-            return owner
-        lock.release()
-        return None
-    return owner if owner.age < SILENCE else None
+    if owner.host != socket.gethostname():
+        return owner if owner.age < SILENCE else None
+    try:
+        with FileLock(root / LOCK, timeout=0):
+            return None
+    except (Timeout, OSError, NotImplementedError):
+        return owner
+
+
+def check_free(root: Path) -> None:
+    """Raise a `UserError` if a run writes to a folder now; nothing in it is touched."""
+    owner = running(root)
+    if owner is not None:
+        raise UserError(_refusal(root, owner))
 
 
 @contextlib.contextmanager
@@ -86,21 +91,18 @@ def holding(root: Path) -> Iterator[str]:
     UserError
         If another run writes there.
     """
-    lock = FileLock(root / LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise UserError(_refusal(root, owner_of(root))) from None
-    except NotImplementedError:  # a file system without locks: signs of life must do
-        pass
-    try:
+    with contextlib.ExitStack() as stack:
+        try:
+            stack.enter_context(FileLock(root / LOCK, timeout=0))
+        except Timeout:
+            raise UserError(_refusal(root, owner_of(root))) from None
+        except NotImplementedError:  # a file system without locks: signs of life must do
+            pass
         before = owner_of(root)
         if before is not None and before.host != socket.gethostname() and before.age < SILENCE:
             raise UserError(_refusal(root, before))
-        with _alive(root):
-            yield f"taken over from a run that died ({before})" if before is not None else ""
-    finally:
-        lock.release()
+        stack.enter_context(_alive(root / OWNER))
+        yield f"taken over from a run that died ({before})" if before is not None else ""
 
 
 def _refusal(root: Path, owner: Owner | None) -> str:
@@ -112,19 +114,18 @@ def _refusal(root: Path, owner: Owner | None) -> str:
 
 
 @contextlib.contextmanager
-def _alive(root: Path) -> Iterator[None]:
-    path = root / OWNER
+def _alive(path: Path) -> Iterator[None]:
     since = datetime.now(UTC).isoformat(timespec="seconds")
     text = json.dumps({"host": socket.gethostname(), "pid": os.getpid(), "since": since})
     path.write_text(text + "\n", encoding="utf-8")
     ended = threading.Event()
 
-    def beat() -> None:
-        while not ended.wait(BEAT):
+    def heartbeat() -> None:
+        while not ended.wait(HEARTBEAT):
             with contextlib.suppress(OSError):
                 os.utime(path)
 
-    threading.Thread(target=beat, daemon=True).start()
+    threading.Thread(target=heartbeat, daemon=True).start()
     try:
         yield
     finally:

@@ -13,6 +13,15 @@ def number(value: float, digits: int = 3) -> str:
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
+def short(value: float, digits: int = 3) -> str:
+    """Write a number in few letters: large powers of ten as such, a dash for none, ``never`` for infinity."""
+    if math.isinf(value):
+        return "never"
+    if value >= 1e4 and math.isclose(value, 10 ** round(math.log10(value)), rel_tol=1e-9):
+        return f"1e{round(math.log10(value))}"
+    return number(value, digits)
+
+
 def percent(share: float) -> str:
     """Write a share as a percentage; a dash where there is none."""
     return "-" if math.isnan(share) else f"{round(100 * share, 1) + 0.0:.1f} %"

@@ -10,8 +10,10 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,6 @@ import pyarrow.parquet as pq
 
 from impact_xval.experiments.config.configuration import REFERENCE, Config, from_canonical
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.tables.lock import LOCK
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, ROW_SCHEMA
 from impact_xval.experiments.tables.streams import (
     blocks,
@@ -44,6 +45,9 @@ TABLES = (
 
 #: Rows that are joined together, at least.
 _PIECE = 8192
+#: Number of rows by solver, status and reason ("" if none).
+Tally = Counter[tuple[str, str, str]]
+
 PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
 
 
@@ -87,14 +91,6 @@ class RunFolder:
             temporary.write_bytes(data)
         return path
 
-    def discard(self) -> None:
-        """Remove the folder if nothing was kept in it: what was asked for was refused."""
-        names = {path.name for path in self.root.iterdir()}
-        if names <= {"parts", LOCK} and not any(self.parts.iterdir()):
-            (self.root / LOCK).unlink(missing_ok=True)
-            self.parts.rmdir()
-            self.root.rmdir()
-
     def find_part(self, number: int, identity: str) -> Path | None:
         """Find one part that is whole, by what it is."""
         for path in sorted(self.parts.glob(f"{number:06d}-{identity}-*.parquet")):
@@ -103,12 +99,12 @@ class RunFolder:
                 return path
         return None
 
-    def find_parts(self, identities: Iterable[str]) -> tuple[dict[int, Path], list[str]]:
+    def find_parts(self, identities: Sequence[str]) -> tuple[dict[int, Path], list[str]]:
         """Find the parts that are whole and belong to this run; remove the others, and what was half-written anywhere.
 
         Parameters
         ----------
-        identities : iterable of str
+        identities : sequence of str
             The identity of every chunk, in order.
 
         Returns
@@ -118,20 +114,19 @@ class RunFolder:
         findings : list of str
             One line for every part that was found and not kept.
         """
-        expected = dict(enumerate(identities))
         parts: dict[int, Path] = {}
         findings: list[str] = []
         for path in sorted(self.root.rglob("*")):
             if is_temporary(path.name) and path.is_file():
                 path.unlink()  # its writer was killed
-        for path in sorted(self.parts.iterdir()) if self.parts.is_dir() else []:
+        for path in sorted(self.parts.glob("*")):
             match = PART.fullmatch(path.name)
             if match is None:
                 continue
             number, identity, digest = int(match[1]), match[2], match[3]
             if number in parts:
                 problem = "is there twice"
-            elif expected.get(number) != identity:
+            elif identity not in identities[number : number + 1]:
                 problem = "belongs to another configuration or version"
             elif (problem := _problem(path, digest)) == "":
                 parts[number] = path
@@ -156,9 +151,9 @@ class RunFolder:
                 divergence.add(compared)
                 csv.write_table(compared.select(DIVERGENCE_SCHEMA.names).cast(DIVERGENCE_SCHEMA))
 
-    def statuses(self) -> dict[str, dict[str, int]]:
-        """Count of every status by solver."""
-        return count_statuses(blocks(self.root / "cells.parquet", ["solver", "status"], whole_cells=False))
+    def tally(self) -> Tally:
+        """Count the rows of the finished table of cells by what became of them."""
+        return tally(blocks(self.root / "cells.parquet", ["solver", "status", "reason"], whole_cells=False))
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of every finished table."""
@@ -187,10 +182,13 @@ class RunFolder:
 
     def config(self) -> Config:
         """Read the configuration of the run from its manifest."""
-        configuration = self.manifest().get("configuration")
-        if not isinstance(configuration, dict):
-            raise UserError(f"{self.root / MANIFEST}: configuration is missing; legal: the manifest of a run")
-        return from_canonical(configuration, str(self.root / MANIFEST))
+        manifest, where = self.manifest(), str(self.root / MANIFEST)
+        if not isinstance(manifest.get("configuration"), dict):
+            raise UserError(f"{where}: configuration is missing; legal: the manifest of a run")
+        try:
+            return from_canonical(manifest["configuration"], where)
+        except UserError as error:
+            raise UserError(f"{error}{_written_by(manifest)}") from None
 
     def table_path(self, name: str, schema: pa.Schema) -> Path:
         """Return the path of a finished table, after a look at whether it is what was written.
@@ -200,9 +198,9 @@ class RunFolder:
         UserError
             If it is missing, damaged or has other columns.
         """
-        path = self.root / name
+        path, manifest = self.root / name, self.manifest()
         again = "impact-xval run --resume writes it again"
-        recorded = self.manifest().get("files")
+        recorded = manifest.get("files")
         try:
             if isinstance(recorded, dict) and recorded.get(name) != _digest(path):
                 raise UserError(f"{path}: altered since it was written; {again}")
@@ -214,7 +212,7 @@ class RunFolder:
         except (OSError, pa.ArrowException):
             raise UserError(f"{path}: damaged, not Parquet; {again}") from None
         if names != schema.names:
-            raise UserError(f"{path}: has other columns than a run writes; {again}")
+            raise UserError(f"{path}: has other columns than a run writes{_written_by(manifest)}; {again}")
         return path
 
     def read_table(self, name: str, schema: pa.Schema) -> pa.Table:
@@ -247,14 +245,22 @@ def read_part(source: Path | bytes) -> pa.Table:
         raise UserError(f"{source!s:.200}: not a part of a run; legal: remove it, and --resume") from None
 
 
-def count_statuses(tables: Iterable[pa.Table]) -> dict[str, dict[str, int]]:
-    """Count every status by solver over tables with these two columns."""
-    counts: dict[str, dict[str, int]] = {}
+def tally(tables: Iterable[pa.Table]) -> Tally:
+    """Count the rows of tables by solver, status and reason."""
+    counts: Tally = Counter()
     for table in tables:
-        grouped = table.group_by(["solver", "status"], use_threads=False).aggregate([([], "count_all")])
-        for row in grouped.to_pylist():
-            of_solver = counts.setdefault(row["solver"], {})
-            of_solver[row["status"]] = of_solver.get(row["status"], 0) + row["count_all"]
+        grouped = table.group_by(["solver", "status", "reason"], use_threads=False)
+        for row in grouped.aggregate([([], "count_all")]).to_pylist():
+            counts[row["solver"], row["status"], row["reason"] or ""] += row["count_all"]
+    return counts
+
+
+def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
+    """Count every status by solver."""
+    counts: dict[str, dict[str, int]] = {}
+    for (solver, status, _), n in outcomes.items():
+        of_solver = counts.setdefault(solver, {})
+        of_solver[status] = of_solver.get(status, 0) + n
     return counts
 
 
@@ -268,6 +274,13 @@ def _pieces(parts: Iterable[Path]) -> Iterator[pa.Table]:
             tables = []
     if tables:
         yield pa.concat_tables(tables)
+
+
+def _written_by(manifest: dict[str, Any]) -> str:
+    """Name both versions where a run is another version's."""
+    versions, here = manifest.get("versions"), version("impact-xval")
+    there = versions.get("impact-xval", here) if isinstance(versions, dict) else here
+    return "" if there == here else f" (written by impact-xval {there}, read by {here})"
 
 
 def _problem(path: Path, digest: str) -> str:

@@ -7,6 +7,9 @@ A derived table is a function of blocks::
 where ``function`` gets every row of some cells as a `pyarrow.Table` and returns the rows of the new
 table. All rows of a cell are in one block, blocks come in the order of the cells, and the file that is
 written does not depend on where the blocks were cut.
+
+Tables are written by Arrow: polars (2.1) and DuckDB (2.0) keep neither the units in the metadata of the
+columns nor the type of text, and their means differ from those of pandas in the last bits.
 """
 
 from __future__ import annotations
@@ -58,29 +61,24 @@ class TableWriter:
     """A Parquet table written piece by piece; its row groups do not depend on the pieces."""
 
     def __init__(self, writer: pq.ParquetWriter, schema: pa.Schema) -> None:
-        self._writer, self._schema = writer, schema
-        self._pending: list[pa.Table] = []
-        self._rows = 0
+        self._writer, self._schema, self._pending = writer, schema, schema.empty_table()
 
     def add(self, rows: pa.Table) -> None:
         """Add rows; columns are picked by name."""
         rows = rows.select(self._schema.names).cast(self._schema)
-        self._pending.append(rows)
-        self._rows += len(rows)
-        if self._rows >= GROUP:
-            self._flush(self._rows // GROUP * GROUP)
+        self._pending = pa.concat_tables([self._pending, rows])
+        if len(self._pending) >= GROUP:
+            self._flush(len(self._pending) // GROUP * GROUP)
 
     def finish(self) -> None:
         """Write what is left."""
-        self._flush(self._rows)
+        if len(self._pending):
+            self._flush(len(self._pending))
 
     def _flush(self, end: int) -> None:
-        if end:
-            whole = pa.concat_tables(self._pending)
-            self._writer.write_table(whole.slice(0, end).combine_chunks(), row_group_size=GROUP)
-            # Copied: a slice would keep alive all that it was cut from.
-            rest = whole.slice(end).combine_chunks()
-            self._pending, self._rows = [rest], len(rest)
+        self._writer.write_table(self._pending.slice(0, end).combine_chunks(), row_group_size=GROUP)
+        # Copied: a slice would keep alive all that it was cut from.
+        self._pending = self._pending.slice(end).combine_chunks()
 
 
 @contextlib.contextmanager
@@ -111,46 +109,21 @@ def blocks(
     pyarrow.Table
         About `GROUP` rows.
     """
-    rest: pa.Table | None = None
     with pq.ParquetFile(path) as file:
-        for batch in file.iter_batches(GROUP, columns=list(columns) if columns is not None else None):
-            block = pa.Table.from_batches([batch])
-            if not whole_cells:
-                yield block
-                continue
-            block = block if rest is None else pa.concat_tables([rest, block])
+        batches = file.iter_batches(GROUP, columns=list(columns) if columns is not None else None)
+        tables = (pa.Table.from_batches([batch]) for batch in batches)
+        if not whole_cells:
+            yield from tables
+            return
+        rest: list[pa.Table] = []
+        for table in tables:
+            block = pa.concat_tables([*rest, table])
             cells = block.column("cell").to_numpy()
             cut = int(np.searchsorted(cells, cells[-1]))
-            rest = block.slice(cut).combine_chunks()
+            rest = [block.slice(cut).combine_chunks()]
             if cut:
                 yield block.slice(0, cut)
-    if rest is not None and len(rest):
-        yield rest
-
-
-def selected(path: Path, columns: Sequence[str], keep: pc.Expression) -> pa.Table:
-    """Read the rows for which a condition holds; text as dictionaries, which take a byte or two a row.
-
-    Parameters
-    ----------
-    path : Path
-        A Parquet table.
-    columns : sequence of str
-        Columns to read, those of the condition among them.
-    keep : pyarrow.compute.Expression
-        The condition.
-    """
-    pieces = [pq.read_schema(path).empty_table().select(list(columns))]
-    pieces += [block.filter(keep) for block in blocks(path, columns, whole_cells=False)]
-    table = pa.concat_tables(map(_encoded, pieces))
-    return table.unify_dictionaries()
-
-
-def _encoded(table: pa.Table) -> pa.Table:
-    for i, field in enumerate(table.schema):
-        if pa.types.is_string(field.type):
-            table = table.set_column(i, field.name, table.column(i).dictionary_encode())
-    return table
+        yield from rest
 
 
 def derive(
@@ -178,31 +151,49 @@ def derive(
             table.add(transform(block))
 
 
+def selected(path: Path, columns: Sequence[str], keep: pc.Expression) -> pa.Table:
+    """Read the rows for which a condition holds; text as dictionaries, which take a byte or two a row.
+
+    Parameters
+    ----------
+    path : Path
+        A Parquet table.
+    columns : sequence of str
+        Columns to read, those of the condition among them.
+    keep : pyarrow.compute.Expression
+        The condition.
+    """
+    text = [field.name for field in pq.read_schema(path) if pa.types.is_string(field.type)]
+    return pq.read_table(path, columns=list(columns), filters=keep, read_dictionary=text).unify_dictionaries()
+
+
 def column(path: Path, name: str) -> np.ndarray:
     """Read one column of numbers or truths as float64, nulls as NaN."""
-    pieces = [
-        block.column(0).cast(pa.float64()).to_numpy() for block in blocks(path, [name], whole_cells=False)
-    ]
-    return np.concatenate(pieces) if pieces else np.empty(0)
+    return _converted(path, name, lambda values: values.cast(pa.float64()).to_numpy())
 
 
 def present(path: Path, name: str) -> np.ndarray:
     """Read where one column is not null."""
-    pieces = [
-        block.column(0).is_valid().to_numpy().astype(bool)
-        for block in blocks(path, [name], whole_cells=False)
-    ]
-    return np.concatenate(pieces) if pieces else np.empty(0, bool)
+    return _converted(path, name, lambda values: values.is_valid().to_numpy().astype(bool))
 
 
 def codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
     """Read one column of text as the position of each entry among some values; -1 where it is none of them."""
-    known = pa.array(values, pa.string())
-    pieces = [
-        pc.call_function("index_in", [block.column(0)], pc.SetLookupOptions(known))
-        .fill_null(-1)
-        .to_numpy()
-        .astype(np.int8)
-        for block in blocks(path, [name], whole_cells=False)
-    ]
-    return np.concatenate(pieces) if pieces else np.empty(0, np.int8)
+    known = pc.SetLookupOptions(pa.array(values, pa.string()))
+
+    def positions(text: pa.ChunkedArray) -> np.ndarray:
+        return pc.call_function("index_in", [text], known).fill_null(-1).to_numpy().astype(np.int8)
+
+    return _converted(path, name, positions)
+
+
+def texts(path: Path, name: str) -> np.ndarray:
+    """Read one column of text whole."""
+    return _converted(path, name, lambda values: np.array(values.to_pylist(), dtype=object))
+
+
+def _converted(path: Path, name: str, convert: Callable[[pa.ChunkedArray], np.ndarray]) -> np.ndarray:
+    """Read one column, converted a block at a time: of text, no more than a block is ever in memory."""
+    pieces = [convert(pq.read_schema(path).empty_table().column(name))]
+    pieces += [convert(block.column(0)) for block in blocks(path, [name], whole_cells=False)]
+    return np.concatenate(pieces)

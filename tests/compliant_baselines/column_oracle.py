@@ -96,7 +96,7 @@ class Column:
             return "stuck"
         return ""
 
-    def stretch(self):
+    def segment(self):
         first, second = self.pushes()
         watched = list(self.watched())
         if self.g > 0 and not first:
@@ -159,14 +159,14 @@ class Column:
                 and max(self.depth(0, self.y), self.depth(1, self.y)) <= 1e-14
             ):
                 self.g = 0.0  # the first flight: from here on the bodies no longer fall
-            name = self.stretch()
+            name = self.segment()
             if name == "level":
                 self.y[2] = self.y[3]
             elif name not in ("rest", "stuck"):
                 self.apply(name)
             if self.pushes() != pushes[-1]:
                 pushes.append(self.pushes())
-        raise AssertionError("too many stretches")
+        raise AssertionError("too many segments")
 
 
 class Dashpots(Column):

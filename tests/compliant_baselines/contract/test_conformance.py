@@ -12,6 +12,7 @@ from impact_xval.compliant_baselines.contract.conformance import (
     checks,
     conform,
 )
+from impact_xval.compliant_baselines.contract.registry import law_of
 from impact_xval.compliant_baselines.references.kelvin_voigt import KelvinVoigtSolver
 from impact_xval.model.collision import Collision
 
@@ -20,24 +21,17 @@ def problems(solver, law="kelvin-voigt"):
     return {check.__name__: problem for check, problem in conform(solver, law) if problem}
 
 
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("drake", "drake-hunt-crossley")]
+
+
 @pytest.mark.parametrize(
-    ("name", "law"),
-    [
-        ("kelvin-voigt", "kelvin-voigt"),
-        ("mujoco", "kelvin-voigt"),
-        ("pybullet", "kelvin-voigt"),
-        pytest.param("drake", "kelvin-voigt", marks=pytest.mark.slow),
-        pytest.param("drake-hunt-crossley", "hunt-crossley", marks=pytest.mark.slow),
-        ("hunt-crossley", "hunt-crossley"),
-        ("bistiffness", "none"),
-        ("state-transition", "none"),
-    ],
+    "name", ["kelvin-voigt", "mujoco", "pybullet", "hunt-crossley", "bistiffness", "state-transition", *SLOW]
 )
-def test_our_own_solvers_conform(name, law):
-    solver = get_solver(name)
+def test_our_own_solvers_conform_and_have_the_law_the_registry_says(name):
+    solver, law = get_solver(name), law_of(name)
     if solver.unavailable():
         pytest.skip(solver.unavailable())
-    assert problems(solver, law) == {}
+    assert problems(solver, law if law in LAWS else "none") == {}
 
 
 class Mutant(KelvinVoigtSolver):

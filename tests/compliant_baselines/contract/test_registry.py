@@ -3,25 +3,18 @@ import sys
 
 import pytest
 
-from impact_xval.compliant_baselines import Solver, get_solver, solver_names
+from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.compliant_baselines.contract import registry
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.references.bistiffness import BistiffnessSolver
 from impact_xval.compliant_baselines.references.kelvin_voigt import KelvinVoigtSolver
-from impact_xval.compliant_baselines.references.reference_solver import ReferenceSolver
+from impact_xval.compliant_baselines.references.solver import ReferenceSolver
 
 FIRST = ("state-transition", "mujoco", "pybullet")
 
 
 def test_names_come_in_the_order_of_the_tables():
     assert tuple(n for n in solver_names() if n in FIRST) == FIRST
-
-
-@pytest.mark.parametrize("name", FIRST)
-def test_a_solver_answers_to_its_name_and_keeps_the_protocol(name):
-    solver = get_solver(name)
-    assert solver.name == name
-    assert isinstance(solver, Solver)
 
 
 def test_unknown_name_is_named_with_the_known_ones():
@@ -48,12 +41,6 @@ def test_the_kind_of_a_solver_is_that_of_its_class(name):
     assert registry.kind_of(name) == next((k for cls, k in kinds.items() if isinstance(solver, cls)), "model")
 
 
-def test_engines_and_the_engine_free_share_the_names_out():
-    engines, others = registry.engine_names(on_request=True), registry.engine_free_names()
-    assert sorted((*engines, *others)) == sorted(ALL)
-    assert registry.engine_names() == tuple(name for name in solver_names() if name in engines)
-
-
 @pytest.mark.parametrize("name", ALL)
 def test_the_law_of_a_solver_is_that_of_an_exact_one(name):
     law = registry.law_of(name)
@@ -66,23 +53,11 @@ def test_the_law_of_a_solver_is_that_of_an_exact_one(name):
         assert isinstance(solver, BistiffnessSolver | KelvinVoigtSolver)
 
 
-def test_an_engine_with_another_law_goes_to_the_reference_that_has_it():
-    others = {name: law for name in registry.engine_names(on_request=True) if (law := registry.law_of(name))}
-    assert {name for name, law in others.items() if law != "kelvin-voigt"} == {"drake-hunt-crossley"}
-    assert registry.law_of("drake-hunt-crossley") == "hunt-crossley"
-    assert registry.law_of("oracle") == "state-transition"
-
-
 def test_what_is_not_of_this_project_is_taken_for_an_engine_of_springs_and_dashpots():
     name = "installed-elsewhere"
     found = registry.kind_of(name), registry.law_of(name), registry.is_costly(name)
     assert found == ("engine", "kelvin-voigt", False)
     assert name not in registry.engine_names(on_request=True)
-
-
-def test_flags_are_those_of_engines_of_every_run():
-    assert registry.exportable_names() == ("mujoco", "pybullet")
-    assert [name for name in ALL if registry.is_costly(name)] == ["drake"]
 
 
 def test_what_a_solver_is_can_be_told_without_importing_it():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines.contract.state_paths import model_paths
+from impact_xval.compliant_baselines.contract.state_transition import model_paths
 from impact_xval.model import Collision, solve
 
 

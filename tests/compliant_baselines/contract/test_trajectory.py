@@ -123,9 +123,9 @@ def gaps(*states):
     x = [(1e-4 * (2 * one - 1) + 1e-5 * (2 * two - 1), 1e-5 * (2 * two - 1)) for one, two in states]
     memory = new_memory()
     for each, at in zip(v, x, strict=True):
-        p = GRAVITY if memory[14] == -1 else GRAVITY._replace(g=0.0)
+        p = GRAVITY if memory["flight"] == -1 else GRAVITY._replace(g=0.0)
         look([each], [at], each, p, memory=memory)
-    return memory[15:17].tolist()
+    return [*memory["lead"], *memory["lead_contact"]]
 
 
 def test_by_how_much_a_flight_begins_or_does_not():

@@ -122,9 +122,9 @@ def test_a_step_too_short_switches_a_contact_off(fraction, felt):
     column = ContactRequest("ball-table", 1.0, k=1e6).column()
     omega = column.contact2.omega
     column = replace(column, step=fraction * column.contact2.period, x1=1.0, v1=0.0, x2=-0.5 / omega, v2=-1.0)
-    from impact_xval.compliant_baselines.engines.drake_drop import quiet, run
+    from impact_xval.compliant_baselines.engines.drake_engine import run, silent
 
-    with quiet():
+    with silent():
         went = run(column, 5, False)
     assert (went.v2 + 1) / (5 * omega * column.step) == pytest.approx(0.5 * felt, abs=1e-3)
     refused = get_solver("drake").refusal(column)
@@ -209,7 +209,7 @@ def test_without_drake_the_way_out_is_said(monkeypatch, name):
 def test_a_drake_that_cannot_be_imported_is_unavailable_too(monkeypatch):
     if importlib.util.find_spec("pydrake") is None:
         pytest.skip("Drake is not installed")
-    from impact_xval.compliant_baselines.engines import drake_drop as module
+    from impact_xval.compliant_baselines.engines import drake_engine as module
 
     def broken(name):
         raise ImportError("libX.so.6: no such file")

@@ -2,7 +2,6 @@
 
 import math
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,32 +68,15 @@ def test_end_of_the_collision_and_energy(engine, scenario):
         assert o.retained_energy(c) <= 1 + allowed + 0.01 * (scenario == "drop")
 
 
-def test_many_in_one_call_are_one_by_one_to_the_bit(engine):
-    cells = random_collisions(8, seed=3)
-    for settings in (COARSE, Settings(scenario="drop", step_fraction=5e-3)):
-        together = engine.solve_many(cells, settings)
-        backwards = engine.solve_many(cells[::-1], settings)[::-1]
-        alone = [engine.solve(c, settings) for c in cells]
-        for a, b, c in zip(together, backwards, alone, strict=True):
-            assert (a.v1, a.v2, a.impulse1, a.states) == (b.v1, b.v2, b.impulse1, b.states)
-            assert (a.v1, a.v2, a.impulse1, a.states) == (c.v1, c.v2, c.impulse1, c.states)
-
-
-def test_a_failure_among_others_stays_its_own(engine):
-    good = random_collisions(2, seed=4)
-    bad = Collision(m1=1, m2=1, k1=1e8, k2=math.inf, e1=0.5, e2=0.5)
-    outcomes = engine.solve_many([good[0], bad, good[1]], COARSE)
-    assert [o.status for o in outcomes] == ["ok", "unrepresentable", "ok"]
-    assert [outcomes[0].v1, outcomes[2].v1] == [engine.solve(c, COARSE).v1 for c in good]
-    assert engine.solve_many([], COARSE) == []
-
-
-def test_threads_change_no_bit():
-    from impact_xval.compliant_baselines.engines.mujoco_drop import MujocoSolver
-
-    cells = random_collisions(6, seed=6)
-    one, two = (MujocoSolver(n_threads=n).solve_many(cells, COARSE) for n in (1, 2))
-    assert [(o.v1, o.v2) for o in one] == [(o.v1, o.v2) for o in two]
+def test_many_drops_in_one_call_are_one_by_one_to_the_bit(engine):
+    """Of impacts the conformance checks demand it."""
+    cells, settings = random_collisions(8, seed=3), Settings(scenario="drop", step_fraction=5e-3)
+    together = engine.solve_many(cells, settings)
+    backwards = engine.solve_many(cells[::-1], settings)[::-1]
+    for a, b, c in zip(together, backwards, cells, strict=True):
+        alone = engine.solve(c, settings)
+        assert (a.v1, a.v2, a.impulse1, a.states) == (b.v1, b.v2, b.impulse1, b.states)
+        assert (a.v1, a.v2, a.impulse1, a.states) == (alone.v1, alone.v2, alone.impulse1, alone.states)
 
 
 # Refusals and failures
@@ -165,7 +147,7 @@ def test_a_step_too_long_for_the_damping_is_no_answer(tmp_path, monkeypatch):
 def test_mujoco_s_complaint_becomes_a_crash_and_leaves_no_trace(tmp_path, monkeypatch, capfd):
     import mujoco
 
-    from impact_xval.compliant_baselines.engines.mujoco_drop import MujocoSolver
+    from impact_xval.compliant_baselines.engines.mujoco_engine import MujocoSolver
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(MujocoSolver, "refusal", lambda *_: None)
@@ -196,14 +178,6 @@ def test_without_mujoco_the_way_out_is_said(monkeypatch):
     outcome = get_solver("mujoco").solve_many(random_collisions(1, seed=1), COARSE)[0]
     assert outcome.status == "unavailable"
     assert "pip install 'mujoco>=3.17'" in outcome.reason
-
-
-def test_version_is_that_of_the_engine(engine):
-    module = __import__(engine.name)
-    if engine.name == "mujoco":
-        assert engine.version() == module.__version__
-    else:
-        assert engine.version().startswith("3.")
 
 
 # Mappings
@@ -263,7 +237,7 @@ def test_path(engine, scenario):
 def test_mujoco_inverse_weights_are_inverse_masses():
     from mujoco.batch import Batch
 
-    from impact_xval.compliant_baselines.engines import mujoco_drop as md
+    from impact_xval.compliant_baselines.engines import mujoco_engine as md
 
     columns = [column_of(c, COARSE) for c in random_collisions(3, seed=9)]
     batch = Batch(md.scene_model(), 3, 1)
@@ -275,7 +249,7 @@ def test_mujoco_inverse_weights_are_inverse_masses():
 def test_pybullet_heights_follow_from_velocities_and_nothing_drifts_sideways():
     p = pytest.importorskip("pybullet")
 
-    from impact_xval.compliant_baselines.engines import pybullet_world as pw
+    from impact_xval.compliant_baselines.engines import pybullet_engine as pw
 
     column = column_of(
         Collision(m1=1.0, m2=2.0, k1=1e4, k2=3e4, e1=0.7, e2=0.8),
@@ -314,9 +288,3 @@ def test_pybullet_client_is_given_back():
     finally:
         p.disconnect(taken)
     assert first == solver.solve_many(random_collisions(1, seed=1), COARSE)[0]
-
-
-def test_no_engine_writes_where_it_runs(engine, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    engine.solve_many(random_collisions(2, seed=1), COARSE)
-    assert list(Path(tmp_path).iterdir()) == []

@@ -7,8 +7,7 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import column_of
-from impact_xval.compliant_baselines.contract.convergence import Convergence
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT
 from impact_xval.compliant_baselines.engines.recording import Recorder
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
@@ -106,7 +105,7 @@ def test_an_outcome_beside_a_jump_is_marked(name):
 def test_moving_is_measured_against_each_parameter():
     batch = kelvin_voigt_batch
     cell = [np.array([x]) for x in (*BESIDE_A_JUMP, 9.81 / np.sqrt(1e5 * (1 + 1 / BESIDE_A_JUMP[1])))]
-    excess, which = jumps(batch, *cell)
+    excess, which, _ = jumps(batch, *cell)
     base = batch(*cell)
     found = []
     tried = ((i, s * c, jump) for i in range(5) for c, jump in ((1e-3, 0.01), (4e-3, 0.02)) for s in (1, -1))

@@ -1,4 +1,4 @@
-"""Limits of small steps: the extrapolation, its estimate, and certificates against independent references."""
+"""The limit dt -> 0: the extrapolation, its estimate, and estimates against independent references."""
 
 import math
 
@@ -8,12 +8,16 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import column_of
 from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, contacts
-from impact_xval.compliant_baselines.contract.convergence import Convergence, fitted_order, limit_of
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
 from impact_xval.compliant_baselines.contract.state_runs import Runs
 from impact_xval.compliant_baselines.contract.trajectory import FREE
-from impact_xval.compliant_baselines.engines.certificate import certify
-from impact_xval.compliant_baselines.engines.engine_run import Run
+from impact_xval.compliant_baselines.engines.convergence import (
+    estimate_limits,
+    extrapolated,
+    fitted_order,
+    limit_of,
+)
+from impact_xval.compliant_baselines.engines.recording import Run
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.reference import kelvin_voigt
 
@@ -30,6 +34,11 @@ def test_a_first_order_error_is_removed():
     assert limit.order == pytest.approx(1)
     # three differences that agree may do so by accident: a tenth of the last correction stays doubted
     assert limit.error == pytest.approx(0.1 * 0.2 / 4)
+
+
+def test_every_two_neighbours_are_extrapolated_to_a_step_of_zero():
+    at_steps = np.array([[0.3 + 0.2 * h, 0.1 - 0.4 * h, 0.5 + h**2] for h in H])
+    np.testing.assert_allclose(extrapolated(at_steps), [[0.3, 0.1, 0.0], [0.3, 0.1, 0.375]], atol=1e-15)
 
 
 def test_a_second_order_error_is_estimated():
@@ -122,7 +131,7 @@ def limits_of(engine, collisions):
     return engine.solve_many(collisions, settings)
 
 
-def test_certificates_are_honest(engine):
+def test_estimates_are_honest(engine):
     """Against Kelvin-Voigt, and the step part alone against the engine's own limit: MuJoCo's is regularised."""
     collisions = [
         Collision(m1=1.0, m2=mass, k1=1e8, k2=1e8 * ratio, e1=e1, e2=e2) for ratio, mass, e1, e2 in CELLS
@@ -150,10 +159,10 @@ def test_certificates_are_honest(engine):
 def test_the_outcome_at_the_step_asked_for_is_untouched(engine):
     c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e7, e1=0.8, e2=0.6)
     plain = engine.solve(c, Settings())
-    certified = engine.solve(c, Settings(convergence=Convergence()))
+    followed = engine.solve(c, Settings(convergence=Convergence()))
     for name in ("v1", "v2", "impulse1", "impulse2", "states", "status"):
-        assert getattr(certified, name) == getattr(plain, name)
-    assert {k: certified.diagnostics[k] for k in plain.diagnostics} == dict(plain.diagnostics)
+        assert getattr(followed, name) == getattr(plain, name)
+    assert {k: followed.diagnostics[k] for k in plain.diagnostics} == dict(plain.diagnostics)
     assert "v1_limit" not in plain.diagnostics
 
 
@@ -205,9 +214,11 @@ def test_a_shorter_step_that_comes_to_no_end_is_no_limit(engine):
     c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e8, e1=0.8, e2=0.6)
     coarse = column_of(c, Settings())
     runs = engine.run_columns([coarse], 10**6)
-    ((limit, reason),) = certify(Lame(), runs, Convergence(), 10**6)
+    ((limit, reason),) = estimate_limits(
+        Lame().run_columns, engine.regularisation_probe, runs, Convergence(), 10**6
+    )
     assert limit is None
-    assert "no limit of small steps" in reason
+    assert "no limit dt -> 0" in reason
     assert "not over after max_steps = 5" in reason
 
 
@@ -220,8 +231,6 @@ def test_the_naive_mapping_has_a_limit_of_its_own(engine):
 
 class Planted:
     """An engine of first order whose answer to ten times its regularisation is what a test says, by step."""
-
-    regularisation_probe = 10.0
 
     def __init__(self, moved):
         self.moved, self.probed = moved, []
@@ -257,7 +266,9 @@ COARSE = column_of(Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e8, e1=0.8, e2=0.6), Se
 )
 def test_regularisation_ends_the_halving_only_where_two_steps_agree_on_it(moved, finest, probed, converged):
     engine = Planted(moved)
-    ((limit, reason),) = certify(engine, [engine.run(COARSE)], Convergence(tolerance=0.6e-3), 10**6)
+    ((limit, reason),) = estimate_limits(
+        engine.run_columns, 10.0, [engine.run(COARSE)], Convergence(tolerance=0.6e-3), 10**6
+    )
     assert limit.step == COARSE.step / 2**finest
     assert engine.probed == probed
     assert (reason == "") == converged

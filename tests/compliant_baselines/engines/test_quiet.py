@@ -5,10 +5,10 @@ import pytest
 
 from impact_xval.compliant_baselines.contact.column import column_of
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.compliant_baselines.engines.engine_run import states_of
+from impact_xval.compliant_baselines.engines.recording import states_of
 from impact_xval.model.collision import Collision
 
-pw = pytest.importorskip("impact_xval.compliant_baselines.engines.pybullet_world")
+pw = pytest.importorskip("impact_xval.compliant_baselines.engines.pybullet_engine")
 pytest.importorskip("pybullet")
 
 SCENES = [

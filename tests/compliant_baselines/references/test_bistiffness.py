@@ -117,7 +117,7 @@ def test_a_contact_returns_where_its_bodies_parted():
     t, rate = path.time[between], (path.v1 - path.v2)[between]
     gap = np.concatenate([[0.0], np.cumsum(np.diff(t) * 0.5 * (rate[1:] + rate[:-1]))])
     assert gap.max() > 1  # far apart in between
-    assert abs(gap[-1]) < 0.02 * gap.max()  # the trapezium rule on nine points a stretch
+    assert abs(gap[-1]) < 0.02 * gap.max()  # the trapezium rule on nine points a segment
     assert returned.v1 < returned.v2
 
 

@@ -47,7 +47,7 @@ def test_a_close_pair_of_roots_is_not_stepped_over(half_gap):
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
-def test_the_zero_a_stretch_starts_from_is_not_found_again(order):
+def test_the_zero_a_segment_starts_from_is_not_found_again(order):
     # t^order (t - 1/2)(t - 3/4)
     coefficients = np.concatenate([np.zeros(order), [0.375, -1.25, 1.0]])
     assert call(coefficients) == pytest.approx(0.5, abs=1e-14)

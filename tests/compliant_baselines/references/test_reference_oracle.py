@@ -8,7 +8,7 @@ from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, ke
 from tests.compliant_baselines import column_oracle as oracle
 from tests.compliant_baselines.reference_cells import random_cells, random_gravity
 
-#: Stretches beyond which a cell is left to the other tests: the oracle would take minutes.
+#: Segments beyond which a cell is left to the other tests: the oracle would take minutes.
 LONGEST = 1500
 
 

@@ -5,8 +5,8 @@ from scipy.linalg import expm
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.references.ending import settled
 from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, kelvin_voigt_batch
-from impact_xval.compliant_baselines.references.settling import settled
 from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import random_cells
 
@@ -56,7 +56,7 @@ def test_a_settled_column_never_lets_go_and_one_that_does_is_not_settled():
 
 
 def test_columns_that_ring_for_ever_are_stuck_at_once():
-    # e2 = 1 on a soft table: of the slow motion next to nothing reaches the damped contact. Two million stretches did
+    # e2 = 1 on a soft table: of the slow motion next to nothing reaches the damped contact. Two million segments did
     # not end these, cells of the default grid at k1 = 1e6 and 1e5 N/m.
     for ratio, mass, e1, k1 in ((1e-3, 2.0, 0.5, 1e6), (10**-2.5, 2.0, 0.5, 1e6), (1e-2, 2.0, 0.5, 1e5)):
         c = Collision(1.0, mass, k1, ratio * k1, e1, 1.0, -1.0)

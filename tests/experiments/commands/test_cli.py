@@ -1,14 +1,13 @@
 import json
 import math
 import os
-import re
 import subprocess
 import sys
 
 import pytest
 
 from impact_xval.compliant_baselines import solver_names
-from impact_xval.experiments.commands import collision_commands
+from impact_xval.compliant_baselines.contract import registry
 from impact_xval.experiments.commands.cli import main
 from tests.experiments import fakes
 
@@ -77,7 +76,7 @@ def test_solve_takes_an_infinite_ratio_and_shows_refusals(capsys):
 
 
 def test_solve_shows_solvers_side_by_side(capsys, monkeypatch):
-    monkeypatch.setattr(collision_commands, "get_solver", fakes.shifted)
+    monkeypatch.setattr(registry, "get_solver", fakes.shifted)
     assert (
         main(["solve", *CELL, "--solver", "pybullet", "--solver", "state-transition", "--solver", "mujoco"])
         == 0
@@ -92,6 +91,7 @@ def test_solve_shows_solvers_side_by_side(capsys, monkeypatch):
     assert "S1 S3 S1 S2 S4" in lines[2]
     assert "0.889811" in lines[3]
     assert lines[4:] == [
+        "",
         "pybullet and mujoco were asked for the same law: one vote, not two.",
         "pybullet: unavailable: no wheel for this Python; use Python 3.11",
     ]
@@ -100,7 +100,7 @@ def test_solve_shows_solvers_side_by_side(capsys, monkeypatch):
 def test_help_and_version_are_quick_and_load_nothing_heavy():
     script = (
         "import sys; from impact_xval.experiments.commands.cli import main; code = main(sys.argv[1:]);"
-        "heavy = {'numpy', 'pandas', 'matplotlib', 'pyarrow', 'numba', 'mujoco'} & set(sys.modules);"
+        "heavy = {'numpy', 'pandas', 'matplotlib', 'pyarrow', 'numba', 'mujoco', 'jinja2'} & set(sys.modules);"
         "sys.exit(f'{heavy}' if heavy else code)"
     )
     for arguments in (["--version"], ["--help"], ["run", "--help"], ["solve", "--help"], []):
@@ -113,15 +113,6 @@ def test_help_and_version_are_quick_and_load_nothing_heavy():
             [sys.executable, "-c", script, "solve", "--help"], capture_output=True, text=True, check=True
         )
         assert option in done.stdout
-
-
-def test_help_lists_the_commands_in_the_order_of_their_use(capsys):
-    assert main(["--help"]) == 0
-    listed = capsys.readouterr().out.split("Commands:")[1]
-    assert re.findall(r"^  (\S+)  ", listed, re.MULTILINE) == [
-        *("run", "search", "status", "solve", "hypothesis", "calibrate", "export-scene", "contact"),
-        *("doctor", "solvers", "conform", "table", "figures", "report", "ladder", "map"),
-    ]
 
 
 def test_a_name_that_cannot_be_shown_is_spelt_out(tmp_path):
@@ -179,6 +170,18 @@ def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(collision_commands, "solve", interrupted)
+    monkeypatch.setattr(registry, "get_solver", interrupted)
     assert main(["solve", "--stiffness-ratio", "1", "--mass-ratio", "1", "--e1", "0.9", "--e2", "0.9"]) == 1
     assert capsys.readouterr().err == "impact-xval: interrupted\n"
+
+
+def test_a_scheduler_that_does_not_answer_leaves_no_folder(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("distributed")
+    from impact_xval.experiments.sweep import dask_cluster
+
+    monkeypatch.setattr(dask_cluster, "_ANSWER", 0.5)
+    monkeypatch.chdir(tmp_path)
+    for command in ("run", "search"):
+        assert main([command, "--scheduler", "tcp://127.0.0.1:1"]) == 2
+        assert "no Dask scheduler answers there" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

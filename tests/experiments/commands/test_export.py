@@ -117,12 +117,12 @@ def test_the_file_compiles_to_the_model_the_adapter_runs():
     import mujoco
     from mujoco.batch import Batch
 
-    from impact_xval.compliant_baselines.engines import mujoco_drop
+    from impact_xval.compliant_baselines.engines import mujoco_engine
 
     c = Collision(m1=0.3, m2=0.7, k1=1e5, k2=3e6, e1=0.6, e2=0.8, v0=-2.0)
     column = column_of(c, Settings(scenario="drop"))
-    batch = Batch(mujoco_drop.scene_model(), 1, 1)
-    mujoco_drop.load(batch, [column], 1, False)
+    batch = Batch(mujoco_engine.scene_model(), 1, 1)
+    mujoco_engine.load(batch, [column], 1, False)
     model = mujoco.MjModel.from_xml_string(mjcf(column))
     for field in ("geom_size", "geom_rbound", "body_pos", "body_mass", "pair_solref", "pair_solimp"):
         assert getattr(model, field).tolist() == batch.expanded(field)[0].tolist(), field

@@ -195,7 +195,8 @@ def test_the_numbers_of_the_page_are_those_of_the_tables(done):
     for row in verdicts[verdicts["class"] == "all"].itertuples():
         assert f"| {row.solver} |" in page
         if row.verdict == "supported":
-            assert f"{row.solver} (rate {row.rate:.2f}" in page
+            at = f"| {row.solver} | supported ({row.n_supported} of {row.points} points, "
+            assert re.search(rf"\| {row.case} \| .+ {re.escape(at)}.+ %\), rate {row.rate:.2f} \(", page)
     assert not re.search(r"\bnan\b|\bNone\b(?! of this)", page)
     late = verdicts[(verdicts.case == "zero-late") & (verdicts["class"] == "all")].set_index("solver")
     assert late.verdict.to_dict() == {

@@ -10,9 +10,8 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.hypothesis.config import parse
-from impact_xval.experiments.hypothesis.isolation import ask
 from impact_xval.experiments.hypothesis.run import run_hypothesis
-from impact_xval.experiments.hypothesis.subjects import Answers
+from impact_xval.experiments.hypothesis.solvers import Outcomes, isolated
 from impact_xval.experiments.hypothesis.tables import (
     map_frame,
     mechanism_frame,
@@ -23,17 +22,17 @@ from impact_xval.experiments.sweep.sandbox import Sandbox
 from tests.experiments import faulty
 
 
-def prepare(context, *, beat):
+def prepare(context):
     """Import this module, by being found in it: what a call imports counts as its time."""
 
 
 def mortal(kappa, mu, e1, e2):
-    """Answer kappa and mu, and hang at one value of e1."""
+    """Give kappa and mu, and hang at one value of e1."""
     if faulty.HANG in e1:
         time.sleep(60)
     n = kappa.size
     ok, margin = np.full(n, "ok"), np.full(n, math.inf)
-    return Answers(kappa, mu, np.zeros(n), ok, margin, np.full(n, ""))
+    return Outcomes(kappa, mu, np.zeros(n), ok, margin, np.full(n, ""))
 
 
 def dead_at_first(kappa, mu, e1, e2):
@@ -71,7 +70,7 @@ def ratios(*e1):
 
 
 def test_the_collisions_at_fault_are_named_and_the_others_answered(sandbox):
-    found = ask(sandbox, mortal, ratios(0.5, faulty.HANG, 0.6), 1.0)
+    found = isolated(sandbox, mortal, ratios(0.5, faulty.HANG, 0.6), 1.0)
     assert found.status.tolist() == ["ok", "timeout", "ok"]
     assert found.reason.tolist() == ["", "no answer within 1 s; its process was ended", ""]
     assert found.v1[[0, 2]].tolist() == [1, 3]
@@ -81,7 +80,7 @@ def test_the_collisions_at_fault_are_named_and_the_others_answered(sandbox):
 
 def test_one_death_may_have_been_anybodys(sandbox, tmp_path, monkeypatch):
     monkeypatch.setenv("IMPACT_XVAL_DIED", str(tmp_path / "died"))
-    found = ask(sandbox, dead_at_first, ratios(0.5, 0.6), 20.0)
+    found = isolated(sandbox, dead_at_first, ratios(0.5, 0.6), 20.0)
     assert (tmp_path / "died").exists()
     assert found.status.tolist() == ["ok", "ok"]
 

@@ -19,7 +19,7 @@ from impact_xval.experiments.hypothesis.maps import (
     map_ratios,
     share_within,
 )
-from impact_xval.experiments.hypothesis.subjects import Answers
+from impact_xval.experiments.hypothesis.solvers import Outcomes
 from impact_xval.model import solve_batch
 
 #: Away from e1 = 1, where the model has no limit, and from the borders of the regimes, which it reaches slowly.
@@ -117,7 +117,7 @@ def test_a_map_measures_the_distance_and_says_why_where_there_is_none():
     reason = np.array(["", "", "its process died: SIGSEGV", ""])
     margin = np.full(4, math.inf)
     found = error_map(
-        "planted", 0.9, 0.7, kappa, masses, Answers(v1 + 0.3, v2 + 0.4, 0 * v1, status, margin, reason)
+        "planted", 0.9, 0.7, kappa, masses, Outcomes(v1 + 0.3, v2 + 0.4, 0 * v1, status, margin, reason)
     )
     expected = np.sqrt(0.09 + masses * 0.16)
     assert found.error[0] == pytest.approx(expected)

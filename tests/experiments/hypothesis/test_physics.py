@@ -7,32 +7,28 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.experiments.hypothesis.cases import (
-    BY_KEY,
-    CASES,
-    Point,
-    closed_form,
-)
+from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, MARGIN, Point, closed_form, draw
 from impact_xval.experiments.hypothesis.config import parse
-from impact_xval.experiments.hypothesis.design import MARGIN, draw
-from impact_xval.experiments.hypothesis.hard_contact import Table, hard_ball_ball
-from impact_xval.experiments.hypothesis.mechanism import POINTS, observe
-from impact_xval.experiments.hypothesis.predictions import (
-    FAMILIES,
-    Law,
-    dashpot_restitution,
-    hunt_crossley_restitution,
-    predict,
-)
-from impact_xval.experiments.hypothesis.ringing import (
+from impact_xval.experiments.hypothesis.mechanism import (
+    POINTS,
     RANGE,
     count_branches,
     end_share,
     mean_more_ends,
+    observe,
 )
-from impact_xval.experiments.hypothesis.run import contrasts
-from impact_xval.experiments.hypothesis.series import Series, examine, ratios_of
-from impact_xval.experiments.hypothesis.subjects import model_batch, subject
+from impact_xval.experiments.hypothesis.predictions import (
+    FAMILIES,
+    Contacts,
+    TableContact,
+    dashpot_restitution,
+    hunt_crossley_restitution,
+    predict,
+    rigid_on_soft,
+)
+from impact_xval.experiments.hypothesis.run import contrasts, ratios_of
+from impact_xval.experiments.hypothesis.solvers import model_batch, under_test
+from impact_xval.experiments.hypothesis.verdicts import Series, examine
 from impact_xval.model import Collision, solve
 
 CONFIG = parse({"points": 12}, "test")
@@ -50,10 +46,10 @@ EXPECTED = {
 
 
 def examined(solver, case, seed, points=12):
-    one = subject(solver, CONFIG.steps)
+    one = under_test(solver, CONFIG.steps)
     x = contrasts(CONFIG, case, one)
     drawn = tuple(draw(case, points, seed))
-    return examine(Series(one, case, drawn, x, one.ask(*ratios_of(case, drawn, x))), CONFIG.fit_decades)
+    return examine(Series(one, case, drawn, x, one.solve(*ratios_of(case, drawn, x))), CONFIG.fit_decades)
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.key)
@@ -130,7 +126,7 @@ def test_three_single_impacts_in_sequence():
 def test_hard_contact_conserves_energy_when_everything_is_elastic():
     for mu in (0.25, 0.5, 0.9):
         v11, v21 = (mu - 1) / (1 + mu), -2 / (1 + mu)
-        v1, v2 = hard_ball_ball(mu, 1.0, v11, v21, Table(0.0, 1.0))
+        v1, v2 = rigid_on_soft(mu, 1.0, v11, v21, TableContact(0.0, 1.0))
         assert v1 * v1 + mu * v2 * v2 == pytest.approx(1, abs=1e-12)
         assert v1 >= v2 >= 0
 
@@ -138,20 +134,20 @@ def test_hard_contact_conserves_energy_when_everything_is_elastic():
 def test_hard_contact_of_a_plastic_pair_is_one_body():
     mu, e2 = 0.5, 0.7
     v = -1 / (1 + mu)
-    v1, v2 = hard_ball_ball(mu, 0.0, v, v, Table(0.0, e2))
+    v1, v2 = rigid_on_soft(mu, 0.0, v, v, TableContact(0.0, e2))
     assert v1 == v2 == pytest.approx(-e2 * v, abs=1e-9)
 
 
 @pytest.mark.parametrize("e", [0.3, 0.7, 0.95])
 def test_what_a_law_restores(e):
-    a = Law("hunt-crossley", 2.0, e, e)
+    a = Contacts("hunt-crossley", 2.0, e, e)
     assert a.ball_ball(5.0, 1.0) == pytest.approx(e, abs=1e-10)  # at |v0|, against any mass
     assert a.ball_ball(5.0, 0.1) > e  # slower is more elastic
     assert hunt_crossley_restitution(0.0, 1.0) == 1
-    pair = Law("kelvin-voigt", 2.0, e, e)
+    pair = Contacts("kelvin-voigt", 2.0, e, e)
     assert pair.ball_ball(2 / 3, 1.0) == pytest.approx(e, abs=1e-12)
     assert pair.ball_ball(1.0, 1.0) > e
-    assert Law("kelvin-voigt-anchored", 2.0, e, e).ball_ball(1.0, 1.0) == pytest.approx(e, abs=1e-12)
+    assert Contacts("kelvin-voigt-anchored", 2.0, e, e).ball_ball(1.0, 1.0) == pytest.approx(e, abs=1e-12)
     assert dashpot_restitution(0.2, 1.0, 4.0) > dashpot_restitution(0.2, 1.0, 1.0)
 
 

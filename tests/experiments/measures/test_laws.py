@@ -24,18 +24,12 @@ from impact_xval.experiments.measures.laws import (
 )
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.figures import write_figures
-from impact_xval.experiments.presentation.findings import (
-    LONGER_STEPS,
-    build_document,
-    findings,
-    overall_table,
-)
 from impact_xval.experiments.presentation.report import write_report, write_tables
 from impact_xval.experiments.presentation.views import show_summary
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables.document import Table
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
+from tests.experiments.pages import paragraphs, tables
 
 ROOT = Path(__file__).parents[3]
 NOTE = "kelvin-voigt, mujoco and pybullet were asked for the same law: one vote, not three."
@@ -100,15 +94,17 @@ def test_the_sentence_counts_the_solvers_of_one_law():
 
 
 def test_tables_group_solvers_by_law_and_say_so(summary):
-    rows = [row[:2] for row in overall_table(summary).rows]
+    overall = next(
+        table for table in tables(summary) if table.caption.startswith("Divergence of each solver")
+    )
+    rows = [row[:2] for row in overall.rows]
     order = ["kelvin-voigt", "mujoco", "pybullet", "bistiffness"]
     assert list(dict.fromkeys(name for _, name in rows)) == order
     assert all(law == law_of(name) for law, name in rows)
     listing = [
-        block
-        for block in build_document(summary)
-        if isinstance(block, Table)
-        and {"mujoco", "pybullet"} <= {*block.header, *(row[0] for row in block.rows)}
+        table
+        for table in tables(summary)
+        if {"mujoco", "pybullet"} <= {*table.header, *(row[0] for row in table.rows)}
     ]
     assert len(listing) >= 5
     for table in listing:
@@ -116,8 +112,8 @@ def test_tables_group_solvers_by_law_and_say_so(summary):
             name for name in [*table.header, *dict.fromkeys(row[0] for row in table.rows)] if name in order
         ]
         assert names == [name for name in order if name in names], table.caption
-    assert NOTE in overall_table(summary).caption
-    assert NOTE in findings(summary)
+    assert NOTE in overall.caption
+    assert NOTE in paragraphs(summary)
 
 
 def test_figures_of_several_solvers_say_which_are_one_vote(folder):
@@ -128,13 +124,12 @@ def test_figures_of_several_solvers_say_which_are_one_vote(folder):
 
 
 def test_the_agreement_of_an_engine_with_its_law_is_said_with_the_step(summary):
-    said = [text for text in findings(summary) if " and kelvin-voigt, the exact solver of the law" in text]
+    said = [text for text in paragraphs(summary) if " and kelvin-voigt, the exact solver of the law" in text]
     assert len(said) == 2  # of the engines, and of no other law
     for text in said:
         assert text.startswith("At the step of this run, 0.004 of the fastest contact period, D between ")
         assert "is 0.0001 (median)" in text
-    assert LONGER_STEPS in findings(summary)
-    assert "tenth of the contact period" in LONGER_STEPS
+    assert any("it up to a tenth of the contact period" in text for text in paragraphs(summary))
 
 
 def test_what_a_run_prints_claims_no_accuracy(folder, summary):
@@ -155,16 +150,22 @@ def test_what_a_run_prints_claims_no_accuracy(folder, summary):
     assert texts["summary.md"].index(LAWS_WITH_LAWS) < texts["summary.md"].index("| ---")
 
 
-def test_the_readme_says_what_is_compared_and_at_which_step():
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    top = text.split("## Two commands")[0]
+def test_the_pages_state_what_is_compared_and_at_which_step():
+    top, findings = (
+        " ".join((ROOT / page).read_text(encoding="utf-8").split())
+        for page in ("README.md", "docs/findings.md")
+    )
+    top = top.split("## Two commands")[0]
     assert "compares laws of contact with one another; no laboratory measurement is in it" in top
-    assert "one vote, not three" in text
-    claims = [sentence for sentence in re.split(r"(?<=[.:]) ", text) if "what they were asked" in sentence]
-    assert claims
-    for sentence in claims:
-        assert "thousandth" in sentence
-    assert not re.search(r"\baccura", text, re.IGNORECASE)
+    assert "one vote, not three" in findings
+    for text in (top, findings):
+        claims = [
+            part for part in re.split(r"(?<=[.:]) ", text) if "reproduce the requested contact law" in part
+        ]
+        assert claims
+        for sentence in claims:
+            assert "thousandth" in sentence
+        assert not re.search(r"\baccura", text, re.IGNORECASE)
 
 
 def test_an_engine_is_further_from_its_law_at_longer_steps():

@@ -13,13 +13,12 @@ from impact_xval.compliant_baselines.contract.state_runs import compared_states
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.measures.summary import OWN_LAW, summarise
-from impact_xval.experiments.presentation.findings import build_document, findings
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables import streams
-from impact_xval.experiments.tables.document import Table
 from impact_xval.model import Collision
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
+from tests.experiments.pages import paragraphs, tables
 
 GRID = {"stiffness_ratio": {"log": [1e-3, 1e3, 5]}, "mass_ratio": [0.5, 2.0], "e1": [0.5, 0.9], "e2": [0.7]}
 
@@ -91,13 +90,12 @@ def test_agreement_with_the_own_law_is_that_of_the_tables(run, group, monkeypatc
 def test_the_summary_states_both_shares(run):
     summary = summarise(run)
     own, model = (summary.get("mujoco", share)["mean"] for share in (OWN_LAW, "states_equal"))
-    (text,) = (text for text in findings(summary) if text.startswith("mujoco diverges"))
+    (text,) = (text for text in paragraphs(summary) if text.startswith("mujoco diverges"))
     assert f"the model's in {100 * model:.1f} % of the cells" in text
     assert (
         f"that of kelvin-voigt, the exact solution of the law it is asked for, in {100 * own:.1f} %" in text
     )
-    tables = [block for block in build_document(summary) if isinstance(block, Table)]
-    (table,) = (table for table in tables if table.header[-1] == "own law's path")
+    (table,) = (table for table in tables(summary) if table.header[-1] == "own law's path")
     laws = {row[0]: (row[1], row[-1]) for row in table.rows}
     assert laws == {
         "mujoco": ("kelvin-voigt", f"{100 * own:.1f} % of 15"),
@@ -109,7 +107,7 @@ def test_the_summary_states_both_shares(run):
 def test_without_the_reference_of_its_law_nothing_is_said_of_it(tmp_path, small):
     summary = summarise(run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted))
     assert summary.get("mujoco", OWN_LAW).n == 0
-    assert "the law it is asked for" not in " ".join(findings(summary))
+    assert "the law it is asked for" not in " ".join(paragraphs(summary))
 
 
 @pytest.mark.parametrize("command", [["table"], ["figures"], ["report"], ["run", "--resume", "--out"]])

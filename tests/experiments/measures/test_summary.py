@@ -9,26 +9,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.experiments.commands import commands
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.measures.aggregates import between
 from impact_xval.experiments.measures.summary import SUMMARISED, summarise
-from impact_xval.experiments.presentation import figures, report
 from impact_xval.experiments.presentation.figures import write_figures
-from impact_xval.experiments.presentation.findings import build_document, number
 from impact_xval.experiments.presentation.report import write_report, write_tables
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables.document import (
-    Heading,
-    Paragraph,
-    Table,
-    escape_latex,
-    escape_markdown,
-    to_latex,
-    to_markdown,
-)
+from impact_xval.experiments.tables.numbers import number
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
+from tests.experiments.pages import tables
 
 HOSTILE = "<script>alert(1)</script> 100% of $x_1^2$ & {a} \\input{b} | #1 ~ `c` *d* [e](f)"
 
@@ -78,7 +68,7 @@ def test_summary_files(hostile):
     text = (hostile.root / "summary.md").read_text()
     assert "<script>" not in text
     assert (
-        "and the share of equal paths. mujoco and pybullet were asked for the same law: one vote, not two.**"
+        "and the share of equal paths. mujoco and pybullet were asked for the same law: one vote, not two._"
         in text
     )
     assert "ZeroDivisionError: a bug of the engine \\| here" in text
@@ -105,9 +95,8 @@ def test_latex_is_well_formed(hostile):
     assert not opened
     for table in re.findall(r"\\begin\{longtable\}.*?\\end\{longtable\}", body, flags=re.DOTALL):
         columns = len(re.findall("[lr]", re.findall(r"\{longtable\}\{([lr]+)\}", table)[0]))
-        rows = [
-            line for line in table.splitlines() if line.endswith(r"\\") and not line.startswith(r"\caption")
-        ]
+        lines = [line for line in table.splitlines() if line.endswith(r"\\")]
+        rows = [line for line in lines if not line.startswith((r"\caption", r"\multicolumn"))]
         assert {line.count("&") for line in rows} == {columns - 1}
 
 
@@ -145,18 +134,10 @@ def test_report_is_one_safe_page(hostile):
         assert (hostile.root / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_a_run_is_summarised_once(hostile, monkeypatch):
-    pages = [hostile.root / name for name in ("report.html", "figures/ladder-norms.png", "summary.csv")]
-    write_tables(hostile)
+def test_a_report_of_a_known_summary_is_the_same(hostile):
     write_figures(hostile)
-    write_report(hostile)
-    alone = [page.read_bytes() for page in pages]
-    asked = []
-    monkeypatch.setattr(report, "summarise", lambda folder: asked.append("run") or summarise(folder))
-    monkeypatch.setattr(figures, "summarise_ladder", lambda *_: asked.append("ladder"))
-    commands._write_all(hostile)
-    assert asked == ["run"]
-    assert [page.read_bytes() for page in pages] == alone
+    alone = write_report(hostile).read_bytes()
+    assert write_report(hostile, summarise(hostile)).read_bytes() == alone
 
 
 @pytest.mark.slow
@@ -181,18 +162,11 @@ def test_long_axes_are_tabulated_in_part(tmp_path):
         SMALL | {"grid": {"stiffness_ratio": {"log": [0.5, 2, 90]}, "mass_ratio": [1], "e1": [0.9]}}
     )
     folder = run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    tables = [block for block in build_document(summarise(folder)) if isinstance(block, Table)]
-    by_stiffness = next(table for table in tables if table.caption.startswith("D by k2/k1"))
+    by_stiffness = next(
+        table for table in tables(summarise(folder)) if table.caption.startswith("D by k2/k1")
+    )
     assert len(by_stiffness.rows) <= 40
     assert "of 90 values" in by_stiffness.caption
-
-
-def test_escapes():
-    assert escape_markdown("a|b<c>&*_`") == "a\\|b&lt;c&gt;&amp;\\*\\_\\`"
-    assert escape_latex("50% & \\x{é漢}") == r"50\% \& \textbackslash{}x\{é{[}U+6F22{]}\}"
-    blocks = [Heading("a", 1), Paragraph("b"), Table("c", ("d", "e"), [("f", "1")])]
-    assert to_markdown(blocks) == "# a\n\nb\n\n**c**\n\n| d | e |\n| --- | --: |\n| f | 1 |\n"
-    assert r"f & 1 \\" in to_latex(blocks)
 
 
 def test_numbers_for_readers():

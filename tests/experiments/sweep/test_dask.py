@@ -212,12 +212,12 @@ def test_a_crash_on_a_cluster_is_a_row(tmp_path):
     ] * 3
 
 
-def test_no_scheduler_is_one_line(tmp_path, capsys):
+def test_no_scheduler_is_one_line_and_leaves_nothing(tmp_path, capsys, monkeypatch):
     (tmp_path / "c.toml").write_text("solvers = ['state-transition']")
-    arguments = ["run", str(tmp_path / "c.toml"), "--out", str(tmp_path / "out"), "--scheduler"]
-    assert main([*arguments, "nonsense"]) == 2
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "c.toml", "--scheduler", "nonsense"]) == 2
     error = capsys.readouterr().err
     assert "--scheduler nonsense: no Dask scheduler answers there" in error
     assert "legal: 'local', or an address such as tcp://host:8786" in error
-    assert not (tmp_path / "out").exists()
     assert error.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["c.toml"]

@@ -9,14 +9,12 @@ import pytest
 from scipy.stats import qmc
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.box import Sample
+from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.configuration import from_canonical, load_config, parse_config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import CellGrid
 from impact_xval.experiments.measures.levels import levels_of
 from impact_xval.experiments.measures.summary import summarise
-from impact_xval.experiments.presentation.findings import build_document
 from impact_xval.experiments.presentation.report import write_tables
 from impact_xval.experiments.sweep.designs import cells_of, draw, read_cells
 from impact_xval.experiments.sweep.run import run_sweep
@@ -201,7 +199,6 @@ def test_a_sampled_run_is_summarised_in_bins(tmp_path):
     assert len(bins) <= 12
     write_tables(folder)
     assert "in bins of k2/k1, named by their middle" in (folder.root / "summary.md").read_text()
-    assert build_document(summary)
 
 
 def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):

@@ -159,9 +159,8 @@ def test_a_full_disk(tmp_path):
 @pytest.mark.slow
 def test_ctrl_c_while_a_solver_hangs_ends_within_five_seconds(tmp_path):
     script = (
-        "import sys; from pathlib import Path; from impact_xval.experiments.config.configuration import load_config\n"
-        "from experiments import commands, sweep; from tests.experiments import faulty\n"
-        "import functools\n"
+        "import functools, sys\n"
+        "from impact_xval.experiments.sweep import run as sweep; from tests.experiments import faulty\n"
         "sweep.run_sweep = functools.partial(sweep.run_sweep, resolve=faulty.faulty)\n"
         "from impact_xval.experiments.commands.cli import main; sys.exit(main(sys.argv[1:]))\n"
     )

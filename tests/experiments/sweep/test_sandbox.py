@@ -14,6 +14,7 @@ from impact_xval.experiments.sweep.sandbox import (
     FaultError,
     Sandbox,
     SandboxError,
+    in_halves,
 )
 from tests.experiments import sandbox_work as work
 
@@ -26,14 +27,14 @@ def sandbox():
 
 
 def test_it_answers_with_its_context_and_is_prepared_once(sandbox):
-    assert sandbox.call(work.echo, 1, "two", patience=20) == ("a context", (1, "two"))
+    assert sandbox.call(work.echo, 1, "two", timeout=20) == ("a context", (1, "two"))
     assert sandbox.prepared == "prepared with a context"
-    first = sandbox.call(work.pid, patience=20)
+    first = sandbox.call(work.pid, timeout=20)
     assert first != os.getpid()
-    assert sandbox.call(work.pid, patience=20) == first
-    assert sandbox.call(work.threads, patience=20) == ("1", "1")
-    assert sandbox.call(work.chatter, patience=20) == "still understood"
-    assert sandbox.call(work.ctrl_c, patience=20) == "unmoved"
+    assert sandbox.call(work.pid, timeout=20) == first
+    assert sandbox.call(work.threads, timeout=20) == ("1", "1")
+    assert sandbox.call(work.chatter, timeout=20) == "still understood"
+    assert sandbox.call(work.ctrl_c, timeout=20) == "unmoved"
 
 
 @pytest.mark.parametrize(
@@ -45,32 +46,41 @@ def test_it_answers_with_its_context_and_is_prepared_once(sandbox):
         ("exit", "its process died: exit code 5"),
     ],
 )
-def test_a_death_is_a_fault_that_says_of_what_and_where(sandbox, how, reason):
+def test_a_death_is_a_fault_that_says_of_what(sandbox, how, reason):
     with pytest.raises(FaultError) as caught:
-        sandbox.call(work.die, how, patience=20)
-    assert (caught.value.status, caught.value.at, caught.value.reason) == ("crashed", "about to", reason)
-    assert sandbox.call(work.echo, 1, patience=20) == ("a context", (1,))
+        sandbox.call(work.die, how, timeout=20)
+    assert (caught.value.status, caught.value.reason) == ("crashed", reason)
+    assert sandbox.call(work.echo, 1, timeout=20) == ("a context", (1,))
 
 
-def test_silence_is_a_fault_and_a_beat_is_no_silence(sandbox):
+def test_work_beyond_its_time_is_a_fault(sandbox):
     sandbox.start()
-    assert sandbox.call(work.slow_steps, 4, 0.3, patience=1.0) == "through"
+    assert sandbox.call(work.slow, 0.3, timeout=20) == "through"
     with pytest.raises(FaultError) as caught:
-        sandbox.call(work.slow_steps, 1, 60, patience=0.4)
-    assert (caught.value.status, caught.value.at) == ("timeout", "step 0")
+        sandbox.call(work.slow, 60, timeout=0.4)
+    assert caught.value.status == "timeout"
     assert caught.value.reason == "no answer within 0.4 s; its process was ended"
+    assert sandbox.call(work.echo, timeout=20) == ("a context", ())
 
 
 def test_an_exception_is_a_bug_with_its_traceback(sandbox):
     with pytest.raises(SandboxError, match="ValueError: a bug"):
-        sandbox.call(work.fail, patience=20)
-    assert sandbox.call(work.echo, patience=20) == ("a context", ())
+        sandbox.call(work.fail, timeout=20)
+    assert sandbox.call(work.echo, timeout=20) == ("a context", ())
 
 
 def test_a_process_that_dies_of_its_preparation_starts_without():
     sandbox = Sandbox("dies at once", work.prepare)
-    assert sandbox.call(work.echo, patience=20) == ("dies at once", ())
+    assert sandbox.call(work.echo, timeout=20) == ("dies at once", ())
     assert sandbox.prepared is None
+    sandbox.close()
+
+
+def test_a_context_that_cannot_be_read_is_the_same_bug_at_every_call():
+    sandbox = Sandbox(work.Unreadable(), work.prepare)
+    for _ in range(2):
+        with pytest.raises(SandboxError, match="ValueError: a bug"):
+            sandbox.call(work.echo, timeout=20)
     sandbox.close()
 
 
@@ -79,17 +89,18 @@ def test_closing_ends_work_at_once_from_another_thread(sandbox):
     start = time.monotonic()
     threading.Timer(0.3, sandbox.close).start()
     with pytest.raises(ClosedError):
-        sandbox.call(work.slow_steps, 1, 60, patience=50)
+        sandbox.call(work.slow, 60, timeout=50)
     assert time.monotonic() - start < 5
     with pytest.raises(ClosedError):
-        sandbox.call(work.echo, patience=20)
+        sandbox.call(work.echo, timeout=20)
 
 
 def test_it_does_not_outlive_a_killed_parent():
     script = (
         "import os, signal; from impact_xval.experiments.sweep.sandbox import Sandbox\n"
         "from tests.experiments import sandbox_work as w\n"
-        "s = Sandbox(None, w.prepare); print(s.call(w.pid, patience=20), flush=True)\n"
+        "import threading, time; s = Sandbox(None, w.prepare); print(s.call(w.pid, timeout=20), flush=True)\n"
+        "threading.Thread(target=s.call, args=(w.slow, 60), kwargs={'timeout': 60}).start(); time.sleep(0.5)\n"
         "os.kill(os.getpid(), signal.SIGKILL)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
@@ -102,3 +113,33 @@ def test_it_does_not_outlive_a_killed_parent():
             return
         time.sleep(0.05)
     pytest.fail(f"process {child} is still there")
+
+
+def _isolated(n, fatal, once=()):
+    """Isolate cells of which some are fatal, always or the first time; the answers, and how often it was called."""
+    calls, died = [], set()
+
+    def call(place):
+        cells = range(n)[place]
+        calls.append(list(cells))
+        if fatal & set(cells) or set(once) & set(cells) - died:
+            died.update(cells)
+            raise FaultError("crashed", f"of {list(cells)}")
+        return [f"{cell} answered" for cell in cells]
+
+    found = in_halves(call, n, lambda place, fault: [f"{place.start} lost: {fault.reason}"])
+    return [answer for piece in found for answer in piece], calls
+
+
+def test_what_is_fatal_is_found_by_halving_and_everything_else_answered():
+    found, calls = _isolated(7, {2, 6})
+    lost = {2: "2 lost: of [2]", 6: "6 lost: of [6]"}
+    assert found == [lost.get(cell, f"{cell} answered") for cell in range(7)]
+    assert calls.count([2]) == calls.count([6]) == 1
+    assert _isolated(7, set()) == ([f"{cell} answered" for cell in range(7)], [list(range(7))])
+
+
+def test_one_death_is_not_enough_to_lose_a_cell():
+    assert _isolated(1, set(), once=[0]) == (["0 answered"], [[0], [0]])
+    assert _isolated(1, {0}) == (["0 lost: of [0]"], [[0], [0]])
+    assert _isolated(4, set(), once=[3])[0] == [f"{cell} answered" for cell in range(4)]

@@ -10,8 +10,10 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import load_config, parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
+from impact_xval.experiments.presentation.search_figure import write_figure
 from impact_xval.experiments.sweep.designs import cells_of
 from impact_xval.experiments.sweep.search import search_worst
+from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.model import solve
 from tests.experiments import fakes
 from tests.experiments.fakes import Shifted
@@ -54,6 +56,7 @@ def _config(**search):
 
 def test_it_finds_a_known_maximum(tmp_path):
     found = search_worst(_config(), tmp_path / "a", isolate=False, resolve=peaked)
+    write_figure(RunFolder(tmp_path / "a"), _config(), found)
     worst = found.rows[0]
     assert worst["velocity_divergence"] == pytest.approx(0.5, rel=1e-3)
     assert math.log10(worst["stiffness_ratio"] / PEAK[0]) / 6 == pytest.approx(0, abs=0.03)
@@ -100,9 +103,9 @@ def test_grazing_cells_do_not_count(tmp_path):
 
 
 def test_a_solver_without_results_is_an_empty_search(tmp_path):
-    found = search_worst(
-        _config(solver="pybullet", generations=2), tmp_path / "a", isolate=False, resolve=fakes.shifted
-    )
+    config = _config(solver="pybullet", generations=2)
+    found = search_worst(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    write_figure(RunFolder(tmp_path / "a"), config, found)
     assert (found.rows, found.confirmed) == ([], [])
     assert found.failed == found.evaluated >= 48  # it may stop early: no cell is better than another
     assert (tmp_path / "a/worst.csv").read_text() == "stiffness_ratio,mass_ratio,e1,e2\n"

@@ -1,0 +1,323 @@
+"""What an engine's velocities tend to as its step goes to zero, and how well that is known: the convergence estimate.
+
+An engine is run at the steps h, h/2, h/4, ..., halved further only as long as the estimate below exceeds the
+tolerance. Of the velocities V0, V1, ..., Vn (from the longest step to the shortest) the limit is Richardson's,
+
+    L = 2 Vn - V(n-1),
+
+for engines of first order, which these are. It removes what is smooth in the step. What it cannot remove is
+chance: a contact that closes at a finite speed starts at the end of the step in which it was met, up to a
+step late, and a dashpot then misses up to a step of its force c u. Which part of a step that is changes from
+one step length to the next without any law, so that these errors shrink with h but cannot be extrapolated.
+
+Balls that part for good have v1 >= v2 >= 0, and so has their limit. Where L is outside, the balls meet once more as the
+step goes to zero, or B2 meets the table, and not at the steps that were run: L is then replaced by the nearest point
+inside, in the kinetic norm. That is what a plastic meeting makes of it, and an elastic one goes as far again.
+
+The estimate of the error of L is therefore the largest of five numbers (the larger of the two velocities
+counts):
+
+1. |L - L'|, with L' = 2 V(n-1) - V(n-2) the limit of the steps before: for errors a h + b h^2 three times the
+   error of L;
+2. a tenth of |Vn - V(n-1)|, the correction that was made: three differences can agree by accident. All of it where
+   the last two runs do not pass through the same states (`state_runs`): between a run in which the balls meet once
+   more and one in which they do not the velocities have a kink, across which no straight line leads;
+3. half of what contacts that closed again did in their first step, in the run of the shortest step, as a
+   change of the relative velocity of their pair (`Run.starts`): L takes twice what the shortest step has of
+   this and once what the step before has, either between nothing and all of it;
+4. how far L was moved to v1 >= v2 >= 0;
+5. in a drop, where it is not known whether gravity ends in a first flight before two bodies meet again or goes on, what
+   it does in that contact: g times half its period.
+
+A contact that is met at the start is met at the beginning of the first step, whatever the step: it counts in
+1 and 2 only.
+
+**Regularisation.** An engine may add to its contacts what no step removes: MuJoCo's constraints have an
+impedance of 1e-4 at least. What that does to the velocities is measured, by one more run at the step h with
+ten times as much of it: a ninth of the difference (it is of first order in the impedance). Beside a grazing
+that difference may be the step's: where it exceeds the tolerance it is measured again at the shortest step,
+and the step is halved further unless two measures agree within a factor of 2. The total, estimate and
+regularisation, is by how much L may differ from what the contacts *asked for* do.
+
+The order is that of |V(i+1) - V(i)| in the step, fitted through all steps; 1 for a first-order method whose
+errors are smooth, 2 for MuJoCo's symplectic steps on elastic contacts, and anything where chance leads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from impact_xval.compliant_baselines.contact.column import Column
+from impact_xval.compliant_baselines.contract.solver import Convergence
+from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
+from impact_xval.compliant_baselines.contract.trajectory import Floats
+from impact_xval.compliant_baselines.engines.recording import Run, states_of
+
+#: Share of the last correction that is doubted whatever the differences say.
+DOUBT = 0.1
+
+#: Share of what contacts do in their first steps that may be missing from the limit.
+CHANCE = 0.5
+
+#: Factor within which two measures of a regularisation agree.
+ALIKE = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """The limit dt -> 0.
+
+    Attributes
+    ----------
+    v1, v2 : float
+        Velocities in m/s.
+    step_error : float
+        Estimated error of both, in m/s, as the engine's own limit.
+    regularisation : float
+        By how much the engine's regularisation moves them, in m/s; 0 for an engine without.
+    order : float
+        Fitted order of convergence; NaN where there is nothing but rounding.
+    step : float
+        The shortest step, in s.
+    flight : bool
+        Whether gravity ended in a first flight at that step.
+    """
+
+    v1: float
+    v2: float
+    step_error: float
+    regularisation: float
+    order: float
+    step: float
+    flight: bool = False
+
+    @property
+    def error(self) -> float:
+        """By how much v1 and v2 may differ from what the contacts asked for do, in m/s."""
+        return self.step_error + self.regularisation
+
+
+def parted(v1: float, v2: float, mass_ratio: float) -> tuple[float, float]:
+    """Nearest velocities with v1 >= v2 >= 0, in the kinetic norm; mass_ratio is m2/m1."""
+    if v2 > v1:
+        v1 = v2 = (v1 + mass_ratio * v2) / (1 + mass_ratio)
+    return max(v1, 0.0), max(v2, 0.0)
+
+
+def extrapolated(values: Floats) -> Floats:
+    """Extrapolate to a step of zero, from every two neighbours along the first axis.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, ...)
+        At steps each half of the one before, with errors of first order in the step.
+
+    Returns
+    -------
+    ndarray, shape (n - 1, ...)
+        The last of them from the two shortest steps.
+    """
+    return 2 * values[1:] - values[:-1]
+
+
+def limit_of(
+    velocities: Floats,
+    starts: float,
+    step: float,
+    mass_ratio: float,
+    regularisation: float = 0.0,
+    *,
+    alike: bool = True,
+    flight_doubt: float = 0.0,
+) -> Limit:
+    """Extrapolate to a step of zero; see the module.
+
+    Parameters
+    ----------
+    velocities : ndarray, shape (n, 2), n >= 3
+        Final velocities of B1 and B2 in m/s at steps each half of the one before.
+    starts : float
+        `Run.starts` of the last run, in m/s.
+    step : float
+        The last step, in s.
+    mass_ratio : float
+        m2/m1.
+    regularisation : float
+        What regularisation does, in m/s.
+    alike : bool
+        Whether the last two runs pass through the same states.
+    flight_doubt : float
+        What a first flight that is in doubt may change, in m/s.
+    """
+    differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
+    limits = extrapolated(velocities)
+    outside1, outside2 = map(float, limits[-1])
+    v1, v2 = parted(outside1, outside2, mass_ratio)
+    error = max(
+        float(np.abs(limits[-1] - limits[-2]).max()),
+        (DOUBT if alike else 1.0) * float(differences[-1]),
+        CHANCE * abs(starts),
+        max(abs(v1 - outside1), abs(v2 - outside2)),
+        flight_doubt,
+    )
+    return Limit(v1, v2, error, regularisation, fitted_order(differences), step)
+
+
+def fitted_order(errors: Floats) -> float:
+    """Order of errors (or differences) at steps each half of the one before; NaN if any of them is zero."""
+    if not np.all(errors > 0):
+        return math.nan
+    slope = np.polyfit(np.arange(len(errors)), np.log2(errors), 1)[0]
+    return float(-slope)
+
+
+@dataclass(slots=True)
+class _Case:
+    """A column on its way to its limit: its runs, from the longest step to the shortest."""
+
+    runs: list[Run]
+    halvings: int
+    #: Largest error, in m/s.
+    tolerance: float
+    #: What regularisation was seen to do, in m/s, at ever shorter steps.
+    regularisation: list[float] = field(default_factory=list)
+    failure: str = ""
+
+    @property
+    def column(self) -> Column:
+        return self.runs[0].column
+
+    def limit(self) -> Limit | None:
+        if len(self.runs) < 3:
+            return None
+        last = self.runs[-1]
+        paths = {(states_of(run, SHORTEST_STATE).names, run.fall is None) for run in self.runs[-2:]}
+        limit = limit_of(
+            np.array([run.reported for run in self.runs]),
+            last.starts,
+            last.column.step,
+            self.column.m2 / self.column.m1,
+            *self.regularisation[-1:],
+            alike=len(paths) == 1,
+            flight_doubt=self.flight_doubt(),
+        )
+        return replace(limit, flight=last.fall is not None)
+
+    def flight_doubt(self) -> float:
+        """Bound, in m/s, what gravity does in a contact that a first flight may or may not precede.
+
+        Its lead is extrapolated as velocities are. Where it changes its sign on the way to a step of zero, or is too
+        short to tell, the flight is in doubt, and gravity acts in the contact that decides on it or does not.
+        """
+        (before, _), (now, contact) = (run.lead for run in self.runs[-2:])
+        if not math.isfinite(now) or not self.column.gravity:
+            return 0.0
+        (limit,) = extrapolated(np.array([before, now]))
+        if now * before > 0 and now * limit > 0 and abs(now) > 2 * self.runs[-1].column.step:
+            return 0.0
+        return self.column.gravity * 0.5 * (self.column.contact1, self.column.contact2)[contact - 1].period
+
+    def take(self, run: Run) -> None:
+        """Take the run at the next shorter step; one that came to no end ends the halving."""
+        if run.over and not self.failure:
+            self.runs.append(run)
+        else:
+            self.failure = self.failure or f"at a step of {run.column.step:.3g} s: {run.problem()}"
+
+    def probe(self, run: Run, own: Run, factor: float) -> None:
+        """Take a run with more regularisation, beside that of the same step with the engine's own."""
+        if run.over:
+            moved = np.abs(np.subtract(run.reported, own.reported)).max()
+            self.regularisation.append(float(moved) / (factor - 1))
+
+    def wants_more(self) -> bool:
+        limit = self.limit()
+        if self.failure or len(self.runs) > self.halvings or limit is None:
+            return False
+        return limit.error > self.tolerance and not self.settled()
+
+    def doubtful(self) -> bool:
+        """Whether regularisation seems to leave more than the tolerance."""
+        return bool(self.regularisation) and self.regularisation[-1] > self.tolerance
+
+    def settled(self) -> bool:
+        """Whether it does so at two lengths of the step alike: what it leaves no step brings back."""
+        if len(self.regularisation) < 2 or not self.doubtful():
+            return False
+        before, now = self.regularisation[-2:]
+        return before / ALIKE <= now <= before * ALIKE
+
+    def problem(self) -> str:
+        """Why the limit does not satisfy; nothing if it does."""
+        limit, speed = self.limit(), abs(self.column.v1)
+        if limit is None:
+            return f"no limit dt -> 0: {self.failure}"
+        if limit.error <= self.tolerance:
+            return ""
+        text = (
+            f"the limit dt -> 0 is known to {limit.error / speed:.1e} of |v0|, beyond the tolerance of "
+            f"{self.tolerance / speed:g}"
+        )
+        if self.settled():
+            share = limit.regularisation / speed
+            return f"{text}: the engine's own regularisation of contacts is {share:.1e} of it"
+        return f"{text}, at the finest step, {limit.step:.3g} s" + (
+            f" ({self.failure})" if self.failure else ""
+        )
+
+
+def estimate_limits(
+    run_columns: Callable[[Sequence[Column], int], list[Run]],
+    probe: float | None,
+    runs: Sequence[Run],
+    convergence: Convergence,
+    max_steps: int,
+) -> list[tuple[Limit | None, str]]:
+    """Find the limits of columns that have been run at the longest step.
+
+    Parameters
+    ----------
+    run_columns : callable
+        The engine's, of `engines.engine.EngineSolver`.
+    probe : float or None
+        Its `regularisation_probe`.
+    runs : sequence of Run
+        Its runs at the step a user would take, all of them over.
+    convergence : Convergence
+        What is wanted.
+    max_steps : int
+        Steps a run at the longest step may take; at shorter ones as many times more.
+
+    Returns
+    -------
+    list of (Limit or None, str)
+        None where shorter steps did not come to an end; and why the limit is not converged, empty if it is.
+    """
+    cases = [_Case([run], convergence.halvings, convergence.tolerance * abs(run.column.v1)) for run in runs]
+    factor = probe or 1.0
+    probed = [case for case in cases if probe and case.column.mapping == "calibrated"]
+    probes = [replace(case.column, regularisation=factor) for case in probed]
+    halves = [replace(case.column, step=case.column.step / 2**n) for case in cases for n in (1, 2)]
+    # One call for all of them: an engine shares out what it is given.
+    answers = iter(run_columns([*halves, *probes], 4 * max_steps))
+    for case in cases:
+        case.take(next(answers))
+        case.take(next(answers))
+    for case in probed:
+        case.probe(next(answers), case.runs[0], factor)
+    while going := [case for case in cases if case.wants_more()]:
+        longest = max_steps * 2 ** max(len(case.runs) for case in going)
+        # Beside a grazing a probe at a long step may show what is the step's: seen again at the shortest.
+        again = [case for case in going if case.doubtful()]
+        finest = [replace(case.runs[-1].column, regularisation=factor) for case in again]
+        for case, run in zip(again, run_columns(finest, longest), strict=True):
+            case.probe(run, case.runs[-1], factor)
+        going = [case for case in going if case.wants_more()]
+        finer = [replace(case.column, step=case.column.step / 2 ** len(case.runs)) for case in going]
+        for case, run in zip(going, run_columns(finer, longest), strict=True):
+            case.take(run)
+    return [(case.limit(), case.problem()) for case in cases]

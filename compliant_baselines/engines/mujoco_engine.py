@@ -1,0 +1,225 @@
+"""MuJoCo: the column as two balls on vertical slides, many columns at a time.
+
+Set-up, and why:
+
+* Contacts are `condim="1"` **pairs**, which carry their parameters themselves; the geoms have contype =
+  conaffinity = 0, so that nothing is mixed. The compiler sorts pairs by their geoms: they are found by name,
+  never by their place in the file.
+* Integrator Euler (semi-implicit; refsafe leaves the direct format alone under it). Forces are explicit:
+  those of the heights and velocities before the step.
+* The tolerance of the Newton solver goes with the collision, see `_tolerance`: the default of 1e-8 is an
+  absolute number, and costs 5e-5 in velocity where accelerations are small (k = 1e-6 N/m).
+* No autoreset: what the engine finds beyond its limits (mjMAXVAL, 1e10 in any of qpos, qvel, qacc) ends the
+  run and becomes its status, where the default would silently start it over. The engine's warning about it is
+  kept from the terminal and from the file MUJOCO_LOG.TXT that it would leave in the working directory.
+* No islands: the search for independent groups of constraints costs a tenth of a step and changes no bit here.
+* Everything is in SI units as asked; only the balls' radius is ours (`radius_of`), since contacts of spheres
+  in one dimension do not depend on it. Mass, not inertia, is what moves on a slide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from impact_xval.compliant_baselines.contact.column import Column, radius_of
+from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, MujocoContact, mujoco_contact
+from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING
+from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.recording import Recorder, Run
+
+if TYPE_CHECKING:
+    from mujoco.batch import Batch
+
+#: Largest position, velocity and acceleration the engine accepts, in SI units (mjMAXVAL of mjtype.h).
+LARGEST_VALUE = 1e10
+
+#: Simulations in one batch: enough to make a call's cost small, few enough for a window to stay in the cache.
+CHUNK = 64
+
+#: Steps between two looks at which simulations are over.
+WINDOW = 256
+
+#: B1 is the first joint: velocities and heights come in the order B1, B2.
+SCENE = """
+<mujoco model="column">
+  <option integrator="Euler" solver="Newton" iterations="100" gravity="0 0 0">
+    <flag autoreset="disable" island="disable"/>
+  </option>
+  <worldbody>
+    <geom name="table" type="plane" size="0 0 1" contype="0" conaffinity="0"/>
+    <body name="B1" pos="0 0 3">
+      <joint name="B1" type="slide" axis="0 0 1"/>
+      <geom name="B1" type="sphere" size="1" mass="1" contype="0" conaffinity="0"/>
+    </body>
+    <body name="B2" pos="0 0 1">
+      <joint name="B2" type="slide" axis="0 0 1"/>
+      <geom name="B2" type="sphere" size="1" mass="1" contype="0" conaffinity="0"/>
+    </body>
+  </worldbody>
+  <contact>
+    <pair name="ball-ball" geom1="B1" geom2="B2" condim="1" solref="-1 -0"/>
+    <pair name="ball-table" geom1="B2" geom2="table" condim="1" solref="-1 -0"/>
+  </contact>
+</mujoco>
+"""
+
+
+@cache
+def scene_model() -> Any:
+    """Give `SCENE` as the engine compiles it."""
+    # The names of the compiled module are invisible to a type checker, here and below.
+    mujoco: Any = import_module("mujoco")
+    return mujoco.MjModel.from_xml_string(SCENE)
+
+
+class MujocoSolver(EngineSolver):
+    """MuJoCo 3.17 or later, in one thread: collisions are shared out to processes further up."""
+
+    name = "mujoco"
+    distribution = "mujoco"
+    regularisation_probe = 10.0
+
+    def unavailable(self) -> str | None:
+        """Why MuJoCo cannot run here; None if it can."""
+        try:
+            import mujoco.batch  # noqa: F401
+        except ImportError as error:
+            return f"MuJoCo 3.17 or later is needed ({error}): run pip install 'mujoco>=3.17'"
+        return None
+
+    def refusal(self, column: Column) -> str | None:
+        """Why MuJoCo cannot take a column: accelerations beyond what it accepts."""
+        largest = _acceleration(column)
+        if largest > LARGEST_VALUE:
+            return (
+                f"accelerations about |v0| sqrt(k/M) = {largest:.3g} m/s^2: "
+                f"MuJoCo accepts {LARGEST_VALUE:.0e}; scale stiffnesses, masses or v0 (Theorem 5)"
+            )
+        return None
+
+    def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
+        """Run every column until its collision is over or `max_steps` steps are taken; in order."""
+        runs = []
+        with _warnings_kept():
+            for first in range(0, len(columns), CHUNK):
+                runs += self._run_chunk(columns[first : first + CHUNK], max_steps, record_path)
+        return runs
+
+    def _run_chunk(self, columns: Sequence[Column], max_steps: int, record_path: bool) -> list[Run]:
+        from mujoco.batch import Batch
+
+        batch = Batch(scene_model(), len(columns), 1)
+        recorders = load(batch, columns, max_steps, record_path)
+        failures = [""] * len(columns)
+        going = np.arange(len(columns))
+        while going.size:
+            n = min(WINDOW, max_steps - max(recorders[i].n_steps for i in going))
+            record = batch.rollout(n, record=("qvel", "qpos"), ids=going)
+            warned = batch.warning[going, :, 1].any(axis=1)  # (simulation, kind, (last info, count))
+            left = []
+            for row, i in enumerate(going):
+                end = recorders[i].feed(record["qvel"][row], record["qpos"][row])
+                if end == FLIGHT:
+                    batch.qpos[i], batch.qvel[i] = recorders[i].state
+                    batch.expand("opt.gravity")[i] = 0.0
+                elif warned[row] and end == GOING:
+                    failures[i] = (
+                        f"MuJoCo found positions, velocities or accelerations beyond {LARGEST_VALUE:.0e}"
+                    )
+                    continue
+                if end in (GOING, FLIGHT) and recorders[i].n_steps < max_steps:
+                    left.append(i)
+            going = np.array(left, dtype=np.intp)
+        return [recorder.finish(failure) for recorder, failure in zip(recorders, failures, strict=True)]
+
+
+class NaiveMujocoSolver(MujocoSolver):
+    """MuJoCo with k and c written into a direct-format solref as N/m and N s/m, under the default solimp.
+
+    It breaks Theorem 5: the default solimp has a width in metres, and k in N/m is read as 1/s^2, so that the outcome
+    depends on the scale of k and m.
+    """
+
+    name = "mujoco-naive"
+
+
+@contextmanager
+def _warnings_kept() -> Iterator[None]:
+    """Keep the engine's warnings from the terminal and its log file; the batch counts them all the same."""
+    mujoco: Any = import_module("mujoco")
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _pairs(column: Column) -> tuple[MujocoContact, MujocoContact]:
+    """Map contacts 1 and 2 to the engine's parameters."""
+    mapping, impedance = column.mapping, column.regularisation * MUJOCO_IMPEDANCE
+    one, two = column.contact1, column.contact2
+    return mujoco_contact(one, mapping, impedance), mujoco_contact(two, mapping, impedance)
+
+
+def _radius(column: Column) -> float:
+    """Radius of both balls in m."""
+    pair1, pair2 = _pairs(column)
+    return radius_of(column.depth(pair1.stiffness(column.contact1.mass), pair2.stiffness(column.m2)))
+
+
+def _acceleration(column: Column) -> float:
+    """Scale of the accelerations of a column in m/s^2: of each contact when its pair meets at full speed."""
+    speed = max(abs(column.v1), abs(column.v2))
+    omega = math.sqrt(max(-pair.solref[0] for pair in _pairs(column)))
+    return speed * omega + column.gravity
+
+
+def _tolerance(column: Column) -> float:
+    """Tolerance at which the solver's forces are converged to rounding.
+
+    The engine holds one number against two measures: the decrease of its cost, a squared acceleration, and
+    the gradient, an acceleration (per mean inertia, both). 1e-14 of the smaller of the two scales stops at
+    the second Newton iteration, whose step is exact; tolerance 0 gives the same velocities to 6e-15 at twice
+    the cost.
+    """
+    acceleration = _acceleration(column)
+    return 1e-14 * min(acceleration, acceleration**2)
+
+
+def load(batch: Batch, columns: Sequence[Column], max_steps: int, record_path: bool) -> list[Recorder]:
+    """Write the columns' parameters and initial states into a batch; give what will follow each."""
+    model = batch.model
+    b1, b2 = model.body("B1").id, model.body("B2").id
+    pair1, pair2 = model.pair("ball-ball").id, model.pair("ball-table").id
+    balls = [model.geom("B1").id, model.geom("B2").id]
+    radius = np.array([_radius(c) for c in columns])
+    batch.expand("geom_size")[:, balls, 0] = radius[:, None]
+    batch.expand("geom_rbound")[:, balls] = radius[:, None]
+    batch.expand("body_pos")[:, b1, 2] = 3 * radius
+    batch.expand("body_pos")[:, b2, 2] = radius
+    batch.expand("body_mass")[:, [b1, b2]] = [(c.m1, c.m2) for c in columns]
+    batch.expand("opt.timestep")[:] = [c.step for c in columns]
+    batch.expand("opt.tolerance")[:] = [_tolerance(c) for c in columns]
+    batch.expand("opt.gravity")[:, 2] = [-c.gravity for c in columns]
+    pairs = [_pairs(c) for c in columns]
+    for pair, which in ((pair1, 0), (pair2, 1)):
+        batch.expand("pair_solref")[:, pair] = [p[which].solref for p in pairs]
+        batch.expand("pair_solimp")[:, pair] = [p[which].solimp for p in pairs]
+    batch.set_const()  # the inverse weights follow the masses
+
+    recorders = []
+    for i, (c, (_, table)) in enumerate(zip(columns, pairs, strict=True)):
+        rest = table.rest_penetration(c.gravity) if c.settled else 0.0
+        x1, x2 = c.start(rest, float(radius[i]))
+        batch.qpos[i], batch.qvel[i] = (x1, x2), (c.v1, c.v2)
+        k2 = c.m2 * c.gravity / rest if rest else c.contact2.k
+        recorders.append(Recorder(c, x1, x2, k2, max_steps, record_path))
+    return recorders

@@ -1,0 +1,59 @@
+"""The packages that are engines: PyBullet imported without a word, and a substitute in a package's place."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from threading import Lock
+from typing import Any
+
+_importing = Lock()
+
+
+def import_pybullet() -> Any:
+    """Import PyBullet, without the line "pybullet build time: ..." that its C code writes at the first import.
+
+    Raises
+    ------
+    ImportError
+        If it is not installed.
+    """
+    with _importing:
+        if "pybullet" in sys.modules:  # or what stands in its place at the moment
+            return import_module("pybullet")
+        with _standard_error_without(b"pybullet build time"):
+            return import_module("pybullet")
+
+
+@contextmanager
+def _standard_error_without(beginning: bytes) -> Iterator[None]:
+    """Hold back what is written to the descriptor of standard error; write it afterwards, but for some lines."""
+    try:
+        terminal = os.dup(2)
+    except OSError:  # closed: there is nothing to keep clean
+        yield
+        return
+    with tempfile.TemporaryFile() as held:
+        os.dup2(held.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(terminal, 2)
+            os.close(terminal)
+            held.seek(0)
+            os.write(2, b"".join(line for line in held if not line.startswith(beginning)))
+
+
+@contextmanager
+def standing_in(name: str, substitute: Any) -> Iterator[None]:
+    """Let ``import name`` find a substitute, and the module that was imported before again afterwards."""
+    before = sys.modules[name]
+    sys.modules[name] = substitute
+    try:
+        yield
+    finally:
+        sys.modules[name] = before

@@ -1,0 +1,310 @@
+"""Commands for one collision: solved by every solver, or written as files that an engine runs alone."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from impact_xval.experiments.commands.options import (
+    CUTOFF,
+    E1,
+    E2,
+    GRAVITY,
+    K1,
+    M1,
+    MAPPING,
+    MASS_RATIO,
+    RATIOS,
+    SCENARIO,
+    STEP_FRACTION,
+    STIFFNESS_RATIO,
+    V0,
+    folder_to_write,
+    one_cell,
+    path,
+    typed,
+    whole,
+)
+from impact_xval.experiments.config.errors import UserError
+
+if TYPE_CHECKING:
+    from impact_xval.compliant_baselines import Settings
+    from impact_xval.experiments.tables.store import RunFolder
+    from impact_xval.model import Collision, Outcome
+
+#: Difference, per |v0|, above which a tabulated velocity is not the one that was run again.
+SAME = 1e-12
+
+
+def solve(
+    context: typer.Context,
+    stiffness_ratio: Annotated[str, STIFFNESS_RATIO],
+    mass_ratio: Annotated[str, MASS_RATIO],
+    e1: Annotated[str, E1],
+    e2: Annotated[str, E2],
+    solver: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="A solver; may be repeated. By default all.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON list, an object a solver.")] = False,
+    scenario: Annotated[str, SCENARIO] = "impact",
+    gravity: Annotated[str, GRAVITY] = "9.81",
+    m1: Annotated[str, M1] = "1",
+    k1: Annotated[str, K1] = "1e8",
+    v0: Annotated[str, V0] = "-1",
+    step_fraction: Annotated[str, STEP_FRACTION] = "1e-3",
+    mapping: Annotated[str, MAPPING] = "calibrated",
+    cutoff: Annotated[str, CUTOFF] = "exact",
+) -> None:
+    """Solve one collision by every solver and show the results side by side.
+
+    Velocities are per |v0|, those of the diagnostics too, impulses per m1 |v0|, times in s. Without gravity
+    velocities and impulses depend on the four ratios only; mass, stiffness and velocity matter to a drop.
+    """
+    from json import dumps
+
+    from impact_xval.compliant_baselines.contract.registry import get_solver, solver_names
+    from impact_xval.experiments.commands.runs import compile_notice
+    from impact_xval.experiments.config.configuration import REFERENCE, solvers_problem
+    from impact_xval.experiments.config.grid import collision_of
+    from impact_xval.experiments.presentation.terminal import error_line
+    from impact_xval.experiments.sweep.solving import answer, settings_of
+
+    config = one_cell(context.params)
+    names = solver or list(solver_names())
+    problem = solvers_problem(names)
+    if problem:
+        raise UserError(f"--solver {problem}")
+    collision = collision_of(config, config.figure_cell)
+    notice = compile_notice()
+    if notice:
+        error_line(notice)
+    outcomes = {name: answer(get_solver(name), [collision], settings_of(config))[0] for name in names}
+    if json:
+        objects = [_object(name, collision, outcome) for name, outcome in outcomes.items()]
+        print(dumps(objects, indent=2, allow_nan=False))
+        return
+    _show(collision, outcomes, outcomes.get(REFERENCE))
+
+
+def _show(collision: Collision, outcomes: dict[str, Outcome], model: Outcome | None) -> None:
+    """Print one collision by several solvers, grouped by law; velocities per abs(v0), impulses per m1 abs(v0)."""
+    from impact_xval.experiments.measures.laws import by_law
+    from impact_xval.experiments.presentation.pages import render
+    from impact_xval.experiments.presentation.terminal import make_console, show
+
+    rows = [
+        (law, name, outcomes[name].status, *_numbers(collision, outcomes[name], model))
+        for law, group in by_law(outcomes).items()
+        for name in group
+    ]
+    reasons = [(name, outcome) for name, outcome in outcomes.items() if outcome.reason]
+    show(make_console(), render("solve.md.j2", rows=rows, solvers=list(outcomes), reasons=reasons))
+
+
+def _numbers(collision: Collision, outcome: Outcome, model: Outcome | None) -> list[str]:
+    from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
+    from impact_xval.experiments.tables.numbers import number
+
+    if outcome.status not in COMPARABLE:
+        return ["-"] * 6
+    speed = abs(collision.v0)
+    impulse = collision.m1 * speed
+    scaled = outcome.v1 / speed, outcome.v2 / speed, outcome.impulse1 / impulse, outcome.impulse2 / impulse
+    away = "-"
+    if model is not None:
+        paths = model.states, outcome.states
+        away = number(divergence(collision, model, outcome, paths)["velocity_divergence"])
+    return [*(f"{value:.6f}" for value in scaled), away, " ".join(outcome.states)]
+
+
+def _object(name: str, collision: Collision, outcome: Outcome) -> dict[str, Any]:
+    """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0), times in s.
+
+    So are the diagnostics that `scaled_diagnostics` knows; others are as the solver states them.
+    """
+    from impact_xval.experiments.sweep.solving import scaled_diagnostics
+
+    speed = abs(collision.v0)
+    impulse = collision.m1 * speed
+    margin = outcome.grazing_margin
+    diagnostics = scaled_diagnostics(collision, outcome)
+    return {
+        "solver": name,
+        "v1": _finite(outcome.v1 / speed),
+        "v2": _finite(outcome.v2 / speed),
+        "impulse1": _finite(outcome.impulse1 / impulse),
+        "impulse2": _finite(outcome.impulse2 / impulse),
+        "states": list(outcome.states),
+        "status": outcome.status,
+        "reason": outcome.reason,
+        "grazing_margin": None if margin is None else _finite(margin),
+        "marked": outcome.marked,
+        "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def export_scene(
+    context: typer.Context,
+    folder: Annotated[
+        Path | None,
+        typer.Argument(metavar="[DIR]", parser=path("DIR"), help="Folder of a finished run, with --cell."),
+    ] = None,
+    cell: Annotated[str | None, typer.Option(metavar="N", help="Number of a cell of that run.")] = None,
+    stiffness_ratio: Annotated[str | None, STIFFNESS_RATIO] = None,
+    mass_ratio: Annotated[str | None, MASS_RATIO] = None,
+    e1: Annotated[str | None, E1] = None,
+    e2: Annotated[str | None, E2] = None,
+    solver: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="'mujoco' or 'pybullet'; may be repeated. By default both."),
+    ] = None,
+    out: Annotated[Path | None, folder_to_write("by default in scenes/")] = None,
+    scenario: Annotated[str | None, SCENARIO] = None,
+    gravity: Annotated[str | None, GRAVITY] = None,
+    m1: Annotated[str | None, M1] = None,
+    k1: Annotated[str | None, K1] = None,
+    v0: Annotated[str | None, V0] = None,
+    step_fraction: Annotated[str | None, STEP_FRACTION] = None,
+    mapping: Annotated[str | None, MAPPING] = None,
+) -> None:
+    """Write one cell as an MJCF file and as a PyBullet script that run in the engine alone.
+
+    The cell is one of a finished run (DIR --cell N), or given by its ratios and, where they differ from what solve
+    has by default, by the other options. The scripts print their velocities beside the tabulated ones and fail where
+    they differ by more than 1e-12 of the speed.
+    """
+    from impact_xval.experiments.config.grid import collision_of
+    from impact_xval.experiments.sweep.designs import cells_of_run
+    from impact_xval.experiments.sweep.solving import settings_of
+    from impact_xval.experiments.tables.folders import finished
+
+    given = typed(context.params)
+    if folder is not None:
+        if cell is None or given:
+            raise UserError(f"{folder}: a cell of a run is named by --cell N, and by nothing else")
+        run = finished(folder)
+        config = run.config()
+        cells = cells_of_run(run, config)
+        index = whole("--cell", cell, 0, len(cells) - 1)
+        names = _exportable(solver, config.solvers)
+        collision, table = cells[index].collision, _tabulated(run, index)
+        where = f"{folder.resolve().name}-cell-{index}"
+    else:
+        missing = [f"--{key.replace('_', '-')}" for key in RATIOS if key not in given]
+        if cell is not None or missing:
+            wanted = ", ".join(missing) or "the folder of a run"
+            raise UserError(f"{wanted} missing; legal: DIR --cell N, or the ratios of a collision")
+        names, config = _exportable(solver), one_cell({"scenario": "impact"} | given)
+        collision, table, where = collision_of(config, config.figure_cell), None, "collision"
+    _export(collision, settings_of(config), names, out or Path("scenes") / where, table)
+
+
+def _exportable(solvers: list[str] | None, of_run: list[str] | None = None) -> list[str]:
+    """Check the names of engines; without any, those of a run or else those that are installed."""
+    from impact_xval.compliant_baselines import get_solver
+    from impact_xval.compliant_baselines.contract.registry import exportable_names
+
+    legal = exportable_names()
+    if not solvers:
+        solvers = [
+            name
+            for name in legal
+            if (get_solver(name).unavailable() is None if of_run is None else name in of_run)
+        ]
+    for name in solvers:
+        if name not in legal:
+            raise UserError(f"--solver = {name!r}; legal: {', '.join(legal)}")
+    if not solvers:
+        raise UserError(f"--solver: none of {', '.join(legal)} is there to export")
+    return list(dict.fromkeys(solvers))
+
+
+def _export(
+    collision: Collision,
+    settings: Settings,
+    names: list[str],
+    out: Path,
+    tabulated: dict[str, tuple[float, float]] | None,
+) -> None:
+    """Run a collision by every engine named, and only then write a folder for each.
+
+    Parameters
+    ----------
+    tabulated : dict, optional
+        v1 and v2 in m/s of a run's table, by solver.
+    """
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.tables.store import write_text
+
+    texts: dict[Path, str] = {}
+    lines: list[str] = []
+    for name in names:
+        run, outcome, files = _run_alone(name, collision, settings)
+        lines.append(f"{name}: v1 = {outcome.v1!r} m/s, v2 = {outcome.v2!r} m/s, {run.raw.n_steps} steps")
+        if (outcome.v1, outcome.v2) != (run.v1, run.v2):
+            lines.append(
+                f"  at rest on the table when the collision was over: the script gives {run.v1!r}, {run.v2!r}"
+            )
+        if tabulated is not None:
+            lines.append("  " + _against(tabulated.get(name), outcome, abs(collision.v0)))
+        texts |= {out / name / file: text for file, text in files.items()}
+    for file, text in texts.items():
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(f"--out {out}: cannot be written to: {error.strerror}") from None
+        write_text(file, text)
+    console = make_console()
+    for line in (*lines, *(f"to check: python {out / name / 'run.py'}" for name in names)):
+        print_line(console, line)
+
+
+def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Any, Outcome, dict[str, str]]:
+    """Run a collision by an engine: the run, its outcome, and the files to run it without this package."""
+    from impact_xval.compliant_baselines import get_solver
+    from impact_xval.compliant_baselines.calibration.scene_text import scene_files
+    from impact_xval.compliant_baselines.contact.column import column_of, unrepresentable
+    from impact_xval.compliant_baselines.engines.engine import EngineSolver, outcome_of
+
+    solver = get_solver(name)
+    assert isinstance(solver, EngineSolver)
+    reason = solver.unavailable()
+    if reason is not None:
+        raise UserError(f"{name}: unavailable: {reason}")
+    refused = unrepresentable(collision) or solver.refusal(column_of(collision, settings))
+    if refused:
+        raise UserError(f"{name}: unrepresentable: {refused}")
+    run, files = scene_files(solver, column_of(collision, settings), settings.max_steps)
+    outcome = outcome_of(name, run, settings)
+    if math.isnan(outcome.v1):
+        raise UserError(f"{name}: {outcome.status}: {outcome.reason}")
+    return run, outcome, files
+
+
+def _against(table: tuple[float, float] | None, outcome: Outcome, speed: float) -> str:
+    if table is None:
+        return "the table holds no result of it"
+    apart = max(abs(outcome.v1 - table[0]), abs(outcome.v2 - table[1])) / speed
+    if apart <= SAME:
+        return f"as in the table (difference {apart:.1e} |v0|)"
+    return (
+        f"NOT as in the table: {table[0]!r}, {table[1]!r} (difference {apart:.1e} |v0|); "
+        "the engine's version may be another one, see manifest.json"
+    )
+
+
+def _tabulated(root: RunFolder, index: int) -> dict[str, tuple[float, float]]:
+    import pyarrow.parquet as pq
+
+    from impact_xval.experiments.tables.schema import CELLS_SCHEMA
+
+    path = root.table_path("cells.parquet", CELLS_SCHEMA)
+    rows = pq.read_table(path, columns=["solver", "v1", "v2"], filters=[("cell", "==", index)]).to_pylist()
+    return {row["solver"]: (row["v1"], row["v2"]) for row in rows if row["v1"] is not None}

@@ -1,0 +1,218 @@
+"""Commands that make a run, and those that show a run's folder."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shlex
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from impact_xval.experiments.commands.options import (
+    Folder,
+    JsonObject,
+    Resume,
+    Scheduler,
+    Workers,
+    config_file,
+    folder_to_write,
+    path,
+)
+from impact_xval.experiments.config.errors import InterruptedRunError, UserError
+
+if TYPE_CHECKING:
+    from impact_xval.experiments.config.configuration import Config
+    from impact_xval.experiments.sweep.run import Progress
+
+
+def run(
+    config: Annotated[Path | None, config_file("The experiment; without it, the built-in grid.")] = None,
+    out: Annotated[Path | None, folder_to_write("by default runs/NAME")] = None,
+    workers: Workers = None,
+    resume: Resume = False,
+    scheduler: Scheduler = None,
+) -> None:
+    """Run an experiment over its cells: tables, summary, figures and a report in one folder."""
+    from impact_xval.experiments.presentation.figures import write_figures
+    from impact_xval.experiments.presentation.report import write_report, write_tables
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.presentation.views import show_summary
+    from impact_xval.experiments.sweep.run import run_sweep
+
+    start = time.perf_counter()
+    experiment = _experiment(config, "built-in experiment")
+    root = out if out is not None else Path("runs") / _slug(experiment.name)
+    words = ["run", config, "--out", root, "--resume", *_option("--scheduler", scheduler)]
+    console = make_console()
+    with _writing(root, "parts", words, console) as progress:
+        folder = run_sweep(
+            experiment, root, workers=workers, scheduler=scheduler, resume=resume, progress=progress
+        )
+    summary = write_tables(folder)
+    write_figures(folder, summary.ladder)
+    write_report(folder, summary)
+    show_summary(console, summary)
+    print_line(console, f"{time.perf_counter() - start:.0f} s; everything is in {folder.root}")
+
+
+def search(
+    config: Annotated[
+        Path | None, config_file("The experiment, with a table [search]; by default built in.")
+    ] = None,
+    out: Annotated[Path | None, folder_to_write("by default runs/NAME-search")] = None,
+    solver: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The solver, in place of the file's.")
+    ] = None,
+    workers: Workers = None,
+    resume: Resume = False,
+    scheduler: Scheduler = None,
+) -> None:
+    """Search a box of parameters for the worst divergence of a solver from the model."""
+    from impact_xval.experiments.config.configuration import from_canonical
+    from impact_xval.experiments.presentation.search_figure import write_figure
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.presentation.views import show_found
+    from impact_xval.experiments.sweep.search import search_worst
+    from impact_xval.experiments.tables.store import RunFolder
+
+    experiment = _experiment(config, "built-in search")
+    box = experiment.search.model_dump() if experiment.search is not None else {}
+    box |= {"solver": solver} if solver is not None else {}
+    experiment = from_canonical(experiment.canonical() | {"search": box}, "--solver")
+    root = out if out is not None else Path("runs") / f"{_slug(experiment.name)}-search"
+    options = [*_option("--solver", solver), *_option("--scheduler", scheduler)]
+    console = make_console()
+    with _writing(
+        root, "generations", ["search", config, "--out", root, *options, "--resume"], console
+    ) as progress:
+        found = search_worst(
+            experiment, root, workers=workers, scheduler=scheduler, resume=resume, progress=progress
+        )
+    write_figure(RunFolder(root), experiment, found)
+    show_found(console, found)
+    print_line(console, f"evaluations.parquet, worst.csv and search.png are in {root}")
+
+
+def status(
+    folder: Annotated[
+        Path,
+        typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a run, finished or not."),
+    ],
+    json: JsonObject = False,
+) -> None:
+    """Say what a run has done, what failed and why, and how fast it goes; also while it runs."""
+    from dataclasses import asdict
+    from json import dumps
+
+    from impact_xval.experiments.presentation.terminal import make_console
+    from impact_xval.experiments.presentation.views import show_status
+    from impact_xval.experiments.sweep.status import status_of
+
+    found = status_of(folder)
+    if json:
+        typer.echo(dumps(asdict(found), indent=2, allow_nan=False))
+    else:
+        show_status(make_console(), str(folder), found)
+
+
+def table(folder: Folder) -> None:
+    """Write the summary of a finished run again, and show it."""
+    from impact_xval.experiments.presentation.report import write_tables
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.presentation.views import show_summary
+    from impact_xval.experiments.tables.folders import finished
+
+    summary = write_tables(finished(folder))
+    console = make_console()
+    show_summary(console, summary)
+    print_line(console, f"summary.md, summary.csv and summary.tex are in {folder}")
+
+
+def figures(folder: Folder) -> None:
+    """Draw the figures of a finished run again."""
+    from impact_xval.experiments.presentation.figures import write_figures
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.tables.folders import finished
+
+    console = make_console()
+    for drawn, caption in write_figures(finished(folder)):
+        print_line(console, f"{drawn}: {caption}")
+
+
+def report(folder: Folder) -> None:
+    """Write the report of a finished run again."""
+    from impact_xval.experiments.presentation.report import write_report
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.tables.folders import finished
+
+    print_line(make_console(), str(write_report(finished(folder))))
+
+
+def compile_notice() -> str:
+    """Say that kernels are about to be compiled; nothing where they have been."""
+    from impact_xval.model.compiled import is_compiled
+    from impact_xval.model.diagram import collide
+
+    return "" if is_compiled(collide) else "compiling the kernels, once for each installation: some 20 s"
+
+
+def _experiment(path: Path | None, built_in: str) -> Config:
+    from impact_xval.experiments.config.configuration import load_config, parse_config
+
+    return load_config(path) if path is not None else parse_config({}, built_in)
+
+
+def _option(name: str, value: str | None) -> list[str]:
+    return [] if value is None else [name, value]
+
+
+def _slug(name: str) -> str:
+    """Make a folder name of an experiment's name: it can neither leave the folder nor hide."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run"
+
+
+@contextlib.contextmanager
+def _writing(root: Path, kept: str, words: list[Any], console: Any) -> Iterator[Progress]:
+    """Show the progress of what writes a folder; one line and exit code 1 where it is stopped.
+
+    Parameters
+    ----------
+    root : Path
+        The folder; where the input is wrong, no empty folder is left above it that was not there.
+    kept : str
+        What is kept of a run that is stopped.
+    words : list
+        Of the command that continues it; None is left out.
+    console : Console
+    """
+    from impact_xval.experiments.presentation.terminal import error_line, show_progress
+
+    new = [folder for folder in root.parents if not folder.exists()]
+    try:
+        with show_progress(console) as progress:
+            yield _noticed(progress)
+    except UserError:
+        for folder in new:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        raise
+    except InterruptedRunError as stopped:
+        command = shlex.join(["impact-xval", *(str(word) for word in words if word is not None)])
+        error_line(f"{stopped}; finished {kept} are kept; to continue: {command}")
+        raise typer.Exit(1) from None
+
+
+def _noticed(progress: Callable[[int, int, str], None]) -> Progress:
+    """Add the notice of compilation to the first report: by then the input is known to be legal."""
+    notices = [compile_notice()]
+
+    def report(done: int, total: int, line: str) -> None:
+        if notices:
+            progress(0, 0, notices.pop())
+        progress(done, total, line)
+
+    return report

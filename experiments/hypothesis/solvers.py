@@ -1,0 +1,270 @@
+"""Solvers under test: arrays of ratios in, velocities with an error and a status out.
+
+Three kinds, told apart by how exact their outcomes are:
+
+* `exact`: the model and the engine-free references, compiled and without a step; their error is rounding, and they
+  run in the process of the caller;
+* `stepped`: engines. Each collision is run at three steps, h, h/2 and h/4, and extrapolated to dt -> 0.
+* `single`: any other solver of the registry, collision by collision; taken as exact.
+
+What is not of this project can crash or hang: the last two run in processes of their own, and a collision that ends its
+process twice, or takes longer than `cell_timeout`, has the status ``crashed`` or ``timeout`` (`sandbox.in_halves`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_xval.compliant_baselines import get_solver, solver_names
+from impact_xval.compliant_baselines.contract import registry
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.engines.convergence import extrapolated
+from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
+from impact_xval.experiments.sweep.solving import Resolve, answer
+from impact_xval.model import Collision, solve_batch
+from impact_xval.model.collision import RESULT_STATUSES, Status
+
+Floats = NDArray[np.float64]
+Kind = Literal["exact", "stepped", "single"]
+
+#: Events after which the model gives a collision up here (status ``unconverged``): elastic contacts ring through
+#: about sqrt(contrast) of them. A tenth of a second.
+MAX_EVENTS = 300_000
+
+#: Steps after which an engine gives up.
+MAX_STEPS = 50_000_000
+
+#: Least error of an engine's outcome, per abs(v0), however short the step: MuJoCo's smallest impedance makes its
+#: contacts differ by so much from springs and dashpots (`contact.mapping`).
+LEAST_ERROR = 1e-4
+
+#: Rounding of an exact solver's velocities, per abs(v0).
+ROUNDING = 1e-13
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcomes:
+    """Outcomes of n collisions; velocities per abs(v0), NaN where `status` and `reason` state why.
+
+    Attributes
+    ----------
+    v1, v2 : ndarray, shape (n,)
+    error : ndarray, shape (n,)
+        Of the velocities, in the kinetic norm: rounding, or what is left of the step.
+    status : ndarray of str, shape (n,)
+        As of an `Outcome`.
+    grazing_margin : ndarray, shape (n,)
+        Of the model; infinite for others.
+    reason : ndarray of str, shape (n,)
+        As of an `Outcome`; never empty where the status is no result.
+    """
+
+    v1: Floats
+    v2: Floats
+    error: Floats
+    status: NDArray[np.str_]
+    grazing_margin: Floats
+    reason: NDArray[np.str_]
+
+    @classmethod
+    def join(cls, parts: Sequence[Outcomes]) -> Outcomes:
+        """Join outcomes end to end."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__))
+
+    @classmethod
+    def failure(cls, status: Status, reason: str) -> Outcomes:
+        """Make the outcome of one collision without a result."""
+        none = np.array([math.nan])
+        return cls(none, none, none, np.array([status]), np.array([math.inf]), np.array([reason]))
+
+
+#: Gives the outcomes of arrays k2/k1, m2/m1, e1, e2 of one shape (n,).
+Solve = Callable[[Floats, Floats, Floats, Floats], Outcomes]
+
+
+@dataclass(frozen=True, slots=True)
+class SolverUnderTest:
+    """A solver under test.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        `exact`, `stepped` or `single`.
+    solve : callable
+        Can be sent to another process.
+    family : str
+        Whose predictions apply (`predictions`): its name; ``kelvin-voigt`` for an engine of every run, whose mapping is
+        calibrated; ``none`` for one that is run on request.
+    costly : bool
+        Whether its step costs ten times that of other engines: it runs at a third of the steps in a period, over a
+        decade less of contrast, and on one map of half the size.
+    """
+
+    name: str
+    kind: Kind
+    solve: Solve
+    family: str
+    costly: bool = False
+
+
+def model_batch(
+    kappa: Floats, mu: Floats, e1: Floats, e2: Floats, impact_law: str = "jia-mason-erdmann"
+) -> Outcomes:
+    """Solve by the model, its cut-off off, under one of its impact laws."""
+    batch = solve_batch(
+        kappa,
+        mu,
+        e1,
+        e2,
+        stiffness_ratio_cutoff=math.inf,
+        max_events=MAX_EVENTS,
+        impact_law=impact_law,
+    )
+    gave_up = np.where(batch.status == "unconverged", f"not over after {MAX_EVENTS} events", "")
+    error = ROUNDING + np.abs(batch.energy_residual)
+    return Outcomes(batch.v1, batch.v2, error, batch.status, batch.grazing_margin, gave_up)
+
+
+def _reference(batch: Callable[..., Any], kappa: Floats, mu: Floats, e1: Floats, e2: Floats) -> Outcomes:
+    found = batch(kappa, mu, e1, e2)
+    reason = np.where(found.status == "timeout", "not over after the most segments a reference follows", "")
+    reason = np.where(found.status == "unrepresentable", "the law has no such contact", reason)
+    n = kappa.size
+    return Outcomes(found.v1, found.v2, np.full(n, ROUNDING), found.status, np.full(n, math.inf), reason)
+
+
+_EXACT: dict[str, Solve] = {
+    "state-transition": model_batch,
+    "liu-zhao-brogliato": partial(model_batch, impact_law="liu-zhao-brogliato"),
+    "bistiffness": partial(_reference, bistiffness_batch),
+    "kelvin-voigt": partial(_reference, partial(kelvin_voigt_batch, damping="pair")),
+    "kelvin-voigt-anchored": partial(_reference, partial(kelvin_voigt_batch, damping="anchored")),
+    "kelvin-voigt-textbook": partial(_reference, partial(kelvin_voigt_batch, damping="textbook")),
+    "hunt-crossley": partial(_reference, partial(kelvin_voigt_batch, damping="hunt-crossley")),
+}
+
+
+def one_by_one(
+    resolve: Resolve, name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
+) -> Outcomes:
+    """Solve by a solver of the registry, collision by collision, as given in the settings."""
+    collisions = [Collision.from_ratios(*map(float, row)) for row in zip(kappa, mu, e1, e2, strict=True)]
+    outcomes = answer(resolve(name), collisions, settings)
+    margins = [math.inf if o.grazing_margin is None else o.grazing_margin for o in outcomes]
+    return Outcomes(
+        np.array([o.v1 for o in outcomes]),
+        np.array([o.v2 for o in outcomes]),
+        np.full(len(outcomes), ROUNDING),
+        np.array([o.status for o in outcomes], dtype=np.str_),
+        np.array(margins),
+        np.array([o.reason for o in outcomes], dtype=np.str_),
+    )
+
+
+def at_no_step(
+    resolve: Resolve, name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
+) -> Outcomes:
+    """Run an engine at the steps h, h/2, h/4, and extrapolate to dt -> 0.
+
+    Richardson's table for errors in h and h^2 gives the answer. Its columns change the finest run by s1 = v(h/4) -
+    v(h/2), then by s2; the error is the next term of that series, s2 min(1, 2 s2/s1), plus `LEAST_ERROR`. Backward
+    Euler (PyBullet), whose errors are smooth in h, has s2 << s1; an explicit engine, whose contacts begin between two
+    steps, s2 of about s1. `judge` spreads errors over neighbouring contrasts, since a difference can vanish by chance.
+    """
+    fractions = [settings.step_fraction / 2**level for level in range(3)]
+    runs = [
+        one_by_one(resolve, name, replace(settings, step_fraction=fraction), kappa, mu, e1, e2)
+        for fraction in fractions
+    ]
+
+    def of_second_order(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
+        coarse, fine = extrapolated(np.array([a, b, c]))
+        return (4 * fine - coarse) / 3, (fine - coarse) / 3
+
+    v1, change1 = of_second_order(*(run.v1 for run in runs))
+    v2, change2 = of_second_order(*(run.v2 for run in runs))
+    second = np.hypot(change1, np.sqrt(mu) * change2)
+    first = np.hypot(runs[2].v1 - runs[1].v1, np.sqrt(mu) * (runs[2].v2 - runs[1].v2))
+    error = second * np.minimum(1, 2 * second / np.maximum(first, 1e-300)) + LEAST_ERROR
+    status, reason = runs[2].status, runs[2].reason
+    for run in runs[:2]:
+        failed = ~np.isin(run.status, RESULT_STATUSES)
+        status, reason = np.where(failed, run.status, status), np.where(failed, run.reason, reason)
+    bad = ~np.isin(status, RESULT_STATUSES)
+    v1[bad] = v2[bad] = error[bad] = np.nan
+    return Outcomes(v1, v2, error, status, np.full(kappa.size, math.inf), reason)
+
+
+def default_names() -> list[str]:
+    """Names of the solvers tested unless a configuration says otherwise: those of every run, and all references."""
+    usual = solver_names()
+    return [name for name in solver_names(on_request=True) if name in usual or name in _EXACT]
+
+
+def under_test(name: str, steps: int, resolve: Resolve = get_solver) -> SolverUnderTest:
+    """Put a solver under test.
+
+    Parameters
+    ----------
+    name : str
+        Of the registry.
+    steps : int
+        Steps in a period of the stiffer contact at the longest of an engine's three steps.
+    resolve : callable
+        Finds the solver, here and in every process it is sent to; at the top level of a module.
+    """
+    if name in _EXACT:
+        return SolverUnderTest(name, "exact", _EXACT[name], name)
+    costly = registry.is_costly(name)
+    fraction = (3 if costly else 1) / steps
+    settings = Settings(
+        step_fraction=fraction, stiffness_ratio_cutoff=math.inf, mark=False, max_steps=MAX_STEPS
+    )
+    solver = resolve(name)
+    if isinstance(solver, EngineSolver):
+        family = "kelvin-voigt" if name in solver_names() else "none"
+        return SolverUnderTest(name, "stepped", partial(at_no_step, resolve, name, settings), family, costly)
+    return SolverUnderTest(name, "single", partial(one_by_one, resolve, name, settings), name)
+
+
+def isolated(sandbox: Sandbox, solve: Solve, ratios: Floats, timeout: float) -> Outcomes:
+    """Solve collisions in a sandbox, whatever becomes of its process.
+
+    Parameters
+    ----------
+    sandbox : Sandbox
+    solve : callable
+        Of a `SolverUnderTest`.
+    ratios : ndarray, shape (4, n)
+        k2/k1, m2/m1, e1, e2.
+    timeout : float
+        Seconds that they may take together, at all their steps; more, and they are halved.
+
+    Returns
+    -------
+    Outcomes
+        Of all n.
+    """
+
+    def call(place: slice) -> Outcomes:
+        return sandbox.call(_solve, solve, ratios[:, place], timeout=timeout)
+
+    def failure(_: slice, fault: FaultError) -> Outcomes:
+        return Outcomes.failure(fault.status, fault.reason)
+
+    return Outcomes.join(in_halves(call, ratios.shape[1], failure))
+
+
+def _solve(context: object, solve: Solve, ratios: Floats) -> Outcomes:
+    return solve(*ratios)

@@ -1,0 +1,117 @@
+"""The limit dt -> 0 in the tables of a run."""
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.measures.estimates import convergence_estimates
+from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.presentation.pages import phrase
+from impact_xval.experiments.presentation.summary_page import estimate_facts
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables.schema import CELLS_SCHEMA, CERTIFICATE
+from tests.experiments.conftest import SMALL
+
+
+def run(tmp_path, **changes):
+    data = {**SMALL, "solvers": ["kelvin-voigt", "mujoco"], "v0": -2.0, **changes}
+    folder = run_sweep(parse_config(data), tmp_path / "r", workers=1)
+    return folder, pq.read_table(tmp_path / "r/cells.parquet").to_pylist()
+
+
+def test_both_results_are_kept(tmp_path):
+    folder, rows = run(tmp_path)
+    asked = {row["cell"]: row for row in rows if row["solver"] == "kelvin-voigt"}
+    for row in rows:
+        if row["solver"] != "mujoco":
+            assert all(row[name] is None for name in CERTIFICATE)
+            continue
+        assert row["status"] == "ok"
+        for ball in ("v1", "v2"):  # per |v0|, while v1 and v2 are in m/s
+            true = asked[row["cell"]][ball] / 2
+            assert abs(row[f"{ball}_limit"] - true) <= 3 * row["limit_error"]
+            assert row[ball] / 2 == pytest.approx(row[f"{ball}_limit"], abs=3e-3)
+        assert 0 < row["regularisation"] <= row["limit_error"] < 1e-3
+        assert row["finest_step"] == row["step"] / 4
+    table = summarise(folder).estimates
+    assert table.solver.tolist() == ["mujoco"]
+    assert table.n.tolist() == table.converged.tolist() == [12]
+    assert table.honest.tolist() == [1.0]
+    assert table.step_max[0] < 3e-3
+
+
+def test_estimates_can_be_left_out(tmp_path):
+    folder, rows = run(tmp_path, convergence={"enabled": False})
+    assert all(row[name] is None for row in rows for name in CERTIFICATE)
+    assert not len(summarise(folder).estimates)
+
+
+def test_an_unconverged_cell_keeps_its_numbers_and_measures_nothing(tmp_path):
+    folder, rows = run(tmp_path, convergence={"tolerance": 1e-9}, step_fraction=0.02)
+    engine = [row for row in rows if row["solver"] == "mujoco"]
+    assert {row["status"] for row in engine} == {"unconverged"}
+    assert all(row["v1"] is not None and row["v1_limit"] is not None for row in engine)
+    divergence = pq.read_table(folder.root / "divergence.parquet").to_pylist()
+    assert all(row["velocity_divergence"] is None for row in divergence if row["solver"] == "mujoco")
+
+
+def test_what_is_wanted_of_limits_belongs_to_the_identity_of_a_run():
+    one, other = (parse_config({"convergence": {"tolerance": t}}).identity() for t in (1e-3, 1e-4))
+    assert one != other
+
+
+def row(solver, v1, limit=None, *, cell=0, status="ok", regularisation=0.0):
+    """A row of the table of cells, as far as limits are concerned."""
+    numbers = {"v1_limit": limit, "v2_limit": limit and 0.0, "limit_error": limit and 1e-3}
+    rest = {"order": limit and 1.0, "regularisation": limit and regularisation}
+    ends = {"cell": cell, "solver": solver, "status": status, "v0": -1.0, "v1": v1, "v2": 0.0}
+    return ends | numbers | rest
+
+
+def held(path, rows, names, **options):
+    fields = [field for field in CELLS_SCHEMA if field.name in rows[0]]
+    pq.write_table(pa.Table.from_pylist(rows, pa.schema(fields)), path / "cells.parquet")
+    return convergence_estimates(path / "cells.parquet", names, **options)
+
+
+def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
+    rows = [
+        row("kelvin-voigt", 0.3),
+        row("hunt-crossley", 0.5),
+        row("mujoco", 0.31, 0.3005),
+        row("drake-hunt-crossley", 0.51, 0.5005),
+    ]
+    names = [row["solver"] for row in rows]
+
+    table = held(tmp_path, rows, names)
+    assert table.asked.tolist() == ["kelvin-voigt", "hunt-crossley"]
+    assert table.asked_max.tolist() == pytest.approx([5e-4, 5e-4])
+    assert table.honest.tolist() == [1.0, 1.0]
+    facts = estimate_facts(table)
+    text = phrase("estimates.md.j2", "convergence", facts)
+    for name, line in zip(table.asked, facts["estimate_rows"], strict=True):
+        assert f"from the exact contacts that were asked for ({name})" in text
+        assert line[1] == name
+    # without the exact solver of its law an engine is held against nothing, whatever else there is
+    table = held(tmp_path, [row for row in rows if row["solver"] != "hunt-crossley"], names)
+    assert table.honest.isna().tolist() == [False, True]
+
+
+def test_an_engine_of_the_naive_mapping_is_held_against_nothing(tmp_path):
+    rows = [row("kelvin-voigt", 0.3), row("mujoco", 0.31, 0.3005), row("mujoco-naive", 0.6, 0.6)]
+    table = held(tmp_path, rows, ["mujoco", "mujoco-naive"])
+    assert table.asked.tolist() == ["kelvin-voigt", ""]
+    assert table.honest.isna().tolist() == [False, True]
+    text = phrase("estimates.md.j2", "convergence", estimate_facts(table))
+    assert text.count("its contacts are not those that were asked for") == 1
+    assert held(tmp_path, rows, ["mujoco"], mapping="naive").asked.tolist() == [""]
+
+
+def test_what_regularisation_does_is_said_of_converged_cells(tmp_path):
+    rows = [
+        row("mujoco", 0.3, 0.3, regularisation=1e-4),
+        row("mujoco", 0.3, 0.3, cell=1, status="unconverged", regularisation=0.02),
+    ]
+    table = held(tmp_path, rows, ["mujoco"])
+    assert table.regularisation.tolist() == [1e-4]
