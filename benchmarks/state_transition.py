@@ -41,7 +41,7 @@ from impact_xval.model import (
     solve,
     solve_batch,
 )
-from impact_xval.model.diagram import STIFFENING
+from impact_xval.model.law import IMPACT_LAWS
 from impact_xval.model.oracle import solve_oracle
 from impact_xval.model.solve import MAX_EVENTS, _solve_all, check_cutoff
 
@@ -233,7 +233,7 @@ def compare_cutoffs(console: Console, options: argparse.Namespace) -> None:
 
 def _kernel_only(cells: np.ndarray, cutoff: Cutoff) -> None:
     # `solve_batch` solves cells twice that a finite cut-off changed; its time is not that of the cut-off.
-    _solve_all(*cells, check_cutoff(cutoff), MAX_EVENTS, STIFFENING)  # pyright: ignore
+    _solve_all(*cells, check_cutoff(cutoff), MAX_EVENTS, IMPACT_LAWS["jia-mason-erdmann"])  # pyright: ignore
 
 
 def grow(console: Console, options: argparse.Namespace) -> None:

@@ -1,6 +1,6 @@
 """A collision along its impulse curve: the log of `model.diagram.collide` filled in with the exact motion.
 
-Inside S1 the points are equally spaced in time. In every other stretch one contact works against one mass, a sinusoid
+Inside S1 the points are equally spaced in time. In every other segment one contact works against one mass, a sinusoid
 in which the compression rate is d = W cos(theta) and the strain energy m W^2 sin^2(theta)/2; the points are equally
 spaced in theta, with a break where compression ends and W drops to e W.
 """
@@ -22,10 +22,8 @@ from impact_xval.model.collision import (
 )
 from impact_xval.model.compiled import compiled
 from impact_xval.model.diagram import (
-    COMPRESSION,
     RATE1,
     RATE2,
-    RESTITUTION,
     RETURN1,
     RETURN2,
     S1,
@@ -33,24 +31,24 @@ from impact_xval.model.diagram import (
     S4,
     SPENT1,
     SPENT2,
-    STIFFENING,
 )
+from impact_xval.model.law import COMPRESSION, RESTITUTION, ImpactLaw
 from impact_xval.model.motion import (
     amplitudes,
     modal,
-    modes,
+    modes_of,
     motion,
 )
 
-#: Points per half period of the fastest sinusoid of a stretch.
+#: Points per half period of the fastest sinusoid of a segment.
 POINTS = 48
 
-#: Most points of one stretch; a stretch of thousands of oscillations is then undersampled, its ends stay exact.
+#: Most points of one segment; a segment of thousands of oscillations is then undersampled, its ends stay exact.
 MOST_POINTS = 4000
 
 
 class Row(NamedTuple):
-    """One row of the log: a stretch, in the scaled units of the kernel (`model.diagram.LOG_COLUMNS`)."""
+    """One row of the log: a segment, in the scaled units of the kernel (`model.diagram.LOG_COLUMNS`)."""
 
     state: int
     phase1: int
@@ -66,7 +64,7 @@ class Row(NamedTuple):
     limit: bool
 
 
-class Stretch(NamedTuple):
+class Piece(NamedTuple):
     """Points of one smooth piece of the path: d1, v2, E1, E2 scaled, time in s since its start."""
 
     state: int
@@ -79,7 +77,9 @@ class Stretch(NamedTuple):
     time: NDArray[np.float64]
 
 
-def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[ImpulseCurve, tuple[Event, ...]]:
+def trace(
+    collision: Collision, log: NDArray[np.float64], law: ImpactLaw
+) -> tuple[ImpulseCurve, tuple[Event, ...]]:
     """Fill in the path between the rows of a complete log, and name its events.
 
     Parameters
@@ -88,8 +88,8 @@ def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Imp
         Whose units the result is in.
     log : ndarray, shape (n, LOG_WIDTH)
         As written by `collide`; the last row is the end.
-    law : int
-        `STIFFENING` or `ORIGINAL`, as given to `collide`.
+    law : ImpactLaw
+        As given to `collide`.
 
     Returns
     -------
@@ -97,28 +97,63 @@ def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Imp
         Times are infinite from where a contact without stiffness has to finish.
     """
     rows = [Row(*map(int, r[:3]), *r[3:10], int(r[10]), bool(r[11])) for r in log.tolist()]  # type: ignore[call-arg]
-    stretches: list[Stretch] = []
-    marks: list[tuple[str, int, int]] = []  # kind, contact, number of stretches before it
+    pieces, happened = _pieces(collision, rows, law)
+    starts = np.cumsum([0.0, *(s.time[-1] for s in pieces)])
+    first = np.cumsum([0, *(s.time.size for s in pieces)])
+    c, speed = collision, -collision.v0
+    v2 = np.concatenate([s.v2 for s in pieces])
+    v1 = v2 - np.concatenate([s.d1 for s in pieces])
+    momentum, energy = c.m1 * speed, c.m1 * speed * speed
+
+    def per_piece(name: str) -> NDArray[np.int64]:
+        return np.concatenate([np.full(s.time.size, getattr(s, name)) for s in pieces])
+
+    path = ImpulseCurve(
+        time=np.concatenate([start + s.time for start, s in zip(starts, pieces, strict=False)]),
+        impulse1=(1 + v1) * momentum,
+        impulse2=(1 + v1 + c.mass_ratio * v2) * momentum,
+        v1=v1 * speed,
+        v2=v2 * speed,
+        energy1=np.concatenate([s.E1 for s in pieces]) * energy,
+        energy2=np.concatenate([s.E2 for s in pieces]) * energy,
+        state=per_piece("state"),
+        phase1=per_piece("phase1"),
+        phase2=per_piece("phase2"),
+    )
+    events = []
+    for kind, contact, before in happened:
+        i = first[before]
+        numbers = (float(x[i]) for x in (path.time, path.impulse1, path.impulse2, path.v1, path.v2))
+        events.append(Event(kind, contact, STATES[path.state[i]], *numbers))
+    return path, tuple(events)
+
+
+def _pieces(
+    collision: Collision, rows: list[Row], law: ImpactLaw
+) -> tuple[list[Piece], list[tuple[str, int, int]]]:
+    """All pieces, the end included, and the events: kind, contact, number of pieces before it."""
+    pieces: list[Piece] = []
+    events: list[tuple[str, int, int]] = []
     ends = [0, 0]  # ends of compression that either contact's stiffness keeps
     for row, after in pairwise(rows):
-        if row.limit and not any(kind == "limit" for kind, _, _ in marks):
-            marks.append(("limit", 0, len(stretches)))
+        if row.limit and not any(kind == "limit" for kind, _, _ in events):
+            events.append(("limit", 0, len(pieces)))
         if row.state == S1 and not row.limit:
-            stretches.append(_both_contacts(collision, row))
+            pieces.append(_both_contacts(collision, row))
             for bit, contact, phase in ((RATE1, 1, row.phase1), (RATE2, 2, row.phase2)):
                 if row.cause & bit and phase == COMPRESSION:
                     ends[contact - 1] += 1
-                    marks.append(("end-of-compression", contact, len(stretches)))
+                    events.append(("end-of-compression", contact, len(pieces)))
                 elif row.cause & bit:
-                    marks.append(("restart-of-compression", contact, len(stretches)))
-                    ends[contact - 1] *= law == STIFFENING
+                    ends[contact - 1] *= law.stiffens
+                    events.append(("restart-of-compression", contact, len(pieces)))
         else:
-            pieces, contact = _one_contact(collision, row, after, ends)
-            stretches.append(pieces[0])
-            if len(pieces) == 2:
+            made, contact = _one_contact(collision, row, after, ends)
+            pieces.append(made[0])
+            if len(made) == 2:
                 ends[contact - 1] += 1
-                marks.append(("end-of-compression", contact, len(stretches)))
-                stretches.append(pieces[1])
+                events.append(("end-of-compression", contact, len(pieces)))
+                pieces.append(made[1])
         for bit, kind, contact in (
             (SPENT1, "end-of-restitution", 1),
             (SPENT2, "end-of-restitution", 2),
@@ -126,70 +161,41 @@ def trace(collision: Collision, log: NDArray[np.float64], law: int) -> tuple[Imp
             (RETURN2, "return", 2),
         ):
             if row.cause & bit:
-                marks.append((kind, contact, len(stretches)))
+                events.append((kind, contact, len(pieces)))
                 if kind == "return":
-                    ends[contact - 1] *= law == STIFFENING
+                    ends[contact - 1] *= law.stiffens
     last = rows[-1]
-    end = [np.array([x]) for x in (last.d1, last.v2, 0.0, 0.0, 0.0)]
-    stretches.append(Stretch(S4, 0, 0, *end))
-
-    starts = np.cumsum([0.0, *(s.time[-1] for s in stretches)])
-    first = np.cumsum([0, *(s.time.size for s in stretches)])
-    c, speed = collision, -collision.v0
-    v2 = np.concatenate([s.v2 for s in stretches])
-    v1 = v2 - np.concatenate([s.d1 for s in stretches])
-    momentum, energy = c.m1 * speed, c.m1 * speed * speed
-
-    def per_stretch(name: str) -> NDArray[np.int64]:
-        return np.concatenate([np.full(s.time.size, getattr(s, name)) for s in stretches])
-
-    path = ImpulseCurve(
-        time=np.concatenate([start + s.time for start, s in zip(starts, stretches, strict=False)]),
-        impulse1=(1 + v1) * momentum,
-        impulse2=(1 + v1 + c.mass_ratio * v2) * momentum,
-        v1=v1 * speed,
-        v2=v2 * speed,
-        energy1=np.concatenate([s.E1 for s in stretches]) * energy,
-        energy2=np.concatenate([s.E2 for s in stretches]) * energy,
-        state=per_stretch("state"),
-        phase1=per_stretch("phase1"),
-        phase2=per_stretch("phase2"),
-    )
-    events = []
-    for kind, contact, before in marks:
-        i = first[before]
-        numbers = (float(x[i]) for x in (path.time, path.impulse1, path.impulse2, path.v1, path.v2))
-        events.append(Event(kind, contact, STATES[path.state[i]], *numbers))
-    return path, tuple(events)
+    pieces.append(Piece(S4, 0, 0, *(np.array([x]) for x in (last.d1, last.v2, 0.0, 0.0, 0.0))))
+    return pieces, events
 
 
-def _both_contacts(collision: Collision, row: Row) -> Stretch:
+def _both_contacts(collision: Collision, row: Row) -> Piece:
     """S1: the two modes, over the duration that the search for the first event found."""
     t, d1, v2, E1, E2 = _points(
         collision.mass_ratio, row.k1, row.k2, row.d1, row.v2, row.E1, row.E2, row.duration
     )
     unit = sqrt(collision.m1 / collision.k1)
-    return Stretch(1, row.phase1, row.phase2, d1, v2, E1, E2, t * unit)
+    return Piece(1, row.phase1, row.phase2, d1, v2, E1, E2, t * unit)
 
 
 @compiled
 def _points(mu, k1, k2, d1, v2, E1, E2, duration):
-    """Rows t, d1, v2, E1, E2 at the points of a stretch of S1; shape (5, n)."""
-    omega, phi1, sigma, delta, phi2, force1, force2 = modes(mu, k1, k2)
-    a, b = amplitudes(d1, v2, sqrt(2 * E1 / k1), sqrt(2 * E2 / k2), phi1, sigma, force1, force2)
-    n = min(MOST_POINTS, 3 + ceil(POINTS * omega[1] * duration / pi))
+    """Rows t, d1, v2, E1, E2 at the points of a segment of S1; shape (5, n)."""
+    modes = modes_of(mu, k1, k2)
+    a, b = amplitudes(d1, v2, sqrt(2 * E1 / k1), sqrt(2 * E2 / k2), modes)
+    n = min(MOST_POINTS, 3 + ceil(POINTS * modes.omega[1] * duration / pi))
     out = np.empty((5, n))
     for i in range(n):
         t = duration * i / (n - 1)
-        q, r = modal(t, omega, a, b)
-        rate, v, f1, f2 = motion(q, r, delta, phi2, force1, force2)
+        q, r = modal(t, modes.omega, a, b)
+        rate, v, f1, f2 = motion(q, r, modes)
         out[0, i], out[1, i], out[2, i] = t, rate, v
         out[3, i], out[4, i] = f1 * f1 / (2 * k1), f2 * f2 / (2 * k2)
     return out
 
 
-def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) -> tuple[list[Stretch], int]:
-    """Any other stretch: the contact at work and its one or two sinusoids (compression, restitution)."""
+def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) -> tuple[list[Piece], int]:
+    """Any other segment: the contact at work and its one or two sinusoids (compression, restitution)."""
     mu = collision.mass_ratio
     M = mu / (1 + mu)
     # Which contact works, against which mass (per m1), and what it does to d1 and v2 per unit of its rate.
@@ -210,7 +216,7 @@ def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) ->
     rate_after, E_after = (after.d1, after.E1) if contact == 1 else (-after.v2, after.E2)
     stiffness = k / e ** (2 * ends[contact - 1]) if e > 0 or ends[contact - 1] == 0 else inf
 
-    pieces: list[Stretch] = []
+    pieces: list[Piece] = []
 
     def add(start: float, stop: float, W: float, stiffness: float, phase: int) -> None:
         theta = np.linspace(start, stop, 3 + ceil(POINTS * abs(stop - start) / pi))
@@ -223,7 +229,7 @@ def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) ->
         still = np.full_like(theta, 1.0)
         shift = d - rate
         pieces.append(
-            Stretch(
+            Piece(
                 row.state,
                 phase if contact == 1 else row.phase1,
                 phase if contact == 2 else row.phase2,

@@ -1,22 +1,14 @@
-"""The state transition diagram: states S1-S4, phases, guards, and the impact law.
+"""The state transition diagram: which contacts act, what ends that, and what comes next.
 
     S1  both contacts act        -> S2 when contact 1 ends restitution, S3 when contact 2 does, S4 when both do at once
     S2  ball-table contact only  -> S1 when v1 - v2 turns negative, S4 when contact 2 ends restitution first
     S3  ball-ball contact only   -> S1 when v2 turns negative, S4 when contact 1 ends restitution first
     S4  none                        the end: v1 >= v2 >= 0
 
-The impact law is energetic restitution with stiffening. At an end of compression E_i <- e_i^2 E_i and
-k_i <- k_i/e_i^2, so that the force F_i = sqrt(2 k_i E_i) is continuous; a restart of compression keeps the stiffness;
-a contact that ends restitution keeps it for its return, which begins in compression with E_i = 0.
-
-Another law differs in repeated compressions only, and is kept beside it for comparison: that of Liu, Zhao and
-Brogliato (Proc. R. Soc. A 464:3193, 2008), under which every compression runs at the original stiffness. Their
-F = sqrt(2 k E) holds at all times, with dE = V dP in compression and V dP/e^2 in restitution; in the terms used here a
-restart of compression takes back what the end of compression did, E_i <- E_i/e_i^2 and k_i <- e_i^2 k_i, and a return
-begins at the original k_i.
-
-`collide` is the whole model for one collision in the scaled units of `model.motion` (m1 = 1, v0 = -1, k1 = 1). It is
-compiled once and called by `model.solve` and `model.solve_batch` alike.
+`collide` is the whole model for one collision in the scaled units of `model.motion` (m1 = 1, v0 = -1, k1 = 1): segment
+by segment, each ended by one or more events. What an event does to its contact is in `model.law`, the motion in
+between in `model.motion`, which event ends a segment of S1 in `model.events`. Contact 1 is ball-ball, contact 2
+ball-table.
 """
 
 from __future__ import annotations
@@ -24,8 +16,21 @@ from __future__ import annotations
 from math import inf, isnan, sqrt
 
 from impact_xval.model.collision import Status
-from impact_xval.model.compiled import compiled
+from impact_xval.model.compiled import compiled, inlined
 from impact_xval.model.events import first_event, next_turn
+from impact_xval.model.law import (
+    COMPRESSION,
+    INACTIVE,
+    RESTITUTION,
+    Contact,
+    after_event,
+    end_of_compression,
+    restart,
+    returned,
+    spent,
+    with_energy,
+    with_force,
+)
 from impact_xval.model.limits import (
     complete_ball_ball,
     complete_ball_table,
@@ -35,17 +40,12 @@ from impact_xval.model.limits import (
     static_energy1,
     static_energy2,
 )
-from impact_xval.model.motion import amplitudes, modes, single_contact
+from impact_xval.model.motion import Modes, amplitudes, modes_of, single_contact
 
-INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
 S1, S2, S3, S4 = 1, 2, 3, 4
 
-# What ended a stretch, as bits.
+# What ended a segment, as bits: the rate of a contact was zero, its restitution ended, it returned.
 RATE1, RATE2, SPENT1, SPENT2, RETURN1, RETURN2 = 1, 2, 4, 8, 16, 32
-
-# What a repeated compression runs at: the stiffness that the ends of compression left (Jia, Mason and Erdmann), or the
-# original one (Liu, Zhao and Brogliato).
-STIFFENING, ORIGINAL = 0, 1
 
 # How a collision ended.
 DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE, BEYOND_PRECISION = 0, 1, 2, 3, 4, 5
@@ -56,12 +56,12 @@ STATUS_OF: tuple[Status, ...] = ("ok", "limit", "limit", "unconverged", "limit",
 #: m2/m1 from which on, and below the inverse of which, squares of velocities leave double precision: not solved.
 MASS_PRECISION = 1e150
 
-#: Columns of a log row, one row a stretch: the state at its start, then its duration (of S1; those of S2 and S3 follow
+#: Columns of a log row, one row a segment: the state at its start, then its duration (of S1; those of S2 and S3 follow
 #: from their closed forms), what ended it, and whether a closed-form limit governs it.
 LOG_COLUMNS = ("state", "phase1", "phase2", "d1", "v2", "E1", "E2", "k1", "k2", "duration", "cause", "limit")
 LOG_WIDTH = len(LOG_COLUMNS)
 
-#: Under the law of the original stiffness some collisions repeat one cycle of states for ever, on a fixed share of the
+#: Under a law that does not stiffen some collisions repeat one cycle of states for ever, on a fixed share of the
 #: energy each time. With this share of the first left, the bodies are taken to be at rest.
 COLLAPSED = 1e-30
 
@@ -75,10 +75,161 @@ EXACT = 0.0
 RUNAWAY_RATIO = 1e3
 
 
-@compiled
-def restarted(k, E, e, loss):
-    """Stiffness, energy and loss when compression restarts at the original stiffness k; the force is continuous."""
-    return k, E / (e * e), loss - (1 / (e * e) - 1) * E
+@inlined
+def both_contacts(mu, modes, d1, v2, one, two, law, exact, loss, margin):
+    """Follow S1 to its first event, and apply the impact law there."""
+    a, b = amplitudes(d1, v2, one.F / one.k, two.F / two.k, modes)
+    signs = (1.0 if one.phase == COMPRESSION else -1.0, -1.0 if two.phase == COMPRESSION else 1.0)
+    now = (d1, v2, one.F, two.F)
+    duration, windows, fired, at_event = 0.0, 1, (False, False, False, False), now
+    if exact:
+        duration, fired, at_event = next_turn(modes, now, signs, a, b)
+    if duration == 0:
+        watched = (one.phase == RESTITUTION, two.phase == RESTITUTION)
+        losses = (1 - one.e * one.e, 1 - two.e * two.e)
+        duration, fired, at_event, margin, windows = first_event(
+            mu, modes, now, signs, watched, losses, a, b, margin
+        )
+    d1, v2, F1, F2 = at_event
+    rate1, rate2, force1, force2 = fired
+    one, two = with_force(one, F1), with_force(two, F2)
+    one, loss = after_event(law, one, rate1, force1, loss)
+    two, loss = after_event(law, two, rate2, force2, loss)
+    cause = (
+        RATE1 * rate1 | RATE2 * rate2 | SPENT1 * (one.phase == INACTIVE) | SPENT2 * (two.phase == INACTIVE)
+    )
+    d1, v2 = (0.0 if rate1 else d1), (0.0 if rate2 else v2)
+    return d1, v2, one, two, cause, loss, duration, margin, windows
+
+
+@inlined
+def ball_on_table(mu, d1, v2, one, two, law, loss):
+    """Follow S2 to its end."""
+    returns, ended, _, d2, two, loss = alone(two, mu, -v2, max(0.0, -mu * d1), loss)
+    cause = RATE2 * ended | (RETURN1 if returns else SPENT2)
+    if returns:
+        return 0.0, v2 - d1, returned(law, one), two, cause, loss
+    return d1 - (v2 + d2), -d2, one, two, cause, loss
+
+
+@inlined
+def ball_on_ball(mu, M, d1, v2, one, two, law, loss):
+    """Follow S3 to its end."""
+    returns, ended, impulse, d1, one, loss = alone(one, M, d1, max(0.0, mu * v2), loss)
+    cause = RATE1 * ended | (RETURN2 if returns else SPENT1)
+    if returns:
+        return d1, 0.0, one, returned(law, two), cause, loss
+    return d1, max(0.0, v2 - impulse / mu), one, two, cause, loss
+
+
+@inlined
+def alone(c, mass, rate, impulse_to_return, loss):
+    """Follow the one contact that acts, against one mass, until it is spent or the other one returns.
+
+    Returns
+    -------
+    returns, ended : bool
+        Whether the other contact returned, and whether compression ended on the way.
+    impulse, rate : float
+        Accumulated on the way, and at the end.
+    c, loss
+        The contact, and the energy lost, at the end.
+    """
+    returns, ended, impulse, rate_after, E = single_contact(
+        mass, rate, c.E, c.e, c.phase == COMPRESSION, impulse_to_return
+    )
+    if ended:
+        c, loss = end_of_compression(with_energy(c, c.E + 0.5 * mass * rate * rate), loss)
+    c = Contact(c.phase, c.k, E, sqrt(2 * c.k * E), c.e, c.original) if returns else spent(c)
+    return returns, ended, impulse, rate_after, c, loss
+
+
+@inlined
+def taken_for_rigid(mu, M, d1, v2, one, two, law, highest, exact, loss):
+    """Tell which contact is rigid from here on in S1, 0 if none is; and what becomes of both, and of the loss."""
+    rigid1, rigid2 = two.k < one.k / highest, one.k < two.k / highest
+    if rigid1 or rigid2:
+        return (1 if rigid1 else 2), one, two, loss
+    if exact and law.stiffens:
+        if d1 == 0 and one.phase == RESTITUTION and one.k > RUNAWAY_RATIO * two.k:
+            gain = runaway(1 + mu, M, 1 / (1 + mu), -v2, two.F, two.k, one.F, one.k, one.e)
+            if not isnan(gain):
+                return 1, with_energy(one, 0.0), with_energy(two, two.E + gain), loss + one.E - gain
+        elif v2 == 0 and two.phase == RESTITUTION and two.k > RUNAWAY_RATIO * one.k:
+            gain = runaway(1.0, mu, 1.0, d1, one.F, one.k, two.F, two.k, two.e)
+            if not isnan(gain):
+                return 2, with_energy(one, one.E + gain), with_energy(two, 0.0), loss + two.E - gain
+    return 0, one, two, loss
+
+
+@inlined
+def rigid_contact(mu, M, first, d1, v2, one, two, law, highest, loss):
+    """Take the first contact, or the second, for rigid: it completes its impact, or its bodies go on as one to the end.
+
+    The former where it holds energy that can part them (`model.limits`).
+    """
+    stiff, soft = (one, two) if first else (two, one)
+    mass, rate = (M, d1) if first else (mu, -v2)
+    static = (
+        static_energy1(mu, one.E, two.E, one.k, two.k)
+        if first
+        else static_energy2(one.E, two.E, one.k, two.k)
+    )
+    stiff = with_energy(stiff, stiff.E - static)
+    if rate * rate + 2 * stiff.E / mass > 1 / highest:
+        compressing = stiff.phase == COMPRESSION
+        loss = loss_ahead(stiff, mass, rate, loss)
+        if first:
+            d1, v2 = complete_ball_ball(mu, d1, v2, stiff.E, stiff.e, compressing)
+        else:
+            d1, v2 = complete_ball_table(mu, d1, v2, stiff.E, stiff.e, compressing)
+        if soft.phase == RESTITUTION and (-v2 if first else d1) > 0:
+            soft, loss = restart(law, soft, loss)
+        cause = SPENT1 if first else SPENT2
+    else:
+        cause = SPENT1 * (one.phase != INACTIVE) | SPENT2 * (two.phase != INACTIVE)
+        compressing = soft.phase == COMPRESSION
+        if first:
+            loss = loss_ahead(soft, 1 + mu, v2, loss)
+            d1, v2 = one_body(mu, d1, v2, soft.E, soft.e, compressing)
+        else:
+            loss = loss_ahead(soft, 1.0, d1, loss)
+            d1, v2 = part_of_table(d1, v2, soft.E, soft.e, compressing)
+        soft = spent(soft)
+    stiff = spent(stiff)
+    one, two = (stiff, soft) if first else (soft, stiff)
+    return d1, v2, one, two, cause, loss
+
+
+@inlined
+def loss_ahead(c, mass, rate, loss):
+    """Add to the loss what a contact will lose that works against one mass from here on."""
+    if c.phase == COMPRESSION:
+        _, loss = end_of_compression(with_energy(c, c.E + 0.5 * mass * rate * rate), loss)
+    return loss
+
+
+@inlined
+def state_of(one, two):
+    """Return the state in which contacts are: it says which of them act."""
+    return S1 + (one.phase == INACTIVE) + 2 * (two.phase == INACTIVE)
+
+
+@inlined
+def number_of_events(cause):
+    """Count the bits of what ended a segment."""
+    n = 0
+    for i in range(6):
+        n += (cause >> i) & 1
+    return n
+
+
+@inlined
+def write_start(log, n, state, d1, v2, one, two):
+    """Write the columns of the log that are known as a segment begins."""
+    log[n, 0], log[n, 1], log[n, 2] = state, one.phase, two.phase
+    log[n, 3], log[n, 4], log[n, 5], log[n, 6] = d1, v2, one.E, two.E
+    log[n, 7], log[n, 8] = one.k, two.k
 
 
 @compiled
@@ -96,10 +247,9 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
         outcome without a cut-off, sooner.
     max_events : int
         Events after which the collision is given up.
-    law : int
-        `STIFFENING` or `ORIGINAL`.
+    law : ImpactLaw
     log : ndarray, shape (n, LOG_WIDTH)
-        Filled with one row a stretch (`LOG_COLUMNS`) and one for the end, as far as it goes; may have no rows.
+        Filled with one row a segment (`LOG_COLUMNS`) and one for the end, as far as it goes; may have no rows.
 
     Returns
     -------
@@ -107,217 +257,75 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
         Final velocities.
     code : int
         `DONE`, `LIMIT`, `PRECISION_LIMIT`, `TOO_MANY_EVENTS` or `COLLAPSE`.
-    n_states, n_events, n_stretches : int
+    n_states, n_events, n_segments : int
         The states count S4.
     margin : float
         Grazing margin: the smallest magnitude of a local extremum of a compression rate in S1, relative to that rate's
-        amplitude, where an end of compression counts (`model.events.STAKE`); infinity if there was none.
+        amplitude, where an end of compression counts (`model.grazing.STAKE`); infinity if there was none.
     loss : float
         Energy lost, so that 1/2 - loss - (v1^2 + mu v2^2)/2 is the residual of the energy balance.
     steps : int
         Windows tried in the searches for first events.
     """
-    M = mu / (1 + mu)
-    state, phase1, phase2 = S1, COMPRESSION, COMPRESSION
-    d1, v2, E1, E2 = 1.0, 0.0, 0.0, 0.0
-    k1, k2 = 1.0, kappa
-    F1 = F2 = 0.0  # sqrt(2 k E), kept in S1
-    rigid1, rigid2, stuck = False, False, False
+    state, d1, v2 = S1, 1.0, 0.0
+    one = Contact(COMPRESSION, 1.0, 0.0, 0.0, e1, 1.0)
+    two = Contact(COMPRESSION, kappa, 0.0, 0.0, e2, kappa)
+    rigid, united = 0, False  # the contact taken for rigid, and whether its bodies are one for good
     code = DONE
     n_states, n_events, n, steps = 1, 0, 0, 0
     margin, loss = inf, 0.0
+    M = mu / (1 + mu)
     exact = cutoff == EXACT
     highest = PRECISION_RATIO if exact else min(cutoff, PRECISION_RATIO)
+    # Apart: carried along as one tuple, the compiler fuses other products and sums, and last bits of outcomes change.
     modes_k1 = modes_k2 = -1.0
-    omega = phi1 = sigma = delta = phi2 = force1 = force2 = (0.0, 0.0)
+    omega = phi1 = phi2 = delta = sigma = force1 = force2 = (0.0, 0.0)
 
     while state != S4:
         if n_events > max_events:
             code = TOO_MANY_EVENTS
             break
-        if law == ORIGINAL and 2 * (E1 + E2) + (v2 - d1) * (v2 - d1) + mu * v2 * v2 < COLLAPSED:
+        if not law.stiffens and 2 * (one.E + two.E) + (v2 - d1) * (v2 - d1) + mu * v2 * v2 < COLLAPSED:
             d1, v2, state, code, loss = 0.0, 0.0, S4, COLLAPSE, 0.5
             break
-        row, before = n, state
-        n += 1
-        if row < log.shape[0]:
-            log[row, 0], log[row, 1], log[row, 2] = state, phase1, phase2
-            log[row, 3], log[row, 4], log[row, 5], log[row, 6] = d1, v2, E1, E2
-            log[row, 7], log[row, 8] = k1, k2
-        duration, cause = 0.0, 0
-        if state == S1 and not (rigid1 or rigid2):
-            rigid1, rigid2 = k2 < k1 / highest, k1 < k2 / highest
-            if rigid1 or rigid2:
-                code = LIMIT if highest == cutoff else PRECISION_LIMIT
-        if exact and law == STIFFENING and state == S1 and not (rigid1 or rigid2):
-            if d1 == 0 and phase1 == RESTITUTION and k1 > RUNAWAY_RATIO * k2:
-                gain = runaway(1 + mu, M, 1 / (1 + mu), -v2, F2, k2, F1, k1, e1)
-                if not isnan(gain):
-                    rigid1, code, loss, E1, E2 = True, LIMIT, loss + E1 - gain, 0.0, E2 + gain
-            elif v2 == 0 and phase2 == RESTITUTION and k2 > RUNAWAY_RATIO * k1:
-                gain = runaway(1.0, mu, 1.0, d1, F1, k1, F2, k2, e2)
-                if not isnan(gain):
-                    rigid2, code, loss, E1, E2 = True, LIMIT, loss + E2 - gain, E1 + gain, 0.0
-        governed = rigid1 or rigid2
-
-        if state == S1 and rigid1:
-            E1 -= static_energy1(mu, E1, E2, k1, k2)
-            if d1 * d1 + 2 * E1 / M > 1 / highest:
-                if phase1 == COMPRESSION:
-                    loss += (1 - e1 * e1) * (E1 + 0.5 * M * d1 * d1)
-                d1, v2 = complete_ball_ball(mu, d1, v2, E1, e1, phase1 == COMPRESSION)
-                if v2 < 0:
-                    if phase2 == RESTITUTION and law == ORIGINAL:
-                        k2, E2, loss = restarted(kappa, E2, e2, loss)
-                    phase2 = COMPRESSION
-                state, phase1, E1, cause = S2, INACTIVE, 0.0, SPENT1
-            else:
-                if phase2 == COMPRESSION:
-                    loss += (1 - e2 * e2) * (E2 + 0.5 * (1 + mu) * v2 * v2)
-                v2, d1 = one_body(mu, v2 - d1 / (1 + mu), E2, e2, phase2 == COMPRESSION), 0.0
-                state, E1, E2, cause = S4, 0.0, 0.0, SPENT1 | SPENT2
-
-        elif state == S1 and rigid2:
-            E2 -= static_energy2(E1, E2, k1, k2)
-            if v2 * v2 + 2 * E2 / mu > 1 / highest:
-                if phase2 == COMPRESSION:
-                    loss += (1 - e2 * e2) * (E2 + 0.5 * mu * v2 * v2)
-                d1 -= v2
-                v2 = complete_ball_table(mu, v2, E2, e2, phase2 == COMPRESSION)
-                d1 += v2
-                if d1 > 0:
-                    if phase1 == RESTITUTION and law == ORIGINAL:
-                        k1, E1, loss = restarted(1.0, E1, e1, loss)
-                    phase1 = COMPRESSION
-                state, phase2, E2, cause = S3, INACTIVE, 0.0, SPENT2
-            else:
-                if phase1 == COMPRESSION:
-                    loss += (1 - e1 * e1) * (E1 + 0.5 * d1 * d1)
-                d1, v2 = -part_of_table(v2 - d1, E1, e1, phase1 == COMPRESSION), 0.0
-                state, E1, E2, cause = S4, 0.0, 0.0, SPENT1 | SPENT2
-
-        elif state == S1:
-            if k1 != modes_k1 or k2 != modes_k2:
-                omega, phi1, sigma, delta, phi2, force1, force2 = modes(mu, k1, k2)
-                modes_k1, modes_k2 = k1, k2
-            a, b = amplitudes(d1, v2, F1 / k1, F2 / k2, phi1, sigma, force1, force2)
-            signs = (1.0 if phase1 == COMPRESSION else -1.0, -1.0 if phase2 == COMPRESSION else 1.0)
-            now, shape = (d1, v2, F1, F2), (delta, phi2, force1, force2)
-            duration, windows, fired, at_event = 0.0, 1, (False, False, False, False), now
-            if exact:
-                duration, fired, at_event = next_turn(k1, k2, now, signs, shape, omega, a, b)
-            if duration == 0:
-                duration, fired, at_event, margin, windows = first_event(
-                    mu,
-                    k1,
-                    k2,
-                    now,
-                    signs,
-                    (phase1 == RESTITUTION, phase2 == RESTITUTION),
-                    (1 - e1 * e1, 1 - e2 * e2),
-                    shape,
-                    omega,
-                    a,
-                    b,
-                    margin,
-                )
-            d1, v2, F1, F2 = at_event
-            steps += windows
-            E1, E2 = 0.5 * F1 * F1 / k1, 0.5 * F2 * F2 / k2
-            if fired[0]:
-                d1, cause, n_events = 0.0, cause | RATE1, n_events + 1
-                if phase1 == COMPRESSION:
-                    phase1, loss, E1, k1 = (
-                        RESTITUTION,
-                        loss + (1 - e1 * e1) * E1,
-                        e1 * e1 * E1,
-                        k1 / (e1 * e1),
-                    )
-                else:
-                    phase1 = COMPRESSION
-                    if law == ORIGINAL:
-                        k1, E1, loss = restarted(1.0, E1, e1, loss)
-            if fired[1]:
-                v2, cause, n_events = 0.0, cause | RATE2, n_events + 1
-                if phase2 == COMPRESSION:
-                    phase2, loss, E2, k2 = (
-                        RESTITUTION,
-                        loss + (1 - e2 * e2) * E2,
-                        e2 * e2 * E2,
-                        k2 / (e2 * e2),
-                    )
-                else:
-                    phase2 = COMPRESSION
-                    if law == ORIGINAL:
-                        k2, E2, loss = restarted(kappa, E2, e2, loss)
-            plastic1 = fired[0] and phase1 == RESTITUTION and e1 == 0
-            plastic2 = fired[1] and phase2 == RESTITUTION and e2 == 0
-            if fired[2] or plastic1:
-                phase1, E1, F1, cause, n_events = INACTIVE, 0.0, 0.0, cause | SPENT1, n_events + 1
-            if fired[3] or plastic2:
-                phase2, E2, F2, cause, n_events = INACTIVE, 0.0, 0.0, cause | SPENT2, n_events + 1
-            if plastic1 or plastic2:
-                stuck, code = True, LIMIT
-                rigid1, rigid2 = plastic1, plastic2 and not plastic1
-            if phase1 == INACTIVE:
-                state = S2 if phase2 != INACTIVE else S4
-            elif phase2 == INACTIVE:
-                state = S3
-
-        elif state == S2 and stuck and rigid1:
-            if phase2 == COMPRESSION:
-                loss += (1 - e2 * e2) * (E2 + 0.5 * (1 + mu) * v2 * v2)
-            v2 = one_body(mu, v2, E2, e2, phase2 == COMPRESSION)
-            state, E2, cause = S4, 0.0, SPENT2
-
-        elif state == S3 and stuck and rigid2:
-            if phase1 == COMPRESSION:
-                loss += (1 - e1 * e1) * (E1 + 0.5 * d1 * d1)
-            d1 = -part_of_table(-d1, E1, e1, phase1 == COMPRESSION)
-            state, E1, cause = S4, 0.0, SPENT1
-
-        elif state == S2:
-            compressing = phase2 == COMPRESSION
-            returns, ended, _, d2, E = single_contact(mu, -v2, E2, e2, compressing, max(0.0, -mu * d1))
-            if ended:
-                loss += (1 - e2 * e2) * (E2 + 0.5 * mu * v2 * v2)
-                phase2, k2, n_events, cause = RESTITUTION, k2 / (e2 * e2), n_events + 1, RATE2
-                code = code if e2 > 0 else LIMIT
-            n_events += 1
-            if returns:
-                v2 -= d1
-                d1, E2 = 0.0, E
-                state, phase1, cause = S1, COMPRESSION, cause | RETURN1
-                k1 = 1.0 if law == ORIGINAL else k1
-                F1, F2 = 0.0, sqrt(2 * k2 * E2)
-            else:
-                d1 -= v2 + d2
-                v2, E2 = -d2, 0.0
-                state, phase2, cause = S4, INACTIVE, cause | SPENT2
-
+        if n < log.shape[0]:
+            write_start(log, n, state, d1, v2, one, two)
+        if state == S1 and rigid == 0:
+            rigid, one, two, loss = taken_for_rigid(mu, M, d1, v2, one, two, law, highest, exact, loss)
+            if rigid != 0:
+                beyond = two.k < one.k / highest or one.k < two.k / highest
+                code = PRECISION_LIMIT if beyond and highest != cutoff else LIMIT
+        governed, duration = rigid != 0, 0.0
+        if rigid == 1 and (state == S1 or united):
+            d1, v2, one, two, cause, loss = rigid_contact(mu, M, True, d1, v2, one, two, law, highest, loss)
+        elif rigid == 2 and (state == S1 or united):
+            d1, v2, one, two, cause, loss = rigid_contact(mu, M, False, d1, v2, one, two, law, highest, loss)
         else:
-            compressing = phase1 == COMPRESSION
-            returns, ended, impulse, d, E = single_contact(M, d1, E1, e1, compressing, max(0.0, mu * v2))
-            if ended:
-                loss += (1 - e1 * e1) * (E1 + 0.5 * M * d1 * d1)
-                phase1, k1, n_events, cause = RESTITUTION, k1 / (e1 * e1), n_events + 1, RATE1
-                code = code if e1 > 0 else LIMIT
-            n_events += 1
-            d1, E1 = d, E
-            if returns:
-                v2 = 0.0
-                state, phase2, cause = S1, COMPRESSION, cause | RETURN2
-                k2 = kappa if law == ORIGINAL else k2
-                F1, F2 = sqrt(2 * k1 * E1), 0.0
+            if state == S1:
+                if one.k != modes_k1 or two.k != modes_k2:
+                    modes_k1, modes_k2, omega, phi1, phi2, delta, sigma, force1, force2 = modes_of(
+                        mu, one.k, two.k
+                    )
+                modes = Modes(modes_k1, modes_k2, omega, phi1, phi2, delta, sigma, force1, force2)
+                d1, v2, one, two, cause, loss, duration, margin, windows = both_contacts(
+                    mu, modes, d1, v2, one, two, law, exact, loss, margin
+                )
+                steps += windows
+            elif state == S2:
+                d1, v2, one, two, cause, loss = ball_on_table(mu, d1, v2, one, two, law, loss)
             else:
-                v2 = max(0.0, v2 - impulse / mu)
-                state, phase1, cause = S4, INACTIVE, cause | SPENT1
-
-        if row < log.shape[0]:
-            log[row, 9], log[row, 10], log[row, 11] = duration, cause, 1.0 if governed else 0.0
+                d1, v2, one, two, cause, loss = ball_on_ball(mu, M, d1, v2, one, two, law, loss)
+            n_events += number_of_events(cause)
+            plastic1, plastic2 = e1 == 0 and cause & RATE1 != 0, e2 == 0 and cause & RATE2 != 0
+            if plastic1 or plastic2:
+                rigid, united, code = (1 if plastic1 else 2), True, LIMIT
+        if n < log.shape[0]:
+            log[n, 9], log[n, 10], log[n, 11] = duration, cause, 1.0 if governed else 0.0
+        n += 1
+        before, state = state, state_of(one, two)
         if state != before:
             n_states += 1
 
     if n < log.shape[0]:
-        log[n, 0], log[n, 3], log[n, 4], log[n, 7], log[n, 8] = state, d1, v2, k1, k2
+        log[n, 0], log[n, 3], log[n, 4], log[n, 7], log[n, 8] = state, d1, v2, one.k, two.k
     return v2 - d1, v2, code, n_states, n_events, n, margin, loss, steps

@@ -1,9 +1,27 @@
-"""Marks: which results a little of anything would change, and are therefore kept apart."""
+"""Grazing: how near a collision is to a jump of the model, and which results are marked for it.
+
+Where a compression rate comes down to zero and turns around, a collision in which compression ends there, with its
+loss, and one in which it goes on are neighbours: the outcome jumps there as a function of the parameters
+(docs/theory.md, section 6). The grazing margin is the smallest magnitude of such a local extremum, relative to the
+rate's amplitude. A result that a little of anything would change is marked, and kept apart from all statistics.
+"""
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.motion import modal
+
+#: Near-misses at which an end of compression would lose less than this, as a fraction of the energy of impact, do not
+#: count: whether it happens or not hardly changes the outcome.
+STAKE = 1e-6
+
+#: Extrema nearer to zero than this, relative to the amplitude, are made exact.
+NEAR = 0.1
 
 #: A grazing margin below this marks a result. `benchmarks/grazing.py` says how well that tells the cells that jump.
 GRAZING_THRESHOLD = 5e-5
@@ -37,3 +55,73 @@ def mark_codes(
     """
     grazing = np.less(grazing_margin, threshold)
     return np.asarray(grazing + 2 * ~np.less_equal(cutoff_effect, CUTOFF_THRESHOLD), dtype=np.uint8)
+
+
+@inlined
+def nearest_miss(margin, rate, loss, k, t, h, start, end, force_start, force_end, omega, a, b):
+    """Grazing margin with the extremum of a rate in a window, where one comes near zero and much is at stake.
+
+    Parameters
+    ----------
+    margin : float
+        Of all windows before.
+    rate : Watched
+        Its coefficients and amplitude (`model.events`).
+    loss, k : float
+        The share of its energy that the contact loses at an end of compression, and its stiffness.
+    t, h : float
+        Start and length of the window.
+    start, end, force_start, force_end : triples
+        (f, f', f'') of the rate and of the contact's force at its ends.
+    omega, a, b : pairs
+        Frequencies and modal coordinates.
+    """
+    near = near_miss(h, start, end) < max(margin, NEAR) * rate.size
+    if near and loss * (force_start[0] + force_end[0]) ** 2 > 4 * STAKE * k:
+        margin = min(margin, extremum_between(rate.c, t, h, start, end, rate.size, omega, a, b))
+    return margin
+
+
+@inlined
+def near_miss(h, start, end):
+    """Magnitude of an extremum inside a window, by a parabola; infinite if there is none."""
+    spread = start[1] - end[1]
+    value = abs(start[0] + 0.5 * h * start[1] * start[1] / spread)
+    return value if start[1] * end[1] < 0 else inf
+
+
+@inlined
+def two_extrema(h, start, end):
+    """Whether a function may turn twice inside a window: seen from either end, its slope tends to zero and beyond."""
+    here, there = start[1] * (start[1] + h * start[2]), end[1] * (end[1] - h * end[2])
+    return (start[1] * end[1] > 0) & (here < 0) & (there < 0)
+
+
+@compiled
+def extremum_between(c, t, h, start, end, size, omega, a, b):
+    """Magnitude, relative to `size`, of the extremum in (t, t + h) of a rate, given (f, f', f'') at both ends.
+
+    A parabola places it; where it comes near zero, Newton's iteration on f' makes it exact.
+    """
+    low, high, df0 = 0.0, h, start[1]
+    x = h * df0 / (df0 - end[1])
+    f = start[0] + 0.5 * df0 * x
+    if abs(f) > NEAR * size:
+        return abs(f) / size
+    w0, w1 = omega[0] * omega[0], omega[1] * omega[1]
+    for _ in range(20):
+        q, r = modal(t + x, omega, a, b)
+        f = c[0] * q[0] + c[1] * q[1]
+        df = c[0] * omega[0] * r[0] + c[1] * omega[1] * r[1]
+        ddf = -w0 * c[0] * q[0] - w1 * c[1] * q[1]
+        if df * df0 > 0:
+            low = x
+        else:
+            high = x
+        nxt = x - df / ddf if ddf != 0 else low
+        if not low < nxt < high:
+            nxt = 0.5 * (low + high)
+        if abs(nxt - x) < 1e-6 * h:
+            break
+        x = nxt
+    return abs(f) / size

@@ -1,4 +1,4 @@
-"""The ratios that decide a collision (Theorem 5) and the cut-off: what is legal, and arrays made ready for a kernel."""
+"""What is legal: the parameters of a collision, the ratios that decide it (Theorem 5), the cut-off; checks of both."""
 
 from __future__ import annotations
 
@@ -22,10 +22,29 @@ class Legal(NamedTuple):
         """Whether a number is legal; NaN is not."""
         return self.low <= value <= self.high
 
+    def number(self, value: object) -> float:
+        """Return a value as a number.
 
-STIFFNESS_RATIO = Legal("stiffness_ratio", 0.0, math.inf, "from 0 to inf (k2/k1)")
-MASS_RATIO = Legal("mass_ratio", math.ulp(0.0), float(np.finfo(float).max), "a finite number > 0 (m2/m1)")
+        Raises
+        ------
+        ValueError
+            If it is none or illegal; the message holds the name, the value and the legal range.
+        """
+        if isinstance(value, bool) or not isinstance(value, Real) or math.isnan(float(value)):
+            raise ValueError(f"{self.name} = {value!r}: not a number")
+        if not self.includes(float(value)):
+            raise ValueError(f"{self.name} = {float(value)!r}; legal: {self.text}")
+        return float(value)
+
+
+_LEAST, _LARGEST = math.ulp(0.0), float(np.finfo(float).max)
+
+M1, M2 = (Legal(name, _LEAST, _LARGEST, "a finite number > 0 (kg)") for name in ("m1", "m2"))
+K1, K2 = (Legal(name, 0.0, math.inf, "from 0 to inf (N/m)") for name in ("k1", "k2"))
 E1, E2 = (Legal(name, 0.0, 1.0, "from 0 to 1") for name in ("e1", "e2"))
+V0 = Legal("v0", -_LARGEST, -_LEAST, "a finite number < 0 (m/s, up is positive)")
+STIFFNESS_RATIO = Legal("stiffness_ratio", 0.0, math.inf, "from 0 to inf (k2/k1)")
+MASS_RATIO = Legal("mass_ratio", _LEAST, _LARGEST, "a finite number > 0 (m2/m1)")
 
 #: A cut-off of the running stiffness ratio: a number, or the rule that gives the outcome without one (`model.solve`).
 Cutoff = float | Literal["exact"]

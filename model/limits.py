@@ -45,36 +45,30 @@ def static_energy2(E1, E2, k1, k2):
 
 @compiled
 def complete_ball_ball(mu, d1, v2, E1, e1, compressing1):
-    """Run the stiff ball-ball contact through its impact; B1 and B2 are as free.
-
-    Returns
-    -------
-    d1, v2 : float
-        Compression rate and velocity of B2 after it; E1 is then zero (supplement (11), (12)).
-    """
+    """Run the stiff ball-ball contact through its impact, B1 and B2 as free: d1, v2 after (supplement (11), (12))."""
     _, _, impulse, d1, _ = single_contact(mu / (1 + mu), d1, E1, e1, compressing1, inf)
     return d1, v2 - impulse / mu
 
 
 @compiled
-def complete_ball_table(mu, v2, E2, e2, compressing2):
-    """Run the stiff ball-table contact through its impact, B2 as free; return the velocity of B2 after it."""
+def complete_ball_table(mu, d1, v2, E2, e2, compressing2):
+    """Run the stiff ball-table contact through its impact, B2 as free: d1 and v2 after it."""
     _, _, _, d2, _ = single_contact(mu, -v2, E2, e2, compressing2, inf)
-    return -d2
+    return d1 - v2 - d2, -d2
 
 
 @compiled
-def one_body(mu, v, E2, e2, compressing2):
-    """Both balls, moving as one with v, finish against the table: their final velocity (supplement, 3.3, S1)."""
-    _, _, _, d2, _ = single_contact(1 + mu, -v, E2, e2, compressing2, inf)
-    return -d2
+def one_body(mu, d1, v2, E2, e2, compressing2):
+    """Both balls as one body finish against the table: d1 and v2 at the end (supplement, 3.3, S1)."""
+    _, _, _, d2, _ = single_contact(1 + mu, -(v2 - d1 / (1 + mu)), E2, e2, compressing2, inf)
+    return 0.0, -d2
 
 
 @compiled
-def part_of_table(v1, E1, e1, compressing1):
-    """B1 finishes against B2, which rests on the table: its final velocity (supplement, 3.3)."""
-    _, _, _, d1, _ = single_contact(1.0, -v1, E1, e1, compressing1, inf)
-    return -d1
+def part_of_table(d1, v2, E1, e1, compressing1):
+    """B1 finishes against B2, which rests on the table: d1 and v2 at the end (supplement, 3.3)."""
+    _, _, _, d1, _ = single_contact(1.0, -(v2 - d1), E1, e1, compressing1, inf)
+    return d1, 0.0
 
 
 #: What `runaway` may change in (v1, v2), in the kinetic norm per sqrt(m1) abs(v0).

@@ -6,7 +6,7 @@ In time, equations (13)-(15) are those of two linear springs, F_i = dI_i/dt = sq
 
 with d1 = v2 - v1 the compression rate of the ball-ball contact, -v2 that of the ball-table contact, and
 1/M = 1/m1 + 1/m2. Between events they are solved in closed form: by the two modes of a 2x2 stiffness matrix in S1
-(`modes`, `amplitudes`, `motion`), by one sinusoid in S2 and S3, of which the supplement's section 1 needs the
+(`Modes`, `amplitudes`, `motion`), by one sinusoid in S2 and S3, of which the supplement's section 1 needs the
 impulses only (`single_contact`).
 
 The unknowns are d1, v2, F1, F2 and not v1, v2, E1, E2 for a reason: all four are continuous through every event (an
@@ -19,6 +19,7 @@ Units: m1 = 1, v0 = -1, k1 = 1 initially (Theorem 5); hence mu = m2/m1, velociti
 from __future__ import annotations
 
 from math import cos, factorial, pi, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,20 +72,38 @@ def cos_sin(x):
     return sign * c, sign * (r - r * z * s)
 
 
-@inlined
-def modes(mu, k1, k2):
-    """Natural modes of the two-spring system of S1.
+class Modes(NamedTuple):
+    """Natural modes of the two-spring system of S1, in pairs (slow mode, fast mode).
 
     With w = (v1, v2), the equations of motion are diag(1, mu) w'' = -K w, K = [[k1, -k1], [-k1, k1 + k2]]. Mode j has
     the frequency omega_j and the shape (phi1, phi2) of unit modal mass, phi1^2 + mu phi2^2 = 1.
 
-    Returns
-    -------
-    omega, phi1, sigma, delta, phi2, force1, force2 : seven pairs (slow mode, fast mode)
-        delta = phi2 - phi1 and sigma = phi1 + mu phi2, formed as -omega^2 phi1/k1 and k2 phi2/omega^2 (the two rows
-        of the eigenvalue equation), which lose no digits when a mode is nearly rigid or nearly massless;
-        force1 = omega phi1 and force2 = omega sigma.
+    Attributes
+    ----------
+    k1, k2 : float
+        The stiffnesses.
+    omega, phi1, phi2 : pair
+    delta, sigma : pair
+        phi2 - phi1 and phi1 + mu phi2, formed as -omega^2 phi1/k1 and k2 phi2/omega^2 (the two rows of the eigenvalue
+        equation), which lose no digits when a mode is nearly rigid or nearly massless.
+    force1, force2 : pair
+        omega phi1 and omega sigma.
     """
+
+    k1: float
+    k2: float
+    omega: tuple[float, float]
+    phi1: tuple[float, float]
+    phi2: tuple[float, float]
+    delta: tuple[float, float]
+    sigma: tuple[float, float]
+    force1: tuple[float, float]
+    force2: tuple[float, float]
+
+
+@inlined
+def modes_of(mu, k1, k2):
+    """Solve the eigenvalue problem of `Modes`."""
     inverse_mu = 1 / mu
     s12 = -k1 * sqrt(inverse_mu)
     difference = k1 - (k1 + k2) * inverse_mu
@@ -100,19 +119,21 @@ def modes(mu, k1, k2):
     slow1, slow_2, fast1, fast_2 = -y2, y1 * root, y1, y2 * root
     slow, fast = sqrt(slow2), sqrt(fast2)
     sigma = (slow_2 * mu * fast2 * per_k1, k2 * fast_2 * per_fast2)
-    return (
-        (slow, fast),
-        (slow1, fast1),
-        sigma,
-        (-slow2 * slow1 * per_k1, -fast2 * fast1 * per_k1),
-        (slow_2, fast_2),
-        (slow * slow1, fast * fast1),
-        (slow * sigma[0], fast * sigma[1]),
+    return Modes(
+        k1,
+        k2,
+        omega=(slow, fast),
+        phi1=(slow1, fast1),
+        phi2=(slow_2, fast_2),
+        delta=(-slow2 * slow1 * per_k1, -fast2 * fast1 * per_k1),
+        sigma=sigma,
+        force1=(slow * slow1, fast * fast1),
+        force2=(slow * sigma[0], fast * sigma[1]),
     )
 
 
 @inlined
-def amplitudes(d1, v2, u1, u2, phi1, sigma, force1, force2):
+def amplitudes(d1, v2, u1, u2, modes):
     """Modal coordinates of a state: q_j = phi1 v1 + mu phi2 v2 and r_j = q_j'/omega_j.
 
     u1 = F1/k1 and u2 = F2/k2 are the compressions that linear springs would have.
@@ -122,6 +143,7 @@ def amplitudes(d1, v2, u1, u2, phi1, sigma, force1, force2):
     a, b : pairs
         So that q_j(t) = a_j cos(omega_j t) + b_j sin(omega_j t).
     """
+    phi1, sigma, force1, force2 = modes.phi1, modes.sigma, modes.force1, modes.force2
     return (
         (sigma[0] * v2 - phi1[0] * d1, sigma[1] * v2 - phi1[1] * d1),
         (force2[0] * u2 + force1[0] * u1, force2[1] * u2 + force1[1] * u1),
@@ -157,11 +179,12 @@ def turn_little(h, omega, q, r):
 
 
 @inlined
-def motion(q, r, delta, phi2, force1, force2):
+def motion(q, r, modes):
     """State (d1, v2, F1, F2) of modal coordinates q and r; the inverse of `amplitudes`.
 
     F1 = m1 v1' and F2 = F1 + m2 v2' (equations (11), (12) differentiated).
     """
+    delta, phi2, force1, force2 = modes.delta, modes.phi2, modes.force1, modes.force2
     return (
         delta[0] * q[0] + delta[1] * q[1],
         phi2[0] * q[0] + phi2[1] * q[1],

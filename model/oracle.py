@@ -56,7 +56,7 @@ SOFTENING = 0.05
 #: Absolute tolerance of impulses and of sqrt(E_i).
 ATOL = 1e-15
 
-#: Stretches shorter than this in s are two events at once: the state between them is not recorded.
+#: Segments shorter than this in s are two events at once: the state between them is not recorded.
 TIE = 1e-13
 
 #: Steps after which a collision is given up.

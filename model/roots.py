@@ -10,13 +10,13 @@ sixth derivative are bounded by known numbers. Let H be the quintic that takes t
 of f at both ends of an interval of length h, and C the bound of the sixth derivative. Then
 f(x h) >= H(x h) - C h^6 x^3 (1 - x)^3/720, and since x^3 (1 - x)^3 <= (B2 + B3)/40 in Bernstein polynomials of degree
 five, f is positive inside the interval if the Bernstein coefficients of H satisfy b0, b1, b4, b5 >= 0 and
-b2, b3 > C h^6/28800 (`positive_between`). The ends themselves may be zeros: the event that began the stretch, and the
+b2, b3 > C h^6/28800 (`positive_between`). The ends themselves may be zeros: the event that began the segment, and the
 root that will end it.
 """
 
 from __future__ import annotations
 
-from math import acos, atan2, inf, pi, sqrt
+from math import acos, atan2, pi, sqrt
 
 from impact_xval.model.compiled import compiled, inlined
 from impact_xval.model.motion import modal, turn_little
@@ -25,9 +25,6 @@ EPSILON = 2.0**-52
 
 #: How far from zero, relative to its slow amplitude, a function stays where the envelope steps over it.
 ENVELOPE_RESERVE = 0.05
-
-#: Extrema nearer to zero than this, relative to the amplitude, are made exact.
-NEAR = 0.1
 
 #: While a root is closed in on, every BISECT-th step halves its bracket whatever is predicted.
 BISECT = 6
@@ -114,36 +111,6 @@ def root_before(c, t, h, low, start, end, noise, omega, a, b):
 
 
 @compiled
-def extremum_between(c, t, h, start, end, size, omega, a, b):
-    """Magnitude, relative to `size`, of the extremum in (t, t + h) of a rate, given (f, f', f'') at both ends.
-
-    A parabola places it; where it comes near zero, Newton's iteration on f' makes it exact.
-    """
-    low, high, df0 = 0.0, h, start[1]
-    x = h * df0 / (df0 - end[1])
-    f = start[0] + 0.5 * df0 * x
-    if abs(f) > NEAR * size:
-        return abs(f) / size
-    w0, w1 = omega[0] * omega[0], omega[1] * omega[1]
-    for _ in range(20):
-        q, r = modal(t + x, omega, a, b)
-        f = c[0] * q[0] + c[1] * q[1]
-        df = c[0] * omega[0] * r[0] + c[1] * omega[1] * r[1]
-        ddf = -w0 * c[0] * q[0] - w1 * c[1] * q[1]
-        if df * df0 > 0:
-            low = x
-        else:
-            high = x
-        nxt = x - df / ddf if ddf != 0 else low
-        if not low < nxt < high:
-            nxt = 0.5 * (low + high)
-        if abs(nxt - x) < 1e-6 * h:
-            break
-        x = nxt
-    return abs(f) / size
-
-
-@compiled
 def envelope_time(order, c, t, omega, a, b, radius):
     """Earliest time from t on at which the slow sinusoid of a watched function comes near its fast amplitude.
 
@@ -199,18 +166,3 @@ def time_above_zero(start, B, w1):
 def leaves_zero(h, start, B, w1):
     """Whether h is below `time_above_zero`, without its division."""
     return (B * h < 1.98 * start[1]) | ((start[1] == 0) & (B * (w1 * h) * (w1 * h) < 11.7 * start[2]))
-
-
-@inlined
-def near_miss(h, start, end):
-    """Magnitude of an extremum inside a window, by a parabola; infinite if there is none."""
-    spread = start[1] - end[1]
-    value = abs(start[0] + 0.5 * h * start[1] * start[1] / spread)
-    return value if start[1] * end[1] < 0 else inf
-
-
-@inlined
-def two_extrema(h, start, end):
-    """Whether a function may turn twice inside a window: seen from either end, its slope tends to zero and beyond."""
-    here, there = start[1] * (start[1] + h * start[2]), end[1] * (end[1] - h * end[2])
-    return (start[1] * end[1] > 0) & (here < 0) & (there < 0)

@@ -21,21 +21,17 @@ from impact_xval.model.diagram import (
     LIMIT,
     LOG_WIDTH,
     MASS_PRECISION,
-    ORIGINAL,
     PRECISION_LIMIT,
     STATUS_OF,
-    STIFFENING,
     TOO_MANY_EVENTS,
     collide,
 )
 from impact_xval.model.grazing import GRAZING_THRESHOLD, MARKS, mark_codes
 from impact_xval.model.inputs import LEGAL_CUTOFF, Cutoff, broadcast_inputs, legal_cutoff
+from impact_xval.model.law import IMPACT_LAWS, ImpactLaw
 from impact_xval.model.limits import BOUND
 
 NAME = "state-transition"
-
-#: Impact laws by name (`model.diagram`).
-IMPACT_LAWS = {"jia-mason-erdmann": STIFFENING, "liu-zhao-brogliato": ORIGINAL}
 
 #: Events after which a collision is given up, half a minute. At extreme stiffness ratios there are some 50/(1 - e) of
 #: them, for e of the contact that oscillates, or as many as the modes' frequencies are apart if that is fewer.
@@ -136,9 +132,9 @@ def solve(
     )
 
 
-def nearest_jump(margin: Any, law: int) -> Any:
+def nearest_jump(margin: Any, law: ImpactLaw) -> Any:
     """Grazing margin, or infinity under a law that has no jumps: a restart that takes back the loss leaves none."""
-    return margin if law == STIFFENING else np.full_like(margin, np.inf)
+    return margin if law.stiffens else np.full_like(margin, np.inf)
 
 
 def check_cutoff(cutoff: Cutoff) -> float:
@@ -159,7 +155,7 @@ def beyond(cutoff: float) -> float:
     return math.inf if cutoff == EXACT else EXACT
 
 
-def check_law(name: str) -> int:
+def check_law(name: str) -> ImpactLaw:
     """Return the law of that name.
 
     Raises

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase
 from impact_xval.model import Collision, Outcome, solve
 from impact_xval.model.compiled import OPTIONS
-from impact_xval.model.diagram import LOG_WIDTH, STIFFENING, collide
+from impact_xval.model.diagram import LOG_WIDTH, collide
 from impact_xval.model.inputs import Cutoff
+from impact_xval.model.law import IMPACT_LAWS
 from impact_xval.model.solve import check_cutoff
 
 Floats = NDArray[np.float64]
@@ -97,13 +98,13 @@ class OracleSolver(SolverBase):
 
 
 @njit(parallel=True, **OPTIONS)
-def _paths(kappa, mu, e1, e2, cutoff):
+def _paths(kappa, mu, e1, e2, cutoff, law):
     n = kappa.size
     sequence, n_states = np.zeros(n, np.uint64), np.zeros(n, np.int64)
     for block in prange((n + 255) // 256):
         log = np.empty((_SEGMENTS, LOG_WIDTH))
         for i in range(256 * block, min(n, 256 * block + 256)):
-            rows = collide(kappa[i], mu[i], e1[i], e2[i], cutoff, _EVENTS, STIFFENING, log)[5] + 1
+            rows = collide(kappa[i], mu[i], e1[i], e2[i], cutoff, _EVENTS, law, log)[5] + 1
             if rows > _SEGMENTS:
                 continue
             before = 0
@@ -142,4 +143,5 @@ def model_paths(
     n_states : ndarray of int, shape (n,)
         Length of the path, S4 included; 0 where it was not followed to its end.
     """
-    return _paths(stiffness_ratio, mass_ratio, e1, e2, check_cutoff(stiffness_ratio_cutoff))
+    cutoff, law = check_cutoff(stiffness_ratio_cutoff), IMPACT_LAWS["jia-mason-erdmann"]
+    return _paths(stiffness_ratio, mass_ratio, e1, e2, cutoff, law)

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from impact_xval.model.grazing import NEAR, extremum_between
 from impact_xval.model.roots import (
     ENVELOPE_RESERVE,
     EPSILON,
-    NEAR,
     envelope_time,
-    extremum_between,
     root_before,
 )
 
@@ -71,7 +70,7 @@ def test_root_before_finds_the_root_and_the_state_there():
             assert r[j] == pytest.approx(b[j] * math.cos(w) - a[j] * math.sin(w), abs=size)
 
 
-def test_root_before_passes_over_the_zero_that_began_the_stretch():
+def test_root_before_passes_over_the_zero_that_began_the_segment():
     rng = np.random.default_rng(2)
     tried = 0
     while tried < 200:

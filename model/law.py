@@ -1,0 +1,124 @@
+"""The impact law: what an event does to one contact.
+
+Energetic restitution with stiffening (docs/theory.md, section 2). At an end of compression E <- e^2 E and k <- k/e^2,
+so that the force F = sqrt(2 k E) is continuous; a restart of compression keeps the stiffness; a contact that ends
+restitution keeps it for its return, which begins in compression with E = 0.
+
+Another law differs in repeated compressions only, and is kept beside it for comparison: that of Liu, Zhao and
+Brogliato (Proc. R. Soc. A 464:3193, 2008), under which every compression runs at the original stiffness. Their
+F = sqrt(2 k E) holds at all times, with dE = V dP in compression and V dP/e^2 in restitution; in the terms used here a
+restart of compression takes back what the end of compression did, E <- E/e^2 and k <- e^2 k, and a return begins at the
+original k.
+
+Units as in `model.motion`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from impact_xval.model.compiled import inlined
+
+#: Phases of a contact; `model.collision.PHASES` has their names.
+INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
+
+
+class ImpactLaw(NamedTuple):
+    """What tells one law from another.
+
+    Attributes
+    ----------
+    stiffens : bool
+        Whether a repeated compression runs at the stiffness that the ends of compression left, else at the original
+        one. If so, the ratio k2/k1 may run away (`model.limits.runaway`), and outcomes jump where a compression nearly
+        ends (`model.grazing`). If not, some collisions repeat one cycle of states for ever.
+    """
+
+    stiffens: bool
+
+
+#: Impact laws by name.
+IMPACT_LAWS = {"jia-mason-erdmann": ImpactLaw(stiffens=True), "liu-zhao-brogliato": ImpactLaw(stiffens=False)}
+
+
+class Contact(NamedTuple):
+    """One contact under way.
+
+    Attributes
+    ----------
+    phase : int
+        `INACTIVE`, `COMPRESSION` or `RESTITUTION`.
+    k, E : float
+        Running stiffness and strain energy.
+    F : float
+        sqrt(2 k E), kept in S1 only.
+    e, original : float
+        Coefficient of restitution, and the stiffness before any end of compression.
+    """
+
+    phase: int
+    k: float
+    E: float
+    F: float
+    e: float
+    original: float
+
+
+@inlined
+def with_energy(c, E):
+    """Return the contact with another strain energy."""
+    return Contact(c.phase, c.k, E, c.F, c.e, c.original)
+
+
+@inlined
+def with_force(c, F):
+    """Return the contact at another force, F^2 = 2 k E."""
+    return Contact(c.phase, c.k, 0.5 * F * F / c.k, F, c.e, c.original)
+
+
+@inlined
+def end_of_compression(c, loss):
+    """End compression: the contact after it, and `loss` with the energy that it loses."""
+    return (
+        Contact(RESTITUTION, c.k / (c.e * c.e), c.e * c.e * c.E, c.F, c.e, c.original),
+        loss + (1 - c.e * c.e) * c.E,
+    )
+
+
+@inlined
+def restart(law, c, loss):
+    """Restart compression during restitution; `loss` less what a law that takes back the end gives back."""
+    if law.stiffens:
+        return Contact(COMPRESSION, c.k, c.E, c.F, c.e, c.original), loss
+    return (
+        Contact(COMPRESSION, c.original, c.E / (c.e * c.e), c.F, c.e, c.original),
+        loss - (1 / (c.e * c.e) - 1) * c.E,
+    )
+
+
+@inlined
+def returned(law, c):
+    """Return an inactive contact, in compression from E = 0."""
+    return Contact(COMPRESSION, c.k if law.stiffens else c.original, 0.0, 0.0, c.e, c.original)
+
+
+@inlined
+def spent(c):
+    """End restitution: the contact becomes inactive and keeps its stiffness."""
+    return Contact(INACTIVE, c.k, 0.0, 0.0, c.e, c.original)
+
+
+@inlined
+def after_event(law, c, rate_is_zero, force_is_zero, loss):
+    """Apply the law where the compression rate or the force of a contact that acts has come to zero, or both.
+
+    A plastic contact has no restitution: it is spent as its compression ends.
+    """
+    ends = rate_is_zero and c.phase == COMPRESSION
+    if ends:
+        c, loss = end_of_compression(c, loss)
+    elif rate_is_zero:
+        c, loss = restart(law, c, loss)
+    if force_is_zero or (ends and c.e == 0):
+        c = spent(c)
+    return c, loss
