@@ -19,7 +19,7 @@ def few(monkeypatch):
 def test_calibrate_writes_tables_and_a_figure(few, tmp_path, capsys):
     assert main(["calibrate", "--engine", "mujoco", "--out", str(tmp_path / "c")]) == 0
     said = capsys.readouterr().out
-    assert "in the limit of small steps 8 of 8 contacts are within 0.001" in said
+    assert "in the limit dt -> 0 8 of 8 contacts are within 0.001" in said
     assert sorted(path.name for path in (tmp_path / "c").iterdir()) == [
         "calibration.csv",
         "calibration.md",
