@@ -7,13 +7,24 @@ from pathlib import Path
 
 import pytest
 
-from tests.compliant_baselines.third_party import GOOD, install
+from tests.compliant_baselines.third_party import install
 
 ROOT = Path(__file__).parents[1]
 OWN = "raise RuntimeError('a file of the user was imported')\n"
+PLUGIN = """
+from dataclasses import replace
+from impact_xval.compliant_baselines.contract.state_transition import StateTransitionSolver
+
+
+class Mine(StateTransitionSolver):
+    name = "mine"
+
+    def solve_many(self, collisions, settings=None):
+        return [replace(outcome, v1=1.01 * outcome.v1) for outcome in super().solve_many(collisions, settings)]
+"""
 CONFIG = """
 name = "own names"
-solvers = ["state-transition", "tiny"]
+solvers = ["state-transition", "mine"]
 [grid]
 stiffness_ratio = [0.5, 2.0]
 mass_ratio = [1.0]
@@ -44,12 +55,12 @@ def desk(tmp_path):
         tmp_path.joinpath(name).mkdir()
         tmp_path.joinpath(name, "__init__.py").write_text(OWN)
     tmp_path.joinpath("experiment.toml").write_text(CONFIG)
-    install(tmp_path / "plugins", "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
+    install(tmp_path / "plugins", "my-solver", {"mine": "my_solver:Mine"}, my_solver=PLUGIN)
     return tmp_path
 
 
-@pytest.mark.parametrize("own_path", [True, False], ids=["own-folder-on-path", "own-folder-not-on-path"])
 @pytest.mark.parametrize("way", ["wheel", "editable", "checkout"])
+@pytest.mark.parametrize("own_path", [True, False], ids=["own-folder-on-path", "own-folder-not-on-path"])
 def test_names_of_a_user_do_not_matter(way, own_path, desk, request):
     ours = {"wheel": lambda: request.getfixturevalue("wheel"), "editable": str, "checkout": lambda: ROOT}[
         way
@@ -65,13 +76,13 @@ def test_names_of_a_user_do_not_matter(way, own_path, desk, request):
 
     (desk / "script.py").write_text(
         "import impact_xval, sys; from impact_xval import Collision, get_solver, solve\n"
-        "print(impact_xval.__file__, solve(Collision(1.0, 1.0, 1.0, 1.0, 0.9, 0.9)).status, get_solver('tiny').name)\n"
+        "print(impact_xval.__file__, solve(Collision(1.0, 1.0, 1.0, 1.0, 0.9, 0.9)).status, get_solver('mine').name)\n"
     )
     where, *rest = run(sys.executable, "script.py").split()
-    assert rest == ["ok", "tiny"]
+    assert rest == ["ok", "mine"]
     assert Path(where).is_relative_to(ours if way == "wheel" else ROOT)
     command = Path(sys.executable).with_name("impact-xval")
-    assert "tiny" in run(command, "solvers")
+    assert "mine" in run(command, "solvers")
     run(command, "run", "experiment.toml", "--out", "out", "--workers", "2")
     run(sys.executable, "-m", "impact_xval", "table", "out")
     assert (desk / "out" / "divergence.parquet").exists()

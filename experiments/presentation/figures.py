@@ -69,13 +69,15 @@ def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> lis
         The PNG of each figure, and its caption; a figure that has nothing to show is left out.
     """
     config = folder.config()
+    # All that is drawn is read first: of a damaged folder nothing is drawn.
+    data, curves = _divergences(folder, config), folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
+    drawn = chain(
+        _draw_divergences(data),
+        draw_ladders(summarise_ladder(folder, config) if ladder is None else ladder),
+        _draw_curves(curves, config),
+    )
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
-    drawn = chain(
-        _divergences(folder, config),
-        draw_ladders(summarise_ladder(folder, config) if ladder is None else ladder),
-        _curves(folder, config),
-    )
     captions = {}
     for name, figure, caption in drawn:
         save(figure, target, name)
@@ -84,14 +86,17 @@ def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> lis
     return [(target / f"{name}.png", caption) for name, caption in captions.items()]
 
 
-def _divergences(folder: RunFolder, config: Config) -> Iterator[tuple[str, Figure, str]]:
-    """Draw what the table of divergence holds: name, figure, caption; nothing where nothing was compared."""
+def _divergences(folder: RunFolder, config: Config) -> Data:
     table = load_divergence(folder, config)
     measures = ("velocity_divergence", "dretained_energy", FULL_PATHS)
     regular = table.frame(measures, table.compared & ~table.marked)
     levels = {axis: sorted(levels.values) for axis, levels in table.levels.items()}
     there = set(regular.solver)
-    data = Data(levels, regular, in_order_of_laws(name for name in config.solvers if name in there))
+    return Data(levels, regular, in_order_of_laws(name for name in config.solvers if name in there))
+
+
+def _draw_divergences(data: Data) -> Iterator[tuple[str, Figure, str]]:
+    """Draw what the table of divergence holds: name, figure, caption; nothing where nothing was compared."""
     facts = {"model": REFERENCE, "floor": _FLOOR, "solvers": data.solvers}
     drawers: dict[str, Callable[[Data], Figure]] = {
         "divergence-by-stiffness": _divergence_by_stiffness,
@@ -104,9 +109,8 @@ def _divergences(folder: RunFolder, config: Config) -> Iterator[tuple[str, Figur
         yield name, draw(data), _caption(name, facts)
 
 
-def _curves(folder: RunFolder, config: Config) -> Iterator[tuple[str, Figure, str]]:
+def _draw_curves(curves: Frame, config: Config) -> Iterator[tuple[str, Figure, str]]:
     """Draw the stored impulse curves."""
-    curves = folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
     first = curves[curves.curve == FIGURE_CELL].head(1).to_dict("records")
     cell = {label: first[0][axis] for axis, label in AXES.items()} if first else {}
     facts = {"model": REFERENCE, "solvers": in_order_of_laws(config.solvers), "cell": cell}
