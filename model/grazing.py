@@ -58,31 +58,6 @@ def mark_codes(
 
 
 @inlined
-def nearest_miss(margin, rate, loss, k, t, h, start, end, force_start, force_end, omega, a, b):
-    """Grazing margin with the extremum of a rate in a window, where one comes near zero and much is at stake.
-
-    Parameters
-    ----------
-    margin : float
-        Of all windows before.
-    rate : Watched
-        Its coefficients and amplitude (`model.events`).
-    loss, k : float
-        The share of its energy that the contact loses at an end of compression, and its stiffness.
-    t, h : float
-        Start and length of the window.
-    start, end, force_start, force_end : triples
-        (f, f', f'') of the rate and of the contact's force at its ends.
-    omega, a, b : pairs
-        Frequencies and modal coordinates.
-    """
-    near = near_miss(h, start, end) < max(margin, NEAR) * rate.size
-    if near and loss * (force_start[0] + force_end[0]) ** 2 > 4 * STAKE * k:
-        margin = min(margin, extremum_between(rate.c, t, h, start, end, rate.size, omega, a, b))
-    return margin
-
-
-@inlined
 def near_miss(h, start, end):
     """Magnitude of an extremum inside a window, by a parabola; infinite if there is none."""
     spread = start[1] - end[1]
