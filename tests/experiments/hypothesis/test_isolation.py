@@ -85,6 +85,7 @@ def test_one_death_may_have_been_anybodys(sandbox, tmp_path, monkeypatch):
     assert found.status.tolist() == ["ok", "ok"]
 
 
+@pytest.mark.slow
 def test_a_run_survives_and_every_table_says_what_failed_and_why():
     """The range of contrasts is too short for two: one collision a point."""
     config = parse(

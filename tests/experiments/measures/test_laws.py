@@ -124,6 +124,7 @@ def test_the_agreement_of_an_engine_with_its_law_is_said_with_the_step(summary):
     assert any("it up to a tenth of the contact period" in text for text in paragraphs(summary))
 
 
+@pytest.mark.slow
 def test_what_a_run_prints_claims_no_accuracy(folder, summary):
     """Laws are compared with laws: nothing that was measured is there to be accurate against."""
     write_tables(folder)

@@ -134,6 +134,7 @@ def test_report_is_one_safe_page(hostile):
         assert (hostile.root / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.slow
 def test_a_report_of_a_known_summary_is_the_same(hostile):
     write_figures(hostile)
     alone = write_report(hostile).read_bytes()
