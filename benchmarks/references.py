@@ -23,6 +23,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -60,6 +61,28 @@ def best_time(run: Callable[[], object], repetitions: int) -> float:
     return min(times)
 
 
+def watched(stiff: bool, mode: list[int], k: list[float], c: list[float]) -> tuple[list[Any], list[Any]]:
+    """Give what ends a segment of `plain`: the name and contact of each event, and its function for solve_ivp."""
+    names, events = [], []
+
+    def watch(name, i, direction, f):
+        f.terminal, f.direction = True, direction
+        names.append((name, i))
+        events.append(f)
+
+    for i, rate in ((0, lambda y: y[1] - y[0]), (1, lambda y: -y[1])):
+        direction = -1 if mode[i] == 1 else 1
+        if mode[i] == 0:
+            watch("touch", i, 1, lambda _t, y, i=i: y[2 + i])
+        elif stiff:
+            watch("turn", i, direction, lambda _t, y, rate=rate: rate(y))
+        else:
+            watch("spent", i, direction, lambda _t, y, i=i, rate=rate: k[i] * y[2 + i] + c[i] * rate(y))
+        if mode[i] == (2 if stiff else 3):
+            watch("leave", i, -1, lambda _t, y, i=i: y[2 + i])
+    return names, events
+
+
 def plain(law: str, kappa: float, mu: float, e1: float, e2: float) -> tuple[float, float]:
     """Integrate one impact with solve_ivp, in units m1 = 1, k1 = 1, v0 = -1: its final v1 and v2.
 
@@ -87,25 +110,7 @@ def plain(law: str, kappa: float, mu: float, e1: float, e2: float) -> tuple[floa
             f1, f2 = k1 * x1 + c1 * (v2 - v1), k2 * x2 - c2 * v2
             return [f1, (f2 - f1) / mu, v2 - v1, -v2]
 
-        names, events = [], []
-
-        def watch(name, i, direction, f, names=names, events=events):
-            f.terminal, f.direction = True, direction
-            names.append((name, i))
-            events.append(f)
-
-        for i, rate in ((0, lambda y: y[1] - y[0]), (1, lambda y: -y[1])):
-            if mode[i] == 0:
-                watch("touch", i, 1, lambda _t, y, i=i: y[2 + i])
-            elif stiff:
-                watch("turn", i, -1 if mode[i] == 1 else 1, lambda _t, y, rate=rate: rate(y))
-                if mode[i] == 2:
-                    watch("leave", i, -1, lambda _t, y, i=i: y[2 + i])
-            else:
-                direction = -1 if mode[i] == 1 else 1
-                watch("spent", i, direction, lambda _t, y, i=i, rate=rate: k[i] * y[2 + i] + c[i] * rate(y))
-                if mode[i] == 3:
-                    watch("leave", i, -1, lambda _t, y, i=i: y[2 + i])
+        names, events = watched(stiff, mode, k, c)
         fastest = math.sqrt((k1 + k2) / mu + k1)
         run = solve_ivp(
             motion,

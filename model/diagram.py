@@ -145,21 +145,21 @@ def alone(c, mass, rate, impulse_to_return, loss):
 
 
 @inlined
-def taken_for_rigid(mu, M, d1, v2, one, two, law, highest, exact, loss):
-    """Tell which contact is rigid from here on in S1, 0 if none is; and what becomes of both, and of the loss."""
+def taken_for_rigid(mu, M, d1, v2, one, two, law, highest, cutoff, loss):
+    """Tell which contact is rigid from here on in S1, 0 if none is; how that ends; both contacts, and the loss."""
     rigid1, rigid2 = two.k < one.k / highest, one.k < two.k / highest
     if rigid1 or rigid2:
-        return (1 if rigid1 else 2), one, two, loss
-    if exact and law.stiffens:
+        return (1 if rigid1 else 2), (LIMIT if highest == cutoff else PRECISION_LIMIT), one, two, loss
+    if cutoff == EXACT and law.stiffens:
         if d1 == 0 and one.phase == RESTITUTION and one.k > RUNAWAY_RATIO * two.k:
             gain = runaway(1 + mu, M, 1 / (1 + mu), -v2, two.F, two.k, one.F, one.k, one.e)
             if not isnan(gain):
-                return 1, with_energy(one, 0.0), with_energy(two, two.E + gain), loss + one.E - gain
+                return 1, LIMIT, with_energy(one, 0.0), with_energy(two, two.E + gain), loss + one.E - gain
         elif v2 == 0 and two.phase == RESTITUTION and two.k > RUNAWAY_RATIO * one.k:
             gain = runaway(1.0, mu, 1.0, d1, one.F, one.k, two.F, two.k, two.e)
             if not isnan(gain):
-                return 2, with_energy(one, one.E + gain), with_energy(two, 0.0), loss + two.E - gain
-    return 0, one, two, loss
+                return 2, LIMIT, with_energy(one, one.E + gain), with_energy(two, 0.0), loss + two.E - gain
+    return 0, DONE, one, two, loss
 
 
 @inlined
@@ -291,10 +291,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
         if n < log.shape[0]:
             write_start(log, n, state, d1, v2, one, two)
         if state == S1 and rigid == 0:
-            rigid, one, two, loss = taken_for_rigid(mu, M, d1, v2, one, two, law, highest, exact, loss)
-            if rigid != 0:
-                beyond = two.k < one.k / highest or one.k < two.k / highest
-                code = PRECISION_LIMIT if beyond and highest != cutoff else LIMIT
+            rigid, code, one, two, loss = taken_for_rigid(mu, M, d1, v2, one, two, law, highest, cutoff, loss)
         governed, duration = rigid != 0, 0.0
         if rigid == 1 and (state == S1 or united):
             d1, v2, one, two, cause, loss = rigid_contact(mu, M, True, d1, v2, one, two, law, highest, loss)
