@@ -4,9 +4,12 @@ import math
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from impact_xval.compliant_baselines.contact.mapping import (
     contacts,
@@ -67,6 +70,18 @@ def test_continuous_integration_runs_the_test_command_of_the_readme():
     found = subprocess.run(["bash", "-c", extract[1]], cwd=ROOT, capture_output=True, text=True, check=True)
     assert found.stdout.strip() == _command("test")
     assert (ROOT / ".ci/run").stat().st_mode & 0o111
+
+
+def test_the_lock_file_holds_a_version_that_is_allowed_of_every_dependency():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    locked = {}
+    for line in (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines():
+        name, _, rest = line.partition("==")
+        locked.setdefault(canonicalize_name(name.partition("[")[0]), []).append(rest.partition(" ;")[0])
+    extras = (text for group in project["optional-dependencies"].values() for text in group)
+    for needed in map(Requirement, (*project["dependencies"], *extras)):
+        if needed.name != project["name"]:
+            assert all(needed.specifier.contains(v) for v in locked[canonicalize_name(needed.name)]), needed
 
 
 def test_every_file_of_a_run_is_in_the_docs():

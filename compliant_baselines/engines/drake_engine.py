@@ -47,7 +47,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,6 +61,7 @@ from impact_xval.compliant_baselines.contact.mapping import (
 from impact_xval.compliant_baselines.contact.restitution_laws import hunt_crossley_coefficients
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.packages import why_not
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
 
 #: Steps between two looks at whether the collision is over.
@@ -86,17 +86,8 @@ class DrakeSolver(EngineSolver):
 
     def unavailable(self) -> str | None:
         """Why Drake cannot run here and the way out; None if it can."""
-        try:
-            missing = find_spec("pydrake") is None
-        except (ImportError, ValueError):
-            missing = True
-        if missing:
-            return "Drake is not installed: run pip install 'impact-xval[drake]' (Linux and macOS only)"
-        try:
-            import_module("pydrake")
-        except ImportError as error:
-            return f"Drake cannot be imported ({error}): run pip install --force-reinstall drake"
-        return None
+        way_out = "run pip install 'impact-xval[drake]' (Linux and macOS only)"
+        return why_not("Drake", self.distribution, lambda: import_module("pydrake"), way_out)
 
     def refusal(self, column: Column) -> str | None:
         """Why a column cannot be taken: a step so short that the engine neglects a contact."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
 from math import isnan
 
 from impact_xval.compliant_baselines.contact.column import Column, column_of, unrepresentable
@@ -13,6 +12,7 @@ from impact_xval.compliant_baselines.contract import registry
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase
 from impact_xval.compliant_baselines.contract.trajectory import REST, STUCK
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
+from impact_xval.compliant_baselines.engines.packages import version_of
 from impact_xval.compliant_baselines.engines.recording import Run, states_of
 from impact_xval.compliant_baselines.references.jumps import mark
 from impact_xval.compliant_baselines.references.solver import ReferenceSolver
@@ -27,7 +27,7 @@ ENERGY_GAIN_ALLOWED = 0.01
 class EngineSolver(SolverBase):
     """An engine behind the contract: a subclass says how to run columns.
 
-    Statuses beside `ok`: `unavailable` (the engine is not installed), `unrepresentable` (e_i = 0, k_i = 0 or
+    Statuses beside `ok`: `unavailable` (the engine cannot be imported), `unrepresentable` (e_i = 0, k_i = 0 or
     infinite, or what the engine itself cannot take), `timeout` (not over after `max_steps`), `crashed`
     (numbers that are not finite, or the engine's own complaint), `unconverged` (over, but with more energy
     than it began with, or with a limit dt -> 0 that is not known to the tolerance asked for: the
@@ -42,10 +42,7 @@ class EngineSolver(SolverBase):
 
     def version(self) -> str:
         """Version of the engine's package, or ``""`` if it is not installed."""
-        try:
-            return version(self.distribution)
-        except PackageNotFoundError:
-            return ""
+        return version_of(self.distribution)
 
     @abstractmethod
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:

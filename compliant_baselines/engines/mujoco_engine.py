@@ -32,6 +32,7 @@ from impact_xval.compliant_baselines.contact.column import Column, radius_of
 from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, MujocoContact, mujoco_contact
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.packages import why_not
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
 
 if TYPE_CHECKING:
@@ -87,12 +88,9 @@ class MujocoSolver(EngineSolver):
     regularisation_probe = 10.0
 
     def unavailable(self) -> str | None:
-        """Why MuJoCo cannot run here; None if it can."""
-        try:
-            import mujoco.batch  # noqa: F401
-        except ImportError as error:
-            return f"MuJoCo 3.17 or later is needed ({error}): run pip install 'mujoco>=3.17'"
-        return None
+        """Why MuJoCo cannot run here and the way out; None if it can."""
+        way_out = "run pip install 'mujoco>=3.17'"
+        return why_not("MuJoCo", self.distribution, lambda: import_module("mujoco.batch"), way_out)
 
     def refusal(self, column: Column) -> str | None:
         """Why MuJoCo cannot take a column: accelerations beyond what it accepts."""

@@ -1,13 +1,15 @@
-"""The packages that are engines: PyBullet imported without a word, and a substitute in a package's place."""
+"""The packages that are engines: PyBullet imported without a word, why one cannot be, and a substitute in its place."""
 
 from __future__ import annotations
 
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from platform import python_version
 from threading import Lock
 from typing import Any
 
@@ -27,6 +29,37 @@ def import_pybullet() -> Any:
             return import_module("pybullet")
         with _standard_error_without(b"pybullet build time"):
             return import_module("pybullet")
+
+
+def version_of(distribution: str) -> str:
+    """Version of an installed package, by the name it is distributed under; ``""`` if it is not installed."""
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return ""
+
+
+def why_not(engine: str, distribution: str, load: Callable[[], object], way_out: str) -> str | None:
+    """Say why the package of an engine cannot be imported, and the way out; None if it can.
+
+    Parameters
+    ----------
+    engine, distribution : str
+        Its name as its makers spell it, and as it is distributed.
+    load : callable
+        Imports it.
+    way_out : str
+        What to run.
+    """
+    try:
+        load()
+    except Exception as error:  # of a package that is there but broken, any
+        if isinstance(error, ModuleNotFoundError) and "." not in (error.name or ""):
+            return f"{engine} is not installed: {way_out}"
+        said = " ".join(str(error).split()) or type(error).__name__
+        here = f"Python {python_version()} and NumPy {version('numpy')}"
+        return f"{engine} {version_of(distribution)} cannot be imported by {here} ({said}): {way_out}"
+    return None
 
 
 @contextmanager

@@ -41,7 +41,7 @@ from impact_xval.compliant_baselines.contact.column import Column, radius_of
 from impact_xval.compliant_baselines.contact.mapping import PybulletBody, pybullet_bodies
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING, Floats
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.packages import import_pybullet
+from impact_xval.compliant_baselines.engines.packages import import_pybullet, why_not
 from impact_xval.compliant_baselines.engines.quiet import EngineContacts
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
 
@@ -86,16 +86,13 @@ class PybulletSolver(EngineSolver):
 
     def unavailable(self) -> str | None:
         """Why PyBullet cannot run here and the way out; None if it can."""
-        try:
-            import_pybullet()
-        except ImportError as error:
-            if sys.version_info < (3, 12):
-                return f"PyBullet is not installed ({error}): run pip install pybullet"
-            return (
-                "PyBullet has no wheels beyond CPython 3.11: run with Python 3.11, or build it from "
-                "source (pip install --no-binary :all: pybullet)"
+        way_out = "run pip install 'pybullet>=3.2.7'"
+        if sys.version_info >= (3, 12):
+            way_out = (
+                "it has no wheels beyond CPython 3.11: run with Python 3.11, or build it from source "
+                "(pip install --no-binary :all: pybullet)"
             )
-        return None
+        return why_not("PyBullet", self.distribution, import_pybullet, way_out)
 
     def refusal(self, column: Column) -> str | None:
         """Why PyBullet cannot take a column: one of its absolute numbers would replace what was asked."""

@@ -206,21 +206,9 @@ def test_without_drake_the_way_out_is_said(monkeypatch, name):
         get_solver(name).solve(collision(1.0))
 
 
-def test_a_drake_that_cannot_be_imported_is_unavailable_too(monkeypatch):
-    if importlib.util.find_spec("pydrake") is None:
-        pytest.skip("Drake is not installed")
-    from impact_xval.compliant_baselines.engines import drake_engine as module
-
-    def broken(name):
-        raise ImportError("libX.so.6: no such file")
-
-    monkeypatch.setattr(module, "import_module", broken)
-    assert "Drake cannot be imported (libX.so.6: no such file)" in str(get_solver("drake").unavailable())
-
-
 def test_drake_is_not_imported_for_others():
     code = (
-        "import sys, impact_xval.experiments.commands.cli, compliant_baselines as b; from model import Collision;"
+        "import sys, impact_xval.experiments.commands.cli, impact_xval.compliant_baselines as b;"
         "b.get_solver('drake'); b.get_solver('drake-hunt-crossley'); b.get_solver('mujoco').unavailable();"
         "print([m for m in sys.modules if m.startswith('pydrake')])"
     )

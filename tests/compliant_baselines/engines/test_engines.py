@@ -2,6 +2,8 @@
 
 import math
 import sys
+from importlib import import_module
+from importlib.metadata import version
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import pytest
 from impact_xval.compliant_baselines import SolverError, get_solver
 from impact_xval.compliant_baselines.contact.column import column_of
 from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.engines import packages
 from impact_xval.compliant_baselines.engines.recording import PATH_POINTS
 from impact_xval.model.collision import Collision
 
@@ -166,11 +169,32 @@ def test_without_pybullet_the_way_out_is_said(monkeypatch):
     solver = get_solver("pybullet")
     outcome = solver.solve_many(random_collisions(1, seed=1), COARSE)[0]
     assert outcome.status == "unavailable"
-    assert "pip install pybullet" in outcome.reason
+    assert outcome.reason == "PyBullet is not installed: run pip install 'pybullet>=3.2.7'"
     monkeypatch.setattr(sys, "version_info", (3, 12, 0))
     assert "no wheels beyond CPython 3.11: run with Python 3.11, or build it from source" in str(
         solver.unavailable()
     )
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [("pybullet", "pybullet"), ("mujoco.batch", "mujoco"), ("pydrake", "drake")]
+)
+def test_a_package_that_is_there_and_broken_is_not_called_missing(monkeypatch, module, name):
+    def broken(asked):
+        raise ImportError("numpy.core.multiarray failed to import")
+
+    engine = import_module(f"impact_xval.compliant_baselines.engines.{name}_engine")
+    monkeypatch.setattr(packages if name == "pybullet" else engine, "import_module", broken)
+    monkeypatch.delitem(sys.modules, module, raising=False)
+    reason = get_solver(name).unavailable()
+    assert f"NumPy {np.__version__} (numpy.core.multiarray failed to import): " in reason
+    assert "cannot be imported" in reason
+
+
+def test_a_mujoco_without_its_batches_is_not_called_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco.batch", None)
+    reason = get_solver("mujoco").unavailable()
+    assert reason.startswith(f"MuJoCo {version('mujoco')} cannot be imported")
 
 
 def test_without_mujoco_the_way_out_is_said(monkeypatch):
