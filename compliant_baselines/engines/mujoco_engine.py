@@ -81,7 +81,7 @@ def scene_model() -> Any:
 
 
 class MujocoSolver(EngineSolver):
-    """MuJoCo 3.17 or later, in one thread: collisions are shared out to processes further up."""
+    """MuJoCo 4.0 or later, in one thread: collisions are shared out to processes further up."""
 
     name = "mujoco"
     distribution = "mujoco"
@@ -89,7 +89,7 @@ class MujocoSolver(EngineSolver):
 
     def unavailable(self) -> str | None:
         """Why MuJoCo cannot run here and the way out; None if it can."""
-        way_out = "run pip install 'mujoco>=3.17'"
+        way_out = "run pip install 'mujoco>=4.0'"
         return why_not("MuJoCo", self.distribution, lambda: import_module("mujoco.batch"), way_out)
 
     def refusal(self, column: Column) -> str | None:

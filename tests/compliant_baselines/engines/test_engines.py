@@ -201,7 +201,7 @@ def test_without_mujoco_the_way_out_is_said(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco.batch", None)
     outcome = get_solver("mujoco").solve_many(random_collisions(1, seed=1), COARSE)[0]
     assert outcome.status == "unavailable"
-    assert "pip install 'mujoco>=3.17'" in outcome.reason
+    assert "pip install 'mujoco>=4.0'" in outcome.reason
 
 
 # Mappings
