@@ -13,6 +13,7 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Cell, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE
+from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.sandbox import Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Experiment
 from impact_xval.experiments.tables.schema import schema
@@ -81,6 +82,8 @@ def _curve(experiment: Experiment, label: str, cell: Cell, name: str) -> pa.Tabl
         return None
     unit = collision.m1 * abs(collision.v0)
     i1, i2 = path.impulse1 / unit, path.impulse2 / unit
+    if not max(np.abs(i1).max(), np.abs(i2).max()) <= LARGEST:  # nor has it a measure
+        return None
     kept = _thinned(i1, i2, path.state)
     columns: dict[str, Any] = {
         "curve": [label] * len(kept),

@@ -36,6 +36,17 @@ class Perfect(Shifted):
         ]
 
 
+class Wild(Shifted):
+    """Numbers that are legal and 1e140 times too large."""
+
+    def solve_many(self, collisions, settings):
+        found = []
+        for o in super().solve_many(collisions, settings):
+            path = dataclasses.replace(o.path, impulse1=1e140 * o.path.impulse1)
+            found.append(dataclasses.replace(o, v1=1e140 * o.v1, path=path))
+        return found
+
+
 class Refusing(Shifted):
     """Has no result, wherever."""
 
@@ -125,6 +136,10 @@ def interrupting(name):
 
 def perfect(name):
     return _resolver(Perfect)(name)
+
+
+def wild(name):
+    return _resolver(Wild)(name)
 
 
 def refusing(name):

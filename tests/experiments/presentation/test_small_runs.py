@@ -21,6 +21,7 @@ RUNS = {
     "nothing but failures": ({"solvers": ["mujoco", "pybullet"]}, fakes.refusing),
     "one cell, a failure": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.refusing),
     "the model fails too": ({"solvers": ["mujoco"]}, fakes.refusing_all),
+    "numbers beyond all reason": ({"solvers": ["mujoco"]}, fakes.wild),
     "no result is a number": ({"solvers": ["mujoco"]}, fakes.lying),
 }
 
