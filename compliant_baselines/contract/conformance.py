@@ -27,9 +27,15 @@ from typing import Any, Literal
 
 import numpy as np
 
+from impact_xval.compliant_baselines.contract.answers import (
+    IllegalOutcomeError,
+    raise_ctrl_c,
+    said,
+    validated,
+)
 from impact_xval.compliant_baselines.contract.registry import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverError
-from impact_xval.model.collision import RESULT_STATUSES, STATUSES, Collision, Outcome
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 #: Laws a solver may say it has, and the reference it is then held against.
 Law = Literal["kelvin-voigt", "hunt-crossley", "none"]
@@ -60,10 +66,10 @@ def _outcomes(
 ) -> list[Outcome]:
     outcomes = solver.solve_many(list(collisions), settings)
     demand(len(outcomes) == len(collisions), f"{len(outcomes)} outcomes for {len(collisions)} collisions")
-    for outcome in outcomes:
-        demand(isinstance(outcome, Outcome), f"solve_many gave {type(outcome).__name__}; legal: Outcome")
-        demand(outcome.status in STATUSES, f"status {outcome.status!r}; legal: {', '.join(STATUSES)}")
-    return outcomes
+    try:
+        return [validated(*each) for each in zip(outcomes, collisions, strict=True)]
+    except IllegalOutcomeError as error:
+        raise NonConformingError(str(error)) from error
 
 
 def _with_outcomes(solver: Solver, settings: Settings = _COARSE) -> zip[tuple[Collision, Outcome]]:
@@ -90,8 +96,6 @@ def answers_every_collision(solver: Solver) -> None:
         result = o.status in RESULT_STATUSES
         demand(result, f"{c}: status {o.status} ({o.reason}); an ordinary collision needs a result")
         demand(o.solver == solver.name, f"the outcome is signed {o.solver!r}, not {solver.name!r}")
-        numbers = (o.v1, o.v2, o.impulse1, o.impulse2)
-        demand(all(map(math.isfinite, numbers)), f"{c}: status {o.status}, but v1, v2, I1, I2 = {numbers}")
     (alone,) = _outcomes(solver, _ORDINARY[:1])
     demand(abs(alone.v1 - outcomes[0].v1) < 1e-3, "outcomes are not in the order of the collisions")
 
@@ -118,10 +122,7 @@ def refuses_with_a_reason(solver: Solver) -> None:
     first, last = _ORDINARY[:2]
     outcomes = _outcomes(solver, [first, *limits, last])
     for c, o in zip(limits, outcomes[1:-1], strict=True):
-        if o.status in RESULT_STATUSES:
-            finite = math.isfinite(o.v1) and math.isfinite(o.v2)
-            demand(finite, f"{c}: status {o.status}, but v1, v2 = {o.v1}, {o.v2}")
-        else:
+        if o.status not in RESULT_STATUSES:
             demand(o.reason.strip(), f"{c}: status {o.status} without a reason")
             demand(math.isnan(o.v1) or o.status == "unconverged", f"{c}: status {o.status}, but v1 = {o.v1}")
     alone = [(o.v1, o.v2) for o in _outcomes(solver, [first, last])]
@@ -155,8 +156,8 @@ def ends_apart_and_creates_no_energy(solver: Solver) -> None:
         demand(balanced, f"{c}: impulses {o.impulse1}, {o.impulse2} N s do not make these velocities")
         kept = o.retained_energy(c)
         demand(kept <= 1.01, f"{c}: {kept:.3f} of the kinetic energy after the collision")
-        legal = set(o.states) <= {"S1", "S2", "S3", "S4"} and o.states[:1] + o.states[-1:] == ("S1", "S4")
-        demand(legal, f"{c}: states {o.states}; legal: S1 to S4, S1 first, S4 last")
+        ends = o.states[:1] + o.states[-1:]
+        demand(ends == ("S1", "S4"), f"{c}: states {o.states}; legal: S1 first, S4 last")
 
 
 def scales(solver: Solver) -> None:
@@ -188,9 +189,6 @@ def gives_a_path(solver: Solver) -> None:
         p = o.path
         if p is None:
             raise NonConformingError("no path, although Settings.record_path is set")
-        arrays = (p.time, p.impulse1, p.impulse2, p.v1, p.v2, p.state, p.phase1, p.phase2)
-        one_length = len({np.shape(a) for a in arrays}) == 1 and np.ndim(p.time) == 1
-        demand(one_length, "arrays of a path differ in shape")
         off = math.hypot(p.v1[0] - c.v0, p.v2[0])
         found = f"a path starts at {p.v1[0]}, {p.v2[0]} m/s, not at v0 = {c.v0}, 0"
         demand(off <= 1e-12 * abs(c.v0), found)
@@ -200,7 +198,6 @@ def gives_a_path(solver: Solver) -> None:
         falls = min(np.diff(p.impulse1).min(), np.diff(p.impulse2).min())
         found = f"an impulse along a path decreases by {-falls:.2g} N s: a contact pulls"
         demand(falls >= -1e-9 * c.m1 * abs(c.v0), found)
-        demand(set(np.unique(p.state)) <= {1, 2, 3, 4}, "states of a path; legal: 1 to 4")
     demand(all(o.path is None for o in _outcomes(solver)), "a path although Settings.record_path is not set")
 
 
@@ -288,7 +285,8 @@ def conform(solver: Solver, law: Law = "kelvin-voigt") -> Iterator[tuple[Check, 
             check(solver)
         except NonConformingError as error:
             yield check, str(error)
-        except Exception as error:
-            yield check, " ".join(f"it raised {type(error).__name__}: {error}".split())
+        except BaseException as error:
+            raise_ctrl_c(error)
+            yield check, f"it raised {said(error)}"
         else:
             yield check, ""

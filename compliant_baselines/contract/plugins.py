@@ -15,6 +15,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint, entry_points
 
+from impact_xval.compliant_baselines.contract.answers import (
+    answer,
+    raise_ctrl_c,
+    said,
+    stated_version,
+    undisturbed,
+    why_unavailable,
+)
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
 from impact_xval.model.collision import Collision, Outcome
 
@@ -48,48 +56,25 @@ class ThirdPartySolver(SolverBase):
             return
         (point,) = points
         try:
-            self.solver = _checked(point)
-        except (Exception, SystemExit) as error:  # whatever an import may do
-            self.problem = f"{origin(point)} provides {name!r} as {point.value}, but {_said(error)}"
+            with undisturbed():
+                self.solver = _checked(point)
+        except BaseException as error:  # whatever an import may do
+            raise_ctrl_c(error)
+            self.problem = f"{origin(point)} provides {name!r} as {point.value}, but {said(error)}"
 
     def version(self) -> str:
         """Version the solver states; ``""`` if it cannot."""
-        try:
-            stated = self.solver.version() if self.solver is not None else ""
-        except (Exception, SystemExit):
-            return ""
-        return stated if isinstance(stated, str) else ""
+        return "" if self.solver is None else stated_version(self.solver)
 
     def unavailable(self) -> str | None:
         """Why it cannot run: its own reason, or what is wrong with it."""
-        if self.solver is None:
-            return self.problem
-        try:
-            reason = self.solver.unavailable()
-        except (Exception, SystemExit) as error:
-            return f"asked whether it is available, {self.name!r} failed: {_said(error)}"
-        return reason if reason is None or isinstance(reason, str) else f"unavailable() gave {reason!r}"
+        return self.problem if self.solver is None else why_unavailable(self.solver)
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
-        """Answer every collision, in order.
-
-        Raises
-        ------
-        RuntimeError
-            If the solver fails as a whole, or does not give an `Outcome` for each collision.
-        """
+        """Answer every collision, in order; what goes wrong is an outcome with a status."""
         if self.solver is None:
             return [Outcome.failure(self.name, "unavailable", self.problem) for _ in collisions]
-        try:
-            outcomes = list(self.solver.solve_many(collisions, settings))
-        except SystemExit as error:
-            raise RuntimeError(_said(error)) from error
-        for outcome in outcomes:
-            if not isinstance(outcome, Outcome):
-                raise RuntimeError(f"solve_many gave {type(outcome).__name__}; legal: Outcome")
-        if len(outcomes) != len(collisions):
-            raise RuntimeError(f"{len(outcomes)} outcomes for {len(collisions)} collisions")
-        return outcomes
+        return answer(self.solver, collisions, settings)
 
 
 def _checked(point: EntryPoint) -> Solver:
@@ -102,7 +87,3 @@ def _checked(point: EntryPoint) -> Solver:
     if getattr(solver, "name", None) != point.name:
         raise TypeError(f"its name is {getattr(solver, 'name', None)!r}")
     return solver
-
-
-def _said(error: BaseException) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())

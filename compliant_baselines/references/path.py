@@ -99,7 +99,8 @@ def curve_of(collision: Collision, log: Floats, law: Law) -> ImpulseCurve:
     points = _sample(log, law.code, mu, *law.dampings, POINTS)
     time = log[:-1, :1] + log[:-1, 5:6] * np.linspace(0, 1, POINTS)
     limited = np.flatnonzero(log[:-1, 10] == LIMIT * 10)
-    points[limited, 1:] = log[limited + 1, None, 1:5]
+    # A polynomial through both would mean nothing, and may leave double precision.
+    points[limited, 0], points[limited, 1:] = log[limited, 1:5], log[limited + 1, None, 1:5]
     time[limited, 1:] = log[limited + 1, :1]
 
     p1, d1, q2, v2 = (np.append(points[:, :, i].ravel(), log[-1, 1 + i]) for i in range(4))

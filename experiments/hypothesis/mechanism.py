@@ -41,11 +41,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.answers import answer, said
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.experiments.hypothesis.cases import BY_KEY, Case, Point, distance
 from impact_xval.experiments.hypothesis.solvers import MAX_STEPS, model_batch
-from impact_xval.experiments.sweep.solving import Resolve, answer
+from impact_xval.experiments.sweep.solving import Resolve
 from impact_xval.model import Collision
 from impact_xval.model.collision import ImpulseCurve
 
@@ -247,8 +248,13 @@ def observe(
     outcome = answer(solver, [collision], settings)[0]
     if outcome.path is None:
         return Mechanism(solver_name, case_key, contrast, outcome.status, outcome.reason or "no path"), None
-    motion = motion_of(case, collision, outcome.path)
-    return replace(measure(solver_name, case, contrast, motion), status=outcome.status), motion
+    try:
+        motion = motion_of(case, collision, outcome.path)
+        return replace(measure(solver_name, case, contrast, motion), status=outcome.status), motion
+    except Exception as error:  # a path that is none of such a collision
+        return Mechanism(
+            solver_name, case_key, contrast, "crashed", f"measuring its path: {said(error)}"
+        ), None
 
 
 @dataclass(frozen=True, slots=True)

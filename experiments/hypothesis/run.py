@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.answers import why_unavailable
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, Case, Point, distance, draw
 from impact_xval.experiments.hypothesis.config import HypothesisConfig
 from impact_xval.experiments.hypothesis.maps import ErrorMap, axes, error_map, map_ratios
@@ -157,7 +158,7 @@ def run_hypothesis(
     -------
     Results
     """
-    reasons = {name: resolve(name).unavailable() for name in in_order_of_laws(config.solvers)}
+    reasons = {name: why_unavailable(resolve(name)) for name in in_order_of_laws(config.solvers)}
     unavailable = {name: reason for name, reason in reasons.items() if reason is not None}
     for name, reason in unavailable.items():
         progress(0, 0, f"{name} is left out: {reason}")

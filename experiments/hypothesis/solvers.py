@@ -24,13 +24,14 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.compliant_baselines.contract import registry
+from impact_xval.compliant_baselines.contract.answers import answer
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines.convergence import extrapolated
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
-from impact_xval.experiments.sweep.solving import Resolve, answer
+from impact_xval.experiments.sweep.solving import Resolve
 from impact_xval.model import Collision, solve_batch
 from impact_xval.model.collision import RESULT_STATUSES, Status
 

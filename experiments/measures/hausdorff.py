@@ -22,6 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 #: Absolute error allowed, in units of the coordinates.
 TOLERANCE = 1e-9
 
+#: Largest coordinate: squares of larger ones leave double precision, and no piece would be short enough.
+LARGEST = 1e150
+
 _STACK = 128
 
 
@@ -43,7 +46,7 @@ def hausdorff(a: ArrayLike, b: ArrayLike, tolerance: float = TOLERANCE) -> float
     Raises
     ------
     ValueError
-        If an array has another shape, no vertex, or a coordinate that is not finite.
+        If an array has another shape, no vertex, or a coordinate that is not finite or beyond `LARGEST`.
     """
     first, second = _vertices("a", a), _vertices("b", b)
     return float(max(_directed(first, second, tolerance), _directed(second, first, tolerance)))
@@ -53,8 +56,8 @@ def _vertices(name: str, points: ArrayLike) -> NDArray[np.float64]:
     array = np.ascontiguousarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0:
         raise ValueError(f"{name} has shape {array.shape}; legal: (n, 2) with n >= 1")
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} holds a coordinate that is not finite")
+    if not np.all(np.abs(array) <= LARGEST):
+        raise ValueError(f"{name} holds a coordinate that is not finite, or beyond {LARGEST:g}")
     keep = np.ones(len(array), dtype=bool)
     keep[1:] = np.any(array[1:] != array[:-1], axis=1)
     return array[keep]

@@ -24,7 +24,7 @@ def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> Figure:
     Parameters
     ----------
     curves : DataFrame
-        The stored curves.
+        The stored curves, one of that collision among them.
     solvers : sequence of str
         In the order of the configuration.
     """
@@ -32,8 +32,8 @@ def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> Figure:
     drawn = [name for name in solvers if name in set(cell.solver)]
     with drawing(9.2, 4.2) as figure:
         whole, detail = figure.subplots(1, 2)
-        mass_ratio = float(cell.mass_ratio.iloc[0]) if len(cell) else 1.0
-        reach = float(cell[["impulse1", "impulse2"]].to_numpy().max()) if len(cell) else 1.0
+        mass_ratio = float(cell.mass_ratio.iloc[0])
+        reach = float(cell[["impulse1", "impulse2"]].to_numpy().max())
         for position, name in enumerate(drawn):
             rows, style = cell[cell.solver == name], look(name, position)
             model = name == REFERENCE
@@ -51,8 +51,7 @@ def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> Figure:
             _impulse_labels(ax)
         whole.legend(loc="upper left")
         ends = cell.groupby("solver")[["impulse1", "impulse2"]].last()
-        if len(ends):
-            _frame(detail, ends)
+        _frame(detail, ends)
         detail.set_title("where the curves end")
         whole.set_title("whole curves")
     return figure

@@ -20,7 +20,7 @@ from impact_xval.experiments.presentation.curve_figures import draw_cell_curves,
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import Look, drawing, look, save
-from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL
+from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL, SUPPLEMENT
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_json
 
@@ -114,8 +114,10 @@ def _draw_curves(curves: Frame, config: Config) -> Iterator[tuple[str, Figure, s
     first = curves[curves.curve == FIGURE_CELL].head(1).to_dict("records")
     cell = {label: first[0][axis] for axis, label in AXES.items()} if first else {}
     facts = {"model": REFERENCE, "solvers": in_order_of_laws(config.solvers), "cell": cell}
-    yield "impulse-curves", draw_cell_curves(curves, facts["solvers"]), _caption("impulse-curves", facts)
-    yield "supplement-1b-2b", draw_supplement(curves), _caption("supplement-1b-2b", facts)
+    if first:
+        yield "impulse-curves", draw_cell_curves(curves, facts["solvers"]), _caption("impulse-curves", facts)
+    if curves.curve.isin(SUPPLEMENT).any():
+        yield "supplement-1b-2b", draw_supplement(curves), _caption("supplement-1b-2b", facts)
 
 
 def _caption(figure: str, facts: dict[str, Any]) -> str:

@@ -75,8 +75,12 @@ def _found(ladder: LadderSummary, solver: str) -> dict[str, Any]:
     """Which cause carries most of an engine's divergence, and how well that is known."""
     whole = ladder.region(solver)
     first = whole.iloc[0]
+    if first.total == 0:  # it ends where the model does
+        return {"solver": solver, "total": 0.0}
     bands = [(ladder.region(solver, BAND, edge), label) for edge, label in BANDS.items()]
-    largest = [(region, str(region.share.idxmax()), label) for region, label in bands if len(region)]
+    largest = [
+        (region, str(region.share.idxmax()), label) for region, label in bands if region.share.notna().any()
+    ]
     return {
         "solver": solver,
         "total": first.total,

@@ -13,12 +13,12 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Cell, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
+from impact_xval.experiments.measures.hausdorff import LARGEST
+from impact_xval.experiments.sweep.sandbox import Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Experiment
 from impact_xval.experiments.tables.schema import schema
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import replacing
-from impact_xval.model.collision import Collision, Outcome
 
 #: Parameters (44) of the main paper, inferred from the supplement, at the ratios of its figures 1(b) and
 #: 2(b).
@@ -60,38 +60,30 @@ def write_curves(config: Config, folder: RunFolder, executor: Any) -> None:
     """
     wanted = [(FIGURE_CELL, config.figure_cell, name) for name in config.solvers]
     wanted += [(label, cell, REFERENCE) for label, cell in SUPPLEMENT.items()]
-    calls = [
-        executor.submit(_solve, name, GridCell(0, 1.0, 1.0, collision_of(config, cell)), config.cell_timeout)
-        for _, cell, name in wanted
-    ]
-    tables = [CURVES_SCHEMA.empty_table()]
-    for (label, cell, name), call in zip(wanted, calls, strict=True):
-        outcome = call.result()
-        if outcome.status in COMPARABLE and outcome.path is not None:
-            tables.append(_curve(label, cell, collision_of(config, cell), name, outcome))
+    calls = [executor.submit(_solve, *one, config.cell_timeout) for one in wanted]
+    curves = [CURVES_SCHEMA.empty_table(), *(curve for call in calls if (curve := call.result()) is not None)]
     with replacing(folder.root / CURVES) as temporary:
-        pq.write_table(pa.concat_tables(tables), temporary, compression="zstd")
+        pq.write_table(pa.concat_tables(curves), temporary, compression="zstd")
 
 
-def _solve(sandbox: Sandbox, name: str, cell: GridCell, timeout: float) -> Outcome:
-    def call(_: slice) -> Outcome:
-        return sandbox.call(_outcome, name, cell, timeout=timeout)
+def _solve(sandbox: Sandbox, label: str, cell: Cell, name: str, timeout: float) -> pa.Table | None:
+    def call(_: slice) -> pa.Table | None:
+        return sandbox.call(_curve, label, cell, name, timeout=timeout)
 
-    def failure(_: slice, fault: FaultError) -> Outcome:
-        return Outcome.failure(name, fault.status, fault.reason)
-
-    return in_halves(call, 1, failure)[0]
+    return in_halves(call, 1, lambda _, fault: None)[0]
 
 
-def _outcome(experiment: Experiment, name: str, cell: GridCell) -> Outcome:
-    return experiment.outcomes(name, [cell], {})[0]
-
-
-def _curve(label: str, cell: Cell, collision: Collision, name: str, outcome: Outcome) -> pa.Table:
+def _curve(experiment: Experiment, label: str, cell: Cell, name: str) -> pa.Table | None:
+    """Solve a cell and keep its curve; None where there is none."""
+    collision = collision_of(experiment.config, cell)
+    (outcome,) = experiment.outcomes(name, [GridCell(0, 1.0, 1.0, collision)], {})
     path = outcome.path
-    assert path is not None
+    if outcome.status not in COMPARABLE or path is None:
+        return None
     unit = collision.m1 * abs(collision.v0)
     i1, i2 = path.impulse1 / unit, path.impulse2 / unit
+    if not max(np.abs(i1).max(), np.abs(i2).max()) <= LARGEST:  # nor has it a measure
+        return None
     kept = _thinned(i1, i2, path.state)
     columns: dict[str, Any] = {
         "curve": [label] * len(kept),

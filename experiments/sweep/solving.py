@@ -18,6 +18,7 @@ import pyarrow as pa
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import shorter_period
+from impact_xval.compliant_baselines.contract.answers import answer, said, stated_version, why_unavailable
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings, Solver
 from impact_xval.compliant_baselines.contract.state_runs import compared_states
 from impact_xval.experiments.config.configuration import REFERENCE, Config
@@ -25,7 +26,7 @@ from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
 from impact_xval.experiments.sweep.executors import in_flight
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves
-from impact_xval.experiments.tables.schema import CERTIFICATE, ROW_SCHEMA
+from impact_xval.experiments.tables.schema import CERTIFICATE, MEASURES, ROW_SCHEMA
 from impact_xval.experiments.tables.store import part_bytes
 from impact_xval.model.collision import Collision, Outcome, Status
 
@@ -38,6 +39,9 @@ Versions = dict[str, str]
 
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).
 VELOCITIES = frozenset({"v1_limit", "v2_limit", "limit_error", "regularisation", "rest_speed"})
+
+#: Largest measure, and number of a certificate; the square of a larger one leaves double precision.
+_LARGEST = 1e150
 
 
 @dataclass
@@ -178,7 +182,7 @@ def solve_by(experiment: Experiment, name: str, cells: Sequence[GridCell], lost:
     """
     models = experiment.models(cells, lost)
     outcomes = models if name == REFERENCE else experiment.outcomes(name, cells, lost)
-    rows = [_row(experiment.config, name, *each) for each in zip(cells, models, outcomes, strict=True)]
+    rows = [_guarded(experiment.config, name, *each) for each in zip(cells, models, outcomes, strict=True)]
     return pa.Table.from_pylist(rows, schema=ROW_SCHEMA)
 
 
@@ -187,8 +191,8 @@ def solver_versions(experiment: Experiment) -> Versions:
     versions = {"impact-xval": version("impact-xval")}
     for name in experiment.config.solvers:
         solver = experiment.resolve(name)
-        reason = solver.unavailable()
-        versions[name] = solver.version() if reason is None else f"unavailable: {reason}"
+        reason = why_unavailable(solver)
+        versions[name] = stated_version(solver) if reason is None else f"unavailable: {reason}"
     return versions
 
 
@@ -210,33 +214,6 @@ def settings_of(config: Config) -> Settings:
     )
 
 
-def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
-    """Call a solver, and turn whatever goes wrong into outcomes with a status and a reason."""
-    unavailable = solver.unavailable()
-    if unavailable is not None:
-        return [Outcome.failure(solver.name, "unavailable", unavailable)] * len(collisions)
-    try:
-        outcomes = solver.solve_many(collisions, settings)
-        if len(outcomes) != len(collisions):
-            raise RuntimeError(f"{len(outcomes)} outcomes for {len(collisions)} collisions")
-    except Exception as error:  # a solver's bug must not end the sweep
-        if len(collisions) == 1:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            return [Outcome.failure(solver.name, "crashed", reason)]
-        return [outcome for one in collisions for outcome in answer(solver, [one], settings)]
-    return [_honest(outcome) for outcome in outcomes]
-
-
-def _honest(outcome: Outcome) -> Outcome:
-    """Give a result that is not a number a status that says so."""
-    numbers = (outcome.v1, outcome.v2, outcome.impulse1, outcome.impulse2)
-    if outcome.status in COMPARABLE and not all(map(math.isfinite, numbers)):
-        return Outcome.failure(
-            outcome.solver, "crashed", f"status {outcome.status}, but v1, v2, impulse1, impulse2 = {numbers}"
-        )
-    return outcome
-
-
 def scaled_diagnostics(collision: Collision, outcome: Outcome) -> dict[str, float]:
     """Return the diagnostics of an outcome with `VELOCITIES` per abs(v0); the others as they are, times in s."""
     speed = abs(collision.v0)
@@ -250,6 +227,20 @@ def _marked(model: Outcome, outcome: Outcome) -> str:
     """Say what a comparison of an outcome with the model's lies beside: a jump of either, or a cut-off."""
     both = (model, outcome) if outcome is not model else (model,)
     return "; ".join(f"{each.solver}: {each.marked}" for each in both if each.marked)
+
+
+def _guarded(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:
+    """Make the row of a cell and solver, whatever the measures make of its outcome."""
+    try:
+        row = _row(config, name, cell, model, outcome)
+        for column in (*MEASURES, *CERTIFICATE):
+            value = row.get(column)
+            if isinstance(value, float) and not abs(value) <= _LARGEST:
+                raise ArithmeticError(f"{column} = {value!r}; legal: at most {_LARGEST:g}")
+    except Exception as error:
+        failure = Outcome.failure(name, "crashed", f"measuring its outcome: {said(error)}")
+        return _row(config, name, cell, model, failure)
+    return row
 
 
 def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:

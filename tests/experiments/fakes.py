@@ -21,6 +21,45 @@ class Shifted(SolverBase):
         return [dataclasses.replace(o, solver=self.name, v1=o.v1 + 0.01) for o in outcomes]
 
 
+class Perfect(Shifted):
+    """The model's answer, to the bit, also in the limit dt -> 0."""
+
+    def solve_many(self, collisions, settings):
+        outcomes = [solve(c, path=settings.record_path) for c in collisions]
+        return [
+            dataclasses.replace(
+                o,
+                solver=self.name,
+                diagnostics={"v1_limit": o.v1, "v2_limit": o.v2, "limit_error": 0.0, "regularisation": 0.0},
+            )
+            for o in outcomes
+        ]
+
+
+class Wild(Shifted):
+    """Numbers that are legal and 1e140 times too large."""
+
+    def solve_many(self, collisions, settings):
+        found = []
+        for o in super().solve_many(collisions, settings):
+            path = dataclasses.replace(o.path, impulse1=1e140 * o.path.impulse1)
+            found.append(dataclasses.replace(o, v1=1e140 * o.v1, path=path))
+        return found
+
+
+class Refusing(Shifted):
+    """Has no result, wherever."""
+
+    def solve_many(self, collisions, settings):
+        return [Outcome.failure(self.name, "unrepresentable", "not today") for _ in collisions]
+
+
+class RefusingModel(Refusing):
+    """The reference itself has no result."""
+
+    name = "state-transition"
+
+
 class Missing(Shifted):
     """Not installed."""
 
@@ -93,3 +132,19 @@ def losing(name):
 
 def interrupting(name):
     return _resolver(Interrupting)(name)
+
+
+def perfect(name):
+    return _resolver(Perfect)(name)
+
+
+def wild(name):
+    return _resolver(Wild)(name)
+
+
+def refusing(name):
+    return _resolver(Refusing)(name)
+
+
+def refusing_all(name):
+    return RefusingModel() if name == "state-transition" else Refusing()

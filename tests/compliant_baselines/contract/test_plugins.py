@@ -9,11 +9,11 @@ import sys
 import pytest
 
 from impact_xval.compliant_baselines import SolverError, get_solver, solver_names
+from impact_xval.compliant_baselines.contract.answers import answer
 from impact_xval.compliant_baselines.contract.conformance import conform
 from impact_xval.compliant_baselines.contract.registry import origins
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.sweep.solving import answer
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.third_party import GOOD, install
 
@@ -136,7 +136,9 @@ def test_a_solver_that_misbehaves_later_ends_nothing(site):
     solver = get_solver("moody")
     assert solver.version() == ""
     (outcome,) = answer(solver, [CELL], Settings())
-    assert (outcome.status, outcome.reason) == ("crashed", "RuntimeError: SystemExit: licence expired")
+    assert (outcome.status, outcome.reason) == ("crashed", "SystemExit: licence expired")
+    with pytest.raises(SolverError, match="moody: crashed: SystemExit: licence expired"):
+        solver.solve(CELL)
 
 
 def test_an_entry_point_file_that_is_no_such_file_breaks_nothing(site):

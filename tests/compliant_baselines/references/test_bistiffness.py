@@ -134,3 +134,15 @@ def test_an_end_of_compression_loses_what_the_law_says():
 def test_illegal_rigid_ratio(bad):
     with pytest.raises(ValueError, match="rigid_ratio"):
         bistiffness_batch(1.0, 1.0, 0.5, 0.5, rigid_ratio=bad)
+
+
+@pytest.mark.parametrize("e1", [1e-17, 1e-30, 1e-70])
+def test_a_path_that_ends_in_a_limit_is_finite(e1):
+    # Stiffness of unloading k1/e1^2: a polynomial over the limit's duration would leave double precision.
+    collision = Collision.from_ratios(1.0, 0.2859933150104282, e1, 1.0)
+    (outcome,) = get_solver("bistiffness").solve_many([collision], Settings(record_path=True))
+    assert outcome.status == "limit"
+    assert outcome.path is not None
+    for name in ("time", "impulse1", "impulse2", "v1", "v2", "energy1", "energy2"):
+        assert np.isfinite(getattr(outcome.path, name)).all(), name
+    assert outcome.path.v1[-1] == outcome.v1

@@ -1,0 +1,306 @@
+"""Calling a solver, whatever it does: what leaves it is one legal outcome for each collision.
+
+Every command and every sweep calls solvers by `answer`, those of other distributions and those of this project alike.
+An exception, a wrong number of outcomes, or an outcome that is not what `model.collision.Outcome` says become outcomes
+with the status ``crashed`` and a reason. What is legal is said once, in `validated`. What a solver changes of its
+process is put back (`undisturbed`); what no process survives is for `experiments.sweep.sandbox`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import signal
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_xval.compliant_baselines.contract.solver import Settings, Solver
+from impact_xval.model.collision import (
+    PHASES,
+    RESULT_STATUSES,
+    STATES,
+    STATUSES,
+    Collision,
+    Event,
+    ImpulseCurve,
+    Outcome,
+)
+
+#: Characters of a sentence of a solver that are kept.
+LONGEST = 1000
+
+#: Whole numbers up to here are exact as floating-point numbers, and so are those of every table.
+_WHOLE = 2**53
+
+#: Arrays of a path that measures are made of, and the largest value of those that are codes.
+_MEASURED = ("impulse1", "impulse2", "v1", "v2")
+_CODES = {"state": (1, len(STATES) - 1), "phase1": (0, len(PHASES) - 1), "phase2": (0, len(PHASES) - 1)}
+
+
+class IllegalOutcomeError(ValueError):
+    """An outcome is not what the contract says; the message holds the field, what was found and what is legal."""
+
+
+def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+    """Call a solver, and turn whatever goes wrong into outcomes with a status and a reason.
+
+    Parameters
+    ----------
+    solver : Solver
+    collisions : sequence of Collision
+    settings : Settings
+
+    Returns
+    -------
+    list of Outcome
+        One for each collision, in order; all of them legal.
+    """
+    reason = why_unavailable(solver)
+    if reason is not None:
+        return [Outcome.failure(solver.name, "unavailable", reason)] * len(collisions)
+    try:
+        with undisturbed():
+            outcomes = solver.solve_many(list(collisions), settings)
+            if not isinstance(outcomes, (list, tuple)):
+                raise TypeError(f"solve_many gave {type(outcomes).__name__}; legal: list")
+        if len(outcomes) != len(collisions):
+            raise RuntimeError(f"{len(outcomes)} outcomes for {len(collisions)} collisions")
+    except BaseException as error:  # a solver's bug must not end the sweep
+        raise_ctrl_c(error)
+        if len(collisions) == 1:
+            return [Outcome.failure(solver.name, "crashed", said(error))]
+        return [outcome for one in collisions for outcome in answer(solver, [one], settings)]
+    return [_validated_or_crashed(solver.name, *each) for each in zip(outcomes, collisions, strict=True)]
+
+
+def why_unavailable(solver: Solver) -> str | None:
+    """Return why a solver cannot run here, in a line; None if it can."""
+    try:
+        with undisturbed():
+            reason = solver.unavailable()
+    except BaseException as error:
+        raise_ctrl_c(error)
+        return f"asked whether it is available, {solver.name!r} failed: {said(error)}"
+    if reason is None or isinstance(reason, str):
+        return reason if reason is None else one_line(reason)
+    return f"unavailable() gave {type(reason).__name__}; legal: text or None"
+
+
+def stated_version(solver: Solver) -> str:
+    """Return the version a solver states, in a line; ``""`` if it cannot."""
+    try:
+        with undisturbed():
+            stated = solver.version()
+    except BaseException as error:
+        raise_ctrl_c(error)
+        return ""
+    return one_line(stated) if isinstance(stated, str) else ""
+
+
+def validated(outcome: Any, collision: Collision) -> Outcome:
+    """Return an outcome in plain values, if it is what `Outcome` says.
+
+    Numbers of numpy become those of Python, arrays of a path 64 bits wide, texts a line.
+
+    Parameters
+    ----------
+    outcome : object
+        As it left a solver.
+    collision : Collision
+        What it is an outcome of.
+
+    Raises
+    ------
+    IllegalOutcomeError
+        If it is not.
+    """
+    if not isinstance(outcome, Outcome):
+        raise IllegalOutcomeError(f"solve_many gave {type(outcome).__name__}; legal: Outcome")
+    status = _text("status", outcome.status)
+    if status not in STATUSES:
+        raise IllegalOutcomeError(f"status = {status!r}; legal: {', '.join(STATUSES)}")
+    margin, path = outcome.grazing_margin, outcome.path
+    plain = Outcome(
+        _text("solver", outcome.solver),
+        *(float(_number(name, getattr(outcome, name))) for name in ("v1", "v2", "impulse1", "impulse2")),
+        states=_states(outcome.states),
+        status=status,
+        reason=_text("reason", outcome.reason),
+        grazing_margin=None if margin is None else float(_number("grazing_margin", margin)),
+        marked=_text("marked", outcome.marked),
+        n_events=_whole("n_events", outcome.n_events),
+        diagnostics=_diagnostics(outcome.diagnostics),
+        path=None if path is None else _path(path),
+        events=_events(outcome.events),
+    )
+    numbers = (plain.v1, plain.v2, plain.impulse1, plain.impulse2)
+    if status in RESULT_STATUSES and not all(map(math.isfinite, numbers)):
+        raise IllegalOutcomeError(f"status {status}, but v1, v2, impulse1, impulse2 = {numbers}")
+    if math.isfinite(plain.v1) and math.isfinite(plain.v2) and not _has_energy(plain, collision):
+        raise IllegalOutcomeError(
+            f"v1, v2 = {numbers[:2]} m/s at v0 = {collision.v0!r} m/s: their energy overflows"
+        )
+    return plain
+
+
+@contextlib.contextmanager
+def undisturbed() -> Iterator[None]:
+    """Put back what a solver changes of its process, so that the next one finds it as it was.
+
+    That is the path of modules, the working directory and what the standard streams are connected to. A process that
+    the solver forked, and that comes out of it too, ends here.
+    """
+    process, modules, places = os.getpid(), sys.path, sys.path[:]
+    folder, streams = None, {}
+    with contextlib.suppress(OSError):
+        folder = Path.cwd()
+    for stream in range(3):
+        with contextlib.suppress(OSError):
+            streams[stream] = os.dup(stream)
+    try:
+        yield
+    finally:
+        if os.getpid() != process:
+            os._exit(0)
+        modules[:], sys.path = places, modules
+        with contextlib.suppress(OSError):
+            if folder is not None:
+                os.chdir(folder)
+        for stream, kept in streams.items():
+            with contextlib.suppress(OSError):
+                os.dup2(kept, stream)
+                os.close(kept)
+
+
+def said(error: BaseException) -> str:
+    """Return what an exception says, in a line."""
+    try:
+        text = str(error)
+    except Exception:
+        text = "without a message"
+    return one_line(" ".join(f"{type(error).__name__}: {text}".split()))
+
+
+def one_line(text: str) -> str:
+    """Return a text as tables, terminals and pages can show it: one line of printable characters, not too long."""
+    if not text.isprintable():
+        seen = (c if c.isprintable() or c.isspace() else f"\\u{ord(c):04x}" for c in text[: 2 * LONGEST])
+        text = " ".join("".join(seen).split())
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def raise_ctrl_c(error: BaseException) -> None:
+    """Raise what is no fault of a solver: Ctrl-C, where it reaches this process."""
+    if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        raise error
+
+
+def _validated_or_crashed(name: str, outcome: Any, collision: Collision) -> Outcome:
+    try:
+        return validated(outcome, collision)
+    except IllegalOutcomeError as error:
+        return Outcome.failure(name, "crashed", one_line(str(error)))
+    except BaseException as error:  # a property that raises, a number that cannot be converted
+        raise_ctrl_c(error)
+        return Outcome.failure(name, "crashed", f"reading its outcome: {said(error)}")
+
+
+def _text(name: str, value: Any) -> Any:
+    if not isinstance(value, str):
+        raise IllegalOutcomeError(f"{name} is of type {type(value).__name__}; legal: text")
+    return one_line(str(value))
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise IllegalOutcomeError(f"{name} is of type {type(value).__name__}; legal: a number")
+    if type(value) is int and abs(value) <= _WHOLE:
+        return value
+    try:
+        return float(value)
+    except OverflowError:
+        raise IllegalOutcomeError(f"{name} leaves double precision") from None
+
+
+def _whole(name: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise IllegalOutcomeError(f"{name} is of type {type(value).__name__}; legal: a whole number")
+    if not 0 <= value <= _WHOLE:
+        raise IllegalOutcomeError(f"{name} is less than 0 or more than 2^53")
+    return int(value)
+
+
+def _states(states: Any) -> tuple[str, ...]:
+    if not isinstance(states, (tuple, list)) or not all(isinstance(state, str) for state in states):
+        raise IllegalOutcomeError("states; legal: a tuple of text")
+    if not set(states) <= set(STATES[1:]):
+        raise IllegalOutcomeError(
+            f"states = {', '.join(sorted(set(states)))}; legal: {', '.join(STATES[1:])}"
+        )
+    return tuple(map(str, states))
+
+
+def _diagnostics(diagnostics: Any) -> dict[str, Any]:
+    if not isinstance(diagnostics, Mapping):
+        raise IllegalOutcomeError(f"diagnostics is of type {type(diagnostics).__name__}; legal: a mapping")
+    plain: dict[str, Any] = {}
+    for name, value in diagnostics.items():
+        if not isinstance(name, str) or not name.isprintable():
+            raise IllegalOutcomeError("diagnostics: a key; legal: printable text")
+        plain[name] = None if value is None else _number(f"diagnostics[{name!r}]", value)
+    n_steps = plain.get("n_steps")
+    if n_steps is not None and not (0 <= n_steps <= _WHOLE and n_steps == int(n_steps)):
+        raise IllegalOutcomeError(
+            f"diagnostics['n_steps'] = {n_steps!r}; legal: a whole number from 0 to 2^53"
+        )
+    return plain
+
+
+def _events(events: Any) -> tuple[Event, ...]:
+    if not isinstance(events, tuple) or not all(isinstance(event, Event) for event in events):
+        raise IllegalOutcomeError("events; legal: a tuple of Event")
+    return events
+
+
+def _path(path: Any) -> ImpulseCurve:
+    if not isinstance(path, ImpulseCurve):
+        raise IllegalOutcomeError(f"path is of type {type(path).__name__}; legal: ImpulseCurve or None")
+    arrays = {field.name: _array(field.name, getattr(path, field.name)) for field in fields(ImpulseCurve)}
+    shapes = {array.shape for array in arrays.values() if array is not None}
+    if shapes != {(len(arrays["time"]),)} or shapes == {(0,)}:
+        raise IllegalOutcomeError(
+            f"path has shapes {', '.join(map(str, sorted(shapes)))}; legal: one (n,), n >= 1"
+        )
+    for name in _MEASURED:
+        if not np.isfinite(arrays[name]).all():
+            raise IllegalOutcomeError(f"path.{name} holds a number that is not finite")
+    for name, (low, high) in _CODES.items():
+        if arrays[name].min() < low or arrays[name].max() > high:
+            raise IllegalOutcomeError(f"path.{name} holds another number; legal: {low} to {high}")
+    return ImpulseCurve(**arrays)
+
+
+def _array(name: str, values: Any) -> NDArray[Any] | Any:
+    if values is None and name.startswith("energy"):
+        return None
+    array, codes = np.asarray(values), name in _CODES
+    if array.dtype.kind not in ("iu" if codes else "iuf"):
+        raise IllegalOutcomeError(
+            f"path.{name} has dtype {array.dtype}; legal: {'int64' if codes else 'float64'}"
+        )
+    return array.astype(np.int64 if codes else np.float64, copy=False)
+
+
+def _has_energy(outcome: Outcome, collision: Collision) -> bool:
+    try:
+        return math.isfinite(outcome.retained_energy(collision))
+    except OverflowError:
+        return False

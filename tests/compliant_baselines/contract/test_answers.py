@@ -1,0 +1,110 @@
+"""What leaves a solver: a legal outcome for each collision, and a process as it was."""
+
+import dataclasses
+import os
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines import Settings, get_solver
+from impact_xval.compliant_baselines.contract.answers import (
+    LONGEST,
+    IllegalOutcomeError,
+    answer,
+    one_line,
+    undisturbed,
+    validated,
+)
+from impact_xval.compliant_baselines.contract.solver import SolverBase
+from impact_xval.model.collision import Collision, Outcome
+
+CELL = Collision(m1=1.0, m2=1.5, k1=1e6, k2=2e6, e1=0.9, e2=0.7)
+SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "hunt-crossley", "mujoco", "pybullet", "oracle")
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_the_outcomes_of_our_own_solvers_stay_what_they_are(name):
+    solver = get_solver(name)
+    if solver.unavailable() is not None:
+        pytest.skip(str(solver.unavailable()))
+    (outcome,) = solver.solve_many([CELL], Settings(record_path=True, step_fraction=1e-2))
+    found = validated(outcome, CELL)
+    assert repr(dataclasses.replace(found, path=None)) == repr(dataclasses.replace(outcome, path=None))
+    if outcome.path is not None:
+        assert found.path is not None
+        for field in dataclasses.fields(outcome.path):
+            before, after = (getattr(one.path, field.name) for one in (outcome, found))
+            np.testing.assert_array_equal(before, after)
+
+
+def test_a_number_of_numpy_becomes_one_of_python():
+    outcome = Outcome("x", np.float32(0.5), np.float64(0.25), np.int64(1), 1, ("S1", "S4"))
+    found = validated(outcome, CELL)
+    assert [type(value) for value in (found.v1, found.v2, found.impulse1, found.impulse2)] == [float] * 4
+
+
+@pytest.mark.parametrize("status", ["unconverged", "timeout", "crashed"])
+def test_no_number_is_legal_without_a_result(status):
+    assert validated(Outcome.failure("x", status, "too long"), CELL).reason == "too long"
+    with pytest.raises(IllegalOutcomeError, match="status ok, but v1, v2, impulse1, impulse2 = "):
+        validated(dataclasses.replace(Outcome.failure("x", status, ""), status="ok"), CELL)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("e1 = 0 — refused", "e1 = 0 — refused"),
+        ("two\n  lines\tand more", "two lines and more"),
+        ("\x1b[2Jgone\x07", "\\u001b[2Jgone\\u0007"),
+        ("half \ud83d", "half \\ud83d"),
+        ("to the \u202eleft", "to the \\u202eleft"),
+    ],
+)
+def test_a_text_of_a_solver_is_a_line_that_can_be_shown(text, line):
+    assert one_line(text) == line
+    assert one_line(1000 * text).isprintable()
+    assert len(one_line(1000 * text)) <= LONGEST
+
+
+class _Interrupted(SolverBase):
+    name = "interrupted"
+
+    def version(self):
+        return ""
+
+    def solve_many(self, collisions, settings):
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_goes_through_and_where_it_cannot_come_it_is_the_solver_s():
+    with pytest.raises(KeyboardInterrupt):
+        answer(_Interrupted(), [CELL], Settings())
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        (outcome,) = answer(_Interrupted(), [CELL], Settings())
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (outcome.status, outcome.reason) == ("crashed", "KeyboardInterrupt:")
+
+
+def test_a_process_is_left_as_it_was(tmp_path):
+    folder, places, modules = Path.cwd(), list(sys.path), sys.path
+    streams = [os.fstat(stream) for stream in range(3)]
+    with undisturbed():
+        os.chdir(tmp_path)
+        sys.path = []
+        modules.clear()
+        for stream in range(3):
+            os.close(stream)
+    assert (Path.cwd(), sys.path) == (folder, places)
+    assert sys.path is modules
+    assert [os.fstat(stream) for stream in range(3)] == streams
+
+
+def test_a_forked_child_ends_where_its_parent_goes_on():
+    with undisturbed():
+        child = os.fork()
+    assert os.waitpid(child, 0) == (child, 0)

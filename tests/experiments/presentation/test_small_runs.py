@@ -1,0 +1,62 @@
+"""Runs with little in them, each a result: one cell, one solver, no difference at all, nothing but failures."""
+
+import pytest
+
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.sweep.run import run_sweep
+from tests.experiments import fakes
+from tests.experiments.conftest import SMALL
+
+_ONE = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0.7]}
+
+RUNS = {
+    "one cell": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.shifted),
+    "one solver": ({"solvers": ["mujoco"]}, fakes.shifted),
+    "the model alone": ({"grid": _ONE, "solvers": ["state-transition"]}, fakes.shifted),
+    "no engine": ({"solvers": ["liu-zhao-brogliato"]}, fakes.shifted),
+    "agreement": ({"solvers": ["mujoco"]}, fakes.perfect),
+    "agreement beside a failure": ({}, fakes.perfect),
+    "agreement in one cell": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.perfect),
+    "nothing but failures": ({"solvers": ["mujoco", "pybullet"]}, fakes.refusing),
+    "one cell, a failure": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.refusing),
+    "the model fails too": ({"solvers": ["mujoco"]}, fakes.refusing_all),
+    "numbers beyond all reason": ({"solvers": ["mujoco"]}, fakes.wild),
+    "no result is a number": ({"solvers": ["mujoco"]}, fakes.lying),
+}
+
+
+_COMMANDS = [
+    "table",
+    "ladder",
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("figures", "report")),
+]
+
+
+@pytest.mark.parametrize("kind", RUNS)
+@pytest.mark.parametrize("command", _COMMANDS)
+def test_every_command_shows_it(kind, command, runs, capsys):
+    assert main([command, str(runs(kind))]) == 0, capsys.readouterr().err
+    assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["table", "ladder"])
+def test_agreement_is_said(command, runs, capsys):
+    assert main([command, str(runs("agreement"))]) == 0
+    assert "mujoco ends where the model does: there is nothing to split." in " ".join(
+        capsys.readouterr().out.split()
+    )
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    made = {}
+
+    def root(kind):
+        if kind not in made:
+            changes, resolve = RUNS[kind]
+            made[kind] = tmp_path_factory.mktemp("run") / "run"
+            run_sweep(parse_config(SMALL | changes), made[kind], isolate=False, resolve=resolve)
+        return made[kind]
+
+    return root
