@@ -43,7 +43,7 @@ from impact_xval.model import (
 )
 from impact_xval.model.law import IMPACT_LAWS
 from impact_xval.model.oracle import solve_oracle
-from impact_xval.model.solve import MAX_EVENTS, _solve_all, check_cutoff
+from impact_xval.model.solving import MAX_EVENTS, _solve_all, check_cutoff
 
 #: Decades of k2/k1 and of m2/m1, and the least e: the box of all the rest, that of the default run, and a wide one, in
 #: which cut-offs are compared.

@@ -2,6 +2,6 @@
 
 import sys
 
-from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.commands.cli import entry
 
-sys.exit(main())
+sys.exit(entry())

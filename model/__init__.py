@@ -1,7 +1,11 @@
 """The primary solver: the state transition model of simultaneous impacts (Jia, Mason and Erdmann, IJRR 32(1), 2013).
 
-`Collision` and `Outcome` are the vocabulary; `solve` answers one collision, `solve_batch` arrays of them.
+`Collision` and `Outcome` are the vocabulary; `solve` answers one collision, `solve_batch` arrays of them. The latter
+two, and the compiler they need, are imported when they are first used.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from impact_xval.model.collision import (
     Collision,
@@ -10,7 +14,9 @@ from impact_xval.model.collision import (
     Outcome,
 )
 from impact_xval.model.inputs import SUPPLEMENT_CUTOFF, Cutoff
-from impact_xval.model.solve import BatchOutcome, solve, solve_batch
+
+if TYPE_CHECKING:
+    from impact_xval.model.solving import BatchOutcome, solve, solve_batch
 
 __all__ = [
     "SUPPLEMENT_CUTOFF",
@@ -23,3 +29,9 @@ __all__ = [
     "solve",
     "solve_batch",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.solving"), name)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.inputs import GRAZING_THRESHOLD
 from impact_xval.model.motion import modal
 
 #: Near-misses at which an end of compression would lose less than this, as a fraction of the energy of impact, do not
@@ -23,10 +24,7 @@ STAKE = 1e-6
 #: Extrema nearer to zero than this, relative to the amplitude, are made exact.
 NEAR = 0.1
 
-#: A grazing margin below this marks a result. `benchmarks/grazing.py` says how well that tells the cells that jump.
-GRAZING_THRESHOLD = 5e-5
-
-#: So does a cut-off that changes (v1, v2) by more than this, in the kinetic norm per sqrt(m1) abs(v0).
+#: A cut-off that changes (v1, v2) by more than this marks a result, in the kinetic norm per sqrt(m1) abs(v0).
 CUTOFF_THRESHOLD = 1e-9
 
 GRAZING = (

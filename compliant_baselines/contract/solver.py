@@ -30,8 +30,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Status
-from impact_xval.model.grazing import GRAZING_THRESHOLD
-from impact_xval.model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
+from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
 
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive"]

@@ -16,7 +16,7 @@ from impact_xval.model.compiled import OPTIONS
 from impact_xval.model.diagram import LOG_WIDTH, collide
 from impact_xval.model.inputs import Cutoff
 from impact_xval.model.law import IMPACT_LAWS
-from impact_xval.model.solve import check_cutoff
+from impact_xval.model.solving import check_cutoff
 
 Floats = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from impact_xval.experiments.commands.options import (
+    CELL_TIMEOUT,
     CUTOFF,
     E1,
     E2,
@@ -57,6 +58,7 @@ def solve(
     step_fraction: Annotated[str, STEP_FRACTION] = "1e-3",
     mapping: Annotated[str, MAPPING] = "calibrated",
     cutoff: Annotated[str, CUTOFF] = "exact",
+    cell_timeout: Annotated[str, CELL_TIMEOUT] = "300",
 ) -> None:
     """Solve one collision by every solver and show the results side by side.
 
@@ -65,27 +67,27 @@ def solve(
     """
     from json import dumps
 
-    from impact_xval.compliant_baselines.contract.registry import get_solver, solver_names
-    from impact_xval.experiments.commands.runs import compile_notice
-    from impact_xval.experiments.config.configuration import REFERENCE, solvers_problem
-    from impact_xval.experiments.config.grid import collision_of
-    from impact_xval.experiments.presentation.terminal import error_line
-    from impact_xval.experiments.sweep.solving import answer, settings_of
+    from impact_xval.experiments.sweep.single import solvers_apart
 
-    config = one_cell(context.params)
-    names = solver or list(solver_names())
-    problem = solvers_problem(names)
-    if problem:
-        raise UserError(f"--solver {problem}")
-    collision = collision_of(config, config.figure_cell)
-    notice = compile_notice()
-    if notice:
-        error_line(notice)
-    outcomes = {name: answer(get_solver(name), [collision], settings_of(config))[0] for name in names}
+    with solvers_apart(solver or ()) as apart:
+        from impact_xval.compliant_baselines.contract.registry import get_solver, solver_names
+        from impact_xval.experiments.commands.runs import COMPILING
+        from impact_xval.experiments.config.configuration import REFERENCE, solvers_problem
+        from impact_xval.experiments.config.grid import collision_of
+        from impact_xval.experiments.presentation.terminal import error_line
+
+        config = one_cell(context.params)
+        names = solver or list(solver_names())
+        problem = solvers_problem(names)
+        if problem:
+            raise UserError(f"--solver {problem}")
+        collision = collision_of(config, config.figure_cell)
+        solved = apart.solve(config, names, get_solver, lambda line: error_line(line or COMPILING))
     if json:
-        objects = [_object(name, collision, outcome) for name, outcome in outcomes.items()]
+        objects = [_object(name, collision, *each) for name, each in solved.items()]
         print(dumps(objects, indent=2, allow_nan=False))
         return
+    outcomes = {name: each.outcome for name, each in solved.items()}
     _show(collision, outcomes, outcomes.get(REFERENCE))
 
 
@@ -105,32 +107,29 @@ def _show(collision: Collision, outcomes: dict[str, Outcome], model: Outcome | N
 
 
 def _numbers(collision: Collision, outcome: Outcome, model: Outcome | None) -> list[str]:
-    from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
     from impact_xval.experiments.tables.numbers import number
+    from impact_xval.model.collision import RESULT_STATUSES
+    from impact_xval.model.kinetic import kinetic_norm
 
-    if outcome.status not in COMPARABLE:
+    if outcome.status not in RESULT_STATUSES:
         return ["-"] * 6
     speed = abs(collision.v0)
     impulse = collision.m1 * speed
     scaled = outcome.v1 / speed, outcome.v2 / speed, outcome.impulse1 / impulse, outcome.impulse2 / impulse
     away = "-"
-    if model is not None:
-        paths = model.states, outcome.states
-        away = number(divergence(collision, model, outcome, paths)["velocity_divergence"])
+    if model is not None and model.status in RESULT_STATUSES:
+        dv1, dv2 = (outcome.v1 - model.v1) / speed, (outcome.v2 - model.v2) / speed
+        away = number(float(kinetic_norm(collision.mass_ratio, dv1, dv2)))
     return [*(f"{value:.6f}" for value in scaled), away, " ".join(outcome.states)]
 
 
-def _object(name: str, collision: Collision, outcome: Outcome) -> dict[str, Any]:
-    """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0), times in s.
-
-    So are the diagnostics that `scaled_diagnostics` knows; others are as the solver states them.
-    """
-    from impact_xval.experiments.sweep.solving import scaled_diagnostics
-
+def _object(
+    name: str, collision: Collision, outcome: Outcome, diagnostics: dict[str, float]
+) -> dict[str, Any]:
+    """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
     speed = abs(collision.v0)
     impulse = collision.m1 * speed
     margin = outcome.grazing_margin
-    diagnostics = scaled_diagnostics(collision, outcome)
     return {
         "solver": name,
         "v1": _finite(outcome.v1 / speed),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 #: What decides an impact, what else a collision has, and a key of a configuration that its option spells otherwise.
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
-_SCALES = ("scenario", "gravity", "m1", "k1", "v0", "step_fraction", "mapping")
+_SCALES = ("scenario", "gravity", "m1", "k1", "v0", "step_fraction", "mapping", "cell_timeout")
 _SPELT = {"stiffness_ratio_cutoff": "--cutoff"}
 
 #: Options whose values may be legal one by one, and not together.
@@ -170,6 +170,7 @@ V0: Any = typer.Option(metavar="M/S", help="Velocity of the upper ball, less tha
 STEP_FRACTION: Any = typer.Option(
     metavar="X", help="Time step over the period of the faster contact, at most 0.1."
 )
+CELL_TIMEOUT: Any = typer.Option(metavar="S", help="Seconds after which a solver is ended.")
 MAPPING: Any = typer.Option(metavar="NAME", help="'calibrated' or 'naive'.")
 CUTOFF: Any = typer.Option(
     metavar="X",

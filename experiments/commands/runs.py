@@ -152,12 +152,16 @@ def report(folder: Folder) -> None:
     print_line(make_console(), str(write_report(finished(folder))))
 
 
+#: What is said before.
+COMPILING = "compiling the kernels, once for each installation: a minute or more"
+
+
 def compile_notice() -> str:
     """Say that kernels are about to be compiled; nothing where they have been."""
     from impact_xval.model.compiled import is_compiled
     from impact_xval.model.diagram import collide
 
-    return "" if is_compiled(collide) else "compiling the kernels, once for each installation: some 20 s"
+    return "" if is_compiled(collide) else COMPILING
 
 
 def _experiment(path: Path | None, built_in: str) -> Config:

@@ -37,8 +37,7 @@ from impact_xval.experiments.config.config_errors import (
     validated,
 )
 from impact_xval.experiments.config.plain import plain_values, revive
-from impact_xval.model.grazing import GRAZING_THRESHOLD
-from impact_xval.model.inputs import LEGAL_CUTOFF, Cutoff, legal_cutoff
+from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
 DESIGNS = ("grid", "sample", "cells")

@@ -27,8 +27,14 @@ from distributed.scheduler import KilledWorker
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.sweep.sandbox import Sandbox, SandboxExecutor
 
-#: Stands for a cluster on this machine in place of an address.
+#: Stands for a cluster on this machine in place of an address; no other machine reaches it.
 LOCAL = "local"
+_LOOPBACK = "127.0.0.1"
+_LOCAL_SETTINGS = {
+    "distributed.scheduler.allowed-failures": 20,
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
 
 #: Seconds to wait for a scheduler to answer, and between two lines that say that no worker has come yet.
 _ANSWER = 10
@@ -132,11 +138,16 @@ def dask_executor(
 @contextmanager
 def _client(scheduler: str, workers: int) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
     if scheduler == LOCAL:
-        settings = {"distributed.scheduler.allowed-failures": 20}
         with (
-            dask_config.set(settings),
+            dask_config.set(_LOCAL_SETTINGS),
             _local_cluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address="", silence_logs=logging.ERROR
+                host=_LOOPBACK,
+                n_workers=workers,
+                threads_per_worker=1,
+                # Dask has a server of pages in any case: here on loopback, on any port, and without a page.
+                dashboard_address=f"{_LOOPBACK}:0",
+                scheduler_kwargs={"dashboard": False},
+                silence_logs=logging.ERROR,
             ) as cluster,
             Client(cluster) as client,
         ):
@@ -148,7 +159,7 @@ def _client(scheduler: str, workers: int) -> Iterator[Any]:  # a Client; its cal
         detail = _short(error) or type(error).__name__
         raise UserError(
             f"--scheduler {scheduler}: no Dask scheduler answers there ({detail}); legal: '{LOCAL}', or an "
-            "address such as tcp://host:8786"
+            "address such as tcp://host:8786 or, with certificates, tls://host:8786"
         ) from None
     try:
         yield client

@@ -1,9 +1,14 @@
 """A process of its own for the solvers: what crashes it, or hangs in it, costs an answer and nothing else.
 
 The process is started as ``python -c`` with the path of modules of this one, and spoken to through pipes
-(pickles, from and to a process we started ourselves; none is ever read from a disk or a network). Its threads
-of numerical libraries are one each: collisions are shared out to processes, and no number may depend on how
-many threads there are.
+(pickles, from and to a process we started ourselves; none is ever read from a disk or a network). A request has
+a number, and its answer that number and the digest of what was requested: an answer to anything else, which a
+process that a solver forked may write at any time, ends the process. Its threads of numerical libraries are one
+each: collisions are shared out to processes, and no number may depend on how many threads there are.
+
+Beside it stands a guard, forked before any solver is imported. When the process has ended, or its caller has,
+the guard ends what is left: all in the session of the sandbox and, on Linux, all that inherited its environment.
+A process that a solver starts in a session of its own and with another environment outlives it.
 
 Not `multiprocessing`, nor a pool made of it (pebble 5.2 was tried): its processes cannot be started by a
 daemon, which is what a worker of Dask is; they import the caller's main script again, which breaks one without
@@ -13,15 +18,19 @@ daemon, which is what a worker of Dask is; they import the caller's main script 
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import itertools
 import os
 import pickle
 import queue
+import select
 import signal
 import subprocess
 import sys
 import threading
 import time
 import traceback
+import uuid
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -41,8 +50,10 @@ _THREADS = (
 _OOM_SCORE = "600"
 #: Seconds for a process that has closed its pipe to end by itself: its exit code is of interest.
 _GRACE = 1.0
-#: Seconds between two looks at whether the caller is alive.
-_LOOK = 0.5
+#: Seconds between two looks at whether sandbox and caller are alive.
+_LOOK = 0.1
+#: Variable of the environment by which all that a sandbox started is found.
+_MARK = "IMPACT_XVAL_SANDBOX"
 #: Deaths in which a cell was at work, the last of them alone, before it counts as their cause.
 _DEATHS = 2
 
@@ -89,6 +100,7 @@ class Sandbox:
     def __init__(self, context: Any, prepare: Callable[..., Any], prepare_timeout: float = 900.0) -> None:
         self.context, self._prepare, self._prepare_timeout = context, prepare, prepare_timeout
         self._process: subprocess.Popen[bytes] | None = None
+        self._requests = itertools.count()
         self._closed = False
         #: What `prepare` returned; None before the first start, and where it failed.
         self.prepared: Any = None
@@ -151,11 +163,12 @@ class Sandbox:
             [sys.executable, "-c", code],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=os.environ | dict.fromkeys(_THREADS, "1"),
+            env=os.environ | dict.fromkeys(_THREADS, "1") | {_MARK: uuid.uuid4().hex},
+            start_new_session=True,
         )
         if self._closed:  # closed by another thread meanwhile, which may not have seen this process
             process.kill()
-        _send(process, self.context)
+        _send(process, pickle.dumps(self.context))
         return process
 
     def _answer(
@@ -170,21 +183,19 @@ class Sandbox:
         timer = threading.Timer(timeout, end)
         timer.daemon = True
         timer.start()
-        assert process.stdout is not None
+        asked, number = pickle.dumps((function, arguments)), next(self._requests)
         try:
-            _send(process, (function, arguments, timeout))
-            done, value = pickle.load(process.stdout)
-        except (EOFError, OSError, ValueError, pickle.UnpicklingError):  # it is gone, perhaps in mid-sentence
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(_GRACE)
-            code = _kill(process)
+            _send(process, (number, asked))
+            done, value = _answer_to(process, number, asked)
+        except _NoAnswerError as error:
+            reason = _end_of(process) or str(error)
             self._process = None
             if self._closed:
                 raise ClosedError from None
             if late.is_set():
                 reason = f"no answer within {timeout:g} s; its process was ended"
                 raise FaultError("timeout", reason) from None
-            raise FaultError("crashed", f"its process died: {_cause(code)}") from None
+            raise FaultError("crashed", reason) from None
         finally:
             timer.cancel()
         if not done:
@@ -266,11 +277,41 @@ def in_halves(
     return pieces(0, n, 0)
 
 
+class _NoAnswerError(Exception):
+    """What came from a sandbox, or that nothing did."""
+
+
 def _send(process: subprocess.Popen[bytes], value: Any) -> None:
     assert process.stdin is not None
     with contextlib.suppress(BrokenPipeError, ValueError):  # a death is noticed by whoever reads
         pickle.dump(value, process.stdin)
         process.stdin.flush()
+
+
+def _answer_to(process: subprocess.Popen[bytes], number: int, asked: bytes) -> tuple[bool, Any]:
+    """Read the answer to a request: whether it was done, and the value or the traceback."""
+    assert process.stdout is not None
+    try:
+        answered, identity, done, value = pickle.load(process.stdout)
+    except Exception as error:  # it is gone, perhaps in mid-sentence, or another process wrote between
+        raise _NoAnswerError(f"its answer cannot be read: {type(error).__name__}") from None
+    if (answered, identity) != (number, _identity(asked)):
+        raise _NoAnswerError("it gave the answer to another request; its process was ended")
+    return done, value
+
+
+def _identity(asked: bytes) -> str:
+    """Identity of what is requested: function, solver and cells, and all else that it is called with."""
+    return hashlib.sha256(asked).hexdigest()
+
+
+def _end_of(process: subprocess.Popen[bytes]) -> str | None:
+    """End a process; say of what it died, if by itself."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(_GRACE)
+    alone = process.returncode is not None
+    code = _kill(process)
+    return f"its process died: {_cause(code)}" if alone else None
 
 
 def _kill(process: subprocess.Popen[bytes]) -> int:
@@ -296,25 +337,73 @@ def serve(caller: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(_OOM_SCORE)
-    threading.Thread(target=_follow, args=(caller,), daemon=True).start()
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # engines print there
-    messages: Any = sys.stdin.buffer
-    context, first = None, True
-    while messages.peek(1):
+    _post_guard(caller)
+    requests, answers, null = os.dup(0), os.dup(1), os.open(os.devnull, os.O_RDWR)
+    os.dup2(null, 0)  # what a solver starts reads no requests
+    os.dup2(null, 1)  # engines print there
+    if hasattr(os, "register_at_fork"):  # nor does what it forks, and its answers go nowhere
+        os.register_at_fork(after_in_child=lambda: [os.dup2(null, end) for end in (requests, answers)])
+    with (
+        os.fdopen(requests, "rb") as received,
+        os.fdopen(answers, "wb") as out,
+        contextlib.suppress(EOFError, OSError, pickle.UnpicklingError),  # the caller is gone, in mid-sentence
+    ):
+        sent, context = pickle.load(received), None
+        while True:
+            number, asked = pickle.load(received)
+            try:
+                if sent is not None:
+                    context, sent = pickle.loads(sent), None
+                function, arguments = pickle.loads(asked)
+                answer = True, function(context, *arguments)
+            except Exception:
+                answer = False, traceback.format_exc()
+            out.write(pickle.dumps((number, _identity(asked), *answer)))
+            out.flush()
+
+
+def _post_guard(caller: int) -> None:
+    """Have a process, or where none can be forked a thread, end what is left when sandbox or caller is gone."""
+    if not hasattr(os, "fork"):
+        threading.Thread(target=_follow, args=(caller,), daemon=True).start()
+        return
+    sandbox = os.getpid()
+    if os.fork() == 0:
         try:
-            message = pickle.load(messages)
-            if first:
-                context, first = message, False
-                continue
-            function, arguments, timeout = message
-            _alarm(timeout)
-            answer = True, function(context, *arguments)
-        except Exception:
-            answer = False, traceback.format_exc()
-        _alarm(0)
-        pickle.dump(answer, out)
-        out.flush()
+            os.setsid()
+            os.closerange(1, 3)  # the caller reads until nobody holds the other end
+            _guard(sandbox)
+        finally:
+            os._exit(0)
+
+
+def _guard(sandbox: int) -> None:
+    """Wait until a sandbox or its caller is gone, then end the sandbox and all that it started."""
+    caller_gone = select.poll()
+    caller_gone.register(0, 0)  # reads nothing: reports that the other end of the pipe is closed
+    while os.getppid() == sandbox and not caller_gone.poll(1000 * _LOOK):
+        pass
+    with contextlib.suppress(OSError):  # none is left
+        os.killpg(sandbox, signal.SIGKILL)
+    mark = f"{_MARK}={os.environ[_MARK]}".encode()
+    while left := [process for process in _others() if mark in _environment(process)]:
+        for process in left:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+        time.sleep(_LOOK)
+
+
+def _others() -> list[int]:
+    """Other processes of this machine; none where there is no /proc."""
+    return [int(path.name) for path in Path("/proc").glob("[0-9]*") if path.name != str(os.getpid())]
+
+
+def _environment(process: int) -> list[bytes]:
+    """Environment of a process; nothing for one that is gone, or another user's."""
+    try:
+        return Path(f"/proc/{process}/environ").read_bytes().split(b"\0")
+    except OSError:
+        return []
 
 
 def _follow(caller: int) -> None:
@@ -322,9 +411,3 @@ def _follow(caller: int) -> None:
     while os.getppid() == caller:
         time.sleep(_LOOK)
     os._exit(1)
-
-
-def _alarm(timeout: float) -> None:
-    """End this process long after its caller should have: even one that hangs in C, its caller dead, ends."""
-    if hasattr(signal, "setitimer"):
-        signal.setitimer(signal.ITIMER_REAL, 2 * timeout + 60 if timeout else 0)

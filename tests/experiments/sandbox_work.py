@@ -1,7 +1,9 @@
 """Work for sandboxes, at the top level of a light module: quick to start."""
 
+import ctypes
 import os
 import signal
+import subprocess
 import sys
 import time
 
@@ -30,6 +32,44 @@ def die(context, how):
         sys.exit(5)
     os.kill(os.getpid(), how)
     time.sleep(60)
+
+
+def forked(context, how, seconds):
+    """Fork a process that comes back from here as well, later; give the process that it is."""
+    if how() == 0:
+        time.sleep(seconds)
+    return os.getpid()
+
+
+def raw_fork():
+    """Fork unknown to Python, as a library of C may."""
+    return ctypes.PyDLL(None).fork()
+
+
+def leave_behind(context, how, seconds=120):
+    """Start a process that goes on; give its number."""
+    keep = {name: value for name, value in os.environ.items() if how != "clean environment"}
+    code = f"import time; time.sleep({seconds})"
+    if how == "fork":
+        child = os.fork()
+        if child == 0:
+            os.setsid()
+            time.sleep(seconds)
+            os._exit(0)
+        return child
+    return subprocess.Popen(
+        [sys.executable, "-c", code], env=keep, start_new_session=how == "own session"
+    ).pid
+
+
+def leave_behind_and_die(context):
+    leave_behind(context, "fork")
+    os.abort()
+
+
+def request_of_another(context):
+    """Read what a sandbox is sent."""
+    return sys.stdin.read(), subprocess.run(["cat"], capture_output=True, check=True).stdout
 
 
 def fail(context):

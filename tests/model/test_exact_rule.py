@@ -15,8 +15,8 @@ from impact_xval.model.grazing import (
     CUTOFF,
     CUTOFF_THRESHOLD,
     GRAZING,
-    GRAZING_THRESHOLD,
 )
+from impact_xval.model.inputs import GRAZING_THRESHOLD
 from impact_xval.model.limits import BOUND
 from impact_xval.model.oracle import solve_oracle
 from tests.model.reference import integrate

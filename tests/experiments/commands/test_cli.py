@@ -1,16 +1,23 @@
+import contextlib
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
+import psutil
 import pytest
 
 from impact_xval.compliant_baselines import solver_names
 from impact_xval.compliant_baselines.contract import registry
 from impact_xval.experiments.commands.cli import main
-from tests.experiments import fakes
+from impact_xval.experiments.sweep import single
+from tests.experiments import fakes, faulty
 
+ROOT = Path(__file__).parents[3]
 CELL = ["--stiffness-ratio", "40", "--mass-ratio", str(2 / math.sqrt(3)), "--e1", "0.9", "--e2", "0.7"]
 
 
@@ -170,7 +177,7 @@ def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(registry, "get_solver", interrupted)
+    monkeypatch.setattr(single, "wait", interrupted)
     assert main(["solve", "--stiffness-ratio", "1", "--mass-ratio", "1", "--e1", "0.9", "--e2", "0.9"]) == 1
     assert capsys.readouterr().err == "impact-xval: interrupted\n"
 
@@ -185,3 +192,78 @@ def test_a_scheduler_that_does_not_answer_leaves_no_folder(tmp_path, capsys, mon
         assert main([command, "--scheduler", "tcp://127.0.0.1:1"]) == 2
         assert "no Dask scheduler answers there" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+#: A collision of so many events that the model takes minutes, all of them in compiled code.
+LONG = ["--stiffness-ratio", "2.937", "--mass-ratio", "1e-150", "--e1", "1e-17", "--e2", "0.5"]
+
+
+def test_a_solver_that_takes_too_long_is_ended_and_the_others_are_shown(capsys):
+    names = ["--solver", "state-transition", "--solver", "mujoco"]
+    found = _json(capsys, *LONG, *names, "--cell-timeout", "1")
+    assert [(each["status"], each["v1"]) for each in found] == [("timeout", None), ("unrepresentable", None)]
+    assert found[0]["reason"] == "no answer within 1 s; its process was ended"
+    assert main(["solve", *LONG, *names, "--cell-timeout", "1"]) == 0
+    shown = capsys.readouterr().out
+    assert "state-transition: timeout: no answer within 1 s; its process was ended" in shown
+    assert main(["solve", *LONG, "--cell-timeout", "0"]) == 2
+    assert "--cell-timeout = 0.0; legal: " in capsys.readouterr().err
+
+
+def test_a_solver_that_dies_costs_solve_its_own_row(capsys, monkeypatch):
+    monkeypatch.setattr(registry, "get_solver", faulty.faulty)
+    cell = [*CELL[:4], "--e1", str(faulty.ABORT), "--e2", "0.7"]
+    found = _json(capsys, *cell, "--solver", "mujoco", "--solver", "state-transition")
+    assert [each["status"] for each in found] == ["crashed", "ok"]
+    assert found[0]["reason"] == "its process died: SIGABRT"
+
+
+def test_solve_says_what_it_waits_for(capsys, monkeypatch):
+    monkeypatch.setattr(single, "_SAY", 0.5)
+    assert main(["solve", *LONG, "--solver", "state-transition", "--cell-timeout", "2"]) == 0
+    error = capsys.readouterr().err
+    assert "impact-xval: state-transition has worked for " in error
+    assert "s; it is ended after 2 s" in error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["solve", *LONG],
+        ["map", "--e1", "1", "--e2", "1", "--cutoff", "inf", "--stiffness-ratio", "1e11", "1e12"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_ctrl_c_ends_a_command_at_once_while_it_computes(tmp_path, command):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "impact_xval", *command],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    until = (
+        time.monotonic() + 300
+    )  # a process of it is at work, and all is imported, after so much of its time
+    while _cpu(process.pid) < 8 and time.monotonic() < until:
+        time.sleep(0.1)
+    started = psutil.Process(process.pid).children(recursive=True)
+    start = time.monotonic()
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert time.monotonic() - start < 5
+    assert process.returncode == 1
+    assert error.splitlines()[-1].startswith("impact-xval: interrupted")
+    assert "Traceback" not in error
+    assert not psutil.wait_procs(started, timeout=10)[1]
+
+
+def _cpu(process):
+    """Seconds that the busiest process of a command has worked."""
+    main = psutil.Process(process)
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return max(sum(each.cpu_times()[:2]) for each in (main, *main.children(recursive=True)))
+    return 0.0

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -34,11 +35,11 @@ e2 = [0.8]
 class Cluster:
     """A scheduler and its workers, each a process of its own, started as a user would."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, environment=None, protocol="tcp"):
         self.file = folder / "scheduler.json"
-        self.environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        self.environment = os.environ | {"PYTHONPATH": str(ROOT)} | (environment or {})
         self.scheduler = self._start(
-            "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", self.file
+            "scheduler", "--host", f"{protocol}://127.0.0.1", "--port", "0", "--scheduler-file", self.file
         )
         until = time.monotonic() + 60
         while not self.file.exists() and time.monotonic() < until:
@@ -48,14 +49,14 @@ class Cluster:
 
     def _start(self, *arguments):
         return subprocess.Popen(
-            [sys.executable, "-m", "dask", *map(str, arguments)],
+            [sys.executable, "-m", "dask", *map(str, arguments), "--no-dashboard"],
             env=self.environment,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
 
     def add_worker(self):
-        return self._start("worker", self.address, "--nthreads", "1", "--no-dashboard", "--nworkers", "1")
+        return self._start("worker", self.address, "--nthreads", "1", "--nworkers", "1")
 
     def stop(self):
         processes = []
@@ -212,12 +213,95 @@ def test_a_crash_on_a_cluster_is_a_row(tmp_path):
     ] * 3
 
 
+@pytest.mark.slow
+def test_a_cluster_of_its_own_listens_on_loopback_only(tmp_path, config):
+    """Everything that the run and its processes listen on, from the start of the run to its end."""
+    process = _start("tests.experiments.runner", config, tmp_path / "a", "--scheduler", "local")
+    heard = set()
+    while process.poll() is None:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            main = psutil.Process(process.pid)
+            for each in (main, *main.children(recursive=True)):
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    heard |= {c.laddr.ip for c in each.net_connections() if c.status == psutil.CONN_LISTEN}
+        time.sleep(0.05)
+    _, error = process.communicate()
+    assert process.returncode == 0, error
+    assert heard == {"127.0.0.1"}
+
+
+def _certificates(folder):
+    """Make an authority and a certificate of it, for scheduler, workers and client; the settings of Dask for them."""
+    made = {name: str(folder / name) for name in ("ca.pem", "ca.key", "our.pem", "our.key", "our.csr")}
+    new = ["openssl", "req", "-newkey", "rsa:2048", "-nodes"]
+    sign = ["openssl", "x509", "-req", "-days", "2", "-CAcreateserial"]
+    for command in (
+        [*new, "-x509", "-days", "2", "-subj", "/CN=ours", "-keyout", made["ca.key"], "-out", made["ca.pem"]],
+        [*new, "-subj", "/CN=cluster", "-keyout", made["our.key"], "-out", made["our.csr"]],
+        [
+            *sign,
+            "-in",
+            made["our.csr"],
+            "-CA",
+            made["ca.pem"],
+            "-CAkey",
+            made["ca.key"],
+            "-out",
+            made["our.pem"],
+        ],
+    ):
+        subprocess.run(command, check=True, capture_output=True)
+    tls = "DASK_DISTRIBUTED__COMM__TLS__"
+    return {
+        "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "True",
+        f"{tls}CA_FILE": made["ca.pem"],
+        **{f"{tls}{role}__CERT": made["our.pem"] for role in ("SCHEDULER", "WORKER", "CLIENT")},
+        **{f"{tls}{role}__KEY": made["our.key"] for role in ("SCHEDULER", "WORKER", "CLIENT")},
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl")
+def test_a_cluster_with_certificates_takes_only_who_has_one(tmp_path, config, undisturbed, monkeypatch):
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    for folder in (ours, theirs):
+        folder.mkdir()
+    settings = _certificates(ours)
+    made = Cluster(tmp_path, settings, "tls")
+    try:
+        assert made.address.startswith("tls://127.0.0.1:")
+        for address, environment in (
+            (made.address, {}),
+            (made.address, _certificates(theirs)),
+            (made.address.replace("tls", "tcp"), {}),
+        ):
+            command = [sys.executable, "-m", "impact_xval", "run", config, "--out", tmp_path / "a"]
+            done = subprocess.run(
+                [*map(str, command), "--scheduler", address],
+                cwd=ROOT,
+                env=os.environ | environment,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=120,
+            )
+            assert done.returncode == 2, done.stderr
+            assert f"--scheduler {address}: no Dask scheduler answers there" in done.stderr
+            assert "Traceback" not in done.stderr
+        for name, value in settings.items():
+            monkeypatch.setenv(name, value)
+        _run(config, tmp_path / "b", "--scheduler", made.address)
+        assert _tables(tmp_path / "b") == undisturbed
+    finally:
+        made.stop()
+
+
 def test_no_scheduler_is_one_line_and_leaves_nothing(tmp_path, capsys, monkeypatch):
     (tmp_path / "c.toml").write_text("solvers = ['state-transition']")
     monkeypatch.chdir(tmp_path)
     assert main(["run", "c.toml", "--scheduler", "nonsense"]) == 2
     error = capsys.readouterr().err
     assert "--scheduler nonsense: no Dask scheduler answers there" in error
-    assert "legal: 'local', or an address such as tcp://host:8786" in error
+    assert "legal: 'local', or an address such as tcp://host:8786 or" in error
     assert error.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["c.toml"]

@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
@@ -197,6 +198,53 @@ def test_ctrl_c_while_a_solver_hangs_ends_within_five_seconds(tmp_path):
     assert process.returncode == 1
     assert "interrupted; finished parts are kept; to continue: impact-xval run" in error
     assert "Traceback" not in error
+
+
+CONFIG = """
+scenario = "impact"
+solvers = ["kelvin-voigt", "mujoco"]
+chunk_size = 2
+[grid]
+stiffness_ratio = {log = [0.02, 50, 200]}
+mass_ratio = [1.0, 2.0]
+e1 = [0.7, 0.9]
+e2 = [0.6, 0.8]
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["run", "search"])
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_keeps_what_is_done_and_says_how_to_go_on(tmp_path, command, end):
+    """As sent by a scheduler of jobs or a closed terminal; sent twice, and to one process or to all of a group."""
+    (tmp_path / "c.toml").write_text(CONFIG)
+    words = [command, str(tmp_path / "c.toml"), "--out", str(tmp_path / "a"), "--workers", "2"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "impact_xval", *words],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    until = time.monotonic() + 120
+    while len(list(tmp_path.glob("a/parts/0*"))) < 2 and time.monotonic() < until:
+        time.sleep(0.02)
+    started = psutil.Process(process.pid).children(recursive=True)
+    assert started
+    start = time.monotonic()
+    (os.killpg if command == "run" else os.kill)(process.pid, end)
+    time.sleep(0.1)
+    process.send_signal(end)
+    _, error = process.communicate(timeout=60)
+    assert time.monotonic() - start < 15
+    assert process.returncode == 1
+    kept = "parts" if command == "run" else "generations"
+    assert f"interrupted; finished {kept} are kept; to continue: impact-xval {command}" in error
+    assert error.count("\n") == 1
+    _, alive = psutil.wait_procs(started, timeout=10)
+    assert not alive
+    assert len(list(tmp_path.glob("a/parts/0*"))) >= 2
 
 
 def test_a_worker_with_another_version_is_one_line(tmp_path, small, monkeypatch):

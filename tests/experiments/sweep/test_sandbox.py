@@ -1,12 +1,15 @@
 """A process of its own: what it answers, and what becomes of its deaths."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
+import psutil
 import pytest
 
 from impact_xval.experiments.sweep.sandbox import (
@@ -105,14 +108,95 @@ def test_it_does_not_outlive_a_killed_parent():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == -signal.SIGKILL
-    child = int(done.stdout)
-    for _ in range(100):
-        try:
-            os.kill(child, 0)
-        except ProcessLookupError:
-            return
+    assert _gone(int(done.stdout))
+
+
+def _gone(process, seconds=5.0):
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        if not psutil.pid_exists(process) or psutil.Process(process).status() == psutil.STATUS_ZOMBIE:
+            return True
         time.sleep(0.05)
-    pytest.fail(f"process {child} is still there")
+    return False
+
+
+def test_a_process_that_a_solver_forked_gives_no_answer_and_takes_no_request(sandbox):
+    for seconds in (0.0, 0.2):  # its answer is there before the next request, or comes during it
+        first = sandbox.call(work.forked, os.fork, seconds, timeout=20)
+        sandbox.call(work.slow, 0.4, timeout=20)
+        assert [sandbox.call(work.pid, timeout=20) for _ in range(3)] == [first] * 3
+    assert sandbox.call(work.request_of_another, timeout=20) == ("", b"")
+
+
+def test_the_answer_to_another_request_ends_the_process(sandbox):
+    for seconds in (0.0, 0.2):
+        sandbox.call(work.forked, work.raw_fork, seconds, timeout=20)
+        with pytest.raises(FaultError) as caught:
+            _call_often(sandbox)
+        assert caught.value.status == "crashed"
+        assert caught.value.reason == "it gave the answer to another request; its process was ended"
+        assert sandbox.call(work.echo, 1, timeout=20) == ("a context", (1,))
+
+
+def _call_often(sandbox):
+    for _ in range(20):
+        sandbox.call(work.slow, 0.1, timeout=20)
+
+
+def test_an_answer_has_to_name_what_was_requested_not_its_number_alone(sandbox):
+    first, second = Sandbox("one", work.prepare), Sandbox("two", work.prepare)
+    for each in (first, second):
+        each.start()
+    first._process.stdout, second._process.stdout = second._process.stdout, first._process.stdout
+    second_asked = threading.Thread(target=_call, args=(second, work.echo, 2))
+    second_asked.start()
+    with pytest.raises(FaultError, match="the answer to another request"):
+        first.call(work.echo, 1, timeout=20)
+    for each in (first, second):
+        each.close()
+    second_asked.join()
+
+
+def _call(sandbox, *request):
+    with contextlib.suppress(FaultError, ClosedError):
+        sandbox.call(*request, timeout=20)
+
+
+@pytest.mark.parametrize("end", ["closed", "died"])
+@pytest.mark.parametrize("how", ["fork", "child", "own session", "clean environment"])
+def test_what_a_solver_started_ends_with_its_sandbox(sandbox, how, end):
+    if not Path("/proc/self/environ").exists() and how in ("fork", "own session"):
+        pytest.skip("processes in sessions of their own are found in /proc")
+    left = sandbox.call(work.leave_behind, how, timeout=20)
+    assert psutil.pid_exists(left)
+    if end == "closed":
+        sandbox.close()
+    else:
+        _call(sandbox, work.die, signal.SIGKILL)
+    assert _gone(left)
+
+
+def test_a_crash_is_told_at_once_though_a_forked_process_goes_on(sandbox):
+    sandbox.start()
+    start = time.monotonic()
+    with pytest.raises(FaultError, match="its process died: SIGABRT"):
+        sandbox.call(work.leave_behind_and_die, timeout=60)
+    assert time.monotonic() - start < 10
+
+
+def test_what_a_solver_started_does_not_outlive_a_killed_caller():
+    script = (
+        "import os, signal; from impact_xval.experiments.sweep.sandbox import Sandbox\n"
+        "from tests.experiments import sandbox_work as w; s = Sandbox(None, w.prepare)\n"
+        "print(*(s.call(w.leave_behind, how, timeout=20) for how in ('fork', 'child')), s.call(w.pid, timeout=20),"
+        " flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=30
+    )
+    assert done.returncode == -signal.SIGKILL
+    assert all(_gone(int(process)) for process in done.stdout.split())
 
 
 def _isolated(n, fatal, once=()):

@@ -26,8 +26,8 @@ from impact_xval.model.diagram import (
     TOO_MANY_EVENTS,
     collide,
 )
-from impact_xval.model.grazing import GRAZING_THRESHOLD, MARKS, mark_codes
-from impact_xval.model.inputs import LEGAL_CUTOFF, Cutoff, broadcast_inputs, legal_cutoff
+from impact_xval.model.grazing import MARKS, mark_codes
+from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, broadcast_inputs, legal_cutoff
 from impact_xval.model.law import IMPACT_LAWS, ImpactLaw
 from impact_xval.model.limits import BOUND
 

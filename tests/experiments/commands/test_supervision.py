@@ -1,0 +1,105 @@
+"""A command that is deaf to signals, as compiled code is, ends all the same; the others say what they have to say."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+ROOT = Path(__file__).parents[3]
+
+#: Bodies of a command; a loop of C looks for no signal.
+DEAF = 'start(); hashlib.pbkdf2_hmac("sha256", b"", b"", 10**9)'
+WILLING = """
+    try:
+        start()
+        time.sleep(120)
+    except KeyboardInterrupt:
+        time.sleep(4)
+        print("put away", flush=True)
+        return 1
+"""
+
+
+def _start(body, **how):
+    script = (
+        "import hashlib, os, sys, time\n"
+        "from impact_xval.experiments.commands.supervision import supervised\n"
+        "def start():\n    print(os.getpid(), flush=True)\n"
+        f"def command():\n    {body.strip()}\n    return 0\n"
+        "sys.exit(supervised(command))"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **how,
+    )
+    return process, int(process.stdout.readline())
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_compiled_code_ends_at_once(end):
+    process, child = _start(DEAF, start_new_session=True)
+    began = sum(psutil.Process(child).cpu_times()[:2])
+    while sum(psutil.Process(child).cpu_times()[:2]) < began + 0.3:  # by now it is in the loop
+        time.sleep(0.05)
+    start = time.monotonic()
+    os.killpg(process.pid, end)
+    said, error = process.communicate(timeout=30)
+    assert time.monotonic() - start < 5
+    assert (process.returncode, said, error) == (
+        1,
+        "",
+        "impact-xval: interrupted; --resume continues a run\n",
+    )
+    assert not psutil.pid_exists(child)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_what_answers_may_put_away_what_it_has_begun(end):
+    process, _ = _start(WILLING, start_new_session=True)
+    for _ in range(3):  # what comes after the first changes nothing
+        os.killpg(process.pid, end)
+        time.sleep(0.3)
+    said, error = process.communicate(timeout=30)
+    assert (process.returncode, said, error) == (1, "put away\n", "")
+
+
+def test_a_death_is_told_in_one_line():
+    process, _ = _start("start(); os.abort()")
+    _, error = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert error.splitlines()[-1] == "impact-xval: its process died: SIGABRT; --resume continues a run"
+
+
+def test_the_exit_code_is_the_commands():
+    process, _ = _start("start(); return 3")
+    assert process.communicate(timeout=30)
+    assert process.returncode == 3
+
+
+def test_a_signal_ignored_from_the_start_stays_so():
+    process, child = _start(
+        "start(); time.sleep(1)", preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    )
+    for each in (child, process.pid):
+        os.kill(each, signal.SIGHUP)
+    assert process.communicate(timeout=30) == ("", "")
+    assert process.returncode == 0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the death of a parent is a signal on Linux")
+def test_a_command_does_not_outlive_the_process_that_was_started():
+    process, child = _start(DEAF)
+    child = psutil.Process(child)
+    process.kill()
+    process.communicate()
+    child.wait(timeout=5)
