@@ -57,7 +57,7 @@ def _of_experiment(what: Path | None) -> tuple[str, list[Finding]]:
     from impact_xval.experiments.config.configuration import load_config, parse_config
     from impact_xval.experiments.sweep.designs import cells_of_run
     from impact_xval.experiments.sweep.examination import experiment_findings
-    from impact_xval.experiments.tables.store import RunFolder
+    from impact_xval.experiments.tables.store import FINISHED, RunFolder
 
     cells = None
     if what is None:
@@ -65,7 +65,7 @@ def _of_experiment(what: Path | None) -> tuple[str, list[Finding]]:
     elif what.is_dir():
         folder = RunFolder(what)
         config = folder.config()
-        if folder.manifest().get("state") == "complete":
+        if folder.manifest()["state"] in FINISHED:
             cells = cells_of_run(folder, config)
     else:
         config = load_config(what)
