@@ -71,8 +71,7 @@ def run_sweep(
     root : Path
         The folder; new, empty, or with `resume` the folder of the same experiment.
     workers : int, optional
-        Number of processes on this machine; by default that of the configuration, else one for every core. No
-        result depends on it.
+        Processes on this machine, on which no result depends; by default the configuration's, else one a core.
     scheduler : str, optional
         Address of a Dask scheduler, or ``local`` for a Dask cluster on this machine; by default no Dask.
     resume : bool
@@ -80,7 +79,7 @@ def run_sweep(
     take_over : bool
         Write to the folder though another run may, where the clock does not tell if that one lives.
     isolate : bool
-        False runs the solvers in this process, one chunk after the other: a solver that crashes ends the run.
+        False runs the solvers in this process: one that crashes ends the run.
     progress : callable
         Called after every chunk.
     resolve : callable
@@ -101,9 +100,8 @@ def run_sweep(
     """
     experiment, cells = Experiment(config, resolve), cells_of(config)
     with kept(root, resume, progress, take_over=take_over) as (folder, continued):
-        workers = workers or config.workers or available_cores()
-        run = _Run(experiment, cells, folder, continued, progress)
-        say, most = functools.partial(progress, 0, 0), min(workers, cells.chunks())
+        workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
+        run, most = _Run(experiment, cells, folder, continued, progress), min(workers, cells.chunks())
         with open_executor(
             experiment, prepare, most, scheduler=scheduler, isolate=isolate, say=say
         ) as executor:

@@ -122,7 +122,7 @@ def search_worst(
     UserError
         If the box has no range, or the folder cannot be used.
     InterruptedRunError
-        On Ctrl-C, a full disk or a lost cluster; finished generations are kept.
+        As for `sweep.run_sweep`; finished generations are kept.
     """
     search = config.search or Search.model_validate({})
     if not search.free():
@@ -136,26 +136,29 @@ def search_worst(
             "configuration": config.canonical(),
             "versions": solver_versions(experiment),
         }
-        if continued:
-            _check_same(folder, manifest["configuration"], progress)
-        identity = json.dumps([config.identity(), search.model_dump(), manifest["versions"], list(COLUMNS)])
-        say = functools.partial(progress, 0, 0)
+        _check_same(folder, continued, manifest["configuration"], progress)
+        identity, say = _identity(config, search, manifest["versions"]), functools.partial(progress, 0, 0)
         with open_executor(
             experiment, prepare, workers, scheduler=scheduler, isolate=isolate, say=say
         ) as executor:
             write_json(root / MANIFEST, manifest)
             evolution = _Evolution(config, search, folder, executor, identity, progress)
-            evolution.run()
-            found = evolution.found()
+            found = evolution.run()
         _write(folder, evolution.evaluations(), found)
         present(folder, found)
         write_json(root / MANIFEST, manifest | _summary(found))
     return found
 
 
-def _check_same(folder: RunFolder, configuration: dict[str, Any], progress: Progress) -> None:
+def _identity(config: Config, search: Search, versions: dict[str, str]) -> str:
+    return json.dumps([config.identity(), search.model_dump(), versions, list(COLUMNS)])
+
+
+def _check_same(
+    folder: RunFolder, continued: bool, configuration: dict[str, Any], progress: Progress
+) -> None:
     try:
-        if folder.manifest()["configuration"] != configuration:
+        if continued and folder.manifest()["configuration"] != configuration:
             raise UserError(f"--resume {folder.root}: holds a search of another configuration")
     except DamagedManifestError as damage:  # generations of another search are neither used nor removed
         progress(0, 0, f"{damage}: it is written now")
@@ -177,8 +180,8 @@ class _Evolution:
         self._generations: list[pa.Table] = []
         self._best: list[float] = []
 
-    def run(self) -> None:
-        """Evolve; every generation is kept."""
+    def run(self) -> Found:
+        """Evolve, every generation being kept, and say what was found."""
         from scipy.optimize import differential_evolution
 
         d = len(self._search.free())
@@ -194,6 +197,7 @@ class _Evolution:
             vectorized=True,
             rng=self._search.seed,
         )
+        return self.found()
 
     def _objective(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Evaluate a generation: minus the size of the measure, 0 where it does not count; x is (d, n)."""
