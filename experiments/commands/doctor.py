@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,9 @@ from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding
+
+#: Seconds for a scene to be loaded and examined.
+_LONGEST = 40.0
 
 
 def doctor(
@@ -57,7 +61,7 @@ def _of_experiment(what: Path | None) -> tuple[str, list[Finding]]:
     from impact_xval.experiments.config.configuration import load_config, parse_config
     from impact_xval.experiments.sweep.designs import cells_of_run
     from impact_xval.experiments.sweep.examination import experiment_findings
-    from impact_xval.experiments.tables.store import RunFolder
+    from impact_xval.experiments.tables.store import FINISHED, RunFolder
 
     cells = None
     if what is None:
@@ -65,7 +69,7 @@ def _of_experiment(what: Path | None) -> tuple[str, list[Finding]]:
     elif what.is_dir():
         folder = RunFolder(what)
         config = folder.config()
-        if folder.manifest().get("state") == "complete":
+        if folder.manifest()["state"] in FINISHED:
             cells = cells_of_run(folder, config)
     else:
         config = load_config(what)
@@ -94,7 +98,44 @@ def _of_file(scene: Path) -> list[Finding]:
     reason = get_solver(engine).unavailable()
     if reason is not None:
         raise UserError(f"{scene}: {engine} is unavailable: {reason}")
-    return examine(scene)
+    return examine(scene) if examine is _script else _apart(examine, scene)
+
+
+def _apart(examine: Callable[[Path], list[Finding]], path: Path) -> list[Finding]:
+    """Examine a file in a process of its own: a few bytes can be a scene of any size, and crash its engine."""
+    from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
+
+    sandbox = Sandbox(None, _limit_memory)
+    try:
+        found = sandbox.call(_examined, examine, path, timeout=_LONGEST)
+    except FaultError as fault:
+        raise UserError(
+            f"{path}: cannot be examined: {fault.reason}; legal: a scene that is loaded within {_LONGEST:g} s, "
+            "by half of the memory of this machine"
+        ) from None
+    finally:
+        sandbox.close()
+    if isinstance(found, str):
+        raise UserError(found)
+    return found
+
+
+def _limit_memory(_: None) -> None:
+    with suppress(ImportError):  # of Unix
+        import resource
+
+        most = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def _examined(_: None, examine: Callable[[Path], list[Finding]], path: Path) -> list[Finding] | str:
+    """Return what was found, or why nothing could be."""
+    try:
+        return examine(path)
+    except UserError as error:
+        return str(error)
+    except Exception as error:  # of an engine that met what it does not expect
+        return f"{path}: cannot be examined: {type(error).__name__}: {error}"
 
 
 def _mjcf(path: Path) -> list[Finding]:

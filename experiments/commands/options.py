@@ -155,6 +155,12 @@ Scheduler = Annotated[
     ),
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue what was begun in the folder.")]
+TakeOver = Annotated[
+    bool,
+    typer.Option(
+        "--take-over", help="Write to the folder though the clock does not tell if its last run lives."
+    ),
+]
 JsonObject = Annotated[bool, typer.Option("--json", help="Print a JSON object.")]
 
 # Of one collision; type and default are the command's.

@@ -17,6 +17,7 @@ from impact_xval.experiments.commands.options import (
     JsonObject,
     Resume,
     Scheduler,
+    TakeOver,
     Workers,
     config_file,
     folder_to_write,
@@ -27,6 +28,7 @@ from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 if TYPE_CHECKING:
     from impact_xval.experiments.config.configuration import Config
     from impact_xval.experiments.sweep.run import Progress
+    from impact_xval.experiments.tables.store import RunFolder
 
 
 def run(
@@ -34,6 +36,7 @@ def run(
     out: Annotated[Path | None, folder_to_write("by default runs/NAME")] = None,
     workers: Workers = None,
     resume: Resume = False,
+    take_over: TakeOver = False,
     scheduler: Scheduler = None,
 ) -> None:
     """Run an experiment over its cells: tables, summary, figures and a report in one folder."""
@@ -48,14 +51,25 @@ def run(
     root = out if out is not None else Path("runs") / _slug(experiment.name)
     words = ["run", config, "--out", root, "--resume", *_option("--scheduler", scheduler)]
     console = make_console()
+    summaries = []
+
+    def present(folder: RunFolder) -> None:
+        summaries.append(write_tables(folder))
+        write_figures(folder, summaries[-1].ladder)
+        write_report(folder, summaries[-1])
+
     with _writing(root, "parts", words, console) as progress:
         folder = run_sweep(
-            experiment, root, workers=workers, scheduler=scheduler, resume=resume, progress=progress
+            experiment,
+            root,
+            workers=workers,
+            scheduler=scheduler,
+            resume=resume,
+            take_over=take_over,
+            progress=progress,
+            present=present,
         )
-    summary = write_tables(folder)
-    write_figures(folder, summary.ladder)
-    write_report(folder, summary)
-    show_summary(console, summary)
+    show_summary(console, summaries[-1])
     print_line(console, f"{time.perf_counter() - start:.0f} s; everything is in {folder.root}")
 
 
@@ -69,6 +83,7 @@ def search(
     ] = None,
     workers: Workers = None,
     resume: Resume = False,
+    take_over: TakeOver = False,
     scheduler: Scheduler = None,
 ) -> None:
     """Search a box of parameters for the worst divergence of a solver from the model."""
@@ -77,7 +92,6 @@ def search(
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.presentation.views import show_found
     from impact_xval.experiments.sweep.search import search_worst
-    from impact_xval.experiments.tables.store import RunFolder
 
     experiment = _experiment(config, "built-in search")
     box = experiment.search.model_dump() if experiment.search is not None else {}
@@ -90,9 +104,15 @@ def search(
         root, "generations", ["search", config, "--out", root, *options, "--resume"], console
     ) as progress:
         found = search_worst(
-            experiment, root, workers=workers, scheduler=scheduler, resume=resume, progress=progress
+            experiment,
+            root,
+            workers=workers,
+            scheduler=scheduler,
+            resume=resume,
+            take_over=take_over,
+            progress=progress,
+            present=lambda folder, found: write_figure(folder, experiment, found),
         )
-    write_figure(RunFolder(root), experiment, found)
     show_found(console, found)
     print_line(console, f"evaluations.parquet, worst.csv and search.png are in {root}")
 

@@ -7,6 +7,7 @@ nested, and may come in lists.
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,6 +21,16 @@ from impact_xval.experiments.config.errors import UserError
 FieldName = Callable[[Sequence[str | int]], str]
 
 _Model = TypeVar("_Model", bound=BaseModel)
+
+#: Size of a file of TOML, and parts of a dotted key in it, at most.
+_MOST_BYTES = 1_000_000
+_MOST_PARTS = 8
+
+#: Texts and comments of TOML, in which a dot is a dot; one that is not closed is found once, too.
+_QUOTED = re.compile(
+    r"""\"{3}(?:\\.?|[^\\])*?(?:\"{3}|\Z)|'{3}.*?(?:'{3}|\Z)|"(?:\\.?|[^"\\\n])*"?|'[^'\n]*'?|\#[^\n]*""",
+    re.DOTALL,
+)
 
 #: What pydantic puts among the keys where a field has several types.
 _TYPES = ("list[float]", "dict[str,list[union[int,float]]]", "float")
@@ -35,7 +46,17 @@ def read_toml(path: Path | str) -> dict[str, Any]:
     """
     path = Path(path)
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+        if len(data) > _MOST_BYTES:
+            raise UserError(
+                f"{path}: larger than {_MOST_BYTES} bytes; legal: at most that (cells of a list: a CSV file)"
+            )
+        text = data.decode("utf-8")
+        parts = _most_parts(text)
+        if parts > _MOST_PARTS:
+            raise UserError(f"{path}: a key of {parts} parts; legal: at most {_MOST_PARTS}")
+        return tomllib.loads(text)
     except FileNotFoundError:
         raise UserError(f"{path}: no such file; legal: a TOML file") from None
     except IsADirectoryError:
@@ -51,6 +72,11 @@ def read_toml(path: Path | str) -> dict[str, Any]:
         raise UserError(
             f"{path}: not TOML that can be read: nested too deeply, or a number too long"
         ) from None
+
+
+def _most_parts(text: str) -> int:
+    """Count the parts of the longest dotted key: the parser needs the square of it."""
+    return max(piece.count(".") + 1 for piece in re.split(r"[=,{}\[\]\n]", _QUOTED.sub("", text)))
 
 
 def dotted(parts: Sequence[str | int]) -> str:

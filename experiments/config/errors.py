@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from impact_xval.experiments.config.visible import visible
+
 
 class UserError(Exception):
     """What the user asked for cannot be done; the message is one line that says what and where.
@@ -10,11 +12,11 @@ class UserError(Exception):
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(str(message).split()))
+        super().__init__(visible(" ".join(str(message).split())))
 
 
 class InterruptedRunError(Exception):
     """The run was stopped before its end; what is done is kept. The message is one line."""
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(str(message).split()))
+        super().__init__(visible(" ".join(str(message).split())))

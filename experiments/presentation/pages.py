@@ -23,6 +23,7 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 
+from impact_xval.experiments.config.visible import visible
 from impact_xval.experiments.measures.laws import by_law
 from impact_xval.experiments.tables.numbers import listed, number, percent, short
 
@@ -80,7 +81,7 @@ Block = Heading | Paragraph | Table
 
 def escape_markdown(text: str) -> str:
     """Escape text so that Markdown shows it as it is, on one line."""
-    text = re.sub(r"\s*[\r\n]\s*", " ", text)
+    text = visible(re.sub(r"\s*[\r\n]\s*", " ", text))
     text = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_{}\[\]#|~])", r"\\\1", text)
 

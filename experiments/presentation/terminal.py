@@ -18,6 +18,7 @@ from rich.progress import (
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from impact_xval.experiments.config.visible import visible
 from impact_xval.experiments.presentation.pages import Table, blocks_of
 
 #: Columns of a page that is not a terminal.
@@ -60,7 +61,7 @@ def show_progress(console: Console, unit: str = "cells") -> Iterator[Callable[[i
 
             def on_bar(done: int, total: int, line: str) -> None:
                 if line:
-                    bar.console.print(line, markup=False, highlight=False)
+                    bar.console.print(visible(line), markup=False, highlight=False)
                 if total:
                     bar.update(task, completed=done, total=total)
 
@@ -86,10 +87,10 @@ def make_console() -> Console:
 
 
 def print_line(console: Console, text: str) -> None:
-    """Print a line as it is; in a log it is never broken."""
-    console.print(text, markup=False, highlight=False, soft_wrap=not console.is_terminal)
+    """Print a line as it is, but for what a terminal would obey; in a log it is never broken."""
+    console.print(visible(text), markup=False, highlight=False, soft_wrap=not console.is_terminal)
 
 
 def error_line(text: str) -> None:
     """Print a line on standard error."""
-    Console(stderr=True).print(f"impact-xval: {text}", markup=False, highlight=False, soft_wrap=True)
+    Console(stderr=True).print(f"impact-xval: {visible(text)}", markup=False, highlight=False, soft_wrap=True)

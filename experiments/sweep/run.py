@@ -36,7 +36,14 @@ from impact_xval.experiments.sweep.solving import (
 from impact_xval.experiments.tables.folders import discard, missing, open_folder
 from impact_xval.experiments.tables.lock import check_free, holding
 from impact_xval.experiments.tables.schema import COLUMNS
-from impact_xval.experiments.tables.store import FORMAT, MANIFEST, RunFolder, statuses_of, write_json
+from impact_xval.experiments.tables.store import (
+    FORMAT,
+    MANIFEST,
+    DamagedManifestError,
+    RunFolder,
+    statuses_of,
+    write_json,
+)
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
@@ -49,9 +56,11 @@ def run_sweep(
     workers: int | None = None,
     scheduler: str | None = None,
     resume: bool = False,
+    take_over: bool = False,
     isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
     resolve: Resolve = get_solver,
+    present: Callable[[RunFolder], None] = lambda folder: None,
 ) -> RunFolder:
     """Run an experiment into a folder: parts, then the finished tables, the curves and the manifest.
 
@@ -62,18 +71,21 @@ def run_sweep(
     root : Path
         The folder; new, empty, or with `resume` the folder of the same experiment.
     workers : int, optional
-        Number of processes on this machine; by default that of the configuration, else one for every core. No
-        result depends on it.
+        Processes on this machine, on which no result depends; by default the configuration's, else one a core.
     scheduler : str, optional
         Address of a Dask scheduler, or ``local`` for a Dask cluster on this machine; by default no Dask.
     resume : bool
-        Continue from the parts that are there.
+        Continue from the parts that are there; where the manifest is damaged, it is written again.
+    take_over : bool
+        Write to the folder though another run may, where the clock does not tell if that one lives.
     isolate : bool
-        False runs the solvers in this process, one chunk after the other: a solver that crashes ends the run.
+        False runs the solvers in this process: one that crashes ends the run.
     progress : callable
         Called after every chunk.
     resolve : callable
         Finds a solver by its name; at the top level of a module.
+    present : callable
+        Given the folder once its tables are complete; the run is complete when it returns.
 
     Returns
     -------
@@ -87,27 +99,26 @@ def run_sweep(
         On Ctrl-C, a full disk or a lost cluster; finished parts are kept.
     """
     experiment, cells = Experiment(config, resolve), cells_of(config)
-    with kept(root, resume, progress) as (folder, continued):
-        workers = workers or config.workers or available_cores()
-        run = _Run(experiment, cells, folder, continued, progress)
-        say, most = functools.partial(progress, 0, 0), min(workers, cells.chunks())
+    with kept(root, resume, progress, take_over=take_over) as (folder, continued):
+        workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
+        run, most = _Run(experiment, cells, folder, continued, progress), min(workers, cells.chunks())
         with open_executor(
             experiment, prepare, most, scheduler=scheduler, isolate=isolate, say=say
         ) as executor:
             run.solve(executor)
-        run.finish({"where": scheduler or "this machine", "workers": workers})
+        run.finish({"where": scheduler or "this machine", "workers": workers}, present)
     return folder
 
 
 @contextlib.contextmanager
 def kept(
-    root: Path, resume: bool, progress: Progress, format: str = FORMAT
+    root: Path, resume: bool, progress: Progress, format: str = FORMAT, *, take_over: bool = False
 ) -> Iterator[tuple[RunFolder, bool]]:
     """Keep a folder to this process, and turn what can end a run from outside into one line.
 
     Parameters
     ----------
-    root, resume, progress
+    root, resume, progress, take_over
         As for `run_sweep`.
     format : str
         What the manifest of such a run says it is.
@@ -124,12 +135,13 @@ def kept(
         If the folder cannot be used; then, and after one in the block, what was made for nothing is removed.
     InterruptedRunError
     """
-    check_free(root)
+    check_free(root, take_over=take_over)
     new = missing(root)
     folder, continued = open_folder(root, resume=resume, format=format)
     try:
-        with holding(root) as line:
+        with holding(root, take_over=take_over) as line:
             progress(0, 0, line)
+            folder.remove_leftovers()
             yield folder, continued
     except UserError:
         discard(folder, new)
@@ -158,9 +170,13 @@ class _Run:
         self._continued, self._progress = continued, progress
         self._started = self._stamp = time.perf_counter()
         self._history: list[Any] = []
+        self._damage = ""
         if continued:
-            _same_experiment(folder, experiment.config)
-            self._history = folder.manifest().get("sessions", [])
+            try:
+                _same_experiment(folder, experiment.config)
+                self._history = folder.manifest()["sessions"]
+            except DamagedManifestError as damage:
+                self._damage = str(damage)
         self._stages: dict[str, float] = {}
         self._seconds: Counter[str] = Counter()
         self._faults = 0
@@ -170,6 +186,7 @@ class _Run:
         config, cells = self._experiment.config, self._cells
         self._versions = solver_versions(self._experiment)
         self._identities = _identities(config, cells, self._versions)
+        self._check_damage()
         self._parts, findings = self._folder.find_parts(self._identities)
         for finding in findings:
             self._progress(0, 0, finding)
@@ -191,6 +208,16 @@ class _Run:
         write_curves(config, self._folder, executor)
         self._stage("curves")
 
+    def _check_damage(self) -> None:
+        """Where the manifest does not tell what the folder holds, one part of this experiment must."""
+        if self._damage and not self._folder.has_parts(self._identities):
+            raise UserError(
+                f"{self._damage}: no part there is of this configuration by these versions, and all are left as "
+                "they are; legal: the configuration and the versions the run was begun with"
+            )
+        if self._damage:
+            self._progress(0, 0, f"{self._damage}: it is written now, and begins without earlier sessions")
+
     def _keep(self, report: Report) -> None:
         ours, theirs = self._versions, report.versions or self._versions
         if theirs != ours:
@@ -204,8 +231,8 @@ class _Run:
         self._seconds.update(report.seconds)
         self._faults += report.faults
 
-    def finish(self, by: dict[str, Any]) -> None:
-        """Write the finished tables and the manifest; `by` is who computed them."""
+    def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:
+        """Write the finished tables and the manifest, and have them presented; `by` is who computed them."""
         self._folder.assemble(self._parts)
         write_ladder(self._folder.root)
         statuses, digests = statuses_of(self._folder.tally()), self._folder.digests()
@@ -221,12 +248,13 @@ class _Run:
             "solver_time_s": {name: round(value, 3) for name, value in self._seconds.items()},
         }
         self._manifest |= {
-            "state": "complete",
             "statuses": statuses,
             "files": digests,
             "sessions": [*self._history, session],
         }
-        write_json(self._folder.root / MANIFEST, self._manifest)
+        write_json(self._folder.root / MANIFEST, self._manifest | {"state": "tables"})
+        present(self._folder)
+        write_json(self._folder.root / MANIFEST, self._manifest | {"state": "complete"})
 
     def _stage(self, name: str) -> None:
         now = time.perf_counter()

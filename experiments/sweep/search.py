@@ -14,6 +14,7 @@ import functools
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,7 @@ from impact_xval.experiments.sweep.solving import (
 from impact_xval.experiments.tables.schema import COLUMNS, DIVERGENCE_SCHEMA
 from impact_xval.experiments.tables.store import (
     MANIFEST,
+    DamagedManifestError,
     RunFolder,
     part_bytes,
     read_part,
@@ -94,9 +96,11 @@ def search_worst(
     workers: int | None = None,
     scheduler: str | None = None,
     resume: bool = False,
+    take_over: bool = False,
     isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
     resolve: Resolve = get_solver,
+    present: Callable[[RunFolder, Found], None] = lambda folder, found: None,
 ) -> Found:
     """Search a box for the largest divergence and write what was found into a folder.
 
@@ -104,8 +108,10 @@ def search_worst(
     ----------
     config : Config
         The experiment; its ``search`` says where, which solver and which measure.
-    root, workers, scheduler, resume, isolate, progress, resolve
+    root, workers, scheduler, resume, take_over, isolate, progress, resolve
         As for `sweep.run_sweep`.
+    present : callable
+        Given the folder and what was found once the table is written; the search is complete when it returns.
 
     Returns
     -------
@@ -116,33 +122,46 @@ def search_worst(
     UserError
         If the box has no range, or the folder cannot be used.
     InterruptedRunError
-        On Ctrl-C, a full disk or a lost cluster; finished generations are kept.
+        As for `sweep.run_sweep`; finished generations are kept.
     """
     search = config.search or Search.model_validate({})
     if not search.free():
         raise UserError("search: every parameter is a number; legal: one range or more")
     config = config.model_copy(update={"solvers": [REFERENCE, search.solver], "search": search})
     experiment, workers = Experiment(config, resolve), workers or config.workers or available_cores()
-    with kept(root, resume, progress, FORMAT) as (folder, continued):
+    with kept(root, resume, progress, FORMAT, take_over=take_over) as (folder, continued):
         manifest = {
             "format": FORMAT,
             "state": "running",
             "configuration": config.canonical(),
             "versions": solver_versions(experiment),
         }
-        if continued and folder.manifest().get("configuration") != manifest["configuration"]:
-            raise UserError(f"--resume {root}: holds a search of another configuration")
-        identity = json.dumps([config.identity(), search.model_dump(), manifest["versions"], list(COLUMNS)])
-        say = functools.partial(progress, 0, 0)
+        _check_same(folder, continued, manifest["configuration"], progress)
+        identity, say = _identity(config, search, manifest["versions"]), functools.partial(progress, 0, 0)
         with open_executor(
             experiment, prepare, workers, scheduler=scheduler, isolate=isolate, say=say
         ) as executor:
             write_json(root / MANIFEST, manifest)
             evolution = _Evolution(config, search, folder, executor, identity, progress)
-            evolution.run()
-            found = evolution.found()
-        _write(folder, evolution.evaluations(), found, manifest)
+            found = evolution.run()
+        _write(folder, evolution.evaluations(), found)
+        present(folder, found)
+        write_json(root / MANIFEST, manifest | _summary(found))
     return found
+
+
+def _identity(config: Config, search: Search, versions: dict[str, str]) -> str:
+    return json.dumps([config.identity(), search.model_dump(), versions, list(COLUMNS)])
+
+
+def _check_same(
+    folder: RunFolder, continued: bool, configuration: dict[str, Any], progress: Progress
+) -> None:
+    try:
+        if continued and folder.manifest()["configuration"] != configuration:
+            raise UserError(f"--resume {folder.root}: holds a search of another configuration")
+    except DamagedManifestError as damage:  # generations of another search are neither used nor removed
+        progress(0, 0, f"{damage}: it is written now")
 
 
 class _Evolution:
@@ -161,8 +180,8 @@ class _Evolution:
         self._generations: list[pa.Table] = []
         self._best: list[float] = []
 
-    def run(self) -> None:
-        """Evolve; every generation is kept."""
+    def run(self) -> Found:
+        """Evolve, every generation being kept, and say what was found."""
         from scipy.optimize import differential_evolution
 
         d = len(self._search.free())
@@ -178,6 +197,7 @@ class _Evolution:
             vectorized=True,
             rng=self._search.seed,
         )
+        return self.found()
 
     def _objective(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Evaluate a generation: minus the size of the measure, 0 where it does not count; x is (d, n)."""
@@ -252,24 +272,24 @@ def _with_step(experiment: Experiment, cell: GridCell, fraction: float) -> dict[
     return solve_all(dataclasses.replace(experiment, config=config), [cell]).to_pylist()[-1]
 
 
-def _write(folder: RunFolder, evaluations: pa.Table, found: Found, manifest: dict[str, Any]) -> None:
+def _write(folder: RunFolder, evaluations: pa.Table, found: Found) -> None:
     with table_writer(folder.root / EVALUATIONS, DIVERGENCE_SCHEMA) as table:
         table.add(evaluations)
     lines = [",".join(AXES), *(",".join(repr(row[axis]) for axis in AXES) for row in found.rows)]
     write_text(folder.root / WORST, "\n".join(lines) + "\n")
-    write_json(
-        folder.root / MANIFEST,
-        manifest
-        | {
-            "state": "complete",
-            "evaluated": found.evaluated,
-            "marked": found.marked,
-            "failed": found.failed,
-            "best": found.best,
-            "worst": [{key: _plain(value) for key, value in row.items()} for row in found.rows],
-            "confirmed": found.confirmed,
-        },
-    )
+
+
+def _summary(found: Found) -> dict[str, Any]:
+    """Describe what was found for the manifest of a complete search."""
+    return {
+        "state": "complete",
+        "evaluated": found.evaluated,
+        "marked": found.marked,
+        "failed": found.failed,
+        "best": found.best,
+        "worst": [{key: _plain(value) for key, value in row.items()} for row in found.rows],
+        "confirmed": found.confirmed,
+    }
 
 
 def _plain(value: Any) -> Any:

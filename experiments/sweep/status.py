@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections import Counter
 from dataclasses import dataclass
@@ -14,8 +15,12 @@ import pyarrow.parquet as pq
 
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.aggregates import reasons_of
+from impact_xval.experiments.tables.files import open_regular
 from impact_xval.experiments.tables.lock import running
 from impact_xval.experiments.tables.store import PART, RunFolder, Tally, statuses_of, tally
+
+#: Seconds that are said to be left, at most: a clock that jumped makes any number of them.
+_LONGEST = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +30,8 @@ class RunStatus:
     Attributes
     ----------
     state : str
-        ``complete``, ``running``, or ``stopped``: nobody works on it.
+        ``complete``, ``running``, or ``stopped``: nobody works on it, and its parts, tables or report are to be
+        completed.
     owner : str
         Who works on it, "" if nobody does.
     cells, cells_done : int
@@ -67,9 +73,9 @@ def status_of(root: Path) -> RunStatus:
         raise UserError(f"{root}: no such folder; legal: the folder of a run")
     folder = RunFolder(root)
     manifest = folder.manifest()
-    cells, chunks = (_count(root, manifest, key) for key in ("cells", "chunks"))
+    cells, chunks = manifest["cells"], manifest["chunks"]
     owner = running(root)
-    if manifest.get("state") == "complete" and owner is None:
+    if manifest["state"] == "complete" and owner is None:
         return _complete(folder, manifest, cells, chunks)
     return _under_way(folder, manifest, cells, chunks, str(owner or ""))
 
@@ -95,8 +101,9 @@ def _under_way(folder: RunFolder, manifest: dict[str, Any], cells: int, chunks: 
         if match is None or int(match[1]) in seen:
             continue
         try:
-            table = pq.read_table(path, columns=["solver", "status", "reason", "cell"])
-            stamp = path.stat().st_mtime
+            with open_regular(path) as file:
+                table = pq.read_table(file, columns=["solver", "status", "reason", "cell"])
+                stamp = os.fstat(file.fileno()).st_mtime
         except (OSError, pa.ArrowException, KeyError):
             damaged += 1
             continue
@@ -108,28 +115,21 @@ def _under_way(folder: RunFolder, manifest: dict[str, Any], cells: int, chunks: 
         outcomes += tally([table])
     elapsed = (time.time() if owner else last) - since
     rate = recent / elapsed if recent and elapsed > 0 else None
-    left = (cells - done) / rate if rate and owner else None
+    left = min((cells - done) / rate, _LONGEST) if rate and owner else None
     state, counts = "running" if owner else "stopped", (cells, min(done, cells), chunks, len(seen), damaged)
     return RunStatus(state, owner, *counts, statuses_of(outcomes), reasons_of(outcomes), rate, left)
 
 
-def _count(root: Path, manifest: dict[str, Any], key: str) -> int:
-    value = manifest.get(key)
-    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise UserError(f"{root}: manifest.json: {key} = {value!r}; legal: a whole number")
-    return value
-
-
 def _started(manifest: dict[str, Any]) -> float:
     try:
-        return datetime.fromisoformat(str(manifest.get("started"))).timestamp()
-    except ValueError:
+        return datetime.fromisoformat(manifest["started"]).timestamp()
+    except (ValueError, OverflowError):
         return time.time()
 
 
 def _last_rate(manifest: dict[str, Any], cells: int, chunks: int) -> float | None:
     """Cells per second of the last session that computed anything."""
-    for session in reversed(manifest.get("sessions", [])):
+    for session in reversed(manifest["sessions"]):
         computed, seconds = session.get("parts_computed"), session.get("wall_time_s")
         if computed and seconds:
             return computed / chunks * cells / seconds

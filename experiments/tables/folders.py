@@ -8,9 +8,13 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.tables.files import is_regular
 from impact_xval.experiments.tables.lock import LOCK, OWNER
-from impact_xval.experiments.tables.store import FORMAT, MANIFEST, RunFolder
-from impact_xval.experiments.tables.streams import is_temporary
+from impact_xval.experiments.tables.store import FINISHED, FORMAT, MANIFEST, DamagedManifestError, RunFolder
+from impact_xval.experiments.tables.streams import replaced_by
+
+#: Folders and files that are written to, and so must be the run's own: what is behind a link is another's.
+_FOLDERS, _FILES = ("parts", "figures"), (LOCK, OWNER, MANIFEST)
 
 
 def missing(root: Path) -> list[Path]:
@@ -43,6 +47,7 @@ def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunF
     """
     folder, new = RunFolder(root, format), missing(root)
     try:
+        _check_own(root)
         entries = sorted(entry.name for entry in root.iterdir()) if not new else []
         # What a run leaves that was killed before its first line of work.
         started = folder.parts.is_dir() and not any(folder.parts.iterdir())
@@ -50,11 +55,16 @@ def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunF
         raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
     except OSError as error:
         raise UserError(f"--out {root}: cannot be read: {error.strerror}") from None
-    continued = MANIFEST in entries
+    # A run that lost its manifest is continued from its parts.
+    continued = MANIFEST in entries or (resume and folder.has_parts())
     ours = (LOCK, OWNER, *(["parts"] if started else []))
-    foreign = [name for name in entries if not (is_temporary(name) or name in ours)]
+    foreign = [name for name in entries if replaced_by(name) not in (MANIFEST, OWNER) and name not in ours]
     if continued:
-        folder.manifest()
+        try:
+            folder.manifest()
+        except DamagedManifestError:
+            if not (resume and folder.has_parts()):
+                raise
         if not resume:
             raise UserError(
                 f"--out {root}: already holds a run; add --resume to continue it, or name another folder"
@@ -69,6 +79,18 @@ def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunF
         discard(folder, new)
         raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
     return folder, continued
+
+
+def _check_own(root: Path) -> None:
+    """Raise a `UserError` if a name of the run's own is that of something else."""
+    for name in (*_FOLDERS, *_FILES):
+        path = root / name
+        if not (path.exists() or path.is_symlink()):
+            continue
+        if name in _FOLDERS and (path.is_symlink() or not path.is_dir()):
+            raise UserError(f"{path}: not a folder of its own; legal: a folder, no link, or nothing")
+        if name in _FILES and not is_regular(path):
+            raise UserError(f"{path}: not a regular file; legal: a file that a run wrote, or nothing")
 
 
 def discard(folder: RunFolder, new: Iterable[Path]) -> None:
@@ -88,17 +110,18 @@ def discard(folder: RunFolder, new: Iterable[Path]) -> None:
 
 
 def finished(root: Path) -> RunFolder:
-    """Return the folder of a run that is complete.
+    """Return the folder of a run whose tables are complete; its report may be missing.
 
     Raises
     ------
     UserError
-        If it is not.
+        If they are not.
     """
     if not root.is_dir():
         raise UserError(f"{root}: no such folder; legal: the folder of a run")
     folder = RunFolder(root)
-    if folder.manifest().get("state") != "complete":
+    _check_own(root)
+    if folder.manifest()["state"] not in FINISHED:
         raise UserError(
             f"{root}: the run is not finished; continue it with impact-xval run --out {root} --resume"
         )

@@ -15,24 +15,31 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
+from pydantic import BaseModel, Field
 
+from impact_xval.experiments.config.axes import MAX_CELLS
+from impact_xval.experiments.config.config_errors import validated
 from impact_xval.experiments.config.configuration import REFERENCE, Config, from_canonical
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.tables.files import is_regular, open_regular
+from impact_xval.experiments.tables.lock import OWNER
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, ROW_SCHEMA
 from impact_xval.experiments.tables.streams import (
     blocks,
-    is_temporary,
+    replaced_by,
     replacing,
     table_writer,
 )
 
 FORMAT = "impact-xval run, format 1"
+#: States of a run whose tables are written; "complete" is one with its report.
+FINISHED = ("tables", "complete")
 MANIFEST = "manifest.json"
 TABLES = (
     "cells.parquet",
@@ -49,6 +56,50 @@ _PIECE = 8192
 Tally = Counter[tuple[str, str, str]]
 
 PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
+
+#: Files a run or a search writes, by folder.
+_WRITTEN = {
+    ".": re.compile(
+        "|".join(map(re.escape, (MANIFEST, OWNER, *TABLES)))
+        + r"|ladder-[a-z-]+\.(parquet|csv)|summary\.(md|csv|tex)|report\.html"
+        r"|evaluations\.parquet|worst\.csv|search\.(png|pdf|txt)"
+    ),
+    "parts": PART,
+    "figures": re.compile(r"[a-z0-9-]+\.(png|pdf)|captions\.json"),
+}
+
+
+class DamagedManifestError(UserError):
+    """There is no manifest, or none that can be used; its parts may be whole."""
+
+
+class _Session(BaseModel, strict=True):
+    """What is read of a session of a run."""
+
+    parts_computed: int = Field(0, ge=0, description="a whole number")
+    wall_time_s: float = Field(0.0, ge=0, allow_inf_nan=False, description="a number")
+
+
+class _SearchManifest(BaseModel, strict=True):
+    """What is read of the manifest of a search, and of any other."""
+
+    state: Literal["running", "tables", "complete"] = Field(description="'running', 'tables' or 'complete'")
+    configuration: dict[str, Any] = Field(description="a table")
+    versions: dict[str, str] = Field(description="a table of texts")
+
+
+class _RunManifest(_SearchManifest):
+    """What is read of the manifest of a run."""
+
+    cells: int = Field(ge=1, le=MAX_CELLS, description=f"a whole number from 1 to {MAX_CELLS}")
+    chunks: int = Field(ge=1, le=MAX_CELLS, description=f"a whole number from 1 to {MAX_CELLS}")
+    started: str = Field(description="a date and time")
+    identity: str = Field(description="a text")
+    seeds: str = Field(description="a text")
+    libraries: dict[str, str] = Field(description="a table of texts")
+    machine: dict[str, Any] = Field(description="a table")
+    sessions: list[_Session] = Field(description="a list of tables")
+    files: dict[str, str] = Field({}, description="a table of digests")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -100,7 +151,7 @@ class RunFolder:
         return None
 
     def find_parts(self, identities: Sequence[str]) -> tuple[dict[int, Path], list[str]]:
-        """Find the parts that are whole and belong to this run; remove the others, and what was half-written anywhere.
+        """Find the parts that are whole and belong to this run; remove the others.
 
         Parameters
         ----------
@@ -113,17 +164,17 @@ class RunFolder:
             Path by number of the chunk.
         findings : list of str
             One line for every part that was found and not kept.
+
+        Raises
+        ------
+        UserError
+            If something that is not a file has the name of a part.
         """
         parts: dict[int, Path] = {}
         findings: list[str] = []
-        for path in sorted(self.root.rglob("*")):
-            if is_temporary(path.name) and path.is_file():
-                path.unlink()  # its writer was killed
-        for path in sorted(self.parts.glob("*")):
-            match = PART.fullmatch(path.name)
-            if match is None:
-                continue
-            number, identity, digest = int(match[1]), match[2], match[3]
+        for path, number, identity, digest in self._named_parts():
+            if not is_regular(path):
+                raise UserError(f"{path}: not a regular file; legal: a part that a run wrote, or nothing")
             if number in parts:
                 problem = "is there twice"
             elif identity not in identities[number : number + 1]:
@@ -131,11 +182,30 @@ class RunFolder:
             elif (problem := _problem(path, digest)) == "":
                 parts[number] = path
                 continue
-            if path.is_dir():
-                raise UserError(f"{path}: is a folder; legal: a part that a run wrote, or nothing")
             findings.append(f"part {number} {problem}: computed again")
             path.unlink()
         return parts, findings
+
+    def _named_parts(self) -> Iterator[tuple[Path, int, str, str]]:
+        """Go through what has the name of a part, in order: path, number, identity, digest."""
+        for path in sorted(self.parts.glob("*")):
+            match = PART.fullmatch(path.name)
+            if match is not None:
+                yield path, int(match[1]), match[2], match[3]
+
+    def has_parts(self, identities: Sequence[str] | None = None) -> bool:
+        """Whether there are parts, by their names; those of some identities only, where they are given."""
+        return any(
+            identities is None or identity in identities[number : number + 1]
+            for _, number, identity, _ in self._named_parts()
+        )
+
+    def remove_leftovers(self) -> None:
+        """Remove the temporary files of runs that were killed, where a run writes, and nothing else."""
+        for folder, written in _WRITTEN.items():
+            for path in sorted((self.root / folder).glob(".tmp-*")):
+                if written.fullmatch(replaced_by(path.name)) and is_regular(path):
+                    path.unlink()
 
     def assemble(self, parts: dict[int, Path]) -> None:
         """Write the finished tables from the parts, in the order of the cells, one part at a time."""
@@ -164,31 +234,49 @@ class RunFolder:
 
         Raises
         ------
+        DamagedManifestError
+            If there is none, or none that can be used.
         UserError
-            If there is none, or it is not ours.
+            If it is not that of a run.
         """
         path = self.root / MANIFEST
+        kept = "; --resume writes it again" if self.has_parts() else ""
         try:
-            value = json.loads(path.read_text(encoding="utf-8"))
+            with open_regular(path) as file:
+                value = json.loads(file.read().decode("utf-8"))
         except FileNotFoundError:
-            raise UserError(f"{self.root}: no {MANIFEST}; legal: the folder of a run") from None
+            raise DamagedManifestError(
+                f"{self.root}: no {MANIFEST}; legal: the folder of a run{kept}"
+            ) from None
         except OSError as error:
             raise UserError(f"{path}: cannot be read: {error.strerror}") from None
         except (ValueError, RecursionError):
-            raise UserError(f"{path}: damaged, not JSON; legal: the manifest of a run") from None
+            raise DamagedManifestError(
+                f"{path}: damaged, not JSON; legal: the manifest of a run{kept}"
+            ) from None
         if not isinstance(value, dict) or value.get("format") != self.format:
             raise UserError(f"{path}: not the manifest of a run ({self.format})")
+        try:
+            validated(_RunManifest if self.format == FORMAT else _SearchManifest, value, str(path))
+        except UserError as error:
+            raise DamagedManifestError(f"{error}{_written_by(value)}{kept}") from None
         return value
 
     def config(self) -> Config:
-        """Read the configuration of the run from its manifest."""
-        manifest, where = self.manifest(), str(self.root / MANIFEST)
-        if not isinstance(manifest.get("configuration"), dict):
-            raise UserError(f"{where}: configuration is missing; legal: the manifest of a run")
+        """Read the configuration of the run from its manifest.
+
+        Raises
+        ------
+        UserError
+            As for `manifest`.
+        """
+        manifest = self.manifest()
         try:
-            return from_canonical(manifest["configuration"], where)
+            return from_canonical(manifest["configuration"], str(self.root / MANIFEST))
         except UserError as error:
-            raise UserError(f"{error}{_written_by(manifest)}") from None
+            raise DamagedManifestError(f"{error}{_written_by(manifest)}") from None
+        except RecursionError:
+            raise DamagedManifestError(f"{self.root / MANIFEST}: nested too deeply") from None
 
     def table_path(self, name: str, schema: pa.Schema) -> Path:
         """Return the path of a finished table, after a look at whether it is what was written.
@@ -196,13 +284,15 @@ class RunFolder:
         Raises
         ------
         UserError
-            If it is missing, damaged or has other columns.
+            If it is missing, damaged, has other columns, or nothing says what was written.
         """
         path, manifest = self.root / name, self.manifest()
         again = "impact-xval run --resume writes it again"
-        recorded = manifest.get("files")
+        recorded = manifest.get("files", {}).get(name)
+        if recorded is None:
+            raise UserError(f"{self.root / MANIFEST}: files: no digest of {name}; {again}")
         try:
-            if isinstance(recorded, dict) and recorded.get(name) != _digest(path):
+            if recorded != _digest(path):
                 raise UserError(f"{path}: altered since it was written; {again}")
             names = pq.read_schema(path).names
         except FileNotFoundError:
@@ -292,5 +382,5 @@ def _problem(path: Path, digest: str) -> str:
 
 
 def _digest(path: Path) -> str:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -27,7 +28,7 @@ import pyarrow.parquet as pq
 #: Rows of one row group of the tables, and of one block that is read.
 GROUP = 65_536
 
-_TEMPORARY = ".tmp-"
+_TEMPORARY = re.compile(r"\.tmp-\d+-(.+)")
 
 
 @contextlib.contextmanager
@@ -41,20 +42,28 @@ def replacing(path: Path, *, sync: bool = True) -> Iterator[Path]:
         Whether the content must be on the disk before the name is; a power cut could otherwise leave a name
         without its content.
     """
-    temporary = path.with_name(f"{_TEMPORARY}{os.getpid()}-{path.name}")
+    temporary = path.with_name(f".tmp-{os.getpid()}-{path.name}")
     try:
+        temporary.unlink(missing_ok=True)  # not written through, should it be a link
         yield temporary
         if sync:
             with temporary.open("rb+") as file:
                 os.fsync(file.fileno())
         temporary.replace(path)
+    except OSError as error:
+        error.filename = error.filename or str(
+            path
+        )  # a full disk does not say which file it had no place for
+        raise
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # what went wrong before is what is told
+            temporary.unlink()
 
 
-def is_temporary(name: str) -> bool:
-    """Whether a file is what `replacing` leaves when its process is killed."""
-    return name.startswith(_TEMPORARY)
+def replaced_by(name: str) -> str:
+    """Return the name of the file whose place a temporary one of `replacing` was to take; "" for other files."""
+    match = _TEMPORARY.fullmatch(name)
+    return match[1] if match else ""
 
 
 class TableWriter:

@@ -1,10 +1,14 @@
 """The command `doctor`, on files a user might have."""
 
+import ctypes
 import json
+import re
+import time
 
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.commands import doctor
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import load_config
 from impact_xval.experiments.sweep.run import run_sweep
@@ -123,6 +127,63 @@ def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys, name, tex
     err = capsys.readouterr().err
     assert says in err
     assert "Traceback" not in err
+
+
+REPLICATE = '<replicate count="1000" offset="0 0 1">'
+BODY = "<body><freejoint/><geom size='1'/></body>"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("inside", "says"),
+    [
+        ('<replicate count="1000000000" offset="0 0 1"><geom size="1"/></replicate>', "no answer within 3 s"),
+        (
+            REPLICATE * 3 + BODY + "</replicate>" * 3,
+            "no answer within 3 s",
+        ),
+        ('<geom type="hfield" hfield="a"/>', "cannot be examined|MuJoCo does not compile it"),
+        ('<geom size="1"/></worldbody><include file="bad.xml"/><worldbody>', "already included"),
+    ],
+    ids=["replicate", "nested", "field", "loop"],
+)
+def test_a_scene_without_end_costs_a_line(tmp_path, capsys, monkeypatch, inside, says):
+    if "replicate" in inside:
+        monkeypatch.setattr(doctor, "_LONGEST", 3.0)
+    path = tmp_path / "bad.xml"
+    field = '<asset><hfield name="a" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>' * (
+        "hfield" in inside
+    )
+    path.write_text(f"<mujoco>{field}<worldbody>{inside}</worldbody></mujoco>", encoding="utf-8")
+    start = time.perf_counter()
+    assert main(["doctor", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert re.search(says, error)
+    assert error.count("\n") == 1
+    assert time.perf_counter() - start < 60
+
+
+@needs_pybullet
+@pytest.mark.slow
+def test_a_mesh_that_crashes_the_engine_costs_a_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "_urdf", _crash)
+    (tmp_path / "bad.urdf").write_text(URDF)
+    assert main(["doctor", str(tmp_path / "bad.urdf")]) == 2
+    error = capsys.readouterr().err
+    assert "cannot be examined: its process died: SIGSEGV; legal: a scene that is loaded within 40 s" in error
+    assert error.count("\n") == 1
+
+
+def _crash(path):
+    ctypes.string_at(0)
+
+
+def test_the_name_of_a_geom_is_shown_as_it_is_written(tmp_path, capsys):
+    path = tmp_path / "bad.xml"
+    text = SCENE.format(step=1e-3, solref="-100 1").replace('"ball"', '"b&#x202e;&#x9b;ll"')
+    path.write_text(text, encoding="utf-8")
+    assert main(["doctor", str(path)]) == 1
+    assert r"mixed-signs: geoms #0 and b\u202e\x9bll" in capsys.readouterr().out
 
 
 def test_the_report_of_a_run_says_what_was_found(monkeypatch):

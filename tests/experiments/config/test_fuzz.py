@@ -7,11 +7,13 @@ range, an unknown key, a table for a number, broken TOML.
 import json
 import random
 import shutil
+import time
+import tracemalloc
 
 import pytest
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.configuration import load_config, parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
@@ -117,6 +119,49 @@ def test_a_spoiled_configuration_is_one_line(case, tmp_path, capsys):
     assert len(captured.err) < 2000
     assert named in captured.err
     assert [each.name for each in tmp_path.iterdir()] == ["c.toml"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (".".join("a" * 20_000) + " = 1", "a key of 20000 parts; legal: at most 8"),
+        ("[" + ".".join("a" * 20_000) + "]", "a key of 20000 parts; legal: at most 8"),
+        ("x = {" + " . ".join(["'a.b'", '"c"'] * 5_000) + " = 1}", "a key of 10000 parts; legal: at most 8"),
+        ("name = 'x'\n" + "#" * 1_000_000, "larger than 1000000 bytes; legal: at most that"),
+        ("\u00e4" * 500_001, "larger than 1000000 bytes; legal: at most that"),
+        ("x = " + "[" * 200_000, "nested too deeply"),
+        ("".join(f"a{i}.b.c.d.e.f.g.h = 1\n" for i in range(2_000)), "unknown key"),
+        ('"' + '\\"' * 50_000, "not TOML"),
+        ('"""' + '\\"' * 50_000 + "\\", "not TOML"),
+    ],
+    ids=range(9),
+)
+def test_a_file_that_would_take_the_memory_is_one_line(text, says, tmp_path, capsys):
+    path = tmp_path / "c.toml"
+    path.write_text(text)
+    start = time.perf_counter()
+    tracemalloc.start()
+    try:
+        assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    error = capsys.readouterr().err
+    assert f"{path}: " in error
+    assert says in error
+    assert error.count("\n") == 1
+    assert len(error) < 2000
+    assert peak < 5e8
+    assert time.perf_counter() - start < 30
+
+
+def test_dots_in_texts_and_numbers_are_no_keys(tmp_path):
+    path = tmp_path / "c.toml"
+    dots = ".".join("a" * 50)
+    path.write_text(
+        f'name = \'{dots}\' # {dots}\ncells = "{dots}\\""\ngravity = 9.5\n[figure_cell]\nstiffness_ratio = 1.5\n'
+    )
+    assert load_config(path).name == dots
 
 
 @pytest.fixture(scope="module")

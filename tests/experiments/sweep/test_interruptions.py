@@ -13,8 +13,10 @@ from pathlib import Path
 import psutil
 import pytest
 
+from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.status import status_of
 from impact_xval.experiments.tables import store
 from impact_xval.experiments.tables.store import TABLES
 from tests.experiments import fakes
@@ -59,7 +61,7 @@ def test_a_table_that_cannot_be_written_leaves_no_half_of_it(small, tmp_path, mo
     calls = []
 
     def fail(path, target):
-        if target.name == table and (table != "manifest.json" or calls):
+        if target.name == table and (table != "manifest.json" or table in calls):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
         calls.append(target.name)
         return replace(path, target)
@@ -72,6 +74,41 @@ def test_a_table_that_cannot_be_written_leaves_no_half_of_it(small, tmp_path, mo
     assert json.loads((tmp_path / "a/manifest.json").read_text())["state"] == "running"
     run_sweep(small, tmp_path / "a", isolate=False, resume=True, resolve=fakes.shifted)
     assert _tables(tmp_path / "a") == whole
+
+
+@pytest.mark.slow
+def test_a_run_is_complete_only_with_its_report(tmp_path, monkeypatch, capsys):
+    (tmp_path / "c.toml").write_text(
+        "solvers = ['kelvin-voigt']\nscenario = 'impact'\n[grid]\nstiffness_ratio = [0.5, 2.0]\n"
+        "mass_ratio = [1.5]\ne1 = [0.9]\ne2 = [0.7]\n"
+    )
+    root, replace = tmp_path / "a b", Path.replace
+
+    def full(path, target):
+        if target.name in ("summary.csv", "report.html", "energy.png"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return replace(path, target)
+
+    command = ["run", str(tmp_path / "c.toml"), "--out", str(root)]
+    monkeypatch.setattr(Path, "replace", full)
+    assert main([*command, "--workers", "1"]) == 1
+    error = capsys.readouterr().err
+    assert f"{root}/summary.csv: No space left on device; finished parts are kept; to continue: " in error
+    assert f"impact-xval run {tmp_path}/c.toml --out '{root}' --resume" in error
+    assert error.count("\n") == 1
+    assert (status_of(root).state, status_of(root).cells_done) == ("stopped", 2)
+    # What needs no more than the tables works, or says what there is no place for.
+    assert main(["ladder", str(root)]) == 0
+    for name, what in (("table", "summary.csv"), ("figures", "energy.png"), ("report", "energy.png")):
+        capsys.readouterr()
+        assert main([name, str(root)]) == 1
+        assert f"{what}: No space left on device" in capsys.readouterr().err
+    monkeypatch.undo()
+    for name in ("table", "figures", "report"):
+        assert main([name, str(root)]) == 0
+    assert main([*command, "--resume", "--workers", "1"]) == 0
+    assert status_of(root).state == "complete"
+    assert "everything is in" in capsys.readouterr().out
 
 
 def test_a_folder_that_vanishes_is_said_so(small, tmp_path):

@@ -1,6 +1,7 @@
 """The search for the worst divergence finds a maximum that is known."""
 
 import dataclasses
+import errno
 import math
 
 import pyarrow.parquet as pq
@@ -12,7 +13,7 @@ from impact_xval.experiments.config.configuration import load_config, parse_conf
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.presentation.search_figure import write_figure
 from impact_xval.experiments.sweep.designs import cells_of
-from impact_xval.experiments.sweep.search import search_worst
+from impact_xval.experiments.sweep.search import FORMAT, search_worst
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.model import solve
 from tests.experiments import fakes
@@ -91,6 +92,34 @@ def test_a_stopped_search_takes_the_same_way_when_it_is_resumed(tmp_path):
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
     for name in ("evaluations.parquet", "worst.csv"):
         assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_a_search_with_a_damaged_manifest_is_continued_and_without_resume_refused(tmp_path):
+    config = _config(generations=3)
+    whole = search_worst(config, tmp_path / "a", isolate=False, resolve=peaked)
+    table = (tmp_path / "a/evaluations.parquet").read_bytes()
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "a/parts").iterdir()}
+    for text in ("{", '{"format": "impact-xval search, format 1", "configuration": 3}'):
+        (tmp_path / "a/manifest.json").write_text(text)
+        with pytest.raises(UserError, match="--resume writes it again"):
+            search_worst(config, tmp_path / "a", isolate=False, resolve=peaked)
+        again = search_worst(config, tmp_path / "a", isolate=False, resume=True, resolve=peaked)
+        assert again.rows == whole.rows
+    assert (tmp_path / "a/evaluations.parquet").read_bytes() == table
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "a/parts").iterdir()} == before
+
+
+def test_a_search_is_complete_only_with_its_figure(tmp_path):
+    def full(folder, found):
+        raise OSError(errno.ENOSPC, "No space left on device", str(folder.root / "search.png"))
+
+    config = _config(generations=2)
+    with pytest.raises(InterruptedRunError, match=r"search\.png: No space left on device"):
+        search_worst(config, tmp_path / "a", isolate=False, resolve=peaked, present=full)
+    folder = RunFolder(tmp_path / "a", FORMAT)
+    assert folder.manifest()["state"] == "running"
+    search_worst(config, tmp_path / "a", isolate=False, resume=True, resolve=peaked)
+    assert folder.manifest()["state"] == "complete"
 
 
 def test_grazing_cells_do_not_count(tmp_path):

@@ -66,8 +66,12 @@ def test_status_of_a_stopped_run_counts_what_is_damaged(tmp_path, capsys):
 def test_status_of_no_run_is_one_line(tmp_path, capsys):
     assert main(["status", str(tmp_path / "none")]) == 2
     assert main(["status", str(tmp_path)]) == 2
-    (tmp_path / "manifest.json").write_text('{"format": "impact-xval run, format 1", "cells": "many"}')
+    (tmp_path / "manifest.json").write_text('{"format": "impact-xval run, format 1"}')
     assert main(["status", str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert "no such folder" in error
-    assert "cells = 'many'; legal: a whole number" in error
+    assert "state: missing; legal: 'running'" in error
+    folder = run_sweep(parse_config(SMALL), tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    (folder.root / "manifest.json").write_text(json.dumps(folder.manifest() | {"cells": "many"}))
+    assert main(["status", str(folder.root)]) == 2
+    assert "cells = 'many'; legal: a whole number" in capsys.readouterr().err

@@ -148,7 +148,12 @@ def test_what_a_killed_run_left_half_written_is_removed(small, tmp_path):
     before = _tables(tmp_path / "a")
     (tmp_path / "a/figures").mkdir()
     left = [
-        tmp_path / "a" / name for name in (".tmp-7-ladder.csv", "parts/.tmp-7-x", "figures/.tmp-7-map.png")
+        tmp_path / "a" / name
+        for name in (
+            ".tmp-7-ladder.csv",
+            f"parts/.tmp-7-000001-{32 * '0'}-{64 * '0'}.parquet",
+            "figures/.tmp-7-map.png",
+        )
     ]
     for path in left:
         path.write_text("half")

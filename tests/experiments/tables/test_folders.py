@@ -1,16 +1,29 @@
 """Folders of runs: those of another version, and what is left of a run that was refused."""
 
+import contextlib
+import hashlib
 import json
+import math
+import os
+import random
+import shutil
+from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.measures.arrays import to_xarray
+from impact_xval.experiments.presentation import report
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables.folders import discard, missing, open_folder
+from impact_xval.experiments.tables.files import is_regular
+from impact_xval.experiments.tables.folders import discard, finished, missing, open_folder
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA
+from impact_xval.experiments.tables.store import TABLES, RunFolder
 from tests.experiments import fakes
+from tests.experiments.conftest import SMALL
 
 
 def test_a_run_of_another_version_is_refused_in_a_line_with_both(small, tmp_path, capsys):
@@ -26,10 +39,10 @@ def test_a_run_of_another_version_is_refused_in_a_line_with_both(small, tmp_path
     assert f"(written by impact-xval 0.2.0, read by {here})" in error
     assert error.count("\n") == 1
 
-    del manifest["files"]
-    (root / "manifest.json").write_text(json.dumps(manifest))
     table = pq.read_table(root / "cells.parquet")
     pq.write_table(table.drop_columns(["marked"]), root / "cells.parquet")
+    manifest["files"]["cells.parquet"] = hashlib.sha256((root / "cells.parquet").read_bytes()).hexdigest()
+    (root / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(UserError, match=rf"other columns.*0\.2\.0, read by {here}"):
         folder.table_path("cells.parquet", CELLS_SCHEMA)
 
@@ -54,3 +67,182 @@ def test_what_was_made_for_nothing_is_removed_and_nothing_else(tmp_path):
     folder.write_part(0, "0" * 32, b"kept")
     discard(folder, new)
     assert len(list(folder.parts.iterdir())) == 1
+
+
+def _entries(root):
+    return {
+        str(path.relative_to(root)): path.read_bytes() if is_regular(path) else path.lstat().st_mode
+        for path in sorted(root.rglob("*"))
+        if not path.name.startswith((".lock", ".owner"))
+    }
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory):
+    root = tmp_path_factory.mktemp("complete") / "run"
+    run_sweep(parse_config(SMALL), root, isolate=False, resolve=fakes.shifted)
+    return root
+
+
+@pytest.fixture
+def run(complete, tmp_path):
+    return Path(shutil.copytree(complete, tmp_path / "run"))
+
+
+def _resume(root):
+    said = []
+    run_sweep(
+        parse_config(SMALL),
+        root,
+        resume=True,
+        isolate=False,
+        resolve=fakes.shifted,
+        progress=lambda done, total, line: said.append(line),
+    )
+    return said
+
+
+@pytest.mark.parametrize("name", [".owner.json", ".lock", "manifest.json", "parts", "figures"])
+@pytest.mark.parametrize("kind", ["link", "pipe"])
+def test_nothing_is_written_through_a_link_nor_waited_for_at_a_pipe(run, tmp_path, name, kind):
+    mine = tmp_path / "mine"
+    path = run / name
+    if path.is_dir():
+        shutil.move(path, mine)
+    elif path.exists():
+        path.rename(mine)
+    elif name == "figures":
+        mine.mkdir()
+    else:
+        mine.write_text("mine")
+    path.symlink_to(mine) if kind == "link" else os.mkfifo(path)
+    before = _entries(tmp_path)
+    with pytest.raises(UserError, match=rf"{name}: not a (regular file|folder of its own); legal"):
+        _resume(run)
+    assert _entries(tmp_path) == before
+
+
+@pytest.mark.parametrize("kind", ["link", "pipe", "folder"])
+def test_what_has_the_name_of_a_part_and_is_no_file_is_refused(run, tmp_path, kind):
+    part = sorted((run / "parts").iterdir())[1]
+    part.rename(tmp_path / "mine")
+    make = {"link": lambda: part.symlink_to(tmp_path / "mine"), "pipe": lambda: os.mkfifo(part)}
+    make.get(kind, part.mkdir)()
+    before = _entries(tmp_path)
+    with pytest.raises(UserError, match="not a regular file; legal: a part that a run wrote"):
+        _resume(run)
+    assert _entries(tmp_path) == before
+    if kind == "pipe":
+        assert main(["status", str(run)]) == 0
+
+
+def test_what_a_hard_link_leads_to_is_left_as_it_is(run, tmp_path):
+    for name in (".owner.json", ".lock", "manifest.json", "cells.parquet"):
+        (run / name).touch()
+        os.link(run / name, tmp_path / name)
+    (tmp_path / ".owner.json").write_text("mine")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    _resume(run)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
+
+
+def test_temporary_files_of_the_user_stay(run):
+    (run / "mine").mkdir()
+    (run / "figures").mkdir(exist_ok=True)
+    names = (
+        ".tmp-notes",
+        ".tmp-7-notes",
+        ".tmp-x-cells.parquet",
+        "parts/.tmp-7-notes",
+        "parts/.tmp-7-cells.parquet",
+    )
+    mine = [run / name for name in (*names, "mine/.tmp-7-cells.parquet", "figures/.tmp-7-notes.txt")]
+    for path in mine:
+        path.write_text("mine")
+    (run / ".tmp-8-cells.parquet").symlink_to(run / ".tmp-notes")
+    _resume(run)
+    assert all(path.read_text() == "mine" for path in mine)
+    assert (run / ".tmp-8-cells.parquet").is_symlink()
+
+
+def test_the_folder_itself_may_be_behind_a_link(run, tmp_path):
+    (tmp_path / "here").symlink_to(run)
+    assert any("3 of 3 parts are there" in line for line in _resume(tmp_path / "here"))
+    assert finished(tmp_path / "here").manifest()["state"] == "complete"
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda path: path.unlink(),
+        lambda path: path.write_bytes(b""),
+        lambda path: path.write_bytes(path.read_bytes()[:300]),
+        lambda path: path.write_text(path.read_text().replace('"chunks": 3', '"chunks": "three"')),
+        lambda path: path.write_text(path.read_text().replace('"scenario": "impact"', '"scenario": 3')),
+    ],
+)
+def test_a_damaged_manifest_strands_no_part(run, harm, capsys):
+    before = {name: (run / name).read_bytes() for name in TABLES}
+    harm(run / "manifest.json")
+    assert main(["table", str(run)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    said = _resume(run)
+    assert any("manifest.json" in line and "it is written now" in line for line in said)
+    assert any("3 of 3 parts are there and whole" in line for line in said)
+    assert {name: (run / name).read_bytes() for name in TABLES} == before
+    assert main(["status", str(run)]) == 0
+
+
+def test_without_a_manifest_another_configuration_takes_no_part_away(run):
+    (run / "manifest.json").write_text("{")
+    before = _entries(run)
+    other = parse_config(SMALL | {"step_fraction": 1e-2})
+    with pytest.raises(UserError, match=r"not JSON.*no part there is of this configuration"):
+        run_sweep(other, run, resume=True, isolate=False, resolve=fakes.shifted)
+    assert _entries(run) == before
+
+
+def test_a_table_without_a_digest_is_an_error(run, capsys):
+    manifest = RunFolder(run).manifest()
+    del manifest["files"]["divergence.parquet"]
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    assert main(["table", str(run)]) == 2
+    assert "files: no digest of divergence.parquet; impact-xval run --resume" in capsys.readouterr().err
+
+
+_OTHER = (None, True, -7, 10**40, 0.5, math.nan, "text", [], [[]], {}, {"a": {}})
+
+
+def _spoilt(value, rng):
+    """Replace one value of a manifest, at a random depth, by one of another type."""
+    if isinstance(value, dict | list) and value and rng.random() < 0.6:
+        key = rng.choice(list(value) if isinstance(value, dict) else range(len(value)))
+        copy = value.copy()
+        copy[key] = _spoilt(value[key], rng)
+        return copy
+    return rng.choice([other for other in _OTHER if type(other) is not type(value)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", range(6))
+def test_no_type_in_a_manifest_is_a_traceback(run, block, capsys, monkeypatch):
+    """Ten values a block; what needs long and reads no more of a manifest than others is left out."""
+    monkeypatch.setattr(report, "traps_note", lambda *_: {"introduction": "", "found": []})
+    (run / "figures").mkdir()
+    (run / "figures" / "captions.json").write_text("{}")
+    manifest = RunFolder(run).manifest()
+    for seed in range(10 * block, 10 * block + 10):
+        key = list(manifest)[seed % len(manifest)]
+        spoilt = manifest | {key: _spoilt(manifest[key], random.Random(seed))}
+        (run / "manifest.json").write_text(json.dumps(spoilt))
+        codes = [main([command, str(run)]) for command in ("status", "table", "report", "ladder")]
+        error = capsys.readouterr().err
+        assert set(codes) <= {0, 2}, (key, spoilt[key])
+        assert error.count("\n") == codes.count(2), (key, spoilt[key])
+        if 2 in codes:
+            assert main(["figures", str(run)]) == 2
+            capsys.readouterr()
+            with pytest.raises(UserError):
+                to_xarray(run)
+        with contextlib.suppress(UserError):
+            _resume(run)
