@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver
+from impact_xval.compliant_baselines.contract.visible import visible
 from impact_xval.model.collision import (
     PHASES,
     RESULT_STATUSES,
@@ -192,8 +193,7 @@ def said(error: BaseException) -> str:
 def one_line(text: str) -> str:
     """Return a text as tables, terminals and pages can show it: one line of printable characters, not too long."""
     if not text.isprintable():
-        seen = (c if c.isprintable() or c.isspace() else f"\\u{ord(c):04x}" for c in text[: 2 * LONGEST])
-        text = " ".join("".join(seen).split())
+        text = " ".join(visible(text[: 2 * LONGEST]).split())
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
@@ -233,9 +233,10 @@ def _number(name: str, value: Any) -> float:
 def _whole(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise IllegalOutcomeError(f"{name} is of type {type(value).__name__}; legal: a whole number")
-    if not 0 <= value <= _WHOLE:
+    whole = int(value)
+    if not 0 <= whole <= _WHOLE:
         raise IllegalOutcomeError(f"{name} is less than 0 or more than 2^53")
-    return int(value)
+    return whole
 
 
 def _states(states: Any) -> tuple[str, ...]:

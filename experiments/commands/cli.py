@@ -20,7 +20,6 @@ from impact_xval.experiments.commands.ladder import ladder
 from impact_xval.experiments.commands.map import draw_map
 from impact_xval.experiments.commands.supervision import supervised
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.visible import visible
 
 app = typer.Typer(
     help="Cross-validate physics engines against the state-transition model of simultaneous impacts.",
@@ -106,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str, code: int) -> int:
-    print(f"impact-xval: {visible(' '.join(message.split()))}", file=sys.stderr)
+    print(f"impact-xval: {UserError(message)}", file=sys.stderr)
     return code
 
 

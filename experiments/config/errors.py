@@ -1,22 +1,21 @@
-"""The one exception whose message is meant for the user."""
+"""The exceptions whose messages are meant for the user."""
 
 from __future__ import annotations
 
-from impact_xval.experiments.config.visible import visible
+
+class _OneLineError(Exception):
+    def __init__(self, message: str) -> None:
+        from impact_xval.compliant_baselines.contract.visible import visible  # its room imports numpy
+
+        super().__init__(visible(" ".join(str(message).split())))
 
 
-class UserError(Exception):
+class UserError(_OneLineError):
     """What the user asked for cannot be done; the message is one line that says what and where.
 
     The command line prints it without a traceback and ends with exit code 2.
     """
 
-    def __init__(self, message: str) -> None:
-        super().__init__(visible(" ".join(str(message).split())))
 
-
-class InterruptedRunError(Exception):
+class InterruptedRunError(_OneLineError):
     """The run was stopped before its end; what is done is kept. The message is one line."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__(visible(" ".join(str(message).split())))

@@ -18,7 +18,7 @@ from rich.progress import (
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from impact_xval.experiments.config.visible import visible
+from impact_xval.compliant_baselines.contract.visible import visible
 from impact_xval.experiments.presentation.pages import Table, blocks_of
 
 #: Columns of a page that is not a terminal.

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait
 from typing import Any, NamedTuple
 
-from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.config.configuration import Config, parse_config
 from impact_xval.experiments.sweep.executors import open_executor
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
 from impact_xval.model.collision import Outcome
@@ -103,7 +103,7 @@ def _is_compiled(sandbox: Sandbox) -> bool:
 
 def _compile(sandbox: Sandbox, config: Config, names: Sequence[str], resolve: Any) -> None:
     """Have every solver solve an ordinary collision."""
-    ordinary = config.model_copy(update={"figure_cell": Config().figure_cell})
+    ordinary = config.model_copy(update={"figure_cell": parse_config({}, "").figure_cell})
     for name in names:
         with contextlib.suppress(FaultError):
             sandbox.call(_answer, ordinary, name, resolve, timeout=_TO_COMPILE)

@@ -58,7 +58,7 @@ def test_no_number_is_legal_without_a_result(status):
     [
         ("e1 = 0 — refused", "e1 = 0 — refused"),
         ("two\n  lines\tand more", "two lines and more"),
-        ("\x1b[2Jgone\x07", "\\u001b[2Jgone\\u0007"),
+        ("\x1b[2Jgone\x07", "\\x1b[2Jgone\\x07"),
         ("half \ud83d", "half \\ud83d"),
         ("to the \u202eleft", "to the \\u202eleft"),
     ],

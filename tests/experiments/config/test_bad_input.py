@@ -1,5 +1,7 @@
 """Everything a user can get wrong: one line that names field, value and legal range, exit code 2, no file."""
 
+import json
+
 import pytest
 
 from impact_xval.experiments.commands.cli import main
@@ -189,7 +191,18 @@ def test_output_folder(tmp_path, capsys):
 def test_folder_of_no_run(command, tmp_path, capsys):
     _fails(capsys, [command, str(tmp_path / "none")], ["none", "no such folder"])
     _fails(capsys, [command, str(tmp_path)], ["no manifest.json", "legal: the folder of a run"])
-    (tmp_path / "manifest.json").write_text('{"format": "impact-xval run, format 1", "state": "running"}')
+    manifest = {
+        **{
+            "format": "impact-xval run, format 1",
+            "state": "running",
+            "cells": 1,
+            "chunks": 1,
+            "sessions": [],
+        },
+        **{key: {} for key in ("configuration", "versions", "libraries", "machine")},
+        **dict.fromkeys(("started", "identity", "seeds"), ""),
+    }
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     _fails(capsys, [command, str(tmp_path)], ["not finished", "--resume"])
 
 

@@ -73,7 +73,7 @@ def test_a_solver_that_cannot_say_whether_it_can_run_is_unavailable(runs):
     folder, rows, _ = runs
     said = {rows[0, name]["reason"] for name in ("pybullet", "drake")}
     assert said == {
-        r"asked whether it is available, 'pybullet' failed: OSError: no licence\u001b[2J",
+        r"asked whether it is available, 'pybullet' failed: OSError: no licence\x1b[2J",
         "unavailable() gave int; legal: text or None",
     }
     assert {rows[0, name]["status"] for name in ("pybullet", "drake")} == {"unavailable"}

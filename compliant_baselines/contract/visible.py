@@ -1,4 +1,4 @@
-"""Text of a file or a user, such as the name of a geom, as a terminal and a page can show it."""
+"""Text of a solver, a file or a user, such as a reason or the name of a geom, as a terminal and a page can show it."""
 
 from __future__ import annotations
 

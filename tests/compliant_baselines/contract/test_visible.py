@@ -2,9 +2,9 @@
 
 import pytest
 
+from impact_xval.compliant_baselines.contract.visible import visible
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.visible import visible
 from impact_xval.experiments.presentation.pages import html_of, latex_of, render
 
 
