@@ -63,7 +63,7 @@ class Convergence:
     tolerance : float
         Largest error of the limit, per abs(v0), at which a result counts as converged.
     halvings : int
-        How often the step may be halved, at least 2.
+        How often the step that is asked for may be halved.
 
     Raises
     ------
@@ -77,8 +77,8 @@ class Convergence:
     def __post_init__(self) -> None:
         if not 0 < self.tolerance <= 1:
             raise ValueError(f"tolerance = {self.tolerance!r}; legal: greater than 0, at most 1")
-        if not 2 <= self.halvings <= 10:
-            raise ValueError(f"halvings = {self.halvings!r}; legal: a whole number from 2 to 10")
+        if not 0 <= self.halvings <= 10:
+            raise ValueError(f"halvings = {self.halvings!r}; legal: a whole number from 0 to 10")
 
 
 @dataclass(frozen=True, slots=True)

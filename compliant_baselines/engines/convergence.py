@@ -1,7 +1,9 @@
 """What an engine's velocities tend to as its step goes to zero, and how well that is known: the convergence estimate.
 
-An engine is run at the steps h, h/2, h/4, ..., halved further only as long as the estimate below exceeds the
-tolerance. Of the velocities V0, V1, ..., Vn (from the longest step to the shortest) the limit is Richardson's,
+An engine is run at the step h that a user takes, at 2h and at 4h, which together take three quarters as many steps;
+and at h/2, h/4, ... only as long as the estimate below exceeds the tolerance, or where one of the longer steps is too
+long to come to an end. Of the velocities V0, V1, ..., Vn (from the longest step to the shortest) the limit is
+Richardson's,
 
     L = 2 Vn - V(n-1),
 
@@ -33,7 +35,7 @@ A contact that is met at the start is met at the beginning of the first step, wh
 1 and 2 only.
 
 **Regularisation.** An engine may add to its contacts what no step removes: MuJoCo's constraints have an
-impedance of 1e-4 at least. What that does to the velocities is measured, by one more run at the step h with
+impedance of 1e-4 at least. What that does to the velocities is measured, by one more run at the step 4h with
 ten times as much of it: a ninth of the difference (it is of first order in the impedance). Beside a grazing
 that difference may be the step's: where it exceeds the tolerance it is measured again at the shortest step,
 and the step is halved further unless two measures agree within a factor of 2. The total, estimate and
@@ -179,17 +181,26 @@ def fitted_order(errors: Floats) -> float:
 class _Case:
     """A column on its way to its limit: its runs, from the longest step to the shortest."""
 
+    #: At the step h.
+    column: Column
     runs: list[Run]
     halvings: int
     #: Largest error, in m/s.
     tolerance: float
+    #: Whether what its regularisation does is to be measured.
+    probed: bool
     #: What regularisation was seen to do, in m/s, at ever shorter steps.
     regularisation: list[float] = field(default_factory=list)
     failure: str = ""
 
+    def at(self, times: float) -> Column:
+        """Return the column at a multiple of the step h."""
+        return replace(self.column, step=self.column.step * times)
+
     @property
-    def column(self) -> Column:
-        return self.runs[0].column
+    def halved(self) -> int:
+        """How often h was halved."""
+        return round(math.log2(self.column.step / self.runs[-1].column.step))
 
     def limit(self) -> Limit | None:
         if len(self.runs) < 3:
@@ -221,6 +232,11 @@ class _Case:
             return 0.0
         return self.column.gravity * 0.5 * (self.column.contact1, self.column.contact2)[contact - 1].period
 
+    def precede(self, run: Run) -> None:
+        """Put the run at the next longer step before the others, if there is none longer that came to no end."""
+        if run.over and run.column.step == 2 * self.runs[0].column.step:
+            self.runs.insert(0, run)
+
     def take(self, run: Run) -> None:
         """Take the run at the next shorter step; one that came to no end ends the halving."""
         if run.over and not self.failure:
@@ -229,24 +245,26 @@ class _Case:
             self.failure = self.failure or f"at a step of {run.column.step:.3g} s: {run.problem()}"
 
     def probe(self, run: Run, own: Run, factor: float) -> None:
-        """Take a run with more regularisation, beside that of the same step with the engine's own."""
-        if run.over:
+        """Take a run with more regularisation, if there is one of the same step with the engine's own."""
+        if run.over and run.column.step == own.column.step:
             moved = np.abs(np.subtract(run.reported, own.reported)).max()
             self.regularisation.append(float(moved) / (factor - 1))
 
     def wants_more(self) -> bool:
-        limit = self.limit()
-        if self.failure or len(self.runs) > self.halvings or limit is None:
+        if self.failure or self.halved >= self.halvings:
             return False
+        limit = self.limit()
+        if limit is None or (self.probed and not self.regularisation):
+            return True
         return limit.error > self.tolerance and not self.settled()
 
     def doubtful(self) -> bool:
-        """Whether regularisation seems to leave more than the tolerance."""
-        return bool(self.regularisation) and self.regularisation[-1] > self.tolerance
+        """Whether what regularisation leaves is not known, or seems to be more than the tolerance."""
+        return self.probed and (not self.regularisation or self.regularisation[-1] > self.tolerance)
 
     def settled(self) -> bool:
         """Whether it does so at two lengths of the step alike: what it leaves no step brings back."""
-        if len(self.regularisation) < 2 or not self.doubtful():
+        if len(self.regularisation) < 2 or self.regularisation[-1] <= self.tolerance:
             return False
         before, now = self.regularisation[-2:]
         return before / ALIKE <= now <= before * ALIKE
@@ -255,7 +273,7 @@ class _Case:
         """Why the limit does not satisfy; nothing if it does."""
         limit, speed = self.limit(), abs(self.column.v1)
         if limit is None:
-            return f"no limit dt -> 0: {self.failure}"
+            return f"no limit dt -> 0: {self.failure or 'longer steps come to no end'}"
         if limit.error <= self.tolerance:
             return ""
         text = (
@@ -286,38 +304,47 @@ def estimate_limits(
     probe : float or None
         Its `regularisation_probe`.
     runs : sequence of Run
-        Its runs at the step a user would take, all of them over.
+        Its runs at the step h that a user takes, all of them over.
     convergence : Convergence
         What is wanted.
     max_steps : int
-        Steps a run at the longest step may take; at shorter ones as many times more.
+        Steps a run at the step h, or a longer one, may take; at shorter ones as many times more.
 
     Returns
     -------
     list of (Limit or None, str)
         None where shorter steps did not come to an end; and why the limit is not converged, empty if it is.
     """
-    cases = [_Case([run], convergence.halvings, convergence.tolerance * abs(run.column.v1)) for run in runs]
     factor = probe or 1.0
-    probed = [case for case in cases if probe and case.column.mapping == "calibrated"]
-    probes = [replace(case.column, regularisation=factor) for case in probed]
-    halves = [replace(case.column, step=case.column.step / 2**n) for case in cases for n in (1, 2)]
+    cases = [
+        _Case(
+            run.column,
+            [run],
+            convergence.halvings,
+            convergence.tolerance * abs(run.column.v1),
+            probe is not None and run.column.mapping == "calibrated",
+        )
+        for run in runs
+    ]
+    probed = [case for case in cases if case.probed]
+    longer = [case.at(times) for case in cases for times in (2, 4)]
+    probes = [replace(case.at(4), regularisation=factor) for case in probed]
     # One call for all of them: an engine shares out what it is given.
-    answers = iter(run_columns([*halves, *probes], 4 * max_steps))
+    answers = iter(run_columns([*longer, *probes], max_steps))
     for case in cases:
-        case.take(next(answers))
-        case.take(next(answers))
+        case.precede(next(answers))
+        case.precede(next(answers))
     for case in probed:
         case.probe(next(answers), case.runs[0], factor)
     while going := [case for case in cases if case.wants_more()]:
-        longest = max_steps * 2 ** max(len(case.runs) for case in going)
+        longest = max_steps * 2 ** max(case.halved + 1 for case in going)
         # Beside a grazing a probe at a long step may show what is the step's: seen again at the shortest.
         again = [case for case in going if case.doubtful()]
         finest = [replace(case.runs[-1].column, regularisation=factor) for case in again]
         for case, run in zip(again, run_columns(finest, longest), strict=True):
             case.probe(run, case.runs[-1], factor)
         going = [case for case in going if case.wants_more()]
-        finer = [replace(case.column, step=case.column.step / 2 ** len(case.runs)) for case in going]
+        finer = [case.at(2.0 ** -(case.halved + 1)) for case in going]
         for case, run in zip(going, run_columns(finer, longest), strict=True):
             case.take(run)
     return [(case.limit(), case.problem()) for case in cases]

@@ -108,7 +108,7 @@ class ConvergenceTable(Strict):
 
     enabled: bool = Field(True, description="true or false")
     tolerance: float = Field(1e-3, gt=0, le=1, description="greater than 0, at most 1 (of |v0|)")
-    halvings: int = whole(4, 2, 10, " (of the step)")
+    halvings: int = whole(4, 0, 10, " (of the step)")
 
 
 class Config(Strict):

@@ -12,7 +12,7 @@ CONFIGS = {
         "[convergence]\ntolerance = 0",
         ["convergence.tolerance", "0", "greater than 0, at most 1"],
     ),
-    "one halving": ("[convergence]\nhalvings = 1", ["convergence.halvings", "1", "from 2 to 10"]),
+    "halvings": ("[convergence]\nhalvings = -1", ["convergence.halvings", "-1", "from 0 to 10"]),
     "misspelt convergence": (
         "[convergence]\nhalving = 3",
         ["convergence.halving", "did you mean 'halvings'", "enabled, tolerance, halvings"],
