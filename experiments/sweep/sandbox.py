@@ -54,8 +54,6 @@ _GRACE = 1.0
 _LOOK = 0.1
 #: Variable of the environment by which all that a sandbox started is found.
 _MARK = "IMPACT_XVAL_SANDBOX"
-#: Deaths in which a cell was at work, the last of them alone, before it counts as their cause.
-_DEATHS = 2
 
 
 class FaultError(Exception):
@@ -245,8 +243,8 @@ def in_halves(
 ) -> list[_Piece]:
     """Call for n cells at once, in halves where their process dies or hangs, and so on down to single cells.
 
-    A cell is lost when its process died at least twice, the last time with this cell alone: one death may have
-    been anybody's (a full memory, an operator), and costs nothing but time.
+    A cell is lost when its process died twice with this cell alone: one death may have been anybody's (a full memory,
+    an operator), and costs nothing but time. One that hangs alone, after a call for it that hung or died, is lost too.
 
     Parameters
     ----------
@@ -263,18 +261,18 @@ def in_halves(
         What `call` and `failure` returned, in the order of the cells.
     """
 
-    def pieces(start: int, stop: int, deaths: int) -> list[_Piece]:
+    def pieces(start: int, stop: int, again: bool) -> list[_Piece]:
         place, middle = slice(start, stop), (start + stop) // 2
         try:
             return [call(place)]
         except FaultError as fault:
             if stop - start > 1:
-                return [*pieces(start, middle, deaths + 1), *pieces(middle, stop, deaths + 1)]
-            if deaths + 1 >= _DEATHS:
+                return [*pieces(start, middle, False), *pieces(middle, stop, False)]
+            if again or (fault.status == "timeout" and n > 1):
                 return [failure(place, fault)]
-        return pieces(start, stop, deaths + 1)
+        return pieces(start, stop, True)
 
-    return pieces(0, n, 0)
+    return pieces(0, n, False)
 
 
 class _NoAnswerError(Exception):

@@ -219,7 +219,7 @@ def test_what_is_fatal_is_found_by_halving_and_everything_else_answered():
     found, calls = _isolated(7, {2, 6})
     lost = {2: "2 lost: of [2]", 6: "6 lost: of [6]"}
     assert found == [lost.get(cell, f"{cell} answered") for cell in range(7)]
-    assert calls.count([2]) == calls.count([6]) == 1
+    assert calls.count([2]) == calls.count([6]) == 2
     assert _isolated(7, set()) == ([f"{cell} answered" for cell in range(7)], [list(range(7))])
 
 
@@ -227,3 +227,29 @@ def test_one_death_is_not_enough_to_lose_a_cell():
     assert _isolated(1, set(), once=[0]) == (["0 answered"], [[0], [0]])
     assert _isolated(1, {0}) == (["0 lost: of [0]"], [[0], [0]])
     assert _isolated(4, set(), once=[3])[0] == [f"{cell} answered" for cell in range(4)]
+
+
+def test_nor_is_one_death_alone_after_that_of_a_fatal_cell_beside_it():
+    alone = []
+
+    def call(place):
+        if place == slice(1, 2):
+            alone.append(place)
+        if place.start == 0 or len(alone) == 1:
+            raise FaultError("crashed", "killed")
+        return place
+
+    assert in_halves(call, 2, lambda place, fault: "lost") == ["lost", slice(1, 2)]
+
+
+def test_a_cell_that_hangs_alone_after_its_chunk_is_not_waited_for_again():
+    hung = []
+
+    def call(place):
+        if place.start <= 3 < place.stop:
+            hung.append(place)
+            raise FaultError("timeout", "no answer")
+        return place
+
+    assert in_halves(call, 4, lambda place, fault: "lost")[-1] == "lost"
+    assert hung == [slice(0, 4), slice(2, 4), slice(3, 4)]

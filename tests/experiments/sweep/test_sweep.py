@@ -1,12 +1,6 @@
 """Runs: independence of workers, resumption, and solvers that fail."""
 
-import json
 import multiprocessing
-import os
-import signal
-import subprocess
-import sys
-import time
 
 import pyarrow.parquet as pq
 import pytest
@@ -193,51 +187,3 @@ def test_the_number_of_workers_changes_no_byte(tmp_path):
         run_sweep(config, tmp_path / str(workers), workers=workers)
     assert _tables(tmp_path / "1") == _tables(tmp_path / "2")
     assert not multiprocessing.active_children()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 1)])
-def test_a_run_that_was_stopped_resumes_to_the_same_bytes(tmp_path, number, code):
-    config = tmp_path / "c.toml"
-    config.write_text(
-        "scenario = 'impact'\nsolvers = ['mujoco']\nchunk_size = 2\n"
-        "[grid]\nstiffness_ratio = {log = [0.01, 100, 60]}\n"
-        "mass_ratio = [1.0, 2.0]\ne1 = [0.7, 0.9]\ne2 = [0.8]\n"
-    )
-    command = [
-        sys.executable,
-        "-m",
-        "impact_xval.experiments.commands.cli",
-        "run",
-        str(config),
-        "--workers",
-        "2",
-        "--out",
-    ]
-    subprocess.run([*command, str(tmp_path / "whole")], check=True, capture_output=True)
-
-    cut = tmp_path / "cut"
-    process = subprocess.Popen(
-        [*command, str(cut)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    while process.poll() is None and len(list(cut.glob("parts/0*"))) < 3:
-        time.sleep(0.005)
-    if number == signal.SIGINT:
-        os.killpg(process.pid, number)  # as a terminal does: to every process of the run
-    else:
-        process.kill()
-    start = time.monotonic()
-    _, error = process.communicate(timeout=20)
-    assert process.returncode == code
-    assert time.monotonic() - start < 5
-    if number == signal.SIGINT:
-        assert f"to continue: impact-xval run {config} --out {cut} --resume" in error
-        assert "Traceback" not in error
-    assert json.loads((cut / "manifest.json").read_text())["state"] == "running"
-    again = subprocess.run([*command, str(cut), "--resume"], check=True, capture_output=True, text=True)
-    assert "parts are there and whole" in again.stdout
-    assert _tables(cut) == _tables(tmp_path / "whole")
