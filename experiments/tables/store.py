@@ -254,7 +254,9 @@ class RunFolder:
             raise DamagedManifestError(
                 f"{path}: damaged, not JSON; legal: the manifest of a run{kept}"
             ) from None
-        if not isinstance(value, dict) or value.get("format") != self.format:
+        if not isinstance(value, dict) or "format" not in value:
+            raise DamagedManifestError(f"{path}: not the manifest of a run ({self.format}){kept}")
+        if value["format"] != self.format:
             raise UserError(f"{path}: not the manifest of a run ({self.format})")
         try:
             validated(_RunManifest if self.format == FORMAT else _SearchManifest, value, str(path))

@@ -46,19 +46,17 @@ e2 = [0.6, 0.8]
 """
 
 HOSTILE = """
-import os, signal
+import os, signal, sys
 from dataclasses import replace
 from impact_xval.compliant_baselines.contract.solver import SolverBase
 from impact_xval.model import solve
 
 WRONG = {
     3: lambda o: replace(o, v1="fast"),
-    5: lambda o: replace(o, v2=1e300),
-    7: lambda o: replace(o, states=(1, None)),
     11: lambda o: replace(o, reason=["\\ud800"], status="timeout"),
     13: lambda o: lambda: o,
     17: lambda o: os.kill(os.getpid(), signal.SIGSEGV),
-    19: lambda o: os._exit(3),
+    19: lambda o: sys.exit(3),
     23: lambda o: 1 / 0,
 }
 
@@ -70,7 +68,8 @@ class Hostile(SolverBase):
         return "1"
 
     def solve_many(self, collisions, settings):
-        kinds = (WRONG.get(round(1000 * c.k2 / c.k1) % 29, lambda o: o) for c in collisions)
+        numbers = (round(1000 * c.k2 / c.k1 + 10 * c.m2 / c.m1 + 100 * c.e2) for c in collisions)
+        kinds = (WRONG.get(number % 47, lambda o: o) for number in numbers)
         return [kind(replace(solve(c), solver=self.name)) for kind, c in zip(kinds, collisions)]
 """
 
