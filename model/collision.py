@@ -127,7 +127,8 @@ class Collision:
     @property
     def reduced_mass(self) -> float:
         """M = m1 m2/(m1 + m2) of the ball-ball contact, in kg (supplement, below its equation (1))."""
-        return self.m1 / (1 + self.m1 / self.m2)
+        ratio = self.m1 / self.m2
+        return self.m1 / (1 + ratio) if ratio < math.inf else self.m2
 
     @property
     def units(self) -> Units:

@@ -192,6 +192,7 @@ def said(error: BaseException) -> str:
 
 def one_line(text: str) -> str:
     """Return a text as tables, terminals and pages can show it: one line of printable characters, not too long."""
+    text = str.__str__(text)  # of a class of the solver's own, no method is trusted
     if not text.isprintable():
         text = " ".join(visible(text[: 2 * LONGEST]).split())
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
@@ -216,7 +217,7 @@ def _validated_or_crashed(name: str, outcome: Any, collision: Collision) -> Outc
 def _text(name: str, value: Any) -> Any:
     if not isinstance(value, str):
         raise IllegalOutcomeError(f"{name} is of type {type(value).__name__}; legal: text")
-    return one_line(str(value))
+    return one_line(value)
 
 
 def _number(name: str, value: Any) -> float:
@@ -246,7 +247,7 @@ def _states(states: Any) -> tuple[str, ...]:
         raise IllegalOutcomeError(
             f"states = {', '.join(sorted(set(states)))}; legal: {', '.join(STATES[1:])}"
         )
-    return tuple(map(str, states))
+    return tuple(map(str.__str__, states))
 
 
 def _diagnostics(diagnostics: Any) -> dict[str, Any]:
@@ -256,7 +257,7 @@ def _diagnostics(diagnostics: Any) -> dict[str, Any]:
     for name, value in diagnostics.items():
         if not isinstance(name, str) or not name.isprintable():
             raise IllegalOutcomeError("diagnostics: a key; legal: printable text")
-        plain[name] = None if value is None else _number(f"diagnostics[{name!r}]", value)
+        plain[str.__str__(name)] = None if value is None else _number(f"diagnostics[{name!r}]", value)
     n_steps = plain.get("n_steps")
     if n_steps is not None and not (0 <= n_steps <= _WHOLE and n_steps == int(n_steps)):
         raise IllegalOutcomeError(

@@ -2,8 +2,8 @@
 
 An engine is run at the step h that a user takes, at 2h and at 4h, which together take three quarters as many steps;
 and at h/2, h/4, ... only as long as the estimate below exceeds the tolerance, or where one of the longer steps is too
-long to come to an end. Of the velocities V0, V1, ..., Vn (from the longest step to the shortest) the limit is
-Richardson's,
+long: its run comes to no end, or takes more steps than that at h. Of the velocities V0, V1, ..., Vn (from the longest
+step to the shortest) the limit is Richardson's,
 
     L = 2 Vn - V(n-1),
 
@@ -28,8 +28,9 @@ counts):
    change of the relative velocity of their pair (`Run.starts`): L takes twice what the shortest step has of
    this and once what the step before has, either between nothing and all of it;
 4. how far L was moved to v1 >= v2 >= 0;
-5. in a drop, where it is not known whether gravity ends in a first flight before two bodies meet again or goes on, what
-   it does in that contact: g times half its period.
+5. in a drop, what gravity does in the last step, at the end of which a first flight, or rest, is seen; and where it is
+   not known whether gravity ends in a first flight before two bodies meet again or goes on, what it does in that
+   contact: g times half its period.
 
 A contact that is met at the start is met at the beginning of the first step, whatever the step: it counts in
 1 and 2 only.
@@ -134,7 +135,7 @@ def limit_of(
     regularisation: float = 0.0,
     *,
     alike: bool = True,
-    flight_doubt: float = 0.0,
+    gravity_doubt: float = 0.0,
 ) -> Limit:
     """Extrapolate to a step of zero; see the module.
 
@@ -151,9 +152,9 @@ def limit_of(
     regularisation : float
         What regularisation does, in m/s.
     alike : bool
-        Whether the last two runs pass through the same states.
-    flight_doubt : float
-        What a first flight that is in doubt may change, in m/s.
+        Whether the last two runs pass through the same states, to the same end.
+    gravity_doubt : float
+        What the instants of a first flight and of the end may change, in m/s.
     """
     differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
     limits = extrapolated(velocities)
@@ -164,7 +165,7 @@ def limit_of(
         (DOUBT if alike else 1.0) * float(differences[-1]),
         CHANCE * abs(starts),
         max(abs(v1 - outside1), abs(v2 - outside2)),
-        flight_doubt,
+        gravity_doubt,
     )
     return Limit(v1, v2, error, regularisation, fitted_order(differences), step)
 
@@ -206,7 +207,7 @@ class _Case:
         if len(self.runs) < 3:
             return None
         last = self.runs[-1]
-        paths = {(states_of(run, SHORTEST_STATE).names, run.fall is None) for run in self.runs[-2:]}
+        paths = {(states_of(run, SHORTEST_STATE).names, run.fall is None, run.end) for run in self.runs[-2:]}
         limit = limit_of(
             np.array([run.reported for run in self.runs]),
             last.starts,
@@ -214,7 +215,7 @@ class _Case:
             self.column.m2 / self.column.m1,
             *self.regularisation[-1:],
             alike=len(paths) == 1,
-            flight_doubt=self.flight_doubt(),
+            gravity_doubt=max(self.flight_doubt(), self.column.gravity * last.column.step),
         )
         return replace(limit, flight=last.fall is not None)
 
@@ -232,9 +233,14 @@ class _Case:
             return 0.0
         return self.column.gravity * 0.5 * (self.column.contact1, self.column.contact2)[contact - 1].period
 
+    @property
+    def longest(self) -> int:
+        """Steps that a run at a longer step may take: those of the run at the shortest."""
+        return self.runs[-1].raw.n_steps
+
     def precede(self, run: Run) -> None:
-        """Put the run at the next longer step before the others, if there is none longer that came to no end."""
-        if run.over and run.column.step == 2 * self.runs[0].column.step:
+        """Put the run at the next longer step before the others, if there is none longer that was left out."""
+        if run.over and run.raw.n_steps <= self.longest and run.column.step == 2 * self.runs[0].column.step:
             self.runs.insert(0, run)
 
     def take(self, run: Run) -> None:
@@ -329,13 +335,15 @@ def estimate_limits(
     probed = [case for case in cases if case.probed]
     longer = [case.at(times) for case in cases for times in (2, 4)]
     probes = [replace(case.at(4), regularisation=factor) for case in probed]
-    # One call for all of them: an engine shares out what it is given.
-    answers = iter(run_columns([*longer, *probes], max_steps))
+    # One call for all of them: an engine shares out what it is given. What takes more steps than at h is left out one
+    # by one, so that no limit depends on the others of the call.
+    answers = iter(run_columns([*longer, *probes], max((case.longest for case in cases), default=0)))
     for case in cases:
         case.precede(next(answers))
         case.precede(next(answers))
     for case in probed:
-        case.probe(next(answers), case.runs[0], factor)
+        if (run := next(answers)).raw.n_steps <= case.longest:
+            case.probe(run, case.runs[0], factor)
     while going := [case for case in cases if case.wants_more()]:
         longest = max_steps * 2 ** max(case.halved + 1 for case in going)
         # Beside a grazing a probe at a long step may show what is the step's: seen again at the shortest.

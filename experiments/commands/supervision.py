@@ -104,10 +104,12 @@ def _interruptible(command: Callable[[], int], ends: set[signal.Signals], superv
         return _ended("interrupted")
     finally:  # the interpreter puts the default of SIGINT back when it ends, and a second one would count as a death
         signal.pthread_sigmask(signal.SIG_BLOCK, ends)
+        for number in ends:  # other threads have no mask
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _ended(how: str) -> int:
-    print(f"impact-xval: {how}; --resume continues a run", file=sys.stderr)
+    print(f"impact-xval: {how}", file=sys.stderr)
     return 1
 
 

@@ -16,6 +16,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
@@ -35,7 +37,7 @@ from impact_xval.experiments.sweep.solving import (
 )
 from impact_xval.experiments.tables.folders import discard, missing, open_folder
 from impact_xval.experiments.tables.lock import check_free, holding
-from impact_xval.experiments.tables.schema import COLUMNS
+from impact_xval.experiments.tables.schema import COLUMNS, ROW_SCHEMA
 from impact_xval.experiments.tables.store import (
     FORMAT,
     MANIFEST,
@@ -187,7 +189,7 @@ class _Run:
         self._versions = solver_versions(self._experiment)
         self._identities = _identities(config, cells, self._versions)
         self._check_damage()
-        self._parts, findings = self._folder.find_parts(self._identities)
+        self._parts, findings = self._folder.find_parts(self._identities, self._rows_of)
         for finding in findings:
             self._progress(0, 0, finding)
         self._manifest = _manifest(config, cells, self._versions, self._history)
@@ -217,6 +219,13 @@ class _Run:
             )
         if self._damage:
             self._progress(0, 0, f"{self._damage}: it is written now, and begins without earlier sessions")
+
+    def _rows_of(self, number: int) -> pa.Table:
+        """Give the cells and solvers that the rows of a part are of."""
+        chunk, solvers = self._cells.chunk(number), self._experiment.config.solvers
+        fields = [ROW_SCHEMA.field(name) for name in ("cell", "solver")]
+        columns = [[cell for cell in chunk for _ in solvers], list(solvers) * len(chunk)]
+        return pa.table(columns, schema=pa.schema(fields))
 
     def _keep(self, report: Report) -> None:
         ours, theirs = self._versions, report.versions or self._versions

@@ -313,6 +313,9 @@ def _end_of(process: subprocess.Popen[bytes]) -> str | None:
 
 
 def _kill(process: subprocess.Popen[bytes]) -> int:
+    if process.poll() is None and hasattr(os, "killpg"):  # its guard may be gone
+        with contextlib.suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
     process.kill()
     code = process.wait()
     for pipe in (process.stdin, process.stdout):

@@ -239,18 +239,14 @@ def _guarded(config: Config, name: str, cell: GridCell, model: Outcome, outcome:
                 raise ArithmeticError(f"{column} = {value!r}; legal: at most {_LARGEST:g}")
     except Exception as error:
         failure = Outcome.failure(name, "crashed", f"measuring its outcome: {said(error)}")
-        return _row(config, name, cell, model, failure)
+        return _facts(config, name, cell, model, failure)
     return row
 
 
-def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:
-    c = cell.collision
-    diagnostics = scaled_diagnostics(c, outcome)
-    shortest = config.shortest_state * shorter_period(c)
-    paths = compared_states(model, shortest), compared_states(outcome, shortest)
-    # A result that is not converged keeps the numbers it came to, but is no measure of anything.
-    done = outcome.status in (*COMPARABLE, "unconverged") and math.isfinite(outcome.v1)
-    row: dict[str, Any] = {
+def _facts(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:
+    """Give what a row holds without being measured."""
+    c, diagnostics = cell.collision, scaled_diagnostics(cell.collision, outcome)
+    return {
         "cell": cell.index,
         "stiffness_ratio": cell.stiffness_ratio,
         "mass_ratio": cell.mass_ratio,
@@ -266,13 +262,21 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
         "duration": diagnostics.get("duration"),
         **{column: diagnostics.get(column) for column in CERTIFICATE},
         "model_states": " ".join(model.states) or None,
-        "model_states_compared": " ".join(paths[0]) or None,
         "model_status": model.status,
         "model_grazing_margin": model.grazing_margin,
-        # The model's divergence from itself is in no table.
-        **(divergence(c, model, outcome, paths) if name != REFERENCE else {}),
     }
-    if done:
+
+
+def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:
+    c = cell.collision
+    shortest = config.shortest_state * shorter_period(c)
+    paths = compared_states(model, shortest), compared_states(outcome, shortest)
+    row = _facts(config, name, cell, model, outcome)
+    row["model_states_compared"] = " ".join(paths[0]) or None
+    if name != REFERENCE:  # the model's divergence from itself is in no table
+        row |= divergence(c, model, outcome, paths)
+    # A result that is not converged keeps the numbers it came to, but is no measure of anything.
+    if outcome.status in (*COMPARABLE, "unconverged") and math.isfinite(outcome.v1):
         row |= {
             "v1": outcome.v1,
             "v2": outcome.v2,

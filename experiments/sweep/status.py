@@ -131,6 +131,6 @@ def _last_rate(manifest: dict[str, Any], cells: int, chunks: int) -> float | Non
     """Cells per second of the last session that computed anything."""
     for session in reversed(manifest["sessions"]):
         computed, seconds = session.get("parts_computed"), session.get("wall_time_s")
-        if computed and seconds:
+        if computed and seconds and seconds >= 1e-3:  # as it is written
             return computed / chunks * cells / seconds
     return None

@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -76,7 +76,8 @@ class DamagedManifestError(UserError):
 class _Session(BaseModel, strict=True):
     """What is read of a session of a run."""
 
-    parts_computed: int = Field(0, ge=0, description="a whole number")
+    finished: str = Field(description="a date and time")
+    parts_computed: int = Field(0, ge=0, le=MAX_CELLS, description=f"a whole number from 0 to {MAX_CELLS}")
     wall_time_s: float = Field(0.0, ge=0, allow_inf_nan=False, description="a number")
 
 
@@ -150,13 +151,17 @@ class RunFolder:
                 return path
         return None
 
-    def find_parts(self, identities: Sequence[str]) -> tuple[dict[int, Path], list[str]]:
+    def find_parts(
+        self, identities: Sequence[str], rows: Callable[[int], pa.Table]
+    ) -> tuple[dict[int, Path], list[str]]:
         """Find the parts that are whole and belong to this run; remove the others.
 
         Parameters
         ----------
         identities : sequence of str
             The identity of every chunk, in order.
+        rows : callable
+            The columns ``cell`` and ``solver`` of a chunk, by its number.
 
         Returns
         -------
@@ -179,7 +184,7 @@ class RunFolder:
                 problem = "is there twice"
             elif identity not in identities[number : number + 1]:
                 problem = "belongs to another configuration or version"
-            elif (problem := _problem(path, digest)) == "":
+            elif (problem := _problem(path, digest, rows(number))) == "":
                 parts[number] = path
                 continue
             findings.append(f"part {number} {problem}: computed again")
@@ -375,12 +380,18 @@ def _written_by(manifest: dict[str, Any]) -> str:
     return "" if there == here else f" (written by impact-xval {there}, read by {here})"
 
 
-def _problem(path: Path, digest: str) -> str:
-    """Say why a part cannot be used, "" if it can."""
+def _problem(path: Path, digest: str, rows: pa.Table | None = None) -> str:
+    """Say why a part cannot be used, "" if it can; `rows` are the cells and solvers it must be of."""
     try:
-        return "" if _digest(path) == digest else "is damaged"
+        if _digest(path) != digest:
+            return "is damaged"
+        if rows is not None and not read_part(path).select(rows.column_names).equals(rows):
+            return "holds the rows of another"
     except OSError as error:
         return f"cannot be read ({error.strerror})"
+    except UserError:
+        return "is no part"
+    return ""
 
 
 def _digest(path: Path) -> str:

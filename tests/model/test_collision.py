@@ -53,6 +53,8 @@ def test_limits_are_legal():
     assert Collision(**(GOOD | {"k1": math.inf})).stiffness_ratio == 0
     assert Collision.from_ratios(math.inf, 2, 0, 1).stiffness_ratio == math.inf
     assert Collision(**(GOOD | {"m1": 3.0, "m2": 6.0})).reduced_mass == pytest.approx(2.0)
+    # m1/m2 beyond double precision: the lighter ball alone
+    assert Collision(**(GOOD | {"m1": 1.0, "m2": 5e-324})).reduced_mass == 5e-324
 
 
 def test_collisions_are_values():

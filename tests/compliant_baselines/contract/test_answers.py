@@ -108,3 +108,19 @@ def test_a_forked_child_ends_where_its_parent_goes_on():
     with undisturbed():
         child = os.fork()
     assert os.waitpid(child, 0) == (child, 0)
+
+
+class LyingText(str):
+    """A text whose methods are the solver's own."""
+
+    def isprintable(self):
+        return True
+
+    def __str__(self):
+        return self
+
+
+def test_no_method_of_a_text_of_the_solver_s_own_class_is_trusted():
+    line = one_line(LyingText("half \ud800 of it"))
+    assert type(line) is str
+    assert line == r"half \ud800 of it"

@@ -286,3 +286,24 @@ def test_regularisation_ends_the_halving_only_where_two_steps_agree_on_it(moved,
     assert engine.probed == probed
     assert (reason == "") == converged
     assert ("regularisation" in reason) != converged
+
+
+@pytest.mark.parametrize("engine", ["mujoco"], indirect=True)
+def test_a_longer_step_that_takes_more_steps_is_left_out_whatever_else_is_run(engine):
+    """At 4h the balls leave with all but the same velocity, and meet again after millions of steps."""
+    cell = {"stiffness_ratio": 2.1812551863803905, "mass_ratio": 0.8781437571740834}
+    slow = Collision.from_ratios(**cell, e1=0.5993275774123223, e2=0.6668543311123382)
+    slow = Collision(slow.m1, slow.m2, 1e8, 1e8 * slow.k2, slow.e1, slow.e2)
+    other = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e6, e1=0.8, e2=0.6)
+    settings = Settings(scenario="drop", step_fraction=0.1, convergence=Convergence())
+    taken = []
+
+    class Counting(type(engine)):
+        def run_columns(self, columns, max_steps, record_path=False):
+            runs = super().run_columns(columns, max_steps, record_path)
+            taken.extend(run.raw.n_steps for run in runs)
+            return runs
+
+    alone, beside = Counting().solve_many([slow], settings), Counting().solve_many([slow, other], settings)
+    assert max(taken) < 10_000
+    assert alone[0].diagnostics == beside[0].diagnostics

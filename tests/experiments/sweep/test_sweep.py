@@ -187,3 +187,13 @@ def test_the_number_of_workers_changes_no_byte(tmp_path):
         run_sweep(config, tmp_path / str(workers), workers=workers)
     assert _tables(tmp_path / "1") == _tables(tmp_path / "2")
     assert not multiprocessing.active_children()
+
+
+def test_the_lightest_ball_there_is_ends_no_run(tmp_path):
+    """Without a reduced mass there was no period to measure states by, nor a row that says so."""
+    cell = {"stiffness_ratio": [1.0], "mass_ratio": [5e-324], "e1": [1.0], "e2": [1.0]}
+    config = parse_config({"scenario": "impact", "solvers": ["bistiffness"], "grid": cell})
+    run_sweep(config, tmp_path / "a", isolate=False)
+    rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
+    assert [row["solver"] for row in rows] == ["state-transition", "bistiffness"]
+    assert all(row["status"] != "ok" and row["reason"] for row in rows)

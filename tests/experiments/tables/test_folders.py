@@ -194,6 +194,24 @@ def test_a_damaged_manifest_strands_no_part(run, harm, capsys):
     assert main(["status", str(run)]) == 0
 
 
+def test_the_rows_of_another_chunk_under_a_right_digest_are_computed_again(run):
+    before = {name: (run / name).read_bytes() for name in TABLES}
+    one, two, _ = sorted((run / "parts").iterdir())
+    content = two.read_bytes()
+    start, identity, _ = one.name.split("-")
+    one.unlink()
+    (run / f"parts/{start}-{identity}-{hashlib.sha256(content).hexdigest()}.parquet").write_bytes(content)
+    assert "part 0 holds the rows of another: computed again" in _resume(run)
+    assert {name: (run / name).read_bytes() for name in TABLES} == before
+
+
+def test_a_table_that_is_a_pipe_is_not_waited_for(run, capsys):
+    (run / "cells.parquet").unlink()
+    os.mkfifo(run / "cells.parquet")
+    assert main(["status", str(run)]) == 2
+    assert "cells.parquet: no regular file" in capsys.readouterr().err
+
+
 def test_without_a_manifest_another_configuration_takes_no_part_away(run):
     (run / "manifest.json").write_text("{")
     before = _entries(run)
