@@ -1,6 +1,7 @@
 """What must hold before any test runs: no stale compiled kernel, and Ctrl-C that reaches the runs that tests start."""
 
 import signal
+from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,6 +19,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 def pytest_collection_modifyitems(items):
-    """Files with slow tests come first, so that workers side by side end at about the same time."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow)
+    """Files with the most slow tests come first, so that workers side by side end at about the same time."""
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: -slow[item.path])

@@ -33,7 +33,7 @@ def test_both_results_are_kept(tmp_path):
             assert abs(row[f"{ball}_limit"] - true) <= 3 * row["limit_error"]
             assert row[ball] / 2 == pytest.approx(row[f"{ball}_limit"], abs=3e-3)
         assert 0 < row["regularisation"] <= row["limit_error"] < 1e-3
-        assert row["finest_step"] == row["step"] / 4
+        assert row["finest_step"] <= row["step"]
     table = summarise(folder).estimates
     assert table.solver.tolist() == ["mujoco"]
     assert table.n.tolist() == table.converged.tolist() == [12]
