@@ -78,7 +78,7 @@ class Cells(ABC):
     def chunk_size(self) -> int:
         """Cells of a chunk: as configured, or 16 if an engine is among the solvers, else up to 128.
 
-        That is some 2.6 s of work with an engine and its certificates, and 0.17 s for 128 cells without engines
+        That is a few seconds of work with engines and their estimates, and 0.17 s for 128 cells without engines
         (docs/load.md). There are at most 10 000 chunks: beyond that they are larger.
         """
         if self._config.chunk_size is not None:
