@@ -194,34 +194,29 @@ def _no_limit(results: Results) -> Figure:
 
 
 def _map(results: Results, e1: float, e2: float) -> Figure:
-    chosen = [one for one in results.maps if (one.e1, one.e2) == (e1, e2)]
-    columns = min(4, len(chosen))
-    rows = -(-len(chosen) // columns)
+    maps = results.maps[(results.maps.e1 == e1) & (results.maps.e2 == e2)].groupby("solver", sort=False)
+    columns = min(4, len(maps))
+    rows = -(-len(maps) // columns)
     norm, colors = BoundaryNorm([0, 0.01, 0.05, 0.2, 1e9], 4), ListedColormap(_BANDS)
     with drawing(2.5 * columns, 2.35 * rows + 0.6) as figure:
         axes = figure.subplots(rows, columns, squeeze=False)
-        for ax in axes.flat[len(chosen) :]:
+        for ax in axes.flat[len(maps) :]:
             ax.set_visible(False)
-        for position, (ax, one) in enumerate(zip(axes.flat, chosen, strict=False)):
-            ax.pcolormesh(
-                one.stiffness_ratio,
-                one.mass_ratio,
-                np.ma.masked_invalid(one.error.T),
-                cmap=colors,
-                norm=norm,
-                shading="nearest",
-            )
+        for position, (ax, (solver, one)) in enumerate(zip(axes.flat, maps, strict=False)):
+            error = one.pivot(index="mass_ratio", columns="stiffness_ratio", values="error")
+            masked = np.ma.masked_invalid(error)
+            ax.pcolormesh(error.columns, error.index, masked, cmap=colors, norm=norm, shading="nearest")
             ax.set_xscale("log")
             ax.set_yscale("log")
             ax.set_xlim(*results.config.map.stiffness_ratio)
             ax.set_ylim(*results.config.map.mass_ratio)
             ax.axvline(1, color="black", linewidth=0.8)
-            ax.set_title(one.solver, fontsize=9)
+            ax.set_title(solver, fontsize=9)
             ax.grid(False)
             ax.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
             if position % columns == 0:
                 ax.set_ylabel("mass ratio m2/m1 (-)")
-            if position + columns >= len(chosen):
+            if position + columns >= len(maps):
                 ax.set_xlabel("stiffness ratio k2/k1 (-)")
         labels = ("within 1 %", "within 5 %", "within 20 %", "beyond 20 %")
         figure.legend([Patch(color=color) for color in _BANDS], labels, loc="outside lower center", ncols=4)
