@@ -60,11 +60,19 @@ def error_map(solver: str, ratios: Floats, outcomes: pd.DataFrame) -> pd.DataFra
     )
 
 
-def errors_of(found: pd.DataFrame, *, soft_table: bool) -> pd.DataFrame:
-    """Return the errors of one side of a map, k2/k1 < 1 for a soft table: by contrast, rising, and mass ratio."""
-    k = found.stiffness_ratio
-    side = found[k < 1 if soft_table else k > 1].assign(contrast=np.maximum(k, 1 / k))
-    return side.pivot(index="contrast", columns="mass_ratio", values="error")
+def grid_of(found: pd.DataFrame) -> pd.DataFrame:
+    """Return the errors of a map: a row a stiffness ratio, a column a mass ratio."""
+    masses = found.mass_ratio.unique()
+    errors = found.error.to_numpy().reshape(-1, masses.size)
+    return pd.DataFrame(errors, index=found.stiffness_ratio.iloc[:: masses.size], columns=masses)
+
+
+def side_of(found: pd.DataFrame, *, soft_table: bool) -> pd.DataFrame:
+    """Return the errors of one side of a map, k2/k1 < 1 for a soft table: a row a contrast, rising."""
+    grid = grid_of(found)
+    if soft_table:
+        return grid.loc[grid.index < 1].iloc[::-1].rename(index=lambda k: 1 / k)
+    return grid.loc[grid.index > 1]
 
 
 def contrast_needed(errors: pd.DataFrame, mass_ratio: float, level: float) -> float:

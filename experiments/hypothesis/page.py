@@ -16,7 +16,7 @@ import pandas as pd
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.registry import engine_free_names, kind_of
 from impact_xval.experiments.hypothesis import cases, judging, mechanism, predictions, solvers, verdicts
-from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, LOSSY
+from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, LOSSY, plastic_outcome
 from impact_xval.experiments.hypothesis.figures import map_name, write_figures
 from impact_xval.experiments.hypothesis.mechanism import POINTS, Mechanism
 from impact_xval.experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
@@ -33,7 +33,6 @@ from impact_xval.experiments.presentation.pages import html_of, latex_of, render
 from impact_xval.experiments.sweep.executors import available_cores
 from impact_xval.experiments.tables.store import write_json, write_text
 from impact_xval.experiments.tables.streams import replacing
-from impact_xval.model import Collision, solve
 from impact_xval.model.collision import RESULT_STATUSES
 
 PAGE, TITLE = "hypothesis.md", "impact-xval: does an infinitely stiff pair act as one body?"
@@ -99,7 +98,7 @@ def build_page(
 ) -> str:
     """Write the page as Markdown, from the names of the figures and the frames of the verdicts and of the contrasts."""
     e1, e2 = results.config.map.restitutions[0]
-    first_map = needed[(needed.e1 == e1) & (needed.e2 == e2)]
+    shown = needed[(needed.e1 == e1) & (needed.e2 == e2) & needed.mass_ratio.isin([0.5, 1.0, 5.0])]
     lossy = classes[classes["class"].isin(LOSSY) & (classes.verdict == "supported")]
     facts = {
         **summary(results),
@@ -119,7 +118,7 @@ def build_page(
         "drawn_contrast": DRAWN_CONTRAST,
         "e1": e1,
         "e2": e2,
-        "needed": list(first_map[first_map.mass_ratio.isin([0.5, 1.0, 5.0])].itertuples()),
+        "needed": list(shown.itertuples()),
         "maps": {map_name(*pair): pair for pair in results.mapped},
         "redrawn": results.redrawn,
         "unavailable": results.unavailable,
@@ -207,14 +206,14 @@ def _parting(results: Results, case: str) -> dict[str, Any]:
 
 
 def _instead(classes: pd.DataFrame, results: Results) -> dict[str, Any]:
-    refuted = classes[(classes["class"] == "all") & (classes.n_refuted > 0)]
-    predicted = refuted.dropna(subset="missed_prediction_largest")
-    exact = predicted.solver.isin([result.solver for result in results.verdicts if result.kind == "exact"])
-    engines = predicted[~exact].groupby("solver", sort=False)
+    rows: list[Any] = list(classes[(classes["class"] == "all") & (classes.n_refuted > 0)].itertuples())
+    predicted = [row for row in rows if not math.isnan(row.missed_prediction_largest)]
+    exact = {result.solver for result in results.verdicts if result.kind == "exact"}
+    engines = dict.fromkeys(row.solver for row in predicted if row.solver not in exact)
     return {
-        "refuted_rows": list(refuted.itertuples()),
-        "predicted": list(predicted[exact].itertuples()),
-        "engine_predictions": {name: list(rows.itertuples()) for name, rows in engines},
+        "refuted_rows": rows,
+        "predicted": [row for row in predicted if row.solver in exact],
+        "engine_predictions": {name: [row for row in predicted if row.solver == name] for name in engines},
     }
 
 
@@ -226,9 +225,7 @@ def _mapping(results: Results) -> list[dict[str, Any]]:
         law = results.verdict(LAW_IN_TIME, case.key)
         of_case = [v for v in results.verdicts if v.case == case and v.solver != OTHER_LAW]
         refuted = [v for v in of_case if v.whole.verdict == "refuted"]
-        others = [
-            v for v in of_case if v.whole.verdict != "refuted" and v.solver not in (*FROZEN, LAW_IN_TIME)
-        ]
+        others = [v for v in of_case if v not in refuted and v.solver not in (*FROZEN, LAW_IN_TIME)]
         if not law or not linear or not refuted:
             continue
         found.append(
@@ -248,18 +245,16 @@ def _returns(found: CaseResult) -> Counter[str]:
     """Count by verdict the points of a plastic limit at which a contact of the model returns."""
     counts: Counter[str] = Counter()
     for result in found.whole.members:
-        collision = Collision.from_ratios(*result.point.ratios(found.case, math.inf))
-        states = solve(collision, stiffness_ratio_cutoff=math.inf).states
+        states = plastic_outcome(found.case, result.point).states
         counts[result.judgement.verdict] += states.count("S1") > 1
     return counts
 
 
 def _no_limit(results: Results) -> dict[str, Any]:
     found, branches = results.verdict(MODEL, "zero-early"), results.branches
+    classes = {group.name: group for group in found.classes} if found else {}
     return {
-        "group": next((group for group in found.classes if group.name == "only e1 = 1"), None)
-        if found
-        else None,
+        "group": classes.get("only e1 = 1"),
         "count": mechanism.COUNT,
         "range": mechanism.RANGE,
         "worst": max(abs(b.measured - b.predicted) / max(b.uncertainty, 1e-9) for b in branches),

@@ -71,7 +71,7 @@ class Results:
     maps : DataFrame
         Their cells (`maps.error_map`), those of engines last.
     control : dict
-        By engine, all limits together: `distance` of its outcomes from the exact column of its own law, and their own
+        By engine, all limits together: `distance` of its results from the exact column of its own law, and their own
         `error`.
     unavailable : dict
         Why, by solver.
@@ -205,7 +205,7 @@ def _maps(config: HypothesisConfig, solvers: Iterable[SolverUnderTest]) -> list[
     return [
         _Task(one, ratios, partial(error_map, one.name, ratios))
         for one in sorted(solvers, key=lambda one: one.kind == "stepped")
-        for e1, e2 in config.map.restitutions[: 1 if one.costly else None]
+        for e1, e2 in dict.fromkeys(config.map.restitutions[: 1 if one.costly else None])
         for ratios in [map_ratios(*axes(config.map, one), e1, e2)]
     ]
 
@@ -334,4 +334,4 @@ def _control(series: Iterable[Series], config: HypothesisConfig) -> dict[str, pd
             law = exact.solve(*ratios)
             away = distance(ratios[1], mine.v1 - law.v1, mine.v2 - law.v2)
             found.setdefault(one.solver.name, []).append(mine[["error"]].assign(distance=away))
-    return {name: pd.concat(frames) for name, frames in found.items()}
+    return {name: pd.concat(frames).dropna() for name, frames in found.items()}

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from impact_xval.experiments.hypothesis.cases import pair_class
-from impact_xval.experiments.hypothesis.maps import LEVELS, contrast_needed, errors_of, share_within
+from impact_xval.experiments.hypothesis.maps import LEVELS, contrast_needed, share_within, side_of
 from impact_xval.experiments.hypothesis.run import Results
 from impact_xval.experiments.hypothesis.verdicts import FAR, CaseResult, Group
 
@@ -136,9 +136,10 @@ def mechanism_frame(results: Results) -> pd.DataFrame:
 def need_frame(results: Results) -> pd.DataFrame:
     """One row a map, side and mass ratio: the contrast from which the hypothesis is good to each level."""
     rows = []
-    for (solver, e1, e2), one in results.maps.groupby(["solver", "e1", "e2"], sort=False):
+    maps: Any = results.maps.groupby(["solver", "e1", "e2"], sort=False)
+    for (solver, e1, e2), one in maps:
         for soft, side in ((True, "k2 < k1"), (False, "k2 > k1")):
-            errors = errors_of(one, soft_table=soft)
+            errors = side_of(one, soft_table=soft)
             shares = {f"share_{100 * x:.0f}pct": share_within(errors, x) for x in LEVELS}
             for mass in MASSES:
                 needed = {f"contrast_{100 * x:.0f}pct": contrast_needed(errors, mass, x) for x in LEVELS}

@@ -79,12 +79,13 @@ class Series:
 
     def without_result(self, i: int) -> str:
         """Say how many outcomes of a point are no results, by status, and why the first is none; empty if all are."""
-        row, reasons = self.rows("status")[i], self.rows("reason")[i]
-        found = []
-        for status in dict.fromkeys(row[~np.isin(row, RESULT_STATUSES)]):
-            which = np.flatnonzero(row == status)
-            found.append(f"{which.size} of {row.size} {status}: {reasons[which[0]]}")
-        return "; ".join(found)
+        m = self.contrast.size
+        by_status = self.outcomes.iloc[i * m : (i + 1) * m].groupby("status", sort=False)
+        return "; ".join(
+            f"{len(same)} of {m} {status}: {same.reason.iloc[0]}"
+            for status, same in by_status
+            if status not in RESULT_STATUSES
+        )
 
     def distances(self) -> Floats:
         """Distance of every outcome from the closed form, shape (n, m); NaN without a result."""
@@ -215,7 +216,7 @@ class Group:
         return "within error" if self.agrees else self.verdict
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CaseResult:
     """One solver at one limit.
 

@@ -16,9 +16,9 @@ from impact_xval.experiments.hypothesis.cases import (
 from impact_xval.experiments.hypothesis.maps import (
     contrast_needed,
     error_map,
-    errors_of,
     map_ratios,
     share_within,
+    side_of,
 )
 from impact_xval.experiments.hypothesis.solvers import outcomes_of
 from impact_xval.model import solve_batch
@@ -84,7 +84,7 @@ def a_map(error=ERROR):
 
 
 def side(error=ERROR, *, soft_table):
-    return errors_of(a_map(error), soft_table=soft_table)
+    return side_of(a_map(error), soft_table=soft_table)
 
 
 @pytest.mark.parametrize(
