@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from impact_xval.experiments.hypothesis import run
 from impact_xval.experiments.hypothesis.cases import (
     BY_KEY,
     Point,
@@ -13,6 +14,7 @@ from impact_xval.experiments.hypothesis.cases import (
     closed_form,
     nearer_limit,
 )
+from impact_xval.experiments.hypothesis.config import parse
 from impact_xval.experiments.hypothesis.maps import (
     contrast_needed,
     error_map,
@@ -20,7 +22,7 @@ from impact_xval.experiments.hypothesis.maps import (
     share_within,
     side_of,
 )
-from impact_xval.experiments.hypothesis.solvers import outcomes_of
+from impact_xval.experiments.hypothesis.solvers import outcomes_of, under_test
 from impact_xval.model import solve_batch
 
 #: Away from e1 = 1, where the model has no limit, and from the borders of the regimes, which it reaches slowly.
@@ -124,3 +126,12 @@ def test_a_map_measures_the_distance_and_says_why_where_there_is_none():
     expected = np.sqrt(0.09 + masses * 0.16)
     assert found.error.tolist() == pytest.approx([*expected, math.nan, expected[1]], nan_ok=True)
     assert (found.status[2], found.reason[2]) == ("crashed", "its process died: SIGSEGV")
+
+
+def test_restitutions_given_twice_are_one_map():
+    config = parse({"map": {"size": 4, "restitutions": [[0.9, 0.7], [1.0, 1.0], [0.9, 0.7]]}}, "test")
+    made = [
+        task.make(task.solver.solve(*task.ratios))
+        for task in run._maps(config, [under_test("bistiffness", 100)])
+    ]
+    assert [(one.e1[0], one.e2[0]) for one in made] == [(0.9, 0.7), (1.0, 1.0)]
