@@ -146,11 +146,10 @@ def run_hypothesis(
     for name, reason in unavailable.items():
         progress(0, 0, f"{name} is left out: {reason}")
     solvers = tuple(under_test(name, config.steps, resolve) for name in reasons if name not in unavailable)
-    exact = [one for one in solvers if one.kind == "exact"]
     points = {case.key: (*draw(case, config.points, config.seed), *config.given(case.key)) for case in CASES}
     again = {case.key: tuple(draw(case, config.points, config.seed + 1)) for case in CASES}
-    series, redrawn = _series(config, solvers, points), _series(config, exact, again)
-    maps = _maps(config, solvers)
+    series, maps = _series(config, solvers, points), _maps(config, solvers)
+    redrawn = [task for task in _series(config, solvers, again) if task.solver.kind == "exact"]
     workers = workers or config.workers or available_cores()
     with open_executor(_Context(solvers, resolve), _prepare, workers, isolate=isolate) as executor:
         done = _solve(config, solvers, points, [*series, *redrawn, *maps], executor, progress)
@@ -159,16 +158,12 @@ def run_hypothesis(
         config=config,
         series=found,
         verdicts=[_examined(config, one) for one in found],
-        redrawn={
-            (one.solver, one.case.key, group.name): group
-            for one in (_examined(config, done.made[task]) for task in redrawn)
-            for group in (one.whole, *one.classes)
-        },
+        redrawn=_by_class(_examined(config, done.made[task]) for task in redrawn),
         mechanisms=[mechanism for mechanism, _ in done.followed],
         motions={
             (m.solver, m.case): motion
             for m, motion in done.followed
-            if motion is not None and m.case in DRAWN and m.contrast == DRAWN_CONTRAST
+            if motion and m.case in DRAWN and m.contrast == DRAWN_CONTRAST
         },
         branches=done.branches,
         maps=pd.concat([done.made[task] for task in maps], ignore_index=True),
@@ -322,6 +317,14 @@ def _hand_out(
 def _examined(config: HypothesisConfig, series: Series) -> CaseResult:
     stepped = series.solver.kind == "stepped"
     return examine(series, config.engine_fit_decades if stepped else config.fit_decades)
+
+
+def _by_class(verdicts: Iterable[CaseResult]) -> dict[tuple[str, str, str], Group]:
+    return {
+        (one.solver, one.case.key, group.name): group
+        for one in verdicts
+        for group in (one.whole, *one.classes)
+    }
 
 
 def _control(series: Iterable[Series], config: HypothesisConfig) -> dict[str, pd.DataFrame]:
