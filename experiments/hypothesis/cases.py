@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from impact_xval.model import Collision, solve
+from impact_xval.model import Collision, Outcome, solve
 
 Floats = NDArray[np.float64]
 
@@ -206,19 +206,21 @@ def border(case: Case, point: Point) -> float:
 
 
 def closed_form(case: Case, point: Point) -> tuple[float, float]:
-    """Velocities that the hypothesis gives in the limit, v1 and v2.
+    """Velocities that the hypothesis gives in the limit, v1 and v2."""
+    if case.plastic:
+        outcome = plastic_outcome(case, point)
+        return outcome.v1, outcome.v2
+    v1, v2 = nearer_limit(*point.ratios(case, math.inf))
+    return float(v1), float(v2)
 
-    For the plastic limits the state at the end of compression is needed: the model itself gets there exactly, and
-    finishes by the closed form of 3.3 (`model.limits`); no limit of a stiffness ratio is taken on the way.
+
+def plastic_outcome(case: Case, point: Point) -> Outcome:
+    """Solve a plastic limit by the model.
+
+    The state at the end of compression is needed: the model gets there exactly, and finishes by the closed form of
+    3.3 (`model.limits`); no limit of a stiffness ratio is taken on the way.
     """
-    mu, e1, e2 = point.mass_ratio, point.e1, point.e2
-    if not case.plastic:
-        v1, v2 = nearer_limit(0.0 if case.stiff == 1 else math.inf, mu, e1, e2)
-        return float(v1), float(v2)
-    first, second = (0.0, e2) if case.stiff == 1 else (e1, 0.0)
-    plastic = Collision.from_ratios(point.stiffness_ratio, mu, first, second)
-    outcome = solve(plastic, stiffness_ratio_cutoff=math.inf)
-    return outcome.v1, outcome.v2
+    return solve(Collision.from_ratios(*point.ratios(case, math.inf)), stiffness_ratio_cutoff=math.inf)
 
 
 #: Classes of points none of whose contacts is elastic.
@@ -285,11 +287,15 @@ def _point(case: Case, unit: Floats, elastic: tuple[bool, bool]) -> Point:
     e1, e2 = (
         1.0 if one else rounded(low + (high - low) * u) for one, u in zip(elastic, unit[1:3], strict=True)
     )
-    mass_ratio = log_between(*MASS_RATIO, unit[0])
+    return point_of(case, log_between(*MASS_RATIO, unit[0]), e1, e2, log_between(*STIFFNESS_RATIO, unit[3]))
+
+
+def point_of(case: Case, mass_ratio: float, e1: float, e2: float, stiffness_ratio: float) -> Point:
+    """Make a point of a case: what goes to its limit there is NaN."""
     if not case.plastic:
         return Point(mass_ratio, e1, e2)
     e1, e2 = (math.nan, e2) if case.stiff == 1 else (e1, math.nan)
-    return Point(mass_ratio, e1, e2, log_between(*STIFFNESS_RATIO, unit[3]))
+    return Point(mass_ratio, e1, e2, stiffness_ratio)
 
 
 def outside(case: Case, point: Point) -> str | None:

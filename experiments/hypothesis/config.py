@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from impact_xval.experiments.config.config_errors import (
-    counted,
-    read_toml,
-    short,
-    validated,
-)
+from impact_xval.experiments.config.axes import whole
+from impact_xval.experiments.config.config_errors import counted, read_toml, short, validated
 from impact_xval.experiments.config.configuration import solvers_problem
-from impact_xval.experiments.hypothesis.cases import BY_KEY, Point, outside
+from impact_xval.experiments.hypothesis.cases import BY_KEY, Point, outside, point_of
 from impact_xval.experiments.hypothesis.solvers import default_names
 
 #: TOML has lists only: they may stand for pairs, whose numbers are no less strict for it.
@@ -56,10 +51,8 @@ class _WithRanges(_Strict):
 class MapConfig(_WithRanges):
     """The maps of where the hypothesis is good enough."""
 
-    size: int = Field(61, ge=4, le=400, description="a whole number from 4 to 400 (cells along each axis)")
-    engine_size: int = Field(
-        13, ge=3, le=60, description="a whole number from 3 to 60 (cells along each axis)"
-    )
+    size: int = whole(61, 4, 400, " (cells along each axis)")
+    engine_size: int = whole(13, 3, 60, " (cells along each axis)")
     stiffness_ratio: _Range = Field((1e-6, 1e6), description="[lo, hi] with 0 < lo < 1 < hi <= 1e12 (k2/k1)")
     engine_stiffness_ratio: _Range = Field(
         (1e-3, 1e3), description="[lo, hi] with 1e-6 <= lo < 1 < hi <= 1e6 (k2/k1)"
@@ -93,18 +86,14 @@ class GivenPoint(_Strict):
 
     def point(self) -> Point:
         """Return the point; what goes to its limit in this case is NaN."""
-        case = BY_KEY[self.case]
-        if not case.plastic:
-            return Point(self.mass_ratio, self.e1, self.e2)
-        e1, e2 = (math.nan, self.e2) if case.stiff == 1 else (self.e1, math.nan)
-        return Point(self.mass_ratio, e1, e2, self.stiffness_ratio)
+        return point_of(BY_KEY[self.case], self.mass_ratio, self.e1, self.e2, self.stiffness_ratio)
 
 
 class HypothesisConfig(_WithRanges):
     """A test of the hypothesis."""
 
     seed: int = Field(1, ge=0, le=2**32, description="a whole number from 0 to 2^32")
-    points: int = Field(24, ge=6, le=500, description="a whole number from 6 to 500 (points of each limit)")
+    points: int = whole(24, 6, 500, " (points of each limit)")
     solvers: list[str] = Field(
         default_factory=default_names, description="a list of names of solvers, each once"
     )
@@ -116,22 +105,15 @@ class HypothesisConfig(_WithRanges):
     engine_plastic_contrast: _Range = Field(
         (1e2, 1e5), description="[lo, hi] with 1 < lo < hi <= 1e6 (1/e^2)"
     )
-    per_decade: int = Field(8, ge=4, le=64, description="a whole number from 4 to 64 (contrasts in a decade)")
-    engine_per_decade: int = Field(
-        2, ge=2, le=16, description="a whole number from 2 to 16 (contrasts in a decade)"
-    )
+    per_decade: int = whole(8, 4, 64, " (contrasts in a decade)")
+    engine_per_decade: int = whole(2, 2, 16, " (contrasts in a decade)")
     fit_decades: float = Field(4.0, ge=1, le=8, description="from 1 to 8 (decades of a fit)")
     engine_fit_decades: float = Field(2.0, ge=1, le=8, description="from 1 to 8 (decades of a fit)")
-    steps: int = Field(
-        100,
-        ge=20,
-        le=2000,
-        description="a whole number from 20 to 2000 (steps in a period of the stiffer contact)",
-    )
+    steps: int = whole(100, 20, 2000, " (steps in a period of the stiffer contact)")
     cell_timeout: float = Field(
         300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"
     )
-    workers: int | None = Field(None, ge=1, le=4096, description="a whole number from 1 to 4096")
+    workers: int | None = whole(None, 1, 4096)
     map: MapConfig = Field(
         default_factory=lambda: MapConfig.model_validate({}),
         description="a table: " + ", ".join(MapConfig.model_fields),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,11 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from impact_xval.experiments.hypothesis.cases import CASES, LOSSY, pair_class
-from impact_xval.experiments.hypothesis.mechanism import end_share, mean_more_ends
+from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, LOSSY, pair_class
+from impact_xval.experiments.hypothesis.maps import grid_of
+from impact_xval.experiments.hypothesis.mechanism import end_share
 from impact_xval.experiments.hypothesis.run import DRAWN, Results
-from impact_xval.experiments.hypothesis.verdicts import Series
+from impact_xval.experiments.hypothesis.verdicts import CaseResult, Series
 from impact_xval.experiments.presentation.style import Look, drawing, look, save
 
 _DPI = 150
@@ -62,7 +62,9 @@ def _distance(results: Results) -> Figure:
         axes = figure.subplots(2, 3)
         handles: dict[str, Any] = {}
         for ax, case in zip(axes.flat, CASES, strict=True):
-            for series in (one for one in results.series if one.case == case):
+            for series, found in zip(results.series, results.verdicts, strict=True):
+                if series.case != case:
+                    continue
                 name = series.solver.name
                 style = _look(results, name)
                 chosen = [i for i, point in enumerate(series.points) if pair_class(case, point) in LOSSY]
@@ -84,7 +86,7 @@ def _distance(results: Results) -> Figure:
                     zorder=3 if engine else 2,
                 )
                 handles.setdefault(name, line)
-                _slope(ax, results, series, median, style.color)
+                _slope(ax, found, series, median, style.color)
             ax.set_xscale("log")
             ax.set_yscale("log")
             ax.set_xlabel(f"contrast {_X[case.variable]} (-)")
@@ -95,13 +97,12 @@ def _distance(results: Results) -> Figure:
     return figure
 
 
-def _slope(ax: Any, results: Results, series: Series, median: np.ndarray, color: str) -> None:
+def _slope(ax: Any, found: CaseResult, series: Series, median: np.ndarray, color: str) -> None:
     """Draw below a line the power law fitted to its last decades, where the verdict of its class is `supported`."""
-    found = results.verdict(series.solver.name, series.case.key)
-    group = next((g for g in found.classes if g.name in LOSSY), None) if found else None
-    known = np.flatnonzero(np.isfinite(median))
-    if not found or not group or group.verdict != "supported" or series.solver.kind == "stepped":
+    supported = any(group.name in LOSSY and group.verdict == "supported" for group in found.classes)
+    if not supported or series.solver.kind == "stepped":
         return
+    known = np.flatnonzero(np.isfinite(median))
     last = known[series.contrast[known] >= series.contrast[known[-1]] * 10**-found.decades]
     if last.size < 3:
         return
@@ -114,7 +115,6 @@ def _slope(ax: Any, results: Results, series: Series, median: np.ndarray, color:
 
 
 def _relative_motion(results: Results) -> Figure:
-    titles = {case.key: case.title for case in CASES}
     kinds = {series.solver.name: series.solver.kind for series in results.series}
     with drawing(10.0, 5.4) as figure:
         axes = figure.subplots(2, len(DRAWN))
@@ -141,7 +141,7 @@ def _relative_motion(results: Results) -> Figure:
                     axes[1, column].plot(
                         motion.time[motion.joined], motion.separation[motion.joined], "o", color=style.color
                     )
-            axes[0, column].set_title(textwrap.fill(titles[key], 34), fontsize=8.5)
+            axes[0, column].set_title(textwrap.fill(BY_KEY[key].title, 34), fontsize=8.5)
             axes[1, column].set_xlabel("time, half periods of the soft contact (-)")
         axes[0, 0].set_ylabel("relative velocity\nof the stiff pair, per |v0| (-)")
         axes[1, 0].set_ylabel("separation of the stiff pair,\nper soft compression (-)")
@@ -155,11 +155,10 @@ def _no_limit(results: Results) -> Figure:
         s for s in results.series if s.solver.name == "state-transition" and s.case.key == "zero-early"
     )
     i = series.points.index(worst.point)
-    more = math.floor(mean_more_ends(worst.point.mass_ratio))
     with drawing(9.0, 3.2) as figure:
         left, right = figure.subplots(1, 2)
         left.plot(series.contrast, series.rows("v1")[i], "o", color="black", markersize=3.5)
-        for n in (more + 1, more + 2):
+        for n in (worst.more_ends + 1, worst.more_ends + 2):
             value = worst.once * worst.point.e2 ** (n - 1)
             name = {1: "one end of compression", 2: "two ends"}.get(n, f"{n} ends")
             left.axhline(value, color="#0072B2", linewidth=1)
@@ -194,34 +193,30 @@ def _no_limit(results: Results) -> Figure:
 
 
 def _map(results: Results, e1: float, e2: float) -> Figure:
-    chosen = [one for one in results.maps if (one.e1, one.e2) == (e1, e2)]
-    columns = min(4, len(chosen))
-    rows = -(-len(chosen) // columns)
+    chosen = (results.maps.e1 == e1) & (results.maps.e2 == e2)
+    maps: Any = results.maps[chosen].groupby("solver", sort=False)
+    columns = min(4, len(maps))
+    rows = -(-len(maps) // columns)
     norm, colors = BoundaryNorm([0, 0.01, 0.05, 0.2, 1e9], 4), ListedColormap(_BANDS)
     with drawing(2.5 * columns, 2.35 * rows + 0.6) as figure:
         axes = figure.subplots(rows, columns, squeeze=False)
-        for ax in axes.flat[len(chosen) :]:
+        for ax in axes.flat[len(maps) :]:
             ax.set_visible(False)
-        for position, (ax, one) in enumerate(zip(axes.flat, chosen, strict=False)):
-            ax.pcolormesh(
-                one.stiffness_ratio,
-                one.mass_ratio,
-                np.ma.masked_invalid(one.error.T),
-                cmap=colors,
-                norm=norm,
-                shading="nearest",
-            )
+        for position, (ax, (solver, one)) in enumerate(zip(axes.flat, maps, strict=False)):
+            grid = grid_of(one)
+            error = np.ma.masked_invalid(grid.T)
+            ax.pcolormesh(grid.index, grid.columns, error, cmap=colors, norm=norm, shading="nearest")
             ax.set_xscale("log")
             ax.set_yscale("log")
             ax.set_xlim(*results.config.map.stiffness_ratio)
             ax.set_ylim(*results.config.map.mass_ratio)
             ax.axvline(1, color="black", linewidth=0.8)
-            ax.set_title(one.solver, fontsize=9)
+            ax.set_title(solver, fontsize=9)
             ax.grid(False)
             ax.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
             if position % columns == 0:
                 ax.set_ylabel("mass ratio m2/m1 (-)")
-            if position + columns >= len(chosen):
+            if position + columns >= len(maps):
                 ax.set_xlabel("stiffness ratio k2/k1 (-)")
         labels = ("within 1 %", "within 5 %", "within 20 %", "beyond 20 %")
         figure.legend([Patch(color=color) for color in _BANDS], labels, loc="outside lower center", ncols=4)

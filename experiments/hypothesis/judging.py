@@ -32,6 +32,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 from scipy.stats import theilslopes
 
 Floats = NDArray[np.float64]
@@ -85,8 +86,6 @@ class Judgement:
         Whether the closed form lies within three errors of the limit.
     settles : bool
         False where it oscillates or jumps without end.
-    spread : tuple of float
-        Least and largest v1, least and largest v2 in the last decade of the window.
     """
 
     verdict: Verdict
@@ -101,7 +100,6 @@ class Judgement:
     offset: float = math.nan
     consistent: bool = False
     settles: bool = True
-    spread: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)
 
 
 def judge(
@@ -137,7 +135,7 @@ def judge(
     w = np.column_stack([v1[usable], v2[usable]]) * scale
     target = np.array(closed_form) * scale
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
-    own = _neighbours(error[usable])
+    own = maximum_filter1d(error[usable], 3, mode="nearest")
     window, sunk = _window(np.log10(contrast[usable]), w, np.hypot(*(w - target).T), own, decades)
     if isinstance(window, str):
         return Judgement("undecided", window)
@@ -193,8 +191,6 @@ def _limit(window: _Window, target: Floats, scale: Floats) -> tuple[Judgement, s
     w, D, own, final = window.w, window.D, window.own, window.final
     limit, limit_error = _extrapolate(window.x, w)
     limit_error = max(limit_error, float(own[final].max()))
-    spread = np.sort(w[final] / scale, axis=0)
-    (a, c), (b, d) = map(float, spread[0]), map(float, spread[-1])
     early, late = _diameter(w[window.first]), _diameter(w[final])
     resolved = FLOOR_ERRORS * float(own[final].max())
     restless = late > resolved and late > early * 10 ** (-LEAST_RATE * (window.decades - 1))
@@ -213,10 +209,10 @@ def _limit(window: _Window, target: Floats, scale: Floats) -> tuple[Judgement, s
         offset=offset,
         consistent=not restless and offset <= 3 * limit_error,
         settles=settles,
-        spread=(a, b, c, d),
     )
     if settles:
         return found, ""
+    (a, c), (b, d) = (w[final] / scale).min(axis=0), (w[final] / scale).max(axis=0)
     return found, (
         f"it does not settle: in the last decade v1 runs from {a:.3g} to {b:.3g} and v2 from {c:.3g} to {d:.3g}"
     )
@@ -257,13 +253,6 @@ def _rate(found: Judgement, window: _Window, sunk: bool) -> Judgement:
     else:
         return replace(found, verdict="supported")
     return replace(found, reason=reason)
-
-
-def _neighbours(error: Floats) -> Floats:
-    if error.size == 0:
-        return error
-    padded = np.pad(error, 1, mode="edge")
-    return np.max([padded[:-2], padded[1:-1], padded[2:]], axis=0)
 
 
 def _diameter(w: Floats) -> float:

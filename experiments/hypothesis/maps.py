@@ -3,54 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from impact_xval.experiments.hypothesis.cases import distance, nearer_limit
 from impact_xval.experiments.hypothesis.config import MapConfig
-from impact_xval.experiments.hypothesis.solvers import Outcomes, SolverUnderTest
+from impact_xval.experiments.hypothesis.solvers import SolverUnderTest
 from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
 
 #: Errors that are told apart: 1, 5 and 20 % of the impact's kinetic norm.
 LEVELS = (0.01, 0.05, 0.2)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ErrorMap:
-    """Error of the hypothesis for one solver at fixed restitutions.
-
-    Attributes
-    ----------
-    solver : str
-    e1, e2 : float
-    stiffness_ratio : ndarray, shape (n,)
-    mass_ratio : ndarray, shape (m,)
-    error : ndarray, shape (n, m)
-        Distance D of the solver's outcome from the closed form of the nearer limit; NaN without a result.
-    uncertainty : ndarray, shape (n, m)
-        Of the solver itself.
-    status, reason : ndarray of str, shape (n, m)
-        Of its outcome.
-    """
-
-    solver: str
-    e1: float
-    e2: float
-    stiffness_ratio: Floats
-    mass_ratio: Floats
-    error: Floats
-    uncertainty: Floats
-    status: NDArray[np.str_]
-    reason: NDArray[np.str_]
-
-    def side(self, soft_table: bool) -> NDArray[np.bool_]:
-        """Whether a stiffness ratio lies on the side k2/k1 < 1, or on the other, shape (n,)."""
-        return self.stiffness_ratio < 1 if soft_table else self.stiffness_ratio > 1
 
 
 def axes(config: MapConfig, one: SolverUnderTest) -> tuple[Floats, Floats]:
@@ -70,37 +36,56 @@ def map_ratios(kappa: Floats, masses: Floats, e1: float, e2: float) -> Floats:
     return np.array([k, m, np.full(k.size, e1), np.full(k.size, e2)])
 
 
-def error_map(
-    solver: str, e1: float, e2: float, kappa: Floats, masses: Floats, outcomes: Outcomes
-) -> ErrorMap:
-    """Turn the outcomes of `map_ratios` into a map."""
-    k, m = map_ratios(kappa, masses, e1, e2)[:2]
-    v1, v2 = nearer_limit(k, m, e1, e2)
-    error = distance(m, outcomes.v1 - v1, outcomes.v2 - v2)
-    error[~np.isin(outcomes.status, RESULT_STATUSES)] = math.nan
-    columns: Any = (error, outcomes.error, outcomes.status, outcomes.reason)
-    return ErrorMap(
-        solver, e1, e2, kappa, masses, *(column.reshape(kappa.size, masses.size) for column in columns)
+def error_map(solver: str, ratios: Floats, outcomes: pd.DataFrame) -> pd.DataFrame:
+    """Make a map of the outcomes of `map_ratios`, a row a cell.
+
+    Beside the ratios and the solver's status and reason there are `error`, the distance D of its outcome from the
+    closed form of the nearer limit (NaN without a result), and `uncertainty`, that of the solver itself.
+    """
+    k, m, e1, e2 = ratios
+    v1, v2 = nearer_limit(k, m, e1[0], e2[0])
+    error = pd.Series(distance(m, outcomes.v1 - v1, outcomes.v2 - v2))
+    return pd.DataFrame(
+        {
+            "solver": solver,
+            "e1": e1,
+            "e2": e2,
+            "stiffness_ratio": k,
+            "mass_ratio": m,
+            "error": error.where(outcomes.status.isin(RESULT_STATUSES)),
+            "uncertainty": outcomes.error,
+            "status": outcomes.status,
+            "reason": outcomes.reason,
+        }
     )
 
 
-def contrast_needed(found: ErrorMap, mass_ratio: float, level: float, *, soft_table: bool) -> float:
+def grid_of(found: pd.DataFrame) -> pd.DataFrame:
+    """Return the errors of a map: a row a stiffness ratio, a column a mass ratio."""
+    masses = found.mass_ratio.unique()
+    errors = found.error.to_numpy().reshape(-1, masses.size)
+    return pd.DataFrame(errors, index=found.stiffness_ratio.iloc[:: masses.size], columns=masses)
+
+
+def side_of(found: pd.DataFrame, *, soft_table: bool) -> pd.DataFrame:
+    """Return the errors of one side of a map, k2/k1 < 1 for a soft table: a row a contrast, rising."""
+    grid = grid_of(found)
+    if soft_table:
+        return grid.loc[grid.index < 1].iloc[::-1].rename(index=lambda k: 1 / k)
+    return grid.loc[grid.index > 1]
+
+
+def contrast_needed(errors: pd.DataFrame, mass_ratio: float, level: float) -> float:
     """Least contrast from which on the error stays within a level, to the end of the map; infinite if at none.
 
-    On the side k2/k1 < 1 for a soft table, else on the other; the nearest mass ratio of the map is taken.
+    The nearest mass ratio of the map is taken.
     """
-    column = int(np.argmin(np.abs(np.log(found.mass_ratio / mass_ratio))))
-    side = found.side(soft_table)
-    kappa, error = found.stiffness_ratio[side], found.error[side, column]
-    if soft_table:
-        kappa, error = 1 / kappa[::-1], error[::-1]
-    bad = np.flatnonzero(~(error <= level))
-    first = bad[-1] + 1 if bad.size else 0
-    return float(kappa[first]) if first < kappa.size else math.inf
+    column = errors.iloc[:, int(np.argmin(np.abs(np.log(errors.columns / mass_ratio))))]
+    within = np.logical_and.accumulate(column.to_numpy()[::-1] <= level)[::-1]
+    return float(min(column.index[within], default=math.inf))
 
 
-def share_within(found: ErrorMap, level: float, *, soft_table: bool) -> float:
-    """Share of the cells of one side of the map within a level."""
-    error = found.error[found.side(soft_table)]
-    known = np.isfinite(error)
-    return float(np.mean(error[known] <= level)) if known.any() else math.nan
+def share_within(errors: pd.DataFrame, level: float) -> float:
+    """Share of the cells of one side of a map within a level, of those with a result."""
+    known = errors.to_numpy()[errors.notna()]
+    return float(np.mean(known <= level)) if known.size else math.nan

@@ -163,17 +163,17 @@ def motion_of(case: Case, collision: Collision, path: ImpulseCurve) -> Motion:
     finite = np.isfinite(path.time)
     time, v1, v2 = path.time[finite], path.v1[finite] / speed, path.v2[finite] / speed
     state = path.state[finite]
-    rate1, rate2 = v1 - v2, v2
+    rates = (v1 - v2, v2)
     step = np.diff(time, prepend=time[0])
 
     def integral(rate: Floats) -> Floats:
         return np.cumsum(step * 0.5 * (rate + np.concatenate([rate[:1], rate[:-1]])))
 
-    away = (integral(rate1), integral(rate2))
+    away = [integral(rate) for rate in rates]
     carries = (np.isin(state, (1, 3)), np.isin(state, (1, 2)))
     stiff, soft = case.stiff - 1, 2 - case.stiff
     soft_mass, soft_k = (c.m1, c.k1) if soft == 0 else (c.m2, c.k2)
-    rate, loaded = (rate1, rate2)[stiff], carries[stiff]
+    rate, loaded = rates[stiff], carries[stiff]
     deepest = float(max(-away[soft].min(), 1e-300))
     joined: int | None = 0
     if case.key != "infinity":

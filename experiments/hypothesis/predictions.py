@@ -144,13 +144,9 @@ class Contacts:
 
     def table(self) -> TableContact | None:
         """Contact 2 for a motion in time; None where it is not linear."""
-        if self.family == "hunt-crossley":
-            return None
-        return (
-            TableContact(0.0, self.e2)
-            if self.family == "bistiffness"
-            else TableContact(self._zeta(self.e2), 1.0)
-        )
+        if self.family == "bistiffness":
+            return TableContact(0.0, self.e2)
+        return None if self.family == "hunt-crossley" else TableContact(self._zeta(self.e2), 1.0)
 
 
 def predict(case: Case, point: Point, family: str) -> Prediction | None:
@@ -283,9 +279,8 @@ class _Balls:
 
     def fly(self) -> bool:
         """Move to the next touch of B2 and the table, or of the balls; whether it is of the balls."""
-        touch = (
-            self.p / self.v2 if self.p < 0 and self.v2 < 0 else math.inf
-        )  # -p is its height above the table
+        # Where p < 0, -p is the height of B2 above the table.
+        touch = self.p / self.v2 if self.p < 0 and self.v2 < 0 else math.inf
         meet = self.gap / (self.v2 - self.v1) if self.v2 > self.v1 else math.inf
         t = min(touch, meet)
         self.gap, self.p = self.gap + (self.v1 - self.v2) * t, self.p - self.v2 * t

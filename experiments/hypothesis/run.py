@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, as_completed
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.answers import why_unavailable
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, Case, Point, distance, draw
 from impact_xval.experiments.hypothesis.config import HypothesisConfig
-from impact_xval.experiments.hypothesis.maps import ErrorMap, axes, error_map, map_ratios
+from impact_xval.experiments.hypothesis.maps import axes, error_map, map_ratios
 from impact_xval.experiments.hypothesis.mechanism import (
     CONTRASTS,
     ENGINE_CONTRASTS,
@@ -27,7 +29,7 @@ from impact_xval.experiments.hypothesis.mechanism import (
     count_branches,
     observe,
 )
-from impact_xval.experiments.hypothesis.solvers import Outcomes, SolverUnderTest, isolated, under_test
+from impact_xval.experiments.hypothesis.solvers import SolverUnderTest, isolated, under_test
 from impact_xval.experiments.hypothesis.verdicts import CaseResult, Group, Series, examine
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
@@ -38,9 +40,6 @@ Floats = NDArray[np.float64]
 
 #: Called with how much work is done, of how much, and a line to show ("" if none).
 Progress = Callable[[int, int, str], None]
-
-#: What is solved of a solver: ``("series", limit)``, ``("redrawn", limit)`` or ``("map", e1, e2)``.
-Key = tuple[str | float, ...]
 
 #: The limits whose relative motion is drawn, and at which contrast.
 DRAWN, DRAWN_CONTRAST = ("zero-early", "zero-late", "infinity"), 1e3
@@ -70,11 +69,11 @@ class Results:
         Relative motion by (solver, limit) at `DRAWN_CONTRAST`.
     branches : list of Branches
         Of the model where it has no limit.
-    maps : list of ErrorMap
-        Those of engines last.
+    maps : DataFrame
+        Their cells (`maps.error_map`), those of engines last.
     control : dict
-        By engine: k2/k1, distance of its outcomes from the exact column of its own law, and their own error, rows of
-        one array, all limits together.
+        By engine, all limits together: `distance` of its results from the exact column of its own law, and their own
+        `error`.
     unavailable : dict
         Why, by solver.
     seconds : dict
@@ -88,8 +87,8 @@ class Results:
     mechanisms: list[Mechanism]
     motions: dict[tuple[str, str], Motion]
     branches: list[Branches]
-    maps: list[ErrorMap]
-    control: dict[str, Floats]
+    maps: pd.DataFrame
+    control: dict[str, pd.DataFrame]
     unavailable: dict[str, str]
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -105,31 +104,16 @@ class Results:
     @property
     def mapped(self) -> list[tuple[float, float]]:
         """The restitutions e1, e2 of the maps."""
-        return list(dict.fromkeys((one.e1, one.e2) for one in self.maps))
+        return list(dict.fromkeys(zip(self.maps.e1, self.maps.e2, strict=True)))
 
 
-@dataclass(frozen=True, slots=True)
-class _Plan:
-    """What is solved: the points of each limit, and the tasks that follow from them."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    """A solver, the ratios of the collisions it is given, and what is made of their outcomes."""
 
-    config: HypothesisConfig
-    solvers: tuple[SolverUnderTest, ...]
-    points: dict[str, tuple[Point, ...]]
-    redrawn: dict[str, tuple[Point, ...]]
-
-    def tasks(self, *, exact: bool) -> Iterator[tuple[SolverUnderTest, Key, Floats]]:
-        """Yield solver, key and ratios of all that is solved by exact solvers, or by the others."""
-        chosen = [one for one in self.solvers if (one.kind == "exact") == exact]
-        for case in CASES:
-            for one in chosen:
-                x = contrasts(self.config, case, one)
-                yield one, ("series", case.key), ratios_of(case, self.points[case.key], x)
-                if exact:
-                    yield one, ("redrawn", case.key), ratios_of(case, self.redrawn[case.key], x)
-        for one in chosen:
-            kappa, masses = axes(self.config.map, one)
-            for e1, e2 in map_restitutions(self.config, one):
-                yield one, ("map", e1, e2), map_ratios(kappa, masses, e1, e2)
+    solver: SolverUnderTest
+    ratios: Floats
+    make: Callable[[pd.DataFrame], Any]
 
 
 def run_hypothesis(
@@ -164,30 +148,27 @@ def run_hypothesis(
         progress(0, 0, f"{name} is left out: {reason}")
     solvers = tuple(under_test(name, config.steps, resolve) for name in reasons if name not in unavailable)
     points = {case.key: (*draw(case, config.points, config.seed), *config.given(case.key)) for case in CASES}
-    redrawn = {case.key: tuple(draw(case, config.points, config.seed + 1)) for case in CASES}
-    plan = _Plan(config, solvers, points, redrawn)
+    again = {case.key: tuple(draw(case, config.points, config.seed + 1)) for case in CASES}
+    series, maps = _series(config, solvers, points), _maps(config, solvers)
+    redrawn = [task for task in _series(config, solvers, again) if task.solver.kind == "exact"]
     workers = workers or config.workers or available_cores()
     with open_executor(_Context(solvers, resolve), _prepare, workers, isolate=isolate) as executor:
-        done = _solve(plan, executor, progress)
-    series = _series(plan, "series", points, done.outcomes)
+        done = _solve(config, solvers, points, [*series, *redrawn, *maps], executor, progress)
+    found = [done.made[task] for task in series]
     return Results(
         config=config,
-        series=series,
-        verdicts=[_examined(plan, one) for one in series],
-        redrawn={
-            (found.solver, found.case.key, group.name): group
-            for found in (_examined(plan, one) for one in _series(plan, "redrawn", redrawn, done.outcomes))
-            for group in (found.whole, *found.classes)
-        },
+        series=found,
+        verdicts=[_examined(config, one) for one in found],
+        redrawn=_by_class(_examined(config, done.made[task]) for task in redrawn),
         mechanisms=[mechanism for mechanism, _ in done.followed],
         motions={
             (m.solver, m.case): motion
             for m, motion in done.followed
-            if motion is not None and m.case in DRAWN and m.contrast == DRAWN_CONTRAST
+            if motion and m.case in DRAWN and m.contrast == DRAWN_CONTRAST
         },
         branches=done.branches,
-        maps=_maps(plan, done.outcomes),
-        control=_control(plan, done.outcomes),
+        maps=pd.concat([done.made[task] for task in maps], ignore_index=True),
+        control=_control(found, config),
         unavailable=unavailable,
         seconds=done.seconds,
     )
@@ -195,41 +176,71 @@ def run_hypothesis(
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """What the solvers gave."""
+    """What came of the tasks, and what was seen of the solvers beside them."""
 
-    outcomes: dict[tuple[str, Key], Outcomes]
+    made: dict[_Task, Any]
     followed: list[tuple[Mechanism, Motion | None]]
     branches: list[Branches]
     seconds: dict[str, float]
 
 
-def _solve(plan: _Plan, executor: Any, progress: Progress) -> _Done:
+def _series(
+    config: HypothesisConfig, solvers: Sequence[SolverUnderTest], points: dict[str, tuple[Point, ...]]
+) -> list[_Task]:
+    """Plan the series by limit, then by solver."""
+    return [
+        _Task(one, ratios_of(case, points[case.key], x), partial(Series, one, case, points[case.key], x))
+        for case in CASES
+        for one in solvers
+        for x in [contrasts(config, case, one)]
+    ]
+
+
+def _maps(config: HypothesisConfig, solvers: Iterable[SolverUnderTest]) -> list[_Task]:
+    """Plan the maps by solver, those of the engines last; of each in the order of its restitutions."""
+    return [
+        _Task(one, ratios, partial(error_map, one.name, ratios))
+        for one in sorted(solvers, key=lambda one: one.kind == "stepped")
+        for e1, e2 in dict.fromkeys(config.map.restitutions[: 1 if one.costly else None])
+        for ratios in [map_ratios(*axes(config.map, one), e1, e2)]
+    ]
+
+
+def _solve(
+    config: HypothesisConfig,
+    solvers: Iterable[SolverUnderTest],
+    points: dict[str, tuple[Point, ...]],
+    tasks: Sequence[_Task],
+    executor: Any,
+    progress: Progress,
+) -> _Done:
     """Hand out the work of the engines, and all trajectories; meanwhile do that of the exact solvers here."""
-    config = plan.config
-    pieces = _hand_out(plan, executor)
+    own = [task for task in tasks if task.solver.kind == "exact"]
+    others = [task for task in tasks if task.solver.kind != "exact"]
+    pieces = _hand_out(others, executor, config.cell_timeout)
     observed = [
         executor.submit(_follow, one.name, key, contrast, config.cell_timeout)
-        for one in plan.solvers
+        for one in solvers
         for key in POINTS
         for contrast in (ENGINE_CONTRASTS if one.kind == "stepped" else CONTRASTS)
     ]
     handed = [future for parts in pieces.values() for future in parts] + observed
-    own = list(plan.tasks(exact=True))
     total = len(own) + len(handed)
-    outcomes: dict[tuple[str, Key], Outcomes] = {}
+    made = {}
     start = time.perf_counter()
-    for done, (one, key, ratios) in enumerate(own, start=1):
-        outcomes[one.name, key] = one.solve(*ratios)
+    for done, task in enumerate(own, start=1):
+        made[task] = task.make(task.solver.solve(*task.ratios))
         progress(done + sum(future.done() for future in handed), total, "")
-    elastic = [p for p in plan.points["zero-early"] if p.e1 == 1 and p.e2 < 1]
+    elastic = [p for p in points["zero-early"] if p.e1 == 1 and p.e2 < 1]
     branches = [count_branches(p, config.seed) for p in elastic if "state-transition" in config.solvers]
     seconds = {"model and references": time.perf_counter() - start}
     for future in as_completed([future for future in handed if not future.done()]):
         future.result()
         progress(len(own) + sum(f.done() for f in handed), total, "")
-    outcomes |= {key: Outcomes.join([f.result() for f in parts]) for key, parts in pieces.items()}
+    for task, parts in pieces.items():
+        made[task] = task.make(pd.concat([part.result() for part in parts], ignore_index=True))
     seconds["all, engines included"] = time.perf_counter() - start
-    return _Done(outcomes, [future.result() for future in observed], branches, seconds)
+    return _Done(made, [future.result() for future in observed], branches, seconds)
 
 
 def contrasts(config: HypothesisConfig, case: Case, one: SolverUnderTest) -> Floats:
@@ -248,11 +259,6 @@ def contrasts(config: HypothesisConfig, case: Case, one: SolverUnderTest) -> Flo
 def ratios_of(case: Case, points: Sequence[Point], contrast: Floats) -> Floats:
     """Return k2/k1, m2/m1, e1, e2 of every point and contrast, shape (4, n m)."""
     return np.array([point.ratios(case, float(x)) for point in points for x in contrast]).reshape(-1, 4).T
-
-
-def map_restitutions(config: HypothesisConfig, one: SolverUnderTest) -> list[tuple[float, float]]:
-    """Return the restitutions e1, e2 of the maps of a solver."""
-    return config.map.restitutions[: 1 if one.costly else None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,59 +295,47 @@ def _observe(context: _Context, solver: str, case: str, contrast: float) -> tupl
     return observe(solver, case, contrast, context.resolve)
 
 
-def _hand_out(plan: _Plan, executor: Any) -> dict[tuple[str, Key], list[Future[Outcomes]]]:
+def _hand_out(
+    tasks: Iterable[_Task], executor: Any, timeout: float
+) -> dict[_Task, list[Future[pd.DataFrame]]]:
     """Hand out the work of the engines in pieces, those with the most steps first; of each task in order."""
-    pieces = []
-    for one, key, ratios in plan.tasks(exact=False):
-        for first in range(0, ratios.shape[1], _PIECE):
-            part = ratios[:, first : first + _PIECE]
-            steps = float(np.sum(np.sqrt(np.maximum(part[0], 1 / part[0]))))
-            pieces.append((steps, one, key, first, part))
-    futures: dict[tuple[str, Key], dict[int, Future[Outcomes]]] = {}
-    for _, one, key, first, part in sorted(pieces, key=lambda piece: -piece[0]):
-        future = executor.submit(isolated, one.solve, part, plan.config.cell_timeout)
-        futures.setdefault((one.name, key), {})[first] = future
-    return {key: [by_first[first] for first in sorted(by_first)] for key, by_first in futures.items()}
-
-
-def _series(
-    plan: _Plan, kind: str, points: dict[str, tuple[Point, ...]], outcomes: dict[tuple[str, Key], Outcomes]
-) -> list[Series]:
-    return [
-        Series(
-            one,
-            case,
-            points[case.key],
-            contrasts(plan.config, case, one),
-            outcomes[one.name, (kind, case.key)],
-        )
-        for case in CASES
-        for one in plan.solvers
-        if (one.name, (kind, case.key)) in outcomes
+    pieces = [
+        (task, task.ratios[:, first : first + _PIECE])
+        for task in tasks
+        for first in range(0, task.ratios.shape[1], _PIECE)
     ]
+    steps = [float(np.sum(np.sqrt(np.maximum(ratios[0], 1 / ratios[0])))) for _, ratios in pieces]
+    most_first = sorted(range(len(pieces)), key=lambda i: -steps[i])
+    futures = {
+        i: executor.submit(isolated, pieces[i][0].solver.solve, pieces[i][1], timeout) for i in most_first
+    }
+    handed: dict[_Task, list[Future[pd.DataFrame]]] = {}
+    for i, (task, _) in enumerate(pieces):
+        handed.setdefault(task, []).append(futures[i])
+    return handed
 
 
-def _examined(plan: _Plan, series: Series) -> CaseResult:
+def _examined(config: HypothesisConfig, series: Series) -> CaseResult:
     stepped = series.solver.kind == "stepped"
-    return examine(series, plan.config.engine_fit_decades if stepped else plan.config.fit_decades)
+    return examine(series, config.engine_fit_decades if stepped else config.fit_decades)
 
 
-def _maps(plan: _Plan, outcomes: dict[tuple[str, Key], Outcomes]) -> list[ErrorMap]:
-    """Make the maps by solver, those of the engines last; of each in the order of its restitutions."""
-    return [
-        error_map(one.name, e1, e2, *axes(plan.config.map, one), outcomes[one.name, ("map", e1, e2)])
-        for one in sorted(plan.solvers, key=lambda one: one.kind == "stepped")
-        for e1, e2 in map_restitutions(plan.config, one)
-    ]
+def _by_class(verdicts: Iterable[CaseResult]) -> dict[tuple[str, str, str], Group]:
+    return {
+        (one.solver, one.case.key, group.name): group
+        for one in verdicts
+        for group in (one.whole, *one.classes)
+    }
 
 
-def _control(plan: _Plan, outcomes: dict[tuple[str, Key], Outcomes]) -> dict[str, Floats]:
+def _control(series: Iterable[Series], config: HypothesisConfig) -> dict[str, pd.DataFrame]:
     """Compare the engines with the exact Kelvin-Voigt column, which is their law: `Results.control`."""
-    exact = under_test("kelvin-voigt", plan.config.steps)
-    found: dict[str, list[Floats]] = {}
-    for one, key, ratios in plan.tasks(exact=False):
-        if key[0] == "series" and one.kind == "stepped" and one.family == "kelvin-voigt":
-            mine, law = outcomes[one.name, key], exact.solve(*ratios)
+    exact = under_test("kelvin-voigt", config.steps)
+    found: dict[str, list[pd.DataFrame]] = {}
+    for one in series:
+        if one.solver.kind == "stepped" and one.solver.family == "kelvin-voigt":
+            ratios, mine = ratios_of(one.case, one.points, one.contrast), one.outcomes
+            law = exact.solve(*ratios)
             away = distance(ratios[1], mine.v1 - law.v1, mine.v2 - law.v2)
-            found.setdefault(one.name, []).append(np.array([ratios[0], away, mine.error]))
-    return {name: np.concatenate(rows, axis=1) for name, rows in found.items()}
+            found.setdefault(one.solver.name, []).append(mine[["error"]].assign(distance=away))
+    return {name: pd.concat(frames).dropna() for name, frames in found.items()}

@@ -14,13 +14,14 @@ process twice, or takes longer than `cell_timeout`, has the status ``crashed`` o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 
 from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.compliant_baselines.contract import registry
@@ -33,7 +34,7 @@ from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Resolve
 from impact_xval.model import Collision, solve_batch
-from impact_xval.model.collision import RESULT_STATUSES, Status
+from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
 Kind = Literal["exact", "stepped", "single"]
@@ -53,44 +54,33 @@ LEAST_ERROR = 1e-4
 ROUNDING = 1e-13
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Outcomes:
-    """Outcomes of n collisions; velocities per abs(v0), NaN where `status` and `reason` state why.
+def outcomes_of(
+    v1: ArrayLike,
+    v2: ArrayLike,
+    error: ArrayLike = ROUNDING,
+    status: ArrayLike = "ok",
+    grazing_margin: ArrayLike = math.inf,
+    reason: ArrayLike = "",
+) -> pd.DataFrame:
+    """Make a frame of the outcomes of n collisions.
 
-    Attributes
+    Parameters
     ----------
-    v1, v2 : ndarray, shape (n,)
-    error : ndarray, shape (n,)
+    v1, v2 : array_like, shape (n,)
+        Per abs(v0), NaN where `status` and `reason` state why.
+    error : array_like, shape (n,) or ()
         Of the velocities, in the kinetic norm: rounding, or what is left of the step.
-    status : ndarray of str, shape (n,)
-        As of an `Outcome`.
-    grazing_margin : ndarray, shape (n,)
+    status, reason : array_like of str, shape (n,) or ()
+        As of an `Outcome`; a reason is never empty where the status is no result.
+    grazing_margin : array_like, shape (n,) or ()
         Of the model; infinite for others.
-    reason : ndarray of str, shape (n,)
-        As of an `Outcome`; never empty where the status is no result.
     """
-
-    v1: Floats
-    v2: Floats
-    error: Floats
-    status: NDArray[np.str_]
-    grazing_margin: Floats
-    reason: NDArray[np.str_]
-
-    @classmethod
-    def join(cls, parts: Sequence[Outcomes]) -> Outcomes:
-        """Join outcomes end to end."""
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__slots__))
-
-    @classmethod
-    def failure(cls, status: Status, reason: str) -> Outcomes:
-        """Make the outcome of one collision without a result."""
-        none = np.array([math.nan])
-        return cls(none, none, none, np.array([status]), np.array([math.inf]), np.array([reason]))
+    columns: dict[str, Any] = {"v1": v1, "v2": v2, "error": error, "status": status}
+    return pd.DataFrame(columns | {"grazing_margin": grazing_margin, "reason": reason})
 
 
-#: Gives the outcomes of arrays k2/k1, m2/m1, e1, e2 of one shape (n,).
-Solve = Callable[[Floats, Floats, Floats, Floats], Outcomes]
+#: Gives the outcomes (`outcomes_of`) of arrays k2/k1, m2/m1, e1, e2 of one shape (n,).
+Solve = Callable[[Floats, Floats, Floats, Floats], pd.DataFrame]
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +111,7 @@ class SolverUnderTest:
 
 def model_batch(
     kappa: Floats, mu: Floats, e1: Floats, e2: Floats, impact_law: str = "jia-mason-erdmann"
-) -> Outcomes:
+) -> pd.DataFrame:
     """Solve by the model, its cut-off off, under one of its impact laws."""
     batch = solve_batch(
         kappa,
@@ -134,15 +124,14 @@ def model_batch(
     )
     gave_up = np.where(batch.status == "unconverged", f"not over after {MAX_EVENTS} events", "")
     error = ROUNDING + np.abs(batch.energy_residual)
-    return Outcomes(batch.v1, batch.v2, error, batch.status, batch.grazing_margin, gave_up)
+    return outcomes_of(batch.v1, batch.v2, error, batch.status, batch.grazing_margin, gave_up)
 
 
-def _reference(batch: Callable[..., Any], kappa: Floats, mu: Floats, e1: Floats, e2: Floats) -> Outcomes:
+def _reference(batch: Callable[..., Any], kappa: Floats, mu: Floats, e1: Floats, e2: Floats) -> pd.DataFrame:
     found = batch(kappa, mu, e1, e2)
     reason = np.where(found.status == "timeout", "not over after the most segments a reference follows", "")
     reason = np.where(found.status == "unrepresentable", "the law has no such contact", reason)
-    n = kappa.size
-    return Outcomes(found.v1, found.v2, np.full(n, ROUNDING), found.status, np.full(n, math.inf), reason)
+    return outcomes_of(found.v1, found.v2, status=found.status, reason=reason)
 
 
 _EXACT: dict[str, Solve] = {
@@ -158,24 +147,23 @@ _EXACT: dict[str, Solve] = {
 
 def one_by_one(
     resolve: Resolve, name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
-) -> Outcomes:
+) -> pd.DataFrame:
     """Solve by a solver of the registry, collision by collision, as given in the settings."""
     collisions = [Collision.from_ratios(*map(float, row)) for row in zip(kappa, mu, e1, e2, strict=True)]
     outcomes = answer(resolve(name), collisions, settings)
     margins = [math.inf if o.grazing_margin is None else o.grazing_margin for o in outcomes]
-    return Outcomes(
-        np.array([o.v1 for o in outcomes]),
-        np.array([o.v2 for o in outcomes]),
-        np.full(len(outcomes), ROUNDING),
-        np.array([o.status for o in outcomes], dtype=np.str_),
-        np.array(margins),
-        np.array([o.reason for o in outcomes], dtype=np.str_),
+    return outcomes_of(
+        [o.v1 for o in outcomes],
+        [o.v2 for o in outcomes],
+        status=[o.status for o in outcomes],
+        grazing_margin=margins,
+        reason=[o.reason for o in outcomes],
     )
 
 
 def at_no_step(
     resolve: Resolve, name: str, settings: Settings, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
-) -> Outcomes:
+) -> pd.DataFrame:
     """Run an engine at the steps h, h/2, h/4, and extrapolate to dt -> 0.
 
     Richardson's table for errors in h and h^2 gives the answer. Its columns change the finest run by s1 = v(h/4) -
@@ -188,23 +176,21 @@ def at_no_step(
         one_by_one(resolve, name, replace(settings, step_fraction=fraction), kappa, mu, e1, e2)
         for fraction in fractions
     ]
+    values = np.array([run[["v1", "v2"]] for run in runs])
+    coarse, fine = extrapolated(values)
 
-    def of_second_order(a: Floats, b: Floats, c: Floats) -> tuple[Floats, Floats]:
-        coarse, fine = extrapolated(np.array([a, b, c]))
-        return (4 * fine - coarse) / 3, (fine - coarse) / 3
+    def norm(dv: Floats) -> Floats:
+        return np.hypot(dv[:, 0], np.sqrt(mu) * dv[:, 1])
 
-    v1, change1 = of_second_order(*(run.v1 for run in runs))
-    v2, change2 = of_second_order(*(run.v2 for run in runs))
-    second = np.hypot(change1, np.sqrt(mu) * change2)
-    first = np.hypot(runs[2].v1 - runs[1].v1, np.sqrt(mu) * (runs[2].v2 - runs[1].v2))
+    second, first = norm((fine - coarse) / 3), norm(values[2] - values[1])
     error = second * np.minimum(1, 2 * second / np.maximum(first, 1e-300)) + LEAST_ERROR
-    status, reason = runs[2].status, runs[2].reason
+    v1, v2 = ((4 * fine - coarse) / 3).T
+    found = outcomes_of(v1, v2, error, runs[2].status, reason=runs[2].reason)
     for run in runs[:2]:
-        failed = ~np.isin(run.status, RESULT_STATUSES)
-        status, reason = np.where(failed, run.status, status), np.where(failed, run.reason, reason)
-    bad = ~np.isin(status, RESULT_STATUSES)
-    v1[bad] = v2[bad] = error[bad] = np.nan
-    return Outcomes(v1, v2, error, status, np.full(kappa.size, math.inf), reason)
+        failed = ~run.status.isin(RESULT_STATUSES)
+        found.loc[failed, ["status", "reason"]] = run
+    found.loc[~found.status.isin(RESULT_STATUSES), ["v1", "v2", "error"]] = math.nan
+    return found
 
 
 def default_names() -> list[str]:
@@ -239,7 +225,7 @@ def under_test(name: str, steps: int, resolve: Resolve = get_solver) -> SolverUn
     return SolverUnderTest(name, "single", partial(one_by_one, resolve, name, settings), name)
 
 
-def isolated(sandbox: Sandbox, solve: Solve, ratios: Floats, timeout: float) -> Outcomes:
+def isolated(sandbox: Sandbox, solve: Solve, ratios: Floats, timeout: float) -> pd.DataFrame:
     """Solve collisions in a sandbox, whatever becomes of its process.
 
     Parameters
@@ -254,18 +240,18 @@ def isolated(sandbox: Sandbox, solve: Solve, ratios: Floats, timeout: float) -> 
 
     Returns
     -------
-    Outcomes
-        Of all n.
+    DataFrame
+        Of all n (`outcomes_of`).
     """
 
-    def call(place: slice) -> Outcomes:
+    def call(place: slice) -> pd.DataFrame:
         return sandbox.call(_solve, solve, ratios[:, place], timeout=timeout)
 
-    def failure(_: slice, fault: FaultError) -> Outcomes:
-        return Outcomes.failure(fault.status, fault.reason)
+    def failure(_: slice, fault: FaultError) -> pd.DataFrame:
+        return outcomes_of([math.nan], [math.nan], math.nan, fault.status, reason=fault.reason)
 
-    return Outcomes.join(in_halves(call, ratios.shape[1], failure))
+    return pd.concat(in_halves(call, ratios.shape[1], failure), ignore_index=True)
 
 
-def _solve(context: object, solve: Solve, ratios: Floats) -> Outcomes:
+def _solve(context: object, solve: Solve, ratios: Floats) -> pd.DataFrame:
     return solve(*ratios)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from impact_xval.experiments.hypothesis.cases import pair_class
-from impact_xval.experiments.hypothesis.maps import LEVELS, contrast_needed, share_within
+from impact_xval.experiments.hypothesis.maps import LEVELS, contrast_needed, share_within, side_of
 from impact_xval.experiments.hypothesis.run import Results
 from impact_xval.experiments.hypothesis.verdicts import FAR, CaseResult, Group
 
@@ -31,43 +30,44 @@ def class_frame(results: Results) -> pd.DataFrame:
 
 
 def _class_row(result: CaseResult, group: Group, again: Group | None) -> dict[str, Any]:
-    members = [p for p in result.points if group.name in ("all", pair_class(result.case, p.point))]
-    missed = [p.missed for p in members if p.judgement.verdict == "refuted" and math.isfinite(p.missed)]
-    before = group.shifted_counts if result.shiftable else {}
+    refuted = group.judged("refuted")
+    least, median, largest = np.quantile(group.offsets or [math.nan], [0, 0.5, 1])
     return {
         "case": result.case.key,
         "law": result.law,
         "solver": result.solver,
         "class": group.name,
         "verdict": group.verdict,
-        **_shares(group.counts),
+        **_shares(group),
         "within_solver_error": group.agrees,
-        "verdict_a_decade_before": group.shifted if result.shiftable else "",
-        **_shares(before, "_a_decade_before"),
+        "verdict_a_decade_before": group.shifted.verdict if group.shifted else "",
+        **_shares(group.shifted, "_a_decade_before"),
         "verdict_redrawn": again.verdict if again else "",
-        **_shares(again.counts if again else {}, "_redrawn"),
-        "points": len(members),
-        **{f"n_{word}": group.counts.get(word, 0) for word in ("supported", "refuted", "undecided")},
+        **_shares(again, "_redrawn"),
+        "points": group.points,
+        **{f"n_{word}": group.counts[word] for word in ("supported", "refuted", "undecided")},
         "rate": group.rate,
-        "rate_low": group.rate_low,
-        "rate_high": group.rate_high,
-        "least_rate": group.least_rate,
-        "largest_rate": group.largest_rate,
+        **dict(zip(("rate_low", "rate_high"), group.rate_interval, strict=True)),
+        "least_rate": min(group.rates, default=math.nan),
+        "largest_rate": max(group.rates, default=math.nan),
         "decades": result.decades,
         f"n_offset_above_{FAR:g}": group.far,
-        **dict(zip(("offset_least", "offset_median", "offset_largest"), group.offset, strict=True)),
-        "limit_error_largest": group.limit_error,
-        "prediction": next((p.prediction.form for p in members if p.prediction), ""),
-        "missed_prediction_largest": max(missed, default=math.nan),
+        "offset_least": least,
+        "offset_median": median,
+        "offset_largest": largest,
+        "limit_error_largest": max((p.judgement.limit_error for p in refuted), default=math.nan),
+        "prediction": next((p.prediction.form for p in group.members if p.prediction), ""),
+        "missed_prediction_largest": max(
+            (p.missed for p in refuted if math.isfinite(p.missed)), default=math.nan
+        ),
         "reason": group.reason,
     }
 
 
-def _shares(counts: Mapping[str, int], suffix: str = "") -> dict[str, float]:
+def _shares(group: Group | None, suffix: str = "") -> dict[str, float]:
     """Shares of the points that support and that refute; NaN without points."""
-    n = sum(counts.values())
     return {
-        f"share_{word}{suffix}": counts.get(word, 0) / n if n else math.nan
+        f"share_{word}{suffix}": group.counts[word] / group.points if group else math.nan
         for word in ("supported", "refuted")
     }
 
@@ -76,7 +76,7 @@ def point_frame(results: Results) -> pd.DataFrame:
     """One row a solver, limit and point of the design."""
     rows = []
     for result in results.verdicts:
-        for p in result.points:
+        for p in result.whole.members:
             j = p.judgement
             predicted = (p.prediction.v1, p.prediction.v2) if p.prediction else (math.nan, math.nan)
             rows.append(
@@ -86,7 +86,7 @@ def point_frame(results: Results) -> pd.DataFrame:
                     "class": pair_class(result.case, p.point),
                     **asdict(p.point),
                     "verdict": j.verdict,
-                    "verdict_a_decade_before": p.shifted.verdict if result.shiftable else "",
+                    "verdict_a_decade_before": p.shifted.verdict if result.whole.shifted else "",
                     "rate": j.rate,
                     "rate_low": j.rate_low,
                     "rate_high": j.rate_high,
@@ -118,12 +118,9 @@ def outcome_frame(results: Results) -> pd.DataFrame:
             "solver": series.solver.name,
             **{name: np.repeat(column.to_numpy(), m) for name, column in points.items()},
             "contrast": np.tile(series.contrast, n),
-            "v1": series.outcomes.v1,
-            "v2": series.outcomes.v2,
-            "error": series.outcomes.error,
+            **series.outcomes[["v1", "v2", "error"]],
             "distance": series.distances().ravel(),
-            "status": series.outcomes.status,
-            "reason": series.outcomes.reason,
+            **series.outcomes[["status", "reason"]],
             "used": usable.ravel(),
             "grazing": grazing.ravel(),
         }
@@ -136,29 +133,16 @@ def mechanism_frame(results: Results) -> pd.DataFrame:
     return pd.DataFrame([asdict(one) for one in results.mechanisms])
 
 
-def map_frame(results: Results) -> pd.DataFrame:
-    """One row a cell of a map."""
-    frames = []
-    for one in results.maps:
-        kappa, masses = np.meshgrid(one.stiffness_ratio, one.mass_ratio, indexing="ij")
-        columns = {"solver": one.solver, "e1": one.e1, "e2": one.e2}
-        columns |= {"stiffness_ratio": kappa.ravel(), "mass_ratio": masses.ravel()}
-        columns |= {name: getattr(one, name).ravel() for name in ("error", "uncertainty", "status", "reason")}
-        frames.append(pd.DataFrame(columns))
-    return pd.concat(frames, ignore_index=True)
-
-
 def need_frame(results: Results) -> pd.DataFrame:
     """One row a map, side and mass ratio: the contrast from which the hypothesis is good to each level."""
     rows = []
-    for one in results.maps:
+    maps: Any = results.maps.groupby(["solver", "e1", "e2"], sort=False)
+    for (solver, e1, e2), one in maps:
         for soft, side in ((True, "k2 < k1"), (False, "k2 > k1")):
-            shares = {f"share_{100 * x:.0f}pct": share_within(one, x, soft_table=soft) for x in LEVELS}
+            errors = side_of(one, soft_table=soft)
+            shares = {f"share_{100 * x:.0f}pct": share_within(errors, x) for x in LEVELS}
             for mass in MASSES:
-                needed = {
-                    f"contrast_{100 * x:.0f}pct": contrast_needed(one, mass, x, soft_table=soft)
-                    for x in LEVELS
-                }
-                key = {"solver": one.solver, "e1": one.e1, "e2": one.e2, "side": side, "mass_ratio": mass}
+                needed = {f"contrast_{100 * x:.0f}pct": contrast_needed(errors, mass, x) for x in LEVELS}
+                key = {"solver": solver, "e1": e1, "e2": e2, "side": side, "mass_ratio": mass}
                 rows.append(key | needed | shares)
     return pd.DataFrame(rows)

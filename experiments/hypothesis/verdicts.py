@@ -17,16 +17,17 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.registry import law_of
 from impact_xval.experiments.hypothesis.cases import Case, Point, closed_form, distance, pair_class
 from impact_xval.experiments.hypothesis.judging import Judgement, Verdict, judge
 from impact_xval.experiments.hypothesis.predictions import Prediction, predict
-from impact_xval.experiments.hypothesis.solvers import Outcomes, SolverUnderTest
+from impact_xval.experiments.hypothesis.solvers import SolverUnderTest
 from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
@@ -55,19 +56,19 @@ class Series:
     case : Case
     points : tuple of Point
     contrast : ndarray, shape (m,)
-    outcomes : Outcomes
-        Of n points and m contrasts, the contrast varying fastest.
+    outcomes : DataFrame
+        Of n points and m contrasts, the contrast varying fastest (`solvers.outcomes_of`).
     """
 
     solver: SolverUnderTest
     case: Case
     points: tuple[Point, ...]
     contrast: Floats
-    outcomes: Outcomes
+    outcomes: pd.DataFrame
 
     def rows(self, name: str) -> NDArray:
         """Return a column of the outcomes by point and contrast, shape (n, m)."""
-        return getattr(self.outcomes, name).reshape(len(self.points), self.contrast.size)
+        return self.outcomes[name].to_numpy().reshape(len(self.points), self.contrast.size)
 
     def usable(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which outcomes are results away from a jump, and which are grazing; shape (n, m) each."""
@@ -78,12 +79,13 @@ class Series:
 
     def without_result(self, i: int) -> str:
         """Say how many outcomes of a point are no results, by status, and why the first is none; empty if all are."""
-        row, reasons = self.rows("status")[i], self.rows("reason")[i]
-        found = []
-        for status in dict.fromkeys(row[~np.isin(row, RESULT_STATUSES)]):
-            which = np.flatnonzero(row == status)
-            found.append(f"{which.size} of {row.size} {status}: {reasons[which[0]]}")
-        return "; ".join(found)
+        m = self.contrast.size
+        by_status = self.outcomes.iloc[i * m : (i + 1) * m].groupby("status", sort=False)
+        return "; ".join(
+            f"{len(same)} of {m} {status}: {same.reason.iloc[0]}"
+            for status, same in by_status
+            if status not in RESULT_STATUSES
+        )
 
     def distances(self) -> Floats:
         """Distance of every outcome from the closed form, shape (n, m); NaN without a result."""
@@ -135,51 +137,73 @@ class Group:
     ----------
     name : str
         Of the class; ``all`` for all.
-    verdict, shifted : str
-        On the last decades, and a decade before.
-    counts, shifted_counts : dict
-        Points by verdict, likewise.
+    members : tuple of PointResult
+    verdict : str
     reason : str
         If undecided.
-    agrees : bool
-        Undecided, but the closed form lies within the error of every limit.
-    rate, rate_low, rate_high : float
-        Median over the supported points and its 95 % bootstrap interval.
-    least_rate, largest_rate : float
-        Over the supported points.
-    offset : tuple of float
-        Least, median and largest distance of the limit from the closed form, over the refuted points.
-    far : int
-        Refuted points whose limit lies further than `FAR` from the closed form.
-    limit_error : float
-        Largest error of a limit over the refuted points.
+    shifted : Group or None
+        The same points judged a decade before, if the contrasts leave room for it.
     """
 
     name: str
+    members: tuple[PointResult, ...]
     verdict: Verdict
-    shifted: Verdict
-    counts: dict[str, int]
-    shifted_counts: dict[str, int]
     reason: str
-    agrees: bool
-    rate: float
-    rate_low: float
-    rate_high: float
-    least_rate: float
-    largest_rate: float
-    offset: tuple[float, float, float]
-    far: int
-    limit_error: float
+    shifted: Group | None = None
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Points by verdict."""
+        return Counter(m.judgement.verdict for m in self.members)
 
     @property
     def points(self) -> int:
         """How many points there are."""
-        return sum(self.counts.values())
+        return len(self.members)
 
     @property
     def share(self) -> float:
         """Share of the points at which the verdict was reached."""
-        return self.counts.get(self.verdict, 0) / self.points
+        return self.counts[self.verdict] / self.points
+
+    @property
+    def agrees(self) -> bool:
+        """Undecided, with nothing refuted or unsettled: the closed form lies within the error of every limit."""
+        judgements = [m.judgement for m in self.members]
+        fine = all(j.verdict == "supported" or (j.consistent and j.settles) for j in judgements)
+        return self.verdict == "undecided" and fine
+
+    def judged(self, verdict: Verdict) -> list[PointResult]:
+        """Return the points of a verdict."""
+        return [m for m in self.members if m.judgement.verdict == verdict]
+
+    @property
+    def rates(self) -> list[float]:
+        """Rates at the supported points."""
+        return [m.judgement.rate for m in self.judged("supported")]
+
+    @property
+    def rate(self) -> float:
+        """Median of `rates`; NaN without any."""
+        return float(np.median(self.rates or [math.nan]))
+
+    @property
+    def rate_interval(self) -> tuple[float, float]:
+        """95 % bootstrap interval of `rate`; one rate is legal, which scipy.stats.bootstrap refuses."""
+        rates = self.rates or [math.nan]
+        draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, len(rates)))
+        low, high = map(float, np.quantile(np.median(draws, axis=1), [0.025, 0.975]))
+        return low, high
+
+    @property
+    def offsets(self) -> list[float]:
+        """Distances of the limits from the closed form at the refuted points."""
+        return [m.judgement.offset for m in self.judged("refuted")]
+
+    @property
+    def far(self) -> int:
+        """Refuted points whose limit lies further than `FAR` from the closed form."""
+        return sum(offset > FAR for offset in self.offsets)
 
     @property
     def bound(self) -> float:
@@ -192,7 +216,7 @@ class Group:
         return "within error" if self.agrees else self.verdict
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CaseResult:
     """One solver at one limit.
 
@@ -202,23 +226,18 @@ class CaseResult:
     kind : str
         `exact`, `stepped` or `single`.
     case : Case
-    points : tuple of PointResult
     whole : Group
     classes : tuple of Group
     decades : float
         Of the fits.
-    shiftable : bool
-        Whether the contrasts leave room for a fit a decade earlier.
     """
 
     solver: str
     kind: str
     case: Case
-    points: tuple[PointResult, ...]
     whole: Group
     classes: tuple[Group, ...]
     decades: float
-    shiftable: bool
 
     @property
     def law(self) -> str:
@@ -235,7 +254,6 @@ def examine(series: Series, decades: float) -> CaseResult:
     """Judge every point of a series, on its last decades and on those a decade before, and gather the verdicts."""
     usable, grazing = series.usable()
     x = series.contrast
-    shiftable = bool(np.log10(x[-1] / x[0]) >= decades + 1 - 1e-6)
     results = []
     for i, point in enumerate(series.points):
         v1, v2, error = (series.rows(name)[i] for name in ("v1", "v2", "error"))
@@ -250,26 +268,26 @@ def examine(series: Series, decades: float) -> CaseResult:
         prediction = predict(series.case, point, series.solver.family)
         beside, lost = int(grazing[i].sum()), series.without_result(i)
         results.append(PointResult(point, judgement, shifted, prediction, form, beside, lost))
-    return _gather(series, results, decades, shiftable)
+    groups = _gather(series.case, results)
+    if np.log10(x[-1] / x[0]) >= decades + 1 - 1e-6:
+        earlier = _gather(series.case, [replace(result, judgement=result.shifted) for result in results])
+        groups = [replace(now, shifted=then) for now, then in zip(groups, earlier, strict=True)]
+    whole, *classes = groups
+    return CaseResult(series.solver.name, series.solver.kind, series.case, whole, tuple(classes), decades)
 
 
-def _gather(series: Series, results: Sequence[PointResult], decades: float, shiftable: bool) -> CaseResult:
+def _gather(case: Case, results: Sequence[PointResult]) -> list[Group]:
+    """Give the verdict over all points, and then that of every class."""
     classes: dict[str, list[PointResult]] = {}
     for result in results:
-        classes.setdefault(pair_class(series.case, result.point), []).append(result)
-    groups, shifted = [], []
-    for name, members in classes.items():
-        verdict, reason = class_verdict([m.judgement for m in members])
-        before, _ = class_verdict([m.shifted for m in members])
-        groups.append(_group(name, members, verdict, before, reason))
-        shifted.append((before, before == "undecided" and _agree([m.shifted for m in members])))
-    verdict = _worst([(group.verdict, group.agrees) for group in groups])
+        classes.setdefault(pair_class(case, result.point), []).append(result)
+    groups = [
+        Group(name, tuple(members), *class_verdict([m.judgement for m in members]))
+        for name, members in classes.items()
+    ]
+    verdict = _worst(groups)
     reason = next((group.reason for group in groups if group.verdict == verdict), "")
-    whole = _group("all", results, verdict, _worst(shifted), reason)
-    one = series.solver
-    return CaseResult(
-        one.name, one.kind, series.case, tuple(results), whole, tuple(groups), decades, shiftable
-    )
+    return [Group("all", tuple(results), verdict, reason), *groups]
 
 
 def class_verdict(judgements: Sequence[Judgement]) -> tuple[Verdict, str]:
@@ -289,46 +307,10 @@ def class_verdict(judgements: Sequence[Judgement]) -> tuple[Verdict, str]:
     return "undecided", f"{worst[0].reason} ({len(worst)} of {n} points so)"
 
 
-def _agree(judgements: Sequence[Judgement]) -> bool:
-    """Whether nothing is refuted or unsettled, and the closed form lies within the error of every limit."""
-    return all(j.verdict == "supported" or (j.consistent and j.settles) for j in judgements)
-
-
-def _group(
-    name: str, results: Sequence[PointResult], verdict: Verdict, shifted: Verdict, reason: str
-) -> Group:
-    rates = np.array([r.judgement.rate for r in results if r.judgement.verdict == "supported"])
-    refuted = [r.judgement for r in results if r.judgement.verdict == "refuted"]
-    low = high = math.nan
-    if rates.size:  # one rate is legal, which scipy.stats.bootstrap refuses
-        draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, rates.size))
-        low, high = map(float, np.quantile(np.median(draws, axis=1), [0.025, 0.975]))
-    offsets = np.quantile([j.offset for j in refuted], [0, 0.5, 1]) if refuted else np.full(3, math.nan)
-    least, median, largest = map(float, offsets)
-    return Group(
-        name=name,
-        verdict=verdict,
-        shifted=shifted,
-        counts=dict(Counter(r.judgement.verdict for r in results)),
-        shifted_counts=dict(Counter(r.shifted.verdict for r in results)),
-        reason=reason,
-        agrees=verdict == "undecided" and _agree([r.judgement for r in results]),
-        rate=float(np.median(rates)) if rates.size else math.nan,
-        rate_low=low,
-        rate_high=high,
-        least_rate=float(rates.min()) if rates.size else math.nan,
-        largest_rate=float(rates.max()) if rates.size else math.nan,
-        offset=(least, median, largest),
-        far=sum(j.offset > FAR for j in refuted),
-        limit_error=max((j.limit_error for j in refuted), default=math.nan),
-    )
-
-
-def _worst(found: Sequence[tuple[Verdict, bool]]) -> Verdict:
-    """Verdict over classes, given that of each and whether it agrees within the solver's error."""
-    verdicts = {verdict for verdict, _ in found}
+def _worst(groups: Sequence[Group]) -> Verdict:
+    """Verdict over classes; one that agrees within the solver's error does not count against support."""
+    verdicts = {group.verdict for group in groups}
     if "refuted" in verdicts:
         return "refuted"
-    if any(verdict == "undecided" and not fine for verdict, fine in found) or "supported" not in verdicts:
-        return "undecided"
-    return "supported"
+    unexplained = any(group.verdict == "undecided" and not group.agrees for group in groups)
+    return "undecided" if unexplained or "supported" not in verdicts else "supported"

@@ -1,6 +1,5 @@
 """A solver that crashes or hangs costs the collisions it does so at, with a status and a reason, and nothing else."""
 
-import math
 import os
 import time
 from pathlib import Path
@@ -11,13 +10,8 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.hypothesis.config import parse
 from impact_xval.experiments.hypothesis.run import run_hypothesis
-from impact_xval.experiments.hypothesis.solvers import Outcomes, isolated
-from impact_xval.experiments.hypothesis.tables import (
-    map_frame,
-    mechanism_frame,
-    outcome_frame,
-    point_frame,
-)
+from impact_xval.experiments.hypothesis.solvers import isolated, outcomes_of
+from impact_xval.experiments.hypothesis.tables import mechanism_frame, outcome_frame, point_frame
 from impact_xval.experiments.sweep.sandbox import Sandbox
 from tests.experiments import faulty
 
@@ -30,9 +24,7 @@ def mortal(kappa, mu, e1, e2):
     """Give kappa and mu, and hang at one value of e1."""
     if faulty.HANG in e1:
         time.sleep(60)
-    n = kappa.size
-    ok, margin = np.full(n, "ok"), np.full(n, math.inf)
-    return Outcomes(kappa, mu, np.zeros(n), ok, margin, np.full(n, ""))
+    return outcomes_of(kappa, mu)
 
 
 def dead_at_first(kappa, mu, e1, e2):
@@ -117,6 +109,6 @@ def test_a_run_survives_and_every_table_says_what_failed_and_why():
     assert dead[["case", "contrast", "status", "reason"]].to_numpy().tolist() == [
         ["infinity", 1e5, "crashed", "its process died: SIGABRT"]
     ]
-    maps = map_frame(results)
+    maps = results.maps
     assert maps.status.isin(["ok", "limit"]).all()
     assert maps.error.notna().all()

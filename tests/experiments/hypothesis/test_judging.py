@@ -1,6 +1,7 @@
 """The procedure tells planted solvers apart: one that converges, one that goes elsewhere, one that does neither."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, closed_form, draw
 from impact_xval.experiments.hypothesis.judging import judge
 from impact_xval.experiments.hypothesis.run import ratios_of
-from impact_xval.experiments.hypothesis.solvers import Outcomes, SolverUnderTest
+from impact_xval.experiments.hypothesis.solvers import SolverUnderTest, outcomes_of
 from impact_xval.experiments.hypothesis.verdicts import Series, examine
 
 CASE = BY_KEY["zero-late"]
@@ -23,9 +24,7 @@ def planted(departure, kind="exact", error=1e-13, case=CASE, points=POINTS, cont
         n = kappa.size // len(points)
         forms = np.repeat([closed_form(case, point) for point in points], n, axis=0)
         off = np.concatenate([departure(contrast, i) for i in range(len(points))])
-        full = np.full(kappa.size, math.inf)
-        ok, nothing = np.full(kappa.size, "ok"), np.full(kappa.size, "")
-        return Outcomes(forms[:, 0] + off, forms[:, 1], np.full(kappa.size, error), ok, full, nothing)
+        return outcomes_of(forms[:, 0] + off, forms[:, 1], error)
 
     solver = SolverUnderTest("planted", kind, solve, "none")
     outcomes = solve(*ratios_of(case, points, contrast))
@@ -37,10 +36,11 @@ def planted(departure, kind="exact", error=1e-13, case=CASE, points=POINTS, cont
 def test_a_solver_that_converges_is_supported_at_its_rate(rate, case):
     points = tuple(draw(case, 12, 5))
     found = planted(lambda x, i: (2 + 0.1 * i) * x**-rate, case=case, points=points)
-    assert found.whole.verdict == found.whole.shifted == "supported"
+    assert found.whole.verdict == found.whole.shifted.verdict == "supported"
     assert found.whole.rate == pytest.approx(rate, abs=1e-6)
-    assert found.whole.rate_low <= rate + 1e-6
-    assert found.whole.rate_high >= rate - 1e-6
+    low, high = found.whole.rate_interval
+    assert low <= rate + 1e-6
+    assert high >= rate - 1e-6
 
 
 def test_ringing_that_fades_is_supported_at_the_rate_of_its_envelope():
@@ -53,7 +53,7 @@ def test_ringing_that_fades_is_supported_at_the_rate_of_its_envelope():
 def test_a_solver_that_converges_to_something_else_is_refuted_with_its_limit(offset):
     found = planted(lambda x, i: offset + 0.2 * x**-1.0)
     assert found.whole.verdict == "refuted"
-    for result in found.points:
+    for result in found.whole.members:
         j = result.judgement
         assert j.limit[0] - result.closed_form[0] == pytest.approx(offset, abs=3 * j.limit_error)
         assert j.limit_error < 0.2 * abs(offset)
@@ -68,7 +68,7 @@ def test_a_limit_beyond_the_resolution_of_the_series_is_not_invented():
 def test_slow_approach_to_something_else_carries_an_error_that_covers_it():
     offset = 0.05
     found = planted(lambda x, i: offset + 0.4 * x**-0.25 + 0.3 * x**-0.5)
-    for result in found.points:
+    for result in found.whole.members:
         j = result.judgement
         assert j.verdict == "refuted"
         assert abs(j.limit[0] - result.closed_form[0] - offset) < 3 * j.limit_error
@@ -78,10 +78,11 @@ def test_a_solver_that_oscillates_without_end_is_undecided_and_says_between_what
     found = planted(lambda x, i: 0.1 * np.sin(3 * np.log(x)))
     assert found.whole.verdict == "undecided"
     assert "does not settle" in found.whole.reason
-    j = found.points[0].judgement
-    v1 = found.points[0].closed_form[0]
-    assert j.spread[0] < v1 - 0.09
-    assert j.spread[1] > v1 + 0.09
+    j = found.whole.members[0].judgement
+    v1 = found.whole.members[0].closed_form[0]
+    low, high = re.search(r"v1 runs from (\S+) to (\S+) and", j.reason).groups()
+    assert float(low) < v1 - 0.09
+    assert float(high) > v1 + 0.09
     assert math.isnan(j.limit[0])
 
 
@@ -91,26 +92,28 @@ def test_two_branches_are_undecided_even_if_one_of_them_converges():
     jumps = rng.random((len(POINTS), CONTRAST.size)) < 0.15
     found = planted(lambda x, i: np.where(jumps[i], -0.2, 0.1 / x))
     assert found.whole.verdict == "undecided"
-    assert all(r.judgement.verdict == "undecided" for r in found.points)
+    assert all(r.judgement.verdict == "undecided" for r in found.whole.members)
 
 
 def test_oscillation_far_from_the_closed_form_but_small_is_a_refutation():
     found = planted(lambda x, i: 0.2 + 1e-3 * np.sin(5 * np.log(x)))
     assert found.whole.verdict == "refuted"
-    assert all(abs(r.judgement.offset - 0.2) < 3 * r.judgement.limit_error < 0.02 for r in found.points)
+    assert all(
+        abs(r.judgement.offset - 0.2) < 3 * r.judgement.limit_error < 0.02 for r in found.whole.members
+    )
 
 
 def test_a_drift_slower_than_the_least_rate_is_undecided():
     found = planted(lambda x, i: 0.5 * x**-0.05)
     assert found.whole.verdict == "undecided"
-    assert all(r.judgement.verdict == "undecided" for r in found.points)
+    assert all(r.judgement.verdict == "undecided" for r in found.whole.members)
 
 
 def test_a_drift_slower_than_any_power_is_taken_for_another_limit():
     """What no finite range of contrasts can exclude; docs/hypothesis.md names it under what is not shown."""
     found = planted(lambda x, i: 0.5 / np.log(x))
     assert found.whole.verdict == "refuted"
-    assert all(0 < r.judgement.offset < r.judgement.last for r in found.points)
+    assert all(0 < r.judgement.offset < r.judgement.last for r in found.whole.members)
 
 
 def test_too_short_a_range_is_undecided_and_says_what_to_do():
@@ -142,7 +145,7 @@ def test_engines_are_judged_over_two_decades():
     x = np.logspace(0.5, 3.5, 7)
     for departure, verdict in ((lambda x, i: 0.3 + 1 / x, "refuted"), (lambda x, i: 1 / x, "supported")):
         found = planted(departure, kind="stepped", error=1e-4, contrast=x, decades=2.0)
-        assert found.whole.verdict == found.whole.shifted == verdict
+        assert found.whole.verdict == found.whole.shifted.verdict == verdict
 
 
 def test_grazing_outcomes_are_left_out_and_counted():
@@ -152,12 +155,10 @@ def test_grazing_outcomes_are_left_out_and_counted():
     v1, v2 = closed_form(CASE, POINTS[0])
     off = 0.1 / contrast
     off[-1] = 0.5
-    ok, nothing = np.full(off.size, "ok"), np.full(off.size, "")
-    error = np.full_like(off, 1e-13)
-    outcomes = Outcomes(v1 + off, np.full_like(off, v2), error, ok, margin, nothing)
+    outcomes = outcomes_of(v1 + off, v2, grazing_margin=margin)
     solver = SolverUnderTest("planted", "exact", lambda *_: outcomes, "none")
     found = examine(Series(solver, CASE, POINTS[:1], contrast, outcomes), 4.0)
-    assert found.points[0].grazing == 1
+    assert found.whole.members[0].grazing == 1
     assert found.whole.verdict == "supported"
 
 

@@ -3,8 +3,10 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from impact_xval.experiments.hypothesis import run
 from impact_xval.experiments.hypothesis.cases import (
     BY_KEY,
     Point,
@@ -12,14 +14,15 @@ from impact_xval.experiments.hypothesis.cases import (
     closed_form,
     nearer_limit,
 )
+from impact_xval.experiments.hypothesis.config import parse
 from impact_xval.experiments.hypothesis.maps import (
-    ErrorMap,
     contrast_needed,
     error_map,
     map_ratios,
     share_within,
+    side_of,
 )
-from impact_xval.experiments.hypothesis.solvers import Outcomes
+from impact_xval.experiments.hypothesis.solvers import outcomes_of, under_test
 from impact_xval.model import solve_batch
 
 #: Away from e1 = 1, where the model has no limit, and from the borders of the regimes, which it reaches slowly.
@@ -78,9 +81,12 @@ ERROR = np.array([[0.001, 0.3], [0.01, 0.3], [0.1, 0.3], [0.1, 0.1], [0.01, 0.5]
 
 
 def a_map(error=ERROR):
-    words = np.where(np.isnan(error), "crashed", "ok")
-    masses = np.array([0.5, 2.0])
-    return ErrorMap("planted", 0.9, 0.7, KAPPA, masses, error, 0 * error, words, np.full(error.shape, ""))
+    k, m = map_ratios(KAPPA, np.array([0.5, 2.0]), 0.9, 0.7)[:2]
+    return pd.DataFrame({"stiffness_ratio": k, "mass_ratio": m, "error": error.ravel()})
+
+
+def side(error=ERROR, *, soft_table):
+    return side_of(a_map(error), soft_table=soft_table)
 
 
 @pytest.mark.parametrize(
@@ -97,30 +103,35 @@ def a_map(error=ERROR):
     ],
 )
 def test_contrast_needed_holds_to_the_end_of_the_map(mass, level, soft_table, contrast):
-    assert contrast_needed(a_map(), mass, level, soft_table=soft_table) == pytest.approx(contrast)
+    assert contrast_needed(side(soft_table=soft_table), mass, level) == pytest.approx(contrast)
 
 
 def test_share_within_counts_the_cells_with_a_result():
-    assert share_within(a_map(), 0.1, soft_table=True) == 3 / 6
-    assert share_within(a_map(), 0.1, soft_table=False) == 4 / 5
-    assert share_within(a_map(), 1e-9, soft_table=False) == 0
-    assert math.isnan(share_within(a_map(np.full((6, 2), math.nan)), 0.1, soft_table=True))
+    assert share_within(side(soft_table=True), 0.1) == 3 / 6
+    assert share_within(side(soft_table=False), 0.1) == 4 / 5
+    assert share_within(side(soft_table=False), 1e-9) == 0
+    assert math.isnan(share_within(side(np.full((6, 2), math.nan), soft_table=True), 0.1))
 
 
 def test_a_map_measures_the_distance_and_says_why_where_there_is_none():
     kappa, masses = np.array([0.1, 10.0]), np.array([0.5, 3.0])
-    k, mu = map_ratios(kappa, masses, 0.9, 0.7)[:2]
+    ratios = map_ratios(kappa, masses, 0.9, 0.7)
+    k, mu = ratios[:2]
     assert k.tolist() == [0.1, 0.1, 10, 10]
     assert mu.tolist() == [0.5, 3, 0.5, 3]
     v1, v2 = nearer_limit(k, mu, 0.9, 0.7)
     status = np.array(["ok", "limit", "crashed", "ok"])
     reason = np.array(["", "", "its process died: SIGSEGV", ""])
-    margin = np.full(4, math.inf)
-    found = error_map(
-        "planted", 0.9, 0.7, kappa, masses, Outcomes(v1 + 0.3, v2 + 0.4, 0 * v1, status, margin, reason)
-    )
+    found = error_map("planted", ratios, outcomes_of(v1 + 0.3, v2 + 0.4, status=status, reason=reason))
     expected = np.sqrt(0.09 + masses * 0.16)
-    assert found.error[0] == pytest.approx(expected)
-    assert math.isnan(found.error[1, 0])
-    assert found.error[1, 1] == pytest.approx(expected[1])
-    assert (found.status[1, 0], found.reason[1, 0]) == ("crashed", "its process died: SIGSEGV")
+    assert found.error.tolist() == pytest.approx([*expected, math.nan, expected[1]], nan_ok=True)
+    assert (found.status[2], found.reason[2]) == ("crashed", "its process died: SIGSEGV")
+
+
+def test_restitutions_given_twice_are_one_map():
+    config = parse({"map": {"size": 4, "restitutions": [[0.9, 0.7], [1.0, 1.0], [0.9, 0.7]]}}, "test")
+    made = [
+        task.make(task.solver.solve(*task.ratios))
+        for task in run._maps(config, [under_test("bistiffness", 100)])
+    ]
+    assert [(one.e1[0], one.e2[0]) for one in made] == [(0.9, 0.7), (1.0, 1.0)]

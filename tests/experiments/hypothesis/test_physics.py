@@ -81,7 +81,7 @@ def test_the_design_fills_every_class_and_keeps_away_from_borders():
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.key)
 def test_verdicts(case, solver):
     found = examined(solver, case, CONFIG.seed)
-    assert found.whole.verdict == found.whole.shifted == EXPECTED[case.key][SOLVERS.index(solver)]
+    assert found.whole.verdict == found.whole.shifted.verdict == EXPECTED[case.key][SOLVERS.index(solver)]
 
 
 @pytest.mark.slow
@@ -90,7 +90,7 @@ def test_verdicts(case, solver):
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.key)
 def test_verdicts_hold_when_the_design_is_redrawn_and_the_fit_shifted(case, solver, seed):
     found = examined(solver, case, seed, points=24)
-    assert found.whole.verdict == found.whole.shifted == EXPECTED[case.key][SOLVERS.index(solver)]
+    assert found.whole.verdict == found.whole.shifted.verdict == EXPECTED[case.key][SOLVERS.index(solver)]
 
 
 @pytest.mark.parametrize("solver", FAMILIES[:4])
@@ -99,7 +99,7 @@ def test_verdicts_hold_when_the_design_is_redrawn_and_the_fit_shifted(case, solv
 )
 def test_the_refuted_limits_are_those_predicted_without_a_simulation(case, solver):
     found = examined(solver, case, 11)
-    for result in found.points:
+    for result in found.whole.members:
         if result.judgement.verdict == "refuted":
             assert result.missed < 2e-3
             assert result.missed < 0.2 * result.judgement.offset

@@ -3,7 +3,7 @@
 import numpy as np
 
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.experiments.hypothesis.solvers import Outcomes, at_no_step
+from impact_xval.experiments.hypothesis.solvers import at_no_step
 from impact_xval.model import Outcome
 from tests.experiments.fakes import Shifted
 
@@ -30,11 +30,3 @@ def test_what_fails_at_one_step_has_the_status_and_the_reason_of_that_step():
     assert found.status.tolist() == ["ok", "unconverged"]
     assert found.reason.tolist() == ["", "the step is too long"]
     assert np.isfinite(found.v1).tolist() == [True, False]
-
-
-def test_outcomes_are_joined_with_statuses_and_reasons_of_any_length():
-    failed = Outcomes.failure("unrepresentable", "a long reason")
-    ratios = np.array([[1.0], [1.0], [0.9], [0.7]])
-    found = Outcomes.join([at_no_step(stumbling, "mujoco", Settings(), *ratios), failed])
-    assert found.status.tolist() == ["ok", "unrepresentable"]
-    assert found.reason.tolist() == ["", "a long reason"]

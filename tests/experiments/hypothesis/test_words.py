@@ -119,14 +119,16 @@ def test_the_fractions_are_those_of_the_points(results):
         (row,) = frame[
             (frame.case == result.case.key) & (frame.solver == result.solver) & (frame["class"] == "all")
         ].itertuples()
-        offsets = [p.judgement.offset for p in result.points if p.judgement.verdict == "refuted"]
+        offsets = [p.judgement.offset for p in result.whole.members if p.judgement.verdict == "refuted"]
         assert row.n_refuted == len(offsets)
         if row.verdict == "refuted":
             said = phrase(WORDS, "group_points", result.whole)
             assert said.startswith(
-                f"{len(offsets)} of {len(result.points)} points, {percent(row.share_refuted)}, by D"
+                f"{len(offsets)} of {len(result.whole.members)} points, {percent(row.share_refuted)}, by D"
             )
-            assert said.endswith(f"above 0.01 at {sum(o > 0.01 for o in offsets)} of {len(result.points)}")
+            assert said.endswith(
+                f"above 0.01 at {sum(o > 0.01 for o in offsets)} of {len(result.whole.members)}"
+            )
             assert row.offset_least == pytest.approx(min(offsets))
 
 
@@ -182,7 +184,7 @@ def test_solvers_of_a_law_that_is_counted_already_change_no_count(results):
         verdicts=[r for r in results.verdicts if r.solver in kept],
         series=[s for s in results.series if s.solver.name in kept],
         mechanisms=[m for m in results.mechanisms if m.solver in kept],
-        maps=[m for m in results.maps if m.solver in kept],
+        maps=results.maps[results.maps.solver.isin(kept)],
     )
     pages = [blocks(each) for each in (results, fewer)]
     assert abstract(results).replace("5 solvers", "3 solvers").replace(f"{NOTE} ", "") == abstract(fewer)
