@@ -8,7 +8,6 @@ import time
 from pathlib import Path
 
 import psutil
-import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
@@ -20,9 +19,10 @@ _OURS = ["state-transition", "kelvin-voigt", "mujoco"]
 _CELLS = [0.9, 0.7, plugins.STRUCK]
 
 
-def _command(site, *arguments):
+def _python(site, *arguments):
+    """Run a module of Python where the solvers of a folder are installed."""
     return subprocess.run(
-        [sys.executable, "-m", "impact_xval", *map(str, arguments)],
+        [sys.executable, "-m", *map(str, arguments)],
         env=os.environ | {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])},
         capture_output=True,
         check=False,
@@ -38,19 +38,15 @@ def _run(folder, kinds, cell_timeout, *options):
         f"step_fraction = 0.01\ncell_timeout = {cell_timeout}\n[grid]\nstiffness_ratio = [1.5]\n"
         f"mass_ratio = [1.5]\ne1 = {_CELLS}\ne2 = [0.7]\n"
     )
-    done = _command(folder / "site", "run", folder / "c.toml", "--out", folder / "run", *options)
-    return folder / "run", done
+    command = "tests.experiments.runner", folder / "c.toml", folder / "run"
+    return folder / "run", _python(folder / "site", *command, *options)
 
 
-def _bytes_of(root, *names):
-    """Rows of some solvers, as bytes."""
-    table = pq.read_table(root / "cells.parquet")
-    rows = table.filter(pc.field("solver").isin(names)).combine_chunks()
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_stream(sink, rows.schema) as stream:
-        stream.write_table(rows)
+def _rows(root, *names):
+    """Rows of some solvers, every number to the last bit."""
+    rows = pq.read_table(root / "cells.parquet", filters=pc.field("solver").isin(names)).to_pylist()
     assert len(rows) == len(_CELLS) * len(names)
-    return sink.getvalue().to_pybytes()
+    return list(map(repr, rows))
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +62,7 @@ def _contained(folder, kinds, cell_timeout, alone, *options):
     said = (done.stdout + done.stderr).decode()
     assert [letter for letter in set(said) if not (letter.isprintable() or letter in "\n\t")] == []
     assert len(said) < 500_000
-    assert json.loads((root / "manifest.json").read_text())["state"] == "complete"
-    assert _bytes_of(root, *_OURS, plugins.GOOD) == _bytes_of(alone, *_OURS, plugins.GOOD)
+    assert _rows(root, *_OURS, plugins.GOOD) == _rows(alone, *_OURS, plugins.GOOD)
     for row in pq.read_table(root / "cells.parquet").to_pylist():
         if row["solver"] in kinds:
             _is_as_expected(row, kinds[row["solver"]])
@@ -110,3 +105,33 @@ def test_one_that_leaves_something_behind_costs_its_cells(tmp_path, alone):
 @pytest.mark.slow
 def test_one_that_kills_its_caller_costs_its_cell(tmp_path, alone):
     _contained(tmp_path, plugins.KILLING, 10, alone, "--workers", "1")
+
+
+@pytest.mark.slow
+def test_so_it_is_on_a_cluster(tmp_path, alone):
+    kinds = {name: (plugins.SPEECHLESS | plugins.CHANGING)[name] for name in ("import-leave", "builtins")}
+    _contained(tmp_path, kinds, 10, alone, "--scheduler", "local", "--workers", "2")
+
+
+@pytest.mark.slow
+def test_commands_that_call_one_solver_say_what_it_did(tmp_path):
+    names = ("import-leave", "unavailable-segfault", "collision", "modules")
+    plugins.lay_down(
+        tmp_path, {name: (plugins.SPEECHLESS | plugins.CHANGING | plugins.LEAVING)[name] for name in names}
+    )
+    listed = _python(tmp_path, "impact_xval", "solvers")
+    assert listed.returncode == 0
+    assert "its process died: exit code 0" in " ".join(listed.stdout.decode().split())
+    ratios = ("--stiffness-ratio", "2", "--mass-ratio", "1", "--e1", plugins.STRUCK, "--e2", "0.7", "--json")
+    chosen = [option for name in (*names, plugins.GOOD) for option in ("--solver", name)]
+    solved = _python(tmp_path, "impact_xval", "solve", *ratios, *chosen)
+    assert solved.returncode == 0
+    assert [one["status"] for one in json.loads(solved.stdout)] == [
+        *2 * ["unavailable"],
+        *2 * ["crashed"],
+        "ok",
+    ]
+    assert _python(tmp_path, "impact_xval", "conform", "import-leave").returncode == 2
+    conform = _python(tmp_path, "impact_xval", "conform", "modules", "--law", "none")
+    assert conform.returncode == 1
+    assert b"Traceback" not in conform.stdout
