@@ -100,8 +100,8 @@ class Sandbox:
     prepare_timeout : float
         Seconds after which a process that is not ready is taken as hanging.
     readable : set of (str, str), optional
-        Module and name of all that an answer may be made of beside plain values, where the process is not trusted;
-        an answer with anything else is none. By default anything.
+        Module and name of all that an answer may be made of beside plain values, where the process is not trusted: an
+        answer with anything else is none, and an exception is a fault. By default anything.
     """
 
     def __init__(
@@ -215,6 +215,10 @@ class Sandbox:
             raise FaultError("crashed", reason) from None
         finally:
             timer.cancel()
+        if not done and self._readable is not None:  # its interpreter may not be what it was
+            self._process = None
+            _kill(process)
+            raise FaultError("crashed", f"in its process: {str(value).strip().splitlines()[-1]}")
         if not done:
             raise SandboxError(value)
         return value

@@ -14,7 +14,7 @@ from typing import Any
 from impact_xval.compliant_baselines.contract.answers import answer, stated_version, why_unavailable
 from impact_xval.compliant_baselines.contract.registry import is_ours
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.model.collision import Collision, Outcome
 
 #: Seconds for a solver to be imported, and to say its version and whether it can run.
@@ -61,7 +61,7 @@ class ContainedSolver(SolverBase):
         """Answer every collision, in order; one at which its process dies or hangs is a failure."""
 
         def call(place: slice) -> list[Outcome]:
-            return self._call(_solved, list(collisions[place]), settings, timeout=self._timeout)
+            return self._sandbox.call(_solved, list(collisions[place]), settings, timeout=self._timeout)
 
         def lost(_: slice, fault: FaultError) -> list[Outcome]:
             return [Outcome.failure(self.name, fault.status, fault.reason)]
@@ -83,17 +83,10 @@ class ContainedSolver(SolverBase):
     def _stated(self) -> tuple[str, str | None]:
         if self._known is None:
             try:
-                self._known = self._call(_stated, timeout=self._to_state)
+                self._known = self._sandbox.call(_stated, timeout=self._to_state)
             except FaultError as fault:
                 self._known = "", f"asked what it is, it gave no answer: {fault.reason}"
         return self._known
-
-    def _call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
-        try:
-            return self._sandbox.call(function, *arguments, timeout=timeout)
-        except SandboxError as error:  # its interpreter is not what it was
-            self.end()
-            raise FaultError("crashed", f"in its process: {str(error).strip().splitlines()[-1]}") from None
 
 
 def contained(resolve: Callable[[str], Solver], timeout: float) -> Callable[[str], Solver]:

@@ -19,27 +19,35 @@ _OURS = ["state-transition", "kelvin-voigt", "mujoco"]
 _CELLS = [0.9, 0.7, plugins.STRUCK]
 
 
+def _environment(site):
+    return os.environ | {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
+
+
 def _python(site, *arguments):
     """Run a module of Python where the solvers of a folder are installed."""
     return subprocess.run(
         [sys.executable, "-m", *map(str, arguments)],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])},
+        env=_environment(site),
         capture_output=True,
         check=False,
         timeout=900,
     )
 
 
-def _run(folder, kinds, cell_timeout, *options):
-    """Run an experiment with solvers of some kinds; its folder, and what the command said."""
+def _laid_down(folder, kinds, cell_timeout):
+    """Write an experiment with solvers of some kinds; where these are installed, and the command that runs it."""
     plugins.lay_down(folder / "site", kinds)
     (folder / "c.toml").write_text(
         f"scenario = 'impact'\nsolvers = {[*_OURS[1:], *kinds, plugins.GOOD]}\nchunk_size = 2\n"
         f"step_fraction = 0.01\ncell_timeout = {cell_timeout}\n[grid]\nstiffness_ratio = [1.5]\n"
         f"mass_ratio = [1.5]\ne1 = {_CELLS}\ne2 = [0.7]\n"
     )
-    command = "tests.experiments.runner", folder / "c.toml", folder / "run"
-    return folder / "run", _python(folder / "site", *command, *options)
+    return folder / "site", ("tests.experiments.runner", folder / "c.toml", folder / "run")
+
+
+def _run(folder, kinds, cell_timeout, *options):
+    site, command = _laid_down(folder, kinds, cell_timeout)
+    return folder / "run", _python(site, *command, *options)
 
 
 def _rows(root, *names):
@@ -108,6 +116,20 @@ def test_one_that_kills_its_caller_costs_its_cell(tmp_path, alone):
 
 
 @pytest.mark.slow
+def test_its_process_does_not_outlive_a_killed_run(tmp_path):
+    site, run = _laid_down(tmp_path, {}, 60)
+    process = subprocess.Popen(
+        [sys.executable, "-m", *run], env=_environment(site), stdout=subprocess.DEVNULL
+    )
+    while not list(tmp_path.glob("run/parts/0*")):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    _none_left(site)
+
+
+@pytest.mark.slow
 def test_so_it_is_on_a_cluster(tmp_path, alone):
     kinds = {name: (plugins.SPEECHLESS | plugins.CHANGING)[name] for name in ("import-leave", "builtins")}
     _contained(tmp_path, kinds, 10, alone, "--scheduler", "local", "--workers", "2")
@@ -115,7 +137,7 @@ def test_so_it_is_on_a_cluster(tmp_path, alone):
 
 @pytest.mark.slow
 def test_commands_that_call_one_solver_say_what_it_did(tmp_path):
-    names = ("import-leave", "unavailable-segfault", "collision", "modules")
+    names = ("import-leave", "unavailable-segfault", "collision", "once-dead")
     plugins.lay_down(
         tmp_path, {name: (plugins.SPEECHLESS | plugins.CHANGING | plugins.LEAVING)[name] for name in names}
     )
@@ -132,6 +154,7 @@ def test_commands_that_call_one_solver_say_what_it_did(tmp_path):
         "ok",
     ]
     assert _python(tmp_path, "impact_xval", "conform", "import-leave").returncode == 2
-    conform = _python(tmp_path, "impact_xval", "conform", "modules", "--law", "none")
+    conform = _python(tmp_path, "impact_xval", "conform", "once-dead", "--law", "none")
     assert conform.returncode == 1
-    assert b"Traceback" not in conform.stdout
+    assert b"FAILED  refuses with a reason: its process died: SIGABRT" in conform.stdout
+    assert b"passed  leaves no trace" in conform.stdout
