@@ -233,8 +233,8 @@ class _Run:
 
     def _keep(self, report: Report) -> None:
         ours, theirs = self._versions, report.versions or self._versions
-        if theirs != ours:
-            differing = sorted(name for name in ours if theirs.get(name) != ours[name])
+        differing = sorted(name for name in ours if not _same_version(ours[name], theirs.get(name, "")))
+        if differing:
             there = ", ".join(f"{name} {theirs.get(name)}" for name in differing)
             here = ", ".join(f"{name} {ours[name]}" for name in differing)
             raise UserError(f"a worker has {there}, this process {here}; legal: the same versions everywhere")
@@ -278,6 +278,11 @@ class _Run:
 def _ready(sandbox: Any) -> None:
     """Wait for the first sandbox there is: what comes before is the start of a run, what follows its work."""
     sandbox.start()
+
+
+def _same_version(ours: str, theirs: str) -> bool:
+    """Whether rows of a solver are the same by both; the reason of one that is unavailable may have other words."""
+    return ours == theirs or (ours.startswith("unavailable") and theirs.startswith("unavailable"))
 
 
 def _same_experiment(folder: RunFolder, config: Config) -> None:

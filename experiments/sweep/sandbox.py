@@ -51,8 +51,9 @@ _THREADS = (
 )
 #: Linux ends the process with the highest score first when memory runs out: the sandbox, not the main process.
 _OOM_SCORE = "600"
-#: Seconds for a process that has closed its pipe to end by itself: its exit code is of interest.
-_GRACE = 1.0
+#: Seconds for a process that gave no answer to end by itself, since its exit code is of interest: one that has closed
+#: its pipe, as its end does, and one that may go on.
+_TO_EXIT, _GRACE = 10.0, 1.0
 #: Seconds between two looks at whether sandbox and caller are alive.
 _LOOK = 0.1
 #: Of a process's standard error, the characters shown as they come and the lines kept for its end; a longer line is
@@ -205,7 +206,7 @@ class Sandbox:
             _send(process, (number, asked))
             done, value = _answer_to(process, number, asked, self._readable)
         except _NoAnswerError as error:
-            reason = _end_of(process) or str(error)
+            reason = _end_of(process, error.grace) or str(error)
             self._process = None
             if self._closed:
                 raise ClosedError from None
@@ -299,7 +300,11 @@ def in_halves(
 
 
 class _NoAnswerError(Exception):
-    """What came from a sandbox, or that nothing did."""
+    """What came from a sandbox, or that nothing did; with the seconds in which its process may end by itself."""
+
+    def __init__(self, what: str, grace: float = _GRACE) -> None:
+        super().__init__(what)
+        self.grace = grace
 
 
 def _send(process: subprocess.Popen[bytes], value: Any) -> None:
@@ -350,7 +355,9 @@ def _answer_to(
     assert process.stdout is not None
     try:
         answered, identity, done, value = _Reader(process.stdout, readable).load()
-    except Exception as error:  # it is gone, perhaps in mid-sentence, or another process wrote between
+    except EOFError:
+        raise _NoAnswerError("it closed its pipe", _TO_EXIT) from None
+    except Exception as error:  # it is gone in mid-sentence, or another process wrote between
         raise _NoAnswerError(f"its answer cannot be read: {type(error).__name__}") from None
     if (answered, identity) != (number, _identity(asked)):
         raise _NoAnswerError("it gave the answer to another request; its process was ended")
@@ -362,10 +369,10 @@ def _identity(asked: bytes) -> str:
     return hashlib.sha256(asked).hexdigest()
 
 
-def _end_of(process: subprocess.Popen[bytes]) -> str | None:
+def _end_of(process: subprocess.Popen[bytes], grace: float) -> str | None:
     """End a process; say of what it died, if by itself."""
     with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(_GRACE)
+        process.wait(grace)
     alone = process.returncode is not None
     code = _kill(process)
     return f"its process died: {_cause(code)}" if alone else None
