@@ -9,6 +9,7 @@ process is put back (`undisturbed`); what no process survives is for `experiment
 from __future__ import annotations
 
 import contextlib
+import copy
 import math
 import os
 import signal
@@ -67,9 +68,10 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
     reason = why_unavailable(solver)
     if reason is not None:
         return [Outcome.failure(solver.name, "unavailable", reason)] * len(collisions)
+    given = list(map(copy.copy, collisions))
     try:
         with undisturbed():
-            outcomes = solver.solve_many(list(collisions), settings)
+            outcomes = solver.solve_many(given[:], settings)
             if not isinstance(outcomes, (list, tuple)):
                 raise TypeError(f"solve_many gave {type(outcomes).__name__}; legal: list")
         if len(outcomes) != len(collisions):
@@ -79,7 +81,8 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
         if len(collisions) == 1:
             return [Outcome.failure(solver.name, "crashed", said(error))]
         return [outcome for one in collisions for outcome in answer(solver, [one], settings)]
-    return [_validated_or_crashed(solver.name, *each) for each in zip(outcomes, collisions, strict=True)]
+    answered = zip(outcomes, given, collisions, strict=True)
+    return [_validated_or_crashed(solver.name, *each) for each in answered]
 
 
 def why_unavailable(solver: Solver) -> str | None:
@@ -204,8 +207,10 @@ def raise_ctrl_c(error: BaseException) -> None:
         raise error
 
 
-def _validated_or_crashed(name: str, outcome: Any, collision: Collision) -> Outcome:
+def _validated_or_crashed(name: str, outcome: Any, given: Collision, collision: Collision) -> Outcome:
     try:
+        if given != collision:
+            raise IllegalOutcomeError(f"it changed the collision it was given to {given!r}")
         return validated(outcome, collision)
     except IllegalOutcomeError as error:
         return Outcome.failure(name, "crashed", one_line(str(error)))

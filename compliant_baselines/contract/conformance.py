@@ -281,12 +281,16 @@ def conform(solver: Solver, law: Law = "kelvin-voigt") -> Iterator[tuple[Check, 
         What was found; ``""`` if the check passed. An exception of the solver is a finding.
     """
     for check in checks(law):
-        try:
-            check(solver)
-        except NonConformingError as error:
-            yield check, str(error)
-        except BaseException as error:
-            raise_ctrl_c(error)
-            yield check, f"it raised {said(error)}"
-        else:
-            yield check, ""
+        yield check, problem_of(check, solver)
+
+
+def problem_of(check: Check, solver: Solver) -> str:
+    """Run a check of a solver; say what was found, as `conform` does."""
+    try:
+        check(solver)
+    except NonConformingError as error:
+        return str(error)
+    except BaseException as error:
+        raise_ctrl_c(error)
+        return f"it raised {said(error)}"
+    return ""

@@ -120,6 +120,11 @@ def exportable_names() -> tuple[str, ...]:
     return tuple(name for name, entry in _ENTRIES.items() if entry.exportable)
 
 
+def is_ours(name: str) -> bool:
+    """Whether a name is that of a solver of this project."""
+    return name in _ENTRIES
+
+
 def kind_of(name: str) -> Kind:
     """Tell a model, a reference or an engine by its name; a solver that is not of this project is an engine."""
     return _ENTRIES.get(name, _UNKNOWN).kind

@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from impact_xval.experiments.config.errors import UserError
 
+if TYPE_CHECKING:
+    from impact_xval.compliant_baselines.contract.conformance import Check, Law
+
+#: Seconds that a check of a solver may take.
+_LONGEST = 300.0
+
 
 def solvers() -> None:
     """List the solvers: their versions, where they come from, and why one cannot run here."""
+    from impact_xval.compliant_baselines.contract.answers import stated_version, why_unavailable
     from impact_xval.compliant_baselines.contract.registry import get_solver, law_of, origins
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
+    from impact_xval.experiments.sweep.third_party import contained
 
-    rows = []
+    rows, find = [], contained(get_solver, _LONGEST)
     for name, origin in origins().items():
-        solver = get_solver(name)
-        reason = solver.unavailable()
+        solver = find(name)
+        reason = why_unavailable(solver)
         why = "" if reason is None else f"unavailable: {reason}"
-        rows.append((name, law_of(name), solver.version() or "-", origin, why))
+        rows.append((name, law_of(name), stated_version(solver) or "-", origin, why))
     show(make_console(), render("solvers.md.j2", rows=rows))
 
 
@@ -36,25 +45,23 @@ def conform(
 ) -> None:
     """Check whether a solver keeps the contract; for authors of adapters. Exit code 1 if it does not."""
     from impact_xval.compliant_baselines.contract import conformance
-    from impact_xval.compliant_baselines.contract.plugins import ThirdPartySolver
+    from impact_xval.compliant_baselines.contract.answers import why_unavailable
     from impact_xval.compliant_baselines.contract.registry import get_solver
     from impact_xval.experiments.config.configuration import solvers_problem
     from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.sweep.third_party import contained
 
     problem = solvers_problem([name])
     if problem:
         raise UserError(f"SOLVER {problem}")
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
-    solver: Any = get_solver(name)
-    reason = solver.unavailable()
+    reason = why_unavailable(contained(get_solver, _LONGEST)(name))
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
-    if isinstance(solver, ThirdPartySolver) and solver.solver is not None:
-        solver = solver.solver  # the checks are of the solver itself, not of what keeps it from doing harm
     console, failed = make_console(), 0
     checked: Any = law
-    for check, problem in conformance.conform(solver, checked):
+    for check, problem in _checked(name, checked):
         failed += bool(problem)
         words = check.__name__.replace("_", " ")
         print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
@@ -62,3 +69,35 @@ def conform(
         contract = "compliant_baselines/contract/solver.py"
         print_line(console, f"{failed} of the checks failed; the contract is in {contract}")
         raise typer.Exit(1)
+
+
+def _checked(name: str, law: Law) -> Iterator[tuple[Check, str]]:
+    """Check a solver in a process of its own; each check, and what it found."""
+    from impact_xval.compliant_baselines.contract.conformance import checks
+    from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
+
+    sandbox = Sandbox((name, law), _ready, readable=frozenset())
+    for number, check in enumerate(checks(law)):
+        try:
+            yield check, sandbox.call(_found, number, timeout=_LONGEST)
+        except FaultError as fault:
+            yield check, fault.reason
+    sandbox.close()
+
+
+def _ready(context: tuple[str, Law]) -> None:
+    """Import what checks need."""
+    from impact_xval.compliant_baselines.contract import conformance  # noqa: F401
+
+
+def _found(context: tuple[str, Law], number: int) -> str:
+    """Say what a check finds of a solver; of another distribution's, not of what keeps it from doing harm."""
+    from impact_xval.compliant_baselines.contract.conformance import checks, problem_of
+    from impact_xval.compliant_baselines.contract.plugins import ThirdPartySolver
+    from impact_xval.compliant_baselines.contract.registry import get_solver
+
+    name, law = context
+    solver: Any = get_solver(name)
+    if isinstance(solver, ThirdPartySolver) and solver.solver is not None:
+        solver = solver.solver
+    return problem_of(checks(law)[number], solver)

@@ -35,6 +35,7 @@ from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Resolve
+from impact_xval.experiments.sweep.third_party import contained, end_contained, longest
 
 Floats = NDArray[np.float64]
 
@@ -142,11 +143,14 @@ def run_hypothesis(
     -------
     Results
     """
+    if isolate:
+        resolve = contained(resolve, config.cell_timeout)
     reasons = {name: why_unavailable(resolve(name)) for name in in_order_of_laws(config.solvers)}
     unavailable = {name: reason for name, reason in reasons.items() if reason is not None}
     for name, reason in unavailable.items():
         progress(0, 0, f"{name} is left out: {reason}")
     solvers = tuple(under_test(name, config.steps, resolve) for name in reasons if name not in unavailable)
+    end_contained()
     points = {case.key: (*draw(case, config.points, config.seed), *config.given(case.key)) for case in CASES}
     again = {case.key: tuple(draw(case, config.points, config.seed + 1)) for case in CASES}
     series, maps = _series(config, solvers, points), _maps(config, solvers)
@@ -283,7 +287,7 @@ def _follow(
     sandbox: Sandbox, solver: str, case: str, contrast: float, timeout: float
 ) -> tuple[Mechanism, Motion | None]:
     def call(_: slice) -> tuple[Mechanism, Motion | None]:
-        return sandbox.call(_observe, solver, case, contrast, timeout=timeout)
+        return sandbox.call(_observe, solver, case, contrast, timeout=longest(solver, 1, timeout))
 
     def failure(_: slice, fault: FaultError) -> tuple[Mechanism, Motion | None]:
         return Mechanism(solver, case, contrast, fault.status, fault.reason), None
@@ -306,9 +310,11 @@ def _hand_out(
     ]
     steps = [float(np.sum(np.sqrt(np.maximum(ratios[0], 1 / ratios[0])))) for _, ratios in pieces]
     most_first = sorted(range(len(pieces)), key=lambda i: -steps[i])
-    futures = {
-        i: executor.submit(isolated, pieces[i][0].solver.solve, pieces[i][1], timeout) for i in most_first
-    }
+    futures: dict[int, Future[pd.DataFrame]] = {}
+    for i in most_first:
+        solver, ratios = pieces[i][0].solver, pieces[i][1]
+        limit = longest(solver.name, ratios.shape[1], timeout)
+        futures[i] = executor.submit(isolated, solver.solve, ratios, limit)
     handed: dict[_Task, list[Future[pd.DataFrame]]] = {}
     for i, (task, _) in enumerate(pieces):
         handed.setdefault(task, []).append(futures[i])

@@ -35,6 +35,7 @@ from impact_xval.experiments.sweep.solving import (
     solve_chunks,
     solver_versions,
 )
+from impact_xval.experiments.sweep.third_party import contained, end_contained
 from impact_xval.experiments.tables.folders import discard, missing, open_folder
 from impact_xval.experiments.tables.lock import check_free, holding
 from impact_xval.experiments.tables.schema import COLUMNS, ROW_SCHEMA
@@ -100,6 +101,8 @@ def run_sweep(
     InterruptedRunError
         On Ctrl-C, a full disk or a lost cluster; finished parts are kept.
     """
+    if isolate:
+        resolve = contained(resolve, config.cell_timeout)
     experiment, cells = Experiment(config, resolve), cells_of(config)
     with kept(root, resume, progress, take_over=take_over) as (folder, continued):
         workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
@@ -187,6 +190,7 @@ class _Run:
         """Compute the parts that are not there, and the curves."""
         config, cells = self._experiment.config, self._cells
         self._versions = solver_versions(self._experiment)
+        end_contained()
         self._identities = _identities(config, cells, self._versions)
         self._check_damage()
         self._parts, findings = self._folder.find_parts(self._identities, self._rows_of)
@@ -229,8 +233,8 @@ class _Run:
 
     def _keep(self, report: Report) -> None:
         ours, theirs = self._versions, report.versions or self._versions
-        if theirs != ours:
-            differing = sorted(name for name in ours if theirs.get(name) != ours[name])
+        differing = sorted(name for name in ours if not _same_version(ours[name], theirs.get(name, "")))
+        if differing:
             there = ", ".join(f"{name} {theirs.get(name)}" for name in differing)
             here = ", ".join(f"{name} {ours[name]}" for name in differing)
             raise UserError(f"a worker has {there}, this process {here}; legal: the same versions everywhere")
@@ -274,6 +278,11 @@ class _Run:
 def _ready(sandbox: Any) -> None:
     """Wait for the first sandbox there is: what comes before is the start of a run, what follows its work."""
     sandbox.start()
+
+
+def _same_version(ours: str, theirs: str) -> bool:
+    """Whether rows of a solver are the same by both; the reason of one that is unavailable may have other words."""
+    return ours == theirs or (ours.startswith("unavailable") and theirs.startswith("unavailable"))
 
 
 def _same_experiment(folder: RunFolder, config: Config) -> None:

@@ -5,6 +5,7 @@ The process is started as ``python -c`` with the path of modules of this one, an
 a number, and its answer that number and the digest of what was requested: an answer to anything else, which a
 process that a solver forked may write at any time, ends the process. Its threads of numerical libraries are one
 each: collisions are shared out to processes, and no number may depend on how many threads there are.
+What it writes to standard error appears on its caller's, its control characters made visible.
 
 Beside it stands a guard, forked before any solver is imported. When the process has ended, or its caller has,
 the guard ends what is left: all in the session of the sandbox and, on Linux, all that inherited its environment.
@@ -17,8 +18,10 @@ daemon, which is what a worker of Dask is; they import the caller's main script 
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import hashlib
+import io
 import itertools
 import os
 import pickle
@@ -31,10 +34,10 @@ import threading
 import time
 import traceback
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import IO, Any, Literal, TypeVar
 
 _Piece = TypeVar("_Piece")
 _Answer = TypeVar("_Answer")
@@ -48,10 +51,14 @@ _THREADS = (
 )
 #: Linux ends the process with the highest score first when memory runs out: the sandbox, not the main process.
 _OOM_SCORE = "600"
-#: Seconds for a process that has closed its pipe to end by itself: its exit code is of interest.
-_GRACE = 1.0
+#: Seconds for a process that gave no answer to end by itself, since its exit code is of interest: one that has closed
+#: its pipe, as its end does, and one that may go on.
+_TO_EXIT, _GRACE = 10.0, 1.0
 #: Seconds between two looks at whether sandbox and caller are alive.
 _LOOK = 0.1
+#: Of a process's standard error, the characters shown as they come and the lines kept for its end; a longer line is
+#: taken as several.
+_SHOWN, _LAST, _LINE = 65536, 20, 4096
 #: Variable of the environment by which all that a sandbox started is found.
 _MARK = "IMPACT_XVAL_SANDBOX"
 
@@ -93,10 +100,21 @@ class Sandbox:
         starts without.
     prepare_timeout : float
         Seconds after which a process that is not ready is taken as hanging.
+    readable : set of (str, str), optional
+        Module and name of all that an answer may be made of beside plain values, where the process is not trusted: an
+        answer with anything else is none, and an exception is a fault. By default anything.
     """
 
-    def __init__(self, context: Any, prepare: Callable[..., Any], prepare_timeout: float = 900.0) -> None:
+    def __init__(
+        self,
+        context: Any,
+        prepare: Callable[..., Any],
+        prepare_timeout: float = 900.0,
+        *,
+        readable: Set[tuple[str, str]] | None = None,
+    ) -> None:
         self.context, self._prepare, self._prepare_timeout = context, prepare, prepare_timeout
+        self._readable = readable
         self._process: subprocess.Popen[bytes] | None = None
         self._requests = itertools.count()
         self._closed = False
@@ -161,9 +179,11 @@ class Sandbox:
             [sys.executable, "-c", code],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
             env=os.environ | dict.fromkeys(_THREADS, "1") | {_MARK: uuid.uuid4().hex},
             start_new_session=True,
         )
+        threading.Thread(target=_pass_on, args=(process.stderr,), daemon=True).start()
         if self._closed:  # closed by another thread meanwhile, which may not have seen this process
             process.kill()
         _send(process, pickle.dumps(self.context))
@@ -184,9 +204,9 @@ class Sandbox:
         asked, number = pickle.dumps((function, arguments)), next(self._requests)
         try:
             _send(process, (number, asked))
-            done, value = _answer_to(process, number, asked)
+            done, value = _answer_to(process, number, asked, self._readable)
         except _NoAnswerError as error:
-            reason = _end_of(process) or str(error)
+            reason = _end_of(process, error.grace) or str(error)
             self._process = None
             if self._closed:
                 raise ClosedError from None
@@ -196,6 +216,10 @@ class Sandbox:
             raise FaultError("crashed", reason) from None
         finally:
             timer.cancel()
+        if not done and self._readable is not None:  # its interpreter may not be what it was
+            self._process = None
+            _kill(process)
+            raise FaultError("crashed", f"in its process: {str(value).strip().splitlines()[-1]}")
         if not done:
             raise SandboxError(value)
         return value
@@ -276,7 +300,11 @@ def in_halves(
 
 
 class _NoAnswerError(Exception):
-    """What came from a sandbox, or that nothing did."""
+    """What came from a sandbox, or that nothing did; with the seconds in which its process may end by itself."""
+
+    def __init__(self, what: str, grace: float = _GRACE) -> None:
+        super().__init__(what)
+        self.grace = grace
 
 
 def _send(process: subprocess.Popen[bytes], value: Any) -> None:
@@ -286,12 +314,50 @@ def _send(process: subprocess.Popen[bytes], value: Any) -> None:
         process.stdin.flush()
 
 
-def _answer_to(process: subprocess.Popen[bytes], number: int, asked: bytes) -> tuple[bool, Any]:
+def _pass_on(said: IO[bytes]) -> None:
+    """Write what a process says to our standard error, as nothing a terminal obeys: the beginning, and the end."""
+    from impact_xval.compliant_baselines.contract.visible import visible  # most processes say nothing
+
+    left, last = _SHOWN, collections.deque[str](maxlen=_LAST)
+    with io.TextIOWrapper(said, "utf-8", "backslashreplace", newline="\n") as lines:
+        while line := lines.readline(_LINE):
+            if left > 0:
+                _write(visible(line))
+            else:
+                last.append(line)
+            left -= len(line)
+    if last:
+        _write(f"\n... {-left} characters more, of which the last are:\n{visible(''.join(last))}\n")
+
+
+def _write(text: str) -> None:
+    with contextlib.suppress(OSError):  # unbuffered: no lock is held when the interpreter ends
+        os.write(2, text.encode())
+
+
+class _Reader(pickle.Unpickler):
+    """Reads plain values, and what is named beside them; by default anything."""
+
+    def __init__(self, file: IO[bytes], readable: Set[tuple[str, str]] | None) -> None:
+        super().__init__(file)
+        self._readable = readable
+
+    def find_class(self, module_name: str, global_name: str, /) -> Any:
+        if self._readable is not None and (module_name, global_name) not in self._readable:
+            raise pickle.UnpicklingError(f"{module_name}.{global_name} is no part of an answer")
+        return super().find_class(module_name, global_name)
+
+
+def _answer_to(
+    process: subprocess.Popen[bytes], number: int, asked: bytes, readable: Set[tuple[str, str]] | None
+) -> tuple[bool, Any]:
     """Read the answer to a request: whether it was done, and the value or the traceback."""
     assert process.stdout is not None
     try:
-        answered, identity, done, value = pickle.load(process.stdout)
-    except Exception as error:  # it is gone, perhaps in mid-sentence, or another process wrote between
+        answered, identity, done, value = _Reader(process.stdout, readable).load()
+    except EOFError:
+        raise _NoAnswerError("it closed its pipe", _TO_EXIT) from None
+    except Exception as error:  # it is gone in mid-sentence, or another process wrote between
         raise _NoAnswerError(f"its answer cannot be read: {type(error).__name__}") from None
     if (answered, identity) != (number, _identity(asked)):
         raise _NoAnswerError("it gave the answer to another request; its process was ended")
@@ -303,10 +369,10 @@ def _identity(asked: bytes) -> str:
     return hashlib.sha256(asked).hexdigest()
 
 
-def _end_of(process: subprocess.Popen[bytes]) -> str | None:
+def _end_of(process: subprocess.Popen[bytes], grace: float) -> str | None:
     """End a process; say of what it died, if by itself."""
     with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(_GRACE)
+        process.wait(grace)
     alone = process.returncode is not None
     code = _kill(process)
     return f"its process died: {_cause(code)}" if alone else None

@@ -41,6 +41,7 @@ from impact_xval.experiments.sweep.solving import (
     solve_chunks,
     solver_versions,
 )
+from impact_xval.experiments.sweep.third_party import contained, end_contained, longest
 from impact_xval.experiments.tables.schema import COLUMNS, DIVERGENCE_SCHEMA
 from impact_xval.experiments.tables.store import (
     MANIFEST,
@@ -128,6 +129,8 @@ def search_worst(
     if not search.free():
         raise UserError("search: every parameter is a number; legal: one range or more")
     config = config.model_copy(update={"solvers": [REFERENCE, search.solver], "search": search})
+    if isolate:
+        resolve = contained(resolve, config.cell_timeout)
     experiment, workers = Experiment(config, resolve), workers or config.workers or available_cores()
     with kept(root, resume, progress, FORMAT, take_over=take_over) as (folder, continued):
         manifest = {
@@ -136,6 +139,7 @@ def search_worst(
             "configuration": config.canonical(),
             "versions": solver_versions(experiment),
         }
+        end_contained()
         _check_same(folder, continued, manifest["configuration"], progress)
         identity, say = _identity(config, search, manifest["versions"]), functools.partial(progress, 0, 0)
         with open_executor(
@@ -251,7 +255,8 @@ class _Evolution:
 
     def _again(self, cell: GridCell, factor: float) -> dict[str, Any]:
         fraction = self._config.step_fraction * factor
-        row = self._executor.submit(_confirm, cell, fraction, self._config.cell_timeout).result()
+        limit = longest(self._search.solver, 1, self._config.cell_timeout)
+        row = self._executor.submit(_confirm, cell, fraction, limit).result()
         value = row.get(self._search.measure)
         return {
             "step_fraction": fraction,

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from impact_xval.experiments.config.configuration import Config, parse_config
 from impact_xval.experiments.sweep.executors import open_executor
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
+from impact_xval.experiments.sweep.third_party import contained, longest
 from impact_xval.model.collision import Outcome
 
 #: Seconds that kernels may take to be compiled, which no limit of a solver covers.
@@ -86,13 +87,14 @@ def solvers_apart(names: Sequence[str]) -> Iterator[SolversApart]:
 
 def _import(names: Sequence[str]) -> bool:
     """Import solvers; return whether the kernels are compiled."""
-    from impact_xval.compliant_baselines.contract.registry import get_solver, solver_names
+    from impact_xval.compliant_baselines.contract.registry import get_solver, is_ours, solver_names
     from impact_xval.experiments.sweep import solving  # noqa: F401
     from impact_xval.model.compiled import is_compiled
     from impact_xval.model.diagram import collide
 
     for name in set(names).intersection(solver_names(on_request=True)) or solver_names():
-        get_solver(name).unavailable()
+        if is_ours(name):
+            get_solver(name).unavailable()
     return is_compiled(collide)
 
 
@@ -112,7 +114,8 @@ def _compile(sandbox: Sandbox, config: Config, names: Sequence[str], resolve: An
 def _solve(sandbox: Sandbox, config: Config, name: str, resolve: Any) -> Solved:
     sandbox.start()
     try:
-        return sandbox.call(_answer, config, name, resolve, timeout=config.cell_timeout)
+        limit = longest(name, 1, config.cell_timeout)
+        return sandbox.call(_answer, config, name, resolve, timeout=limit)
     except FaultError as fault:
         return Solved(Outcome.failure(name, fault.status, fault.reason), {})
 
@@ -122,5 +125,6 @@ def _answer(context: object, config: Config, name: str, resolve: Any) -> Solved:
     from impact_xval.experiments.sweep.solving import answer, scaled_diagnostics, settings_of
 
     collision = collision_of(config, config.figure_cell)
-    outcome = answer(resolve(name), [collision], settings_of(config))[0]
+    solver = contained(resolve, config.cell_timeout)(name)
+    outcome = answer(solver, [collision], settings_of(config))[0]
     return Solved(outcome, scaled_diagnostics(collision, outcome))

@@ -26,6 +26,7 @@ from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
 from impact_xval.experiments.sweep.executors import in_flight
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves
+from impact_xval.experiments.sweep.third_party import longest
 from impact_xval.experiments.tables.schema import CERTIFICATE, MEASURES, ROW_SCHEMA
 from impact_xval.experiments.tables.store import part_bytes
 from impact_xval.model.collision import Collision, Outcome, Status
@@ -130,9 +131,10 @@ class _Chunk:
 
     def _rows(self, name: str, place: slice) -> pa.Table:
         self._sandbox.start()
-        start = time.perf_counter()
+        start, cells = time.perf_counter(), self._cells[place]
+        limit = longest(name, len(cells), self._timeout)
         try:
-            return self._sandbox.call(solve_by, name, self._cells[place], self._lost, timeout=self._timeout)
+            return self._sandbox.call(solve_by, name, cells, self._lost, timeout=limit)
         except FaultError:
             self.faults += 1
             raise

@@ -82,6 +82,11 @@ def chatter(context):
     return "still understood"
 
 
+def complain(context, times):
+    os.write(2, b"\x1b[31mred\x07 \xff and r\xc3\xb6d\n" * times)
+    os.write(2, b"at last")
+
+
 def threads(context):
     return os.environ["NUMBA_NUM_THREADS"], os.environ["OMP_NUM_THREADS"]
 
@@ -96,3 +101,11 @@ class Unreadable:
 
     def __reduce__(self):
         return fail, (None,)
+
+
+class Named:
+    """What may be sent."""
+
+
+def made(context, name):
+    return globals()[name]()

@@ -124,3 +124,34 @@ def test_no_method_of_a_text_of_the_solver_s_own_class_is_trusted():
     line = one_line(LyingText("half \ud800 of it"))
     assert type(line) is str
     assert line == r"half \ud800 of it"
+
+
+class _Changing(SolverBase):
+    """Sets e2 of what it is given to 1, before it solves that."""
+
+    name = "changing"
+
+    def __init__(self, also_raises):
+        self.also_raises = also_raises
+
+    def version(self):
+        return "1"
+
+    def solve_many(self, collisions, settings):
+        for c in collisions:
+            if c.e1 == 0.5:
+                object.__setattr__(c, "e2", 1.0)
+        if self.also_raises and len(collisions) > 1:
+            raise ValueError
+        return get_solver("state-transition").solve_many(collisions, settings)
+
+
+@pytest.mark.parametrize("also_raises", [False, True])
+def test_a_solver_that_changes_a_collision_changes_nobody_else_s(also_raises):
+    collisions = [Collision(1.0, 1.0, 1.0, 1.0, e1, 0.7) for e1 in (0.9, 0.5)]
+    before = [dataclasses.replace(c) for c in collisions]
+    unchanged, changed = answer(_Changing(also_raises), collisions, Settings())
+    assert collisions == before
+    assert unchanged.status == "ok"
+    assert changed.status == "crashed"
+    assert changed.reason.startswith("it changed the collision it was given to Collision(m1=1.0, ")

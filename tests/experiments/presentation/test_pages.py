@@ -104,3 +104,8 @@ def test_pictures_become_part_of_the_page(tmp_path):
 def test_a_template_without_one_of_its_facts_fails():
     with pytest.raises(UndefinedError):
         render("page.html.j2", title="a")
+
+
+def test_many_solvers_of_one_law_are_counted_in_figures():
+    names = [f"engine-{i}" for i in range(12)]
+    assert pages.phrase("table.md.j2", "one_vote", names).endswith("the same law: one vote, not 12.")

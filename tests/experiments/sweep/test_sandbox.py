@@ -72,6 +72,32 @@ def test_an_exception_is_a_bug_with_its_traceback(sandbox):
     assert sandbox.call(work.echo, timeout=20) == ("a context", ())
 
 
+@pytest.mark.parametrize("times", [1, 1_000_000])
+def test_what_it_writes_to_standard_error_is_visible_in_part_and_waits_for_nobody(sandbox, capfd, times):
+    sandbox.call(work.complain, times, timeout=60)
+    sandbox.close()
+    said, until = "", time.monotonic() + 20
+    while "at last" not in said and time.monotonic() < until:
+        said += capfd.readouterr().err
+        time.sleep(0.05)
+    assert said.startswith("\\x1b[31mred\\x07 \\xff and röd\n")
+    assert "\x1b" not in said
+    assert said.rstrip().endswith("at last")
+    assert len(said) < 200_000
+    assert ("characters more" in said) == (times > 1)
+
+
+def test_of_a_process_that_is_not_trusted_only_what_was_named_is_read():
+    readable = frozenset({("tests.experiments.sandbox_work", "Named")})
+    sandbox = Sandbox(None, work.prepare, readable=readable)
+    assert sandbox.call(work.echo, 1, ["two"], timeout=20) == (None, (1, ["two"]))
+    assert isinstance(sandbox.call(work.made, "Named", timeout=20), work.Named)
+    with pytest.raises(FaultError, match="its answer cannot be read: UnpicklingError"):
+        sandbox.call(work.made, "Unreadable", timeout=20)
+    assert sandbox.call(work.echo, timeout=20) == (None, ())
+    sandbox.close()
+
+
 def test_a_process_that_dies_of_its_preparation_starts_without():
     sandbox = Sandbox("dies at once", work.prepare)
     assert sandbox.call(work.echo, timeout=20) == ("dies at once", ())

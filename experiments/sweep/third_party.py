@@ -1,0 +1,149 @@
+"""Solvers of other distributions, each in a sandbox of its own: whatever one does costs its own cells.
+
+Their sandboxes are started by the process that calls them, which is a sandbox of a run as a rule, when one is first
+called, and end with it. What such a process answers is read as plain outcomes only, and is checked by its caller
+(`contract.answers`): nothing is left to an interpreter that a solver may have changed.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from impact_xval.compliant_baselines.contract.answers import answer, stated_version, why_unavailable
+from impact_xval.compliant_baselines.contract.registry import is_ours
+from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
+from impact_xval.model.collision import Collision, Outcome
+
+#: Seconds for a solver to be imported, and to say its version and whether it can run.
+_TO_STATE = 60.0
+
+#: What outcomes are pickled with: their classes, and what arrays are made by.
+_PLAIN = frozenset(
+    {
+        *(("impact_xval.model.collision", name) for name in ("Outcome", "ImpulseCurve", "Event")),
+        *(("numpy", name) for name in ("ndarray", "dtype")),
+        ("numpy._core.multiarray", "_reconstruct"),
+        ("numpy._core.numeric", "_frombuffer"),
+    }
+)
+
+
+class ContainedSolver(SolverBase):
+    """A solver in a sandbox of its own, started when it is first asked for anything.
+
+    Parameters
+    ----------
+    resolve : callable
+        Finds the solver by its name, in its own process; at the top level of a module.
+    timeout : float
+        Seconds for the collisions of a call; more, and they are halved (`sandbox.in_halves`).
+    name : str
+        Of the solver.
+    """
+
+    def __init__(self, resolve: Callable[[str], Solver], timeout: float, name: str) -> None:
+        self.name, self._timeout, self._context = name, timeout, (resolve, name)
+        self._sandbox = self._new()
+        self._known: tuple[str, str | None] | None = None
+
+    def version(self) -> str:
+        """Version the solver states; ``""`` if it cannot."""
+        return self._stated()[0]
+
+    def unavailable(self) -> str | None:
+        """Why it cannot run: its own reason, or what became of its process when it was asked."""
+        return self._stated()[1]
+
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+        """Answer every collision, in order; one at which its process dies or hangs is a failure."""
+
+        def call(place: slice) -> list[Outcome]:
+            return self._sandbox.call(_solved, list(collisions[place]), settings, timeout=self._timeout)
+
+        def lost(_: slice, fault: FaultError) -> list[Outcome]:
+            return [Outcome.failure(self.name, fault.status, fault.reason)]
+
+        return [outcome for piece in in_halves(call, len(collisions), lost) for outcome in piece]
+
+    def end(self) -> None:
+        """End its process; one that is called again starts another."""
+        self._sandbox.close()
+        self._sandbox = self._new()
+
+    def _new(self) -> Sandbox:
+        return Sandbox(self._context, _stated, self._to_state, readable=_PLAIN)
+
+    @property
+    def _to_state(self) -> float:
+        return min(_TO_STATE, self._timeout)
+
+    def _stated(self) -> tuple[str, str | None]:
+        if self._known is None:
+            try:
+                self._known = self._sandbox.call(_stated, timeout=self._to_state)
+            except FaultError as fault:
+                self._known = "", f"asked what it is, it gave no answer: {fault.reason}"
+        return self._known
+
+
+def contained(resolve: Callable[[str], Solver], timeout: float) -> Callable[[str], Solver]:
+    """Have solvers of other distributions found as `ContainedSolver`, and all others as they are.
+
+    Parameters
+    ----------
+    resolve : callable
+        Finds a solver by its name; at the top level of a module.
+    timeout : float
+        As of `ContainedSolver`.
+
+    Returns
+    -------
+    callable
+        As `resolve`; it can be pickled, and gives the same solver whenever it is called in a process.
+    """
+    return functools.partial(_find, resolve, timeout)
+
+
+def longest(name: str, n: int, timeout: float) -> float:
+    """Limit of a call of a sandbox by which a solver answers n cells, in seconds.
+
+    A contained solver has the limit in its own sandbox, and is called 3 n times there where every cell is lost.
+    """
+    return timeout if is_ours(name) else 3 * max(1, n) * (timeout + 2 * _TO_STATE)
+
+
+def end_contained() -> None:
+    """End the processes of all contained solvers that this process has called; they start again when called."""
+    for solver in _contained.values():
+        solver.end()
+
+
+#: The contained solvers of this process.
+_contained: dict[tuple[Any, ...], ContainedSolver] = {}
+
+
+def _find(resolve: Callable[[str], Solver], timeout: float, name: str) -> Solver:
+    if is_ours(name):
+        return resolve(name)
+    key = resolve, timeout, name
+    if key not in _contained:
+        _contained[key] = ContainedSolver(*key)
+    return _contained[key]
+
+
+def _stated(context: tuple[Callable[[str], Solver], str]) -> tuple[str, str | None]:
+    """In the process of a solver: its version, and why it cannot run."""
+    resolve, name = context
+    solver = resolve(name)
+    return stated_version(solver), why_unavailable(solver)
+
+
+def _solved(
+    context: tuple[Callable[[str], Solver], str], collisions: Sequence[Collision], settings: Settings
+) -> list[Outcome]:
+    """In the process of a solver: its outcomes."""
+    resolve, name = context
+    return answer(resolve(name), collisions, settings)
