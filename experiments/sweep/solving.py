@@ -25,6 +25,7 @@ from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
 from impact_xval.experiments.sweep.executors import in_flight
+from impact_xval.experiments.sweep.kernels import compile_once, kernels_of
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves
 from impact_xval.experiments.tables.schema import CERTIFICATE, MEASURES, ROW_SCHEMA
 from impact_xval.experiments.tables.store import part_bytes
@@ -152,6 +153,7 @@ class _Chunk:
 def prepare(experiment: Experiment) -> Versions:
     """Make a process ready: solve a cell by every solver, so that all is imported and compiled."""
     versions = solver_versions(experiment)
+    compile_once(kernels_of(experiment.config.solvers))
     solve_all(
         experiment, [GridCell(0, 1.0, 1.0, collision_of(experiment.config, experiment.config.figure_cell))]
     )
