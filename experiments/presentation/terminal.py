@@ -116,19 +116,20 @@ def _bar(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int,
 
 @contextmanager
 def _log(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int, int, str], None]]:
-    start, said, before, lock = time.perf_counter(), -1, None, threading.Lock()
+    start, said, first, lock = time.perf_counter(), -1, None, threading.Lock()
 
     def on_log(done: int, total: int, line: str) -> None:
-        nonlocal said, before
+        nonlocal said, first
         with lock:
-            before = done if before is None and total else before
+            now = time.perf_counter()
+            first = (now, done) if first is None and total else first
             if line:
                 print_line(console, line)
-            elif total and 10 * done // total > said:
-                said, seconds = 10 * done // total, time.perf_counter() - start
-                new = done - (before or 0)
-                left = timedelta(seconds=round(seconds * (total - done) / new)) if new else None
-                facts = {"unit": unit, "seconds": seconds, "left": left, "rows": medians()}
+            elif total and first and 10 * done // total > said:
+                said, (since, before) = 10 * done // total, first
+                rate = (done - before) / (now - since) if done > before else 0.0
+                left = timedelta(seconds=round((total - done) / rate)) if rate else None
+                facts = {"unit": unit, "seconds": now - start, "left": left, "rows": medians()}
                 print_line(console, phrase("progress.md.j2", "tenth", done, total, **facts))
 
     yield on_log
