@@ -19,17 +19,17 @@ def test_status_while_it_runs_and_after(tmp_path, capsys):
     seen = []
 
     def look(done, total, line):
-        if total:
+        if done:
             seen.append((done, status_of(tmp_path / "a")))
 
     run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.crashing, progress=look)
-    assert list(dict.fromkeys(done for done, _ in seen)) == [0, 4, 8, 12]
+    assert list(dict.fromkeys(done for done, _ in seen)) == [4, 8, 12]
     for done, status in seen:
         assert status.state == "running"
         assert status.owner
         assert status.cells_done == done
         assert status.parts_done == done / 4
-        assert sum(status.statuses.get("mujoco", {}).values()) == done
+        assert sum(status.statuses["mujoco"].values()) == done
         assert status.rate is not None
         assert status.seconds_left is not None
         assert status.seconds_left == pytest.approx((12 - done) / status.rate)
