@@ -85,7 +85,7 @@ def test_the_end_of_a_run_is_one_screen(summary, width, lines):
     assert max(map(len, printed)) <= width
     (row,) = (line.split() for line in printed if line.startswith("kelvin-voigt  mujoco"))
     assert row == ["kelvin-voigt", "mujoco", "12", "0.01", "0.01", "0.01", "100.0", "%", "0"]
-    assert printed[-1].startswith("61 s; everything is in /runs/default")
+    assert printed[-1] == "61 s; report.html is the page to read; everything is in /runs/default"
 
 
 def test_a_page_is_shown_line_by_line():
