@@ -6,6 +6,8 @@ For each engine one run measures, in CPU time of this process and as the best of
 * **bare**: the engine steps the very same columns, built in the same way, for the very same numbers of steps, in
   calls as long as the engine allows and with nothing read on the way: ``mj_step(model, data, nstep)`` of MuJoCo, one
   column after the other; ``stepSimulation`` of PyBullet with 256 sub-steps a call. Building is not part of it;
+* **bare, without contacts**: the same steps with no contact looked for, so that none is solved for either: what is left
+  is the rest of a step. The motion is then another;
 * **end**: the harness as the steps 2h and 4h of a convergence estimate use it: building, stepping, finding the end of
   the collision to the step, states and impulses, no path;
 * **path**: the same with the path recorded, as the step h uses it;
@@ -57,8 +59,8 @@ def timed(run: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def bare_mujoco(columns: Sequence[Column], steps: Sequence[int]) -> float:
-    """Step every column by mj_step alone."""
+def bare_mujoco(columns: Sequence[Column], steps: Sequence[int], contacts: bool = True) -> float:
+    """Step every column by mj_step alone, with contacts or without."""
     from mujoco.batch import Batch
 
     from impact_xval.compliant_baselines.engines import mujoco_engine
@@ -69,13 +71,17 @@ def bare_mujoco(columns: Sequence[Column], steps: Sequence[int]) -> float:
         batch = Batch(mujoco_engine.scene_model(), 1, 1)
         mujoco_engine.load(batch, [column], n, False)
         model, data = batch.get_model(0), mujoco.MjData(mujoco_engine.scene_model())
+        if not contacts:
+            model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         data.qpos[:], data.qvel[:] = batch.qpos[0], batch.qvel[0]
         spent += timed(lambda model=model, data=data, n=n: mujoco.mj_step(model, data, nstep=n))
     return spent
 
 
-def bare_pybullet(columns: Sequence[Column], steps: Sequence[int], stride: int = 256) -> float:
-    """Step every column by stepSimulation alone, many sub-steps a call."""
+def bare_pybullet(
+    columns: Sequence[Column], steps: Sequence[int], contacts: bool = True, stride: int = 256
+) -> float:
+    """Step every column by stepSimulation alone, many sub-steps a call, with contacts or without."""
     import pybullet as p
 
     from impact_xval.compliant_baselines.engines import pybullet_engine
@@ -85,6 +91,8 @@ def bare_pybullet(columns: Sequence[Column], steps: Sequence[int], stride: int =
         world = pybullet_engine.World(client)
         for column, n in zip(columns, steps, strict=True):
             world.prepare(column)
+            for body in () if contacts else range(p.getNumBodies(client)):
+                p.setCollisionFilterGroupMask(p.getBodyUniqueId(body, client), -1, 0, 0, client)
 
             def run(column: Column = column, n: int = n) -> None:
                 p.setPhysicsEngineParameter(
@@ -130,6 +138,9 @@ def measure(
         total = sum(steps)
         spent_bare.append((alone, total))
         rows.append((f"bare, {label.split(', ')[1]}", alone / total * 1e6, 1.0))
+        if record:
+            rest = best(lambda columns=columns, steps=steps: bare(columns, steps, False), repetitions)
+            rows.append((f"bare, {label.split(', ')[1]}, without contacts", rest / total * 1e6, rest / alone))
         rows.append((label, harness / total * 1e6, harness / alone))
     estimated = replace(settings, convergence=Convergence())
     taken: list[int] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,16 @@ compiled = njit(**OPTIONS)
 inlined = njit(forceinline=True, **OPTIONS)
 
 
+def cache_folder(kernel: Any) -> Path:
+    """Return the folder in which the machine code of a kernel is kept from one process to the next."""
+    # That of numba's cache, which the dispatcher knows and does not make public.
+    return Path(kernel._cache.cache_path)
+
+
 def is_compiled(kernel: Any) -> bool:
-    """Tell whether an earlier process left the machine code of a kernel in the cache."""
-    # The folder is that of numba's cache, which the dispatcher knows and does not make public.
-    folder = Path(kernel._cache.cache_path)
-    return any(folder.glob(f"{kernel.py_func.__module__.rpartition('.')[2]}.{kernel.py_func.__name__}-*.nbi"))
+    """Tell whether an earlier process left the machine code of a kernel, as its source is now, in the cache."""
+    python = "{}{}".format(*sys.version_info)
+    function = kernel.py_func
+    name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.py{python}*.nbi"
+    changed = Path(function.__code__.co_filename).stat().st_mtime
+    return any(index.stat().st_mtime >= changed for index in cache_folder(kernel).glob(name))

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numba import get_num_threads
 from numpy.typing import ArrayLike, NDArray
 
 from impact_xval.compliant_baselines.contract.trajectory import FREE, STUCK
@@ -23,6 +26,9 @@ MAX_STEPS = 1_000_000
 
 #: How a collision ended, by the code of the driver.
 ENDS = np.array(["", "free", "rest", "stuck", *[""] * 6])
+
+#: Collisions that a thread is given at once: a few milliseconds of work.
+_SHARE = 2048
 
 #: What a batch takes for gravity beside the ratios of the collision.
 GRAVITY_NUMBER = Legal(
@@ -127,7 +133,7 @@ def follow_batch(
         fall=np.full(n, np.nan),
         limited=np.zeros(n, np.bool_),
     )
-    follow_all(*followed, law.code, kappa, mu, law.a1, law.a2, g, law.cutoff, frozen, max_steps)
+    _share_out(followed, law, kappa, mu, g, frozen, max_steps)
     end, fall = followed.end, followed.fall
     failed = (end < 0) | (end == TOO_LONG)
     v1 = np.where(failed, np.nan, np.where(end == STUCK, 0.0, followed.v1))
@@ -150,3 +156,22 @@ def follow_batch(
         "n_steps": followed.n_steps,
     }
     return ReferenceBatch(**{name: column.reshape(shape) for name, column in columns.items()})
+
+
+def _share_out(
+    followed: Followed, law: Law, kappa: Floats, mu: Floats, g: Floats, frozen: bool, max_steps: int
+) -> None:
+    """Follow all collisions, in as many threads as numba would take."""
+
+    def follow(start: int) -> None:
+        share = slice(start, start + _SHARE)
+        rest: Any = law.cutoff, frozen, max_steps
+        columns = (law.code, *(column[share] for column in (kappa, mu, law.a1, law.a2, g)), *rest)
+        follow_all(*(column[share] for column in followed), *columns)
+
+    starts = range(0, kappa.size, _SHARE)
+    if len(starts) < 2:
+        follow(0)
+        return
+    with ThreadPoolExecutor(get_num_threads()) as threads:
+        list(threads.map(follow, starts))

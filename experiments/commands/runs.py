@@ -27,6 +27,7 @@ from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 if TYPE_CHECKING:
     from impact_xval.experiments.config.configuration import Config
+    from impact_xval.experiments.presentation.terminal import SoFar
     from impact_xval.experiments.sweep.run import Progress
     from impact_xval.experiments.tables.store import RunFolder
 
@@ -40,25 +41,28 @@ def run(
     scheduler: Scheduler = None,
 ) -> None:
     """Run an experiment over its cells: tables, summary, figures and a report in one folder."""
-    from impact_xval.experiments.presentation.figures import write_figures
-    from impact_xval.experiments.presentation.report import write_report, write_tables
-    from impact_xval.experiments.presentation.terminal import make_console, print_line
-    from impact_xval.experiments.presentation.views import show_summary
+    from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import run_sweep
+    from impact_xval.experiments.sweep.status import Medians
 
     start = time.perf_counter()
     experiment = _experiment(config, "built-in experiment")
     root = out if out is not None else Path("runs") / _slug(experiment.name)
     words = ["run", config, "--out", root, "--resume", *_option("--scheduler", scheduler)]
     console = make_console()
+    medians = Medians(experiment.solvers)
     summaries = []
 
     def present(folder: RunFolder) -> None:
+        # Imported when the cells are done: matplotlib takes a second that the first cells would have to wait for.
+        from impact_xval.experiments.presentation.figures import write_figures
+        from impact_xval.experiments.presentation.report import write_report, write_tables
+
         summaries.append(write_tables(folder))
         write_figures(folder, summaries[-1].ladder)
         write_report(folder, summaries[-1])
 
-    with _writing(root, "parts", words, console) as progress:
+    with _writing(root, "parts", words, console, medians.rows) as progress:
         folder = run_sweep(
             experiment,
             root,
@@ -67,10 +71,12 @@ def run(
             resume=resume,
             take_over=take_over,
             progress=progress,
+            hear=medians.add,
             present=present,
         )
-    show_summary(console, summaries[-1])
-    print_line(console, f"{time.perf_counter() - start:.0f} s; everything is in {folder.root}")
+    from impact_xval.experiments.presentation.views import show_end
+
+    show_end(console, summaries[-1], time.perf_counter() - start, str(folder.root))
 
 
 def search(
@@ -200,7 +206,9 @@ def _slug(name: str) -> str:
 
 
 @contextlib.contextmanager
-def _writing(root: Path, kept: str, words: list[Any], console: Any) -> Iterator[Progress]:
+def _writing(
+    root: Path, kept: str, words: list[Any], console: Any, medians: SoFar = list
+) -> Iterator[Progress]:
     """Show the progress of what writes a folder; one line and exit code 1 where it is stopped.
 
     Parameters
@@ -212,12 +220,14 @@ def _writing(root: Path, kept: str, words: list[Any], console: Any) -> Iterator[
     words : list
         Of the command that continues it; None is left out.
     console : Console
+    medians : callable
+        As for `terminal.show_progress`.
     """
     from impact_xval.experiments.presentation.terminal import error_line, show_progress
 
     new = [folder for folder in root.parents if not folder.exists()]
     try:
-        with show_progress(console) as progress:
+        with show_progress(console, medians=medians) as progress:
             yield _noticed(progress)
     except UserError:
         for folder in new:

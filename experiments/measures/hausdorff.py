@@ -49,7 +49,7 @@ def hausdorff(a: ArrayLike, b: ArrayLike, tolerance: float = TOLERANCE) -> float
         If an array has another shape, no vertex, or a coordinate that is not finite or beyond `LARGEST`.
     """
     first, second = _vertices("a", a), _vertices("b", b)
-    return float(max(_directed(first, second, tolerance), _directed(second, first, tolerance)))
+    return float(max(directed(first, second, tolerance), directed(second, first, tolerance)))
 
 
 def _vertices(name: str, points: ArrayLike) -> NDArray[np.float64]:
@@ -109,7 +109,7 @@ def _nearest(x, y, b, lowest, highest, start, enough):
 
 
 @njit(cache=True)
-def _directed(a: np.ndarray, b: np.ndarray, tolerance: float) -> float:
+def directed(a: np.ndarray, b: np.ndarray, tolerance: float) -> float:
     """Directed Hausdorff distance from a to b, at most `tolerance` too small."""
     n = max(1, len(b) - 1)
     lowest, highest = np.empty(n), np.empty(n)
@@ -123,7 +123,8 @@ def _directed(a: np.ndarray, b: np.ndarray, tolerance: float) -> float:
     # Vertices from coarse to fine, so that the largest distance is nearly known after a few searches and the
     # many that are no farther end theirs at once; in their own order each new maximum would cost a search.
     near = np.empty(len(a), dtype=np.int64)
-    worst, near[0] = _nearest(a[0, 0], a[0, 1], b, lowest, highest, 0, 0.0)
+    near[0] = 0  # handed over as a number would be, the kernel would be compiled once more for this one
+    worst, near[0] = _nearest(a[0, 0], a[0, 1], b, lowest, highest, near[0], 0.0)
     stride = 1
     while stride < len(a):
         stride *= 2

@@ -7,7 +7,8 @@ physics.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -90,6 +91,14 @@ class Summary:
     n_cells: int
     n_marked: int
     ladder: LadderSummary
+    _places: dict[tuple[Any, ...], int] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        table = self.statistics
+        keys = [table[name] for name in ("solver", "measure", "axis", "cells")]
+        values = table.value.where(table.axis != "all", 0.0)
+        places = dict(zip(zip(*keys, values, strict=True), range(len(table)), strict=True))
+        object.__setattr__(self, "_places", places)
 
     @property
     def solvers(self) -> list[str]:
@@ -100,17 +109,9 @@ class Summary:
         self, solver: str, measure: str, axis: str = "all", value: float = np.nan, cells: str = "regular"
     ) -> Frame:
         """Return one row of the statistics; NaN numbers and n = 0 where nothing was compared."""
-        table = self.statistics
-        found = table[
-            (table.solver == solver)
-            & (table.measure == measure)
-            & (table.axis == axis)
-            & (table.cells == cells)
-        ]
-        if axis != "all":
-            found = found[found.value == value]
-        if len(found):
-            return found.iloc[0]
+        place = self._places.get((solver, measure, axis, cells, 0.0 if axis == "all" else value))
+        if place is not None:
+            return self.statistics.iloc[place]
         return pd.Series({"n": 0, "mean": np.nan, "median": np.nan, "p95": np.nan, "max": np.nan})
 
 

@@ -50,6 +50,8 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
             for measure, label in SUMMARISED.items()
             for row in (summary.get(name, measure),)
         ],
+        "short": [_short(summary, name) for name in summary.solvers],
+        "most": _most(summary),
         "axes": [_along(summary, axis) for axis in AXES],
         "worst": _worst(summary),
         "laws": [_own_law(summary, name) for name in summary.solvers],
@@ -88,6 +90,24 @@ def _found(summary: Summary, name: str) -> dict[str, Any]:
         "low": min(medians, key=lambda pair: pair[1]),
         "high": max(medians, key=lambda pair: pair[1]),
     }
+
+
+def _short(summary: Summary, name: str) -> tuple[str, ...]:
+    """How far a solver is from the model, in a row for a terminal."""
+    row, statuses = _divergence(summary, name), summary.statuses.loc[name]
+    unsolved = int(statuses.sum() - sum(statuses.get(status, 0) for status in COMPARABLE))
+    cuts = (number(row[cut]) for cut in _CUTS)
+    paths = percent(summary.get(name, "states_equal")["mean"])
+    return law_of(name), name, str(int(row.n)), *cuts, paths, str(unsolved)
+
+
+def _most(summary: Summary) -> dict[str, list[str]]:
+    """Where solvers diverge most from the model: solvers by place."""
+    places: dict[str, list[str]] = {}
+    for name in summary.solvers:
+        if _divergence(summary, name).n:
+            places.setdefault(_found(summary, name)["where"], []).append(name)
+    return places
 
 
 def _closest(summary: Summary) -> list[dict[str, Any]]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
+from typing import Any
 
-from rich.console import Console
+from rich.console import Console, Group
+from rich.live import Live
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -19,7 +23,11 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from impact_xval.compliant_baselines.contract.visible import visible
-from impact_xval.experiments.presentation.pages import Table, blocks_of
+from impact_xval.experiments.presentation.pages import Table, blocks_of, phrase, render
+from impact_xval.experiments.tables.numbers import number
+
+#: Gives law, solver, number of cells and median D of solvers.
+SoFar = Callable[[], list[tuple[str, str, int, float]]]
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
@@ -27,55 +35,102 @@ _WIDTH = 150
 
 def show(console: Console, markdown: str) -> None:
     """Print Markdown: a line a paragraph, and tables with their captions between empty lines."""
+    for each in _renderables(markdown):
+        if isinstance(each, RichTable):
+            console.print(each)
+        else:
+            print_line(console, each)
+
+
+def _renderables(markdown: str) -> Iterator[Any]:
+    """Turn Markdown into tables, and the lines between them as text."""
     last = None
     for block in blocks_of(markdown):
         if last is not None and Table in (type(block), type(last)):
-            print_line(console, "")
+            yield ""
         if isinstance(block, Table):
             if block.caption:
-                print_line(console, block.caption)
+                yield block.caption
             table = RichTable(box=None, pad_edge=False)
             for title, right in zip(block.header, block.numeric, strict=True):
                 table.add_column(Text(title), justify="right" if right else "left")
             for row in block.rows:
                 table.add_row(*map(Text, row))
-            console.print(table)
+            yield table
         else:
-            print_line(console, block.text)
+            yield block.text
         last = block
 
 
 @contextmanager
-def show_progress(console: Console, unit: str = "cells") -> Iterator[Callable[[int, int, str], None]]:
-    """Show progress: a bar on a terminal, a line for every tenth of the work otherwise."""
-    if console.is_terminal:
-        columns = (
-            TextColumn(unit),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=console) as bar:
-            task = bar.add_task(unit, total=None)
+def show_progress(
+    console: Console, unit: str = "cells", medians: SoFar = list
+) -> Iterator[Callable[[int, int, str], None]]:
+    """Show progress: a bar and the medians so far on a terminal, a line for every tenth of the work otherwise.
 
-            def on_bar(done: int, total: int, line: str) -> None:
-                if line:
-                    bar.console.print(visible(line), markup=False, highlight=False)
-                if total:
-                    bar.update(task, completed=done, total=total)
+    Parameters
+    ----------
+    console : Console
+    unit : str
+        What is counted.
+    medians : callable
+        Gives law, solver, number of cells and median D of every solver that has any.
 
-            yield on_bar
-        return
-    start, said = time.perf_counter(), -1
+    Yields
+    ------
+    callable
+        To be given how many are done, of how many, and a line worth saying; from any thread.
+    """
+    with (_bar if console.is_terminal else _log)(console, unit, medians) as progress:
+        yield progress
+
+
+@contextmanager
+def _bar(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int, int, str], None]]:
+    bar = Progress(
+        TextColumn(unit),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+    )
+    task = bar.add_task(unit, total=None)
+
+    def shown() -> Group:
+        rows = [(*names, number(median)) for *names, median in medians()]
+        page = _renderables(render("medians.md.j2", rows=rows))
+        return Group(*(Text(each) if isinstance(each, str) else each for each in page), bar)
+
+    with Live(get_renderable=shown, console=console) as live:
+
+        def on_bar(done: int, total: int, line: str) -> None:
+            if line:
+                live.console.print(visible(line), markup=False, highlight=False)
+            if total:
+                bar.update(task, completed=done, total=total)
+
+        yield on_bar
+        live.transient = True  # what follows says it better
+
+
+@contextmanager
+def _log(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int, int, str], None]]:
+    start, said, first, lock = time.perf_counter(), -1, None, threading.Lock()
 
     def on_log(done: int, total: int, line: str) -> None:
-        nonlocal said
-        if line:
-            print_line(console, line)
-        elif total and 10 * done // total > said:
-            said = 10 * done // total
-            print_line(console, f"{done} of {total} {unit} after {time.perf_counter() - start:.0f} s")
+        nonlocal said, first
+        with lock:
+            now = time.perf_counter()
+            first = (now, done) if first is None and total else first
+            if line:
+                print_line(console, line)
+            elif total and first and 10 * done // total > said:
+                said, (since, before) = 10 * done // total, first
+                rate = (done - before) / (now - since) if done > before else 0.0
+                left = timedelta(seconds=round((total - done) / rate)) if rate else None
+                facts = {"unit": unit, "seconds": now - start, "left": left, "rows": medians()}
+                print_line(console, phrase("progress.md.j2", "tenth", done, total, **facts))
 
     yield on_log
 

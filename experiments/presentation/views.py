@@ -8,9 +8,9 @@ from rich.console import Console
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.measures.summary import SUMMARISED, Summary
-from impact_xval.experiments.presentation.pages import render
+from impact_xval.experiments.presentation.pages import phrase, render
 from impact_xval.experiments.presentation.summary_page import summary_facts
-from impact_xval.experiments.presentation.terminal import show
+from impact_xval.experiments.presentation.terminal import print_line, show
 from impact_xval.experiments.sweep.search import Found
 from impact_xval.experiments.sweep.status import RunStatus
 from impact_xval.experiments.tables.numbers import number
@@ -22,6 +22,12 @@ _REASONS = 12
 def show_summary(console: Console, summary: Summary) -> None:
     """Print what a run found."""
     show(console, render("summary_run.md.j2", **summary_facts(summary)))
+
+
+def show_end(console: Console, summary: Summary, seconds: float, root: str) -> None:
+    """Print what a run found, and where it is."""
+    show_summary(console, summary)
+    print_line(console, phrase("progress.md.j2", "ended", seconds, root))
 
 
 def show_status(console: Console, root: str, status: RunStatus) -> None:

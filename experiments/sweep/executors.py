@@ -2,7 +2,8 @@
 
 What is submitted is called as ``function(sandbox, *arguments)``, in a thread that has the sandbox to itself.
 There are two: processes on this machine (`SandboxExecutor`), and the workers of a Dask cluster
-(`sweep.dask_cluster`). No result depends on which, nor on how many.
+(`sweep.dask_cluster`). No result depends on which, nor on how many. `here` tells whether the threads are those of this
+process.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ class DirectExecutor(Executor):
     """Work at once and in this process: for looking into solvers with a debugger, and for quick tests."""
 
     workers = 1
+    here = True
 
     def __init__(self, context: Any) -> None:
         self._here = _Here(context)

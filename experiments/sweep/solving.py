@@ -25,14 +25,18 @@ from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
 from impact_xval.experiments.sweep.executors import in_flight
+from impact_xval.experiments.sweep.kernels import compile_once, kernels_of
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves
 from impact_xval.experiments.sweep.third_party import longest
 from impact_xval.experiments.tables.schema import CERTIFICATE, MEASURES, ROW_SCHEMA
-from impact_xval.experiments.tables.store import part_bytes
+from impact_xval.experiments.tables.store import part_bytes, read_part
 from impact_xval.model.collision import Collision, Outcome, Status
 
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
 Resolve = Callable[[str], Solver]
+
+#: Given the rows of a chunk by one solver as soon as they are there; called from any thread.
+Hear = Callable[[pa.Table], None]
 
 #: Status and reason of what is lost: of a solver (by name) at a cell (by index).
 Lost = dict[tuple[str, int], tuple[Status, str]]
@@ -102,20 +106,47 @@ class Report:
     faults: int
 
 
-def solve_chunk(sandbox: Sandbox, number: int, cells: Sequence[GridCell]) -> Report:
+def _unheard(rows: pa.Table) -> None:
+    """Nobody follows a run as it goes."""
+
+
+def solve_chunk(sandbox: Sandbox, number: int, cells: Sequence[GridCell], hear: Hear = _unheard) -> Report:
     """Solve a chunk of cells by each solver of the experiment that the sandbox was given, whatever they do."""
     config: Config = sandbox.context.config
     chunk = _Chunk(sandbox, cells, config)
-    rows = pa.concat_tables([piece for name in config.solvers for piece in chunk.solved_by(name)])
+    pieces = []
+    for name in config.solvers:
+        pieces.append(pa.concat_tables(chunk.solved_by(name)))
+        if name != REFERENCE:  # it diverges from nothing
+            hear(pieces[-1])
+    rows = pa.concat_tables(pieces)
     by_cell = np.arange(len(rows)).reshape(len(config.solvers), -1).T.ravel()
     return Report(number, part_bytes(rows.take(by_cell)), chunk.seconds, sandbox.prepared, chunk.faults)
 
 
-def solve_chunks(executor: Any, chunks: Iterable[tuple[int, Sequence[GridCell]]]) -> Iterator[Report]:
-    """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come."""
-    return in_flight(
-        lambda chunk: executor.submit(solve_chunk, *chunk), chunks, lambda: max(2, 2 * executor.workers)
+def solve_chunks(
+    executor: Any, chunks: Iterable[tuple[int, Sequence[GridCell]]], hear: Hear = _unheard
+) -> Iterator[Report]:
+    """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come.
+
+    Parameters
+    ----------
+    executor : Executor
+    chunks : iterable
+        Number and cells of each.
+    hear : callable
+        Given rows solver by solver, or where the executor's threads are other processes', a whole chunk.
+    """
+    heard = (hear,) if executor.here else ()
+    submitted = in_flight(
+        lambda chunk: executor.submit(solve_chunk, *chunk, *heard),
+        chunks,
+        lambda: max(2, 2 * executor.workers),
     )
+    for report in submitted:
+        if not executor.here:
+            hear(read_part(report.data))
+        yield report
 
 
 class _Chunk:
@@ -154,6 +185,7 @@ class _Chunk:
 def prepare(experiment: Experiment) -> Versions:
     """Make a process ready: solve a cell by every solver, so that all is imported and compiled."""
     versions = solver_versions(experiment)
+    compile_once(kernels_of(experiment.config.solvers))
     solve_all(
         experiment, [GridCell(0, 1.0, 1.0, collision_of(experiment.config, experiment.config.figure_cell))]
     )

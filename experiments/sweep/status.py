@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
+from array import array
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.aggregates import reasons_of
+from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.tables.files import open_regular
 from impact_xval.experiments.tables.lock import running
 from impact_xval.experiments.tables.store import PART, RunFolder, Tally, statuses_of, tally
+
+#: Columns of a row that `Medians` are made of.
+HEARD = ["solver", "velocity_divergence", "marked"]
 
 #: Seconds that are said to be left, at most: a clock that jumped makes any number of them.
 _LONGEST = 1e9
@@ -134,3 +145,32 @@ def _last_rate(manifest: dict[str, Any], cells: int, chunks: int) -> float | Non
         if computed and seconds and seconds >= 1e-3:  # as it is written
             return computed / chunks * cells / seconds
     return None
+
+
+class Medians:
+    """Median D of every solver over the rows that have come so far, marked rows left out as in every table.
+
+    Parameters
+    ----------
+    solvers : iterable of str
+        Of the run.
+    """
+
+    def __init__(self, solvers: Iterable[str]) -> None:
+        names = (name for name in in_order_of_laws(solvers) if name != REFERENCE)
+        self._found = {name: array("d") for name in names}
+        self._lock = threading.Lock()
+
+    def add(self, rows: pa.Table) -> None:
+        """Add rows with the columns `HEARD`; safe from any thread."""
+        rows = rows.filter(pc.field("marked").is_null() & pc.field("velocity_divergence").is_valid())
+        with self._lock:
+            for name, found in self._found.items():
+                some = rows.filter(pc.field("solver") == name).column("velocity_divergence")
+                found.extend(some.to_pylist())
+
+    def rows(self) -> list[tuple[str, str, int, float]]:
+        """Law, solver, number of cells and median D of those solvers that have any; solvers of one law together."""
+        with self._lock:
+            found = {name: np.array(values) for name, values in self._found.items() if values}
+        return [(law_of(name), name, len(values), float(np.median(values))) for name, values in found.items()]

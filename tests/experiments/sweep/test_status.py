@@ -7,8 +7,9 @@ import pytest
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError
+from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.sweep.status import status_of
+from impact_xval.experiments.sweep.status import Medians, status_of
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
 
@@ -18,11 +19,11 @@ def test_status_while_it_runs_and_after(tmp_path, capsys):
     seen = []
 
     def look(done, total, line):
-        if total:
+        if done:
             seen.append((done, status_of(tmp_path / "a")))
 
     run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.crashing, progress=look)
-    assert [done for done, _ in seen] == [4, 8, 12]
+    assert list(dict.fromkeys(done for done, _ in seen)) == [4, 8, 12]
     for done, status in seen:
         assert status.state == "running"
         assert status.owner
@@ -75,3 +76,29 @@ def test_status_of_no_run_is_one_line(tmp_path, capsys):
     (folder.root / "manifest.json").write_text(json.dumps(folder.manifest() | {"cells": "many"}))
     assert main(["status", str(folder.root)]) == 2
     assert "cells = 'many'; legal: a whole number" in capsys.readouterr().err
+
+
+def test_medians_are_heard_before_a_chunk_is_done_and_end_as_those_of_the_summary(tmp_path):
+    config = parse_config(SMALL | {"solvers": ["bistiffness", "mujoco", "pybullet"], "chunk_size": 6})
+    medians, seen = Medians(config.solvers), {}
+
+    def look(done, total, line):
+        if total:
+            seen.setdefault((done, tuple(n for *_, n, _ in medians.rows())), None)
+
+    folder = run_sweep(
+        config, tmp_path / "a", isolate=False, resolve=fakes.shifted, progress=look, hear=medians.add
+    )
+    assert next(iter(seen)) == (0, (6,))  # one solver's, of a chunk that the others are still to solve
+    summary = summarise(folder)
+    rows = {name: (n, median) for _, name, n, median in medians.rows()}
+    assert set(rows) == {"bistiffness", "mujoco"}  # no cell has a result of pybullet's
+    for name, found in rows.items():
+        row = summary.get(name, "velocity_divergence")
+        assert found == (row.n, row["median"])
+
+    for part in sorted((tmp_path / "a/parts").iterdir())[:1]:
+        part.unlink()
+    resumed = Medians(config.solvers)
+    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted, resume=True, hear=resumed.add)
+    assert resumed.rows() == medians.rows()

@@ -1,0 +1,96 @@
+"""Kernels compiled once an installation: each by one process, while others compile the rest, or wait for it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.answers import answer
+from impact_xval.compliant_baselines.contract.registry import engine_names
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.contract.trajectory import scan
+from impact_xval.compliant_baselines.references.driver import follow_all
+from impact_xval.experiments.measures.hausdorff import directed, hausdorff
+from impact_xval.model.collision import Collision
+from impact_xval.model.compiled import cache_folder, is_compiled
+from impact_xval.model.diagram import collide
+
+#: Seconds between two looks at whether another process has compiled what this one waits for.
+_LOOK = 0.05
+
+_ORDINARY = Collision.from_ratios(stiffness_ratio=1.0, mass_ratio=1.0, e1=0.9, e2=0.7)
+
+
+@dataclass(frozen=True, slots=True)
+class Kernels:
+    """Kernels that are compiled together.
+
+    Attributes
+    ----------
+    name : str
+        Of the lock that keeps other processes from compiling them too.
+    last : callable
+        The one that is compiled last, or last but for little ones.
+    use : callable
+        Uses all of them, and so has them compiled.
+    """
+
+    name: str
+    last: Any
+    use: Callable[[], object]
+
+
+def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
+    """List the kernels that a run with some solvers needs; those that take longest come first."""
+    engines = [name for name in solvers if name in engine_names(on_request=True)]
+    settings = Settings(scenario="drop", record_path=True)
+    bare = replace(settings, mark=False)  # an engine's marks need the kernels of the references
+
+    def solve_by(names: Iterable[str], settings: Settings) -> None:
+        for name in names:
+            answer(get_solver(name), [_ORDINARY], settings)
+
+    line = [[0.0, 0.0], [1.0, 1.0]]
+    return [
+        Kernels("references", follow_all, lambda: solve_by(["kelvin-voigt"], settings)),
+        Kernels("model", collide, lambda: solve_by(["state-transition"], settings)),
+        *([Kernels("engines", scan, lambda: solve_by(engines, bare))] if engines else []),
+        Kernels("distance", directed, lambda: hausdorff(line, line)),
+    ]
+
+
+def compile_once(kernels: Iterable[Kernels]) -> None:
+    """Have kernels compiled that are not in the cache: first those that no other process is at.
+
+    Parameters
+    ----------
+    kernels : iterable of Kernels
+        In the order in which they are tried.
+    """
+    left = list(kernels)
+    while left:
+        done = next((some for some in left if _compiled(some)), None)
+        if done is None:
+            time.sleep(_LOOK)
+        else:
+            left.remove(done)
+
+
+def _compiled(some: Kernels) -> bool:
+    """Have kernels compiled; False where another process is at it."""
+    if is_compiled(some.last):
+        return True
+    try:
+        with FileLock(cache_folder(some.last) / f"compiling-{some.name}.lock", blocking=False):
+            if not is_compiled(some.last):
+                some.use()
+    except Timeout:
+        return False
+    except (OSError, NotImplementedError):  # a file system without locks: work may be done twice
+        some.use()
+    return True
