@@ -23,6 +23,8 @@ from impact_xval.experiments.presentation.pages import Table, blocks_of
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
+#: Seconds of work after which a log has a line, however little was done.
+_SAY = 20.0
 
 
 def show(console: Console, markdown: str) -> None:
@@ -47,7 +49,7 @@ def show(console: Console, markdown: str) -> None:
 
 @contextmanager
 def show_progress(console: Console, unit: str = "cells") -> Iterator[Callable[[int, int, str], None]]:
-    """Show progress: a bar on a terminal, a line for every tenth of the work otherwise."""
+    """Show progress: a bar on a terminal, otherwise a line for every tenth of the work, and after `_SAY` seconds."""
     if console.is_terminal:
         columns = (
             TextColumn(unit),
@@ -67,15 +69,16 @@ def show_progress(console: Console, unit: str = "cells") -> Iterator[Callable[[i
 
             yield on_bar
         return
-    start, said = time.perf_counter(), -1
+    start, said, last = time.perf_counter(), -1, 0.0
 
     def on_log(done: int, total: int, line: str) -> None:
-        nonlocal said
+        nonlocal said, last
+        seconds = time.perf_counter() - start
         if line:
             print_line(console, line)
-        elif total and 10 * done // total > said:
-            said = 10 * done // total
-            print_line(console, f"{done} of {total} {unit} after {time.perf_counter() - start:.0f} s")
+        elif total and (10 * done // total > said or seconds - last > _SAY):
+            said, last = 10 * done // total, seconds
+            print_line(console, f"{done} of {total} {unit} after {seconds:.0f} s")
 
     yield on_log
 

@@ -33,11 +33,12 @@ from impact_xval.experiments.measures.ladder_table import (
     Part,
     ladder_rows,
     sentence,
-    write_ladder,
 )
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.ladder_page import ladder_facts
 from impact_xval.experiments.presentation.pages import phrase
+from impact_xval.experiments.sweep.executors import DirectExecutor
+from impact_xval.experiments.sweep.ladders import write_ladder
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables import streams
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA
@@ -381,7 +382,7 @@ def test_an_unconverged_engine_has_a_joined_contribution_that_no_statistic_count
 def test_pieces_make_no_difference(run, tmp_path, monkeypatch):
     (tmp_path / "cells.parquet").write_bytes((run.root / "cells.parquet").read_bytes())
     monkeypatch.setattr(streams, "GROUP", 7)
-    write_ladder(tmp_path)
+    write_ladder(tmp_path, DirectExecutor(None), 60)
     # the numbers of a cell do not depend on the cells beside it; nor does the order
     assert pq.read_table(tmp_path / "ladder.parquet").equals(pq.read_table(run.root / "ladder.parquet"))
     assert (tmp_path / "ladder.csv").read_bytes() == (run.root / "ladder.csv").read_bytes()
