@@ -83,7 +83,7 @@ def _show_run(folder: RunFolder, law: str, stem: str) -> None:
 def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
     import pyarrow.parquet as pq
 
-    from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
+    from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, kind_of
     from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
@@ -92,8 +92,11 @@ def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
     path = folder.table_path(LADDER, LADDER_SCHEMA) if law == KELVIN_VOIGT else path
     rows = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
     if not len(rows):
-        last = folder.manifest()["cells"] - 1
-        raise UserError(f"--cell = {cell}; legal: a cell with a row of an engine, from 0 to {last}")
+        if all(kind_of(name) != "engine" for name in folder.config().solvers):
+            raise UserError(
+                f"--cell = {cell}: no cell has a ladder; legal: the folder of a run with an engine"
+            )
+        raise UserError(f"--cell = {cell}; legal: from 0 to {folder.manifest()['cells'] - 1}")
     ladders = [(row, _contributions(row)) for _, row in rows.iterrows()]
     show(make_console(), render("ladder_cell.md.j2", cell=cell, first=rows.iloc[0], ladders=ladders))
 

@@ -16,6 +16,7 @@ from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.grid import CellGrid
 from impact_xval.experiments.measures.corners import (
@@ -561,3 +562,12 @@ def test_the_command_shows_a_run_a_cell_and_a_what_if(run, capsys):
     ):
         assert main(["ladder", str(run.root), *wrong]) == 2
         assert message in capsys.readouterr().err
+
+
+def test_of_a_run_without_engines_no_cell_has_a_ladder(tmp_path, capsys):
+    config = parse_config({"solvers": ["kelvin-voigt"], "grid": {name: [1.0] for name in AXES}})
+    run_sweep(config, tmp_path / "a", isolate=False)
+    assert main(["ladder", str(tmp_path / "a"), "--cell", "0"]) == 2
+    error = capsys.readouterr().err
+    assert error.endswith("--cell = 0: no cell has a ladder; legal: the folder of a run with an engine\n")
+    assert main(["ladder", str(tmp_path / "a")]) == 0

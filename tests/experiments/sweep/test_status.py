@@ -75,3 +75,23 @@ def test_status_of_no_run_is_one_line(tmp_path, capsys):
     (folder.root / "manifest.json").write_text(json.dumps(folder.manifest() | {"cells": "many"}))
     assert main(["status", str(folder.root)]) == 2
     assert "cells = 'many'; legal: a whole number" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("seconds", [0.0, 5e-324, 1e-3, 1.7976931348623157e308])
+@pytest.mark.parametrize("computed", [0, 1, 10_000_000])
+def test_numbers_at_the_ends_of_double_precision_are_json(seconds, computed, tmp_path, small, capsys):
+    folder = run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    manifest = folder.manifest()
+    manifest["sessions"][0] |= {"parts_computed": computed, "wall_time_s": seconds}
+    (folder.root / "manifest.json").write_text(json.dumps(manifest))
+    assert main(["status", str(folder.root), "--json"]) == 0
+    rate = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)["rate"]
+    known = computed > 0 and seconds >= 1e-3
+    assert rate == (pytest.approx(computed / 3 * 12 / seconds) if known else None)
+    for wrong in (10**400, -1, 1e999, "nan"):
+        manifest["sessions"][0]["parts_computed"] = wrong
+        (folder.root / "manifest.json").write_text(json.dumps(manifest))
+        assert main(["status", str(folder.root), "--json"]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert "parts_computed" in error
