@@ -2,6 +2,6 @@
 
 import sys
 
-from impact_xval.experiments.commands.cli import entry
+from impact_xval.experiments.commands.supervision import entry
 
 sys.exit(entry())

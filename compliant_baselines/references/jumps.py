@@ -64,18 +64,19 @@ def jumps(
         The outcomes themselves.
     """
     base = batch(*cells)
-    excess = np.zeros((len(TRIED), base.v1.size))
+    solved = ~np.isnan(base.v1)  # one that was given up may have taken a second, and would at every try
+    excess = np.where(solved, 0.0, np.full((len(TRIED), base.v1.size), np.nan))
+    there = [values[solved] for values in cells]
     for n, (i, change) in enumerate(TRIED):
-        if not np.any(cells[i]):
-            continue  # no gravity
-        others = list(cells)
+        if not np.any(there[i]):
+            continue  # no gravity, or no outcome
+        others = list(there)
         most = 1.0 if CHANGED[i] in ("e1", "e2") else np.finfo(float).max
         with np.errstate(over="ignore"):
-            others[i] = np.minimum(cells[i] * (1 + change), most)
+            others[i] = np.minimum(there[i] * (1 + change), most)
         other = batch(*others)
-        away = np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2))
-        excess[n] = np.where(np.isnan(away), np.inf, away) / JUMPS[abs(change)]
-    excess[:, np.isnan(base.v1)] = np.nan
+        away = np.maximum(abs(other.v1 - base.v1[solved]), abs(other.v2 - base.v2[solved]))
+        excess[n, solved] = np.where(np.isnan(away), np.inf, away) / JUMPS[abs(change)]
     return excess.max(axis=0), np.argmax(excess, axis=0), base
 
 

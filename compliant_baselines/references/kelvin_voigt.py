@@ -118,7 +118,8 @@ class KelvinVoigtSolver(ReferenceSolver):
         """Give the law its dampings, scaled."""
         c = collision
         one = (np.array([x]) for x in (c.stiffness_ratio, c.mass_ratio, c.e1, c.e2))
-        code, c1, c2 = dampings(self.damping, *one)
+        with np.errstate(over="ignore"):
+            code, c1, c2 = dampings(self.damping, *one)
         return Law(code, float(c1[0]), float(c2[0]))
 
 

@@ -18,7 +18,6 @@ from impact_xval.experiments.commands import calibrate, collisions, doctor, hypo
 from impact_xval.experiments.commands.contact import contact
 from impact_xval.experiments.commands.ladder import ladder
 from impact_xval.experiments.commands.map import draw_map
-from impact_xval.experiments.commands.supervision import supervised
 from impact_xval.experiments.config.errors import UserError
 
 app = typer.Typer(
@@ -107,12 +106,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _fail(message: str, code: int) -> int:
     print(f"impact-xval: {UserError(message)}", file=sys.stderr)
     return code
-
-
-def entry() -> int:
-    """Run the command line of this process, in a process that ends when this one is to end."""
-    return supervised(main)
-
-
-if __name__ == "__main__":
-    sys.exit(entry())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -38,8 +39,9 @@ def ladder(
     """
     from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
     from impact_xval.experiments.measures.corners import LAWS
-    from impact_xval.experiments.measures.ladder_table import write_ladder
     from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.sweep.executors import available_cores, open_executor
+    from impact_xval.experiments.sweep.ladders import ready, write_ladder
     from impact_xval.experiments.tables.folders import finished
     from impact_xval.experiments.tables.schema import CELLS_SCHEMA
 
@@ -49,7 +51,9 @@ def ladder(
     stem = "ladder" if law == KELVIN_VOIGT else f"ladder-{law}"
     if law != KELVIN_VOIGT:
         run.table_path("cells.parquet", CELLS_SCHEMA)  # what it is made from has to be whole
-        write_ladder(run.root, law, stem)
+        with open_executor(None, ready, available_cores()) as executor:
+            timeout, say = run.config().cell_timeout, partial(print_line, make_console())
+            write_ladder(run.root, executor, timeout, law=law, name=f"{stem}.parquet", say=say)
     if cell is None:
         _show_run(run, law, stem)
     else:
@@ -79,7 +83,7 @@ def _show_run(folder: RunFolder, law: str, stem: str) -> None:
 def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
     import pyarrow.parquet as pq
 
-    from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
+    from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, kind_of
     from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
@@ -88,8 +92,11 @@ def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
     path = folder.table_path(LADDER, LADDER_SCHEMA) if law == KELVIN_VOIGT else path
     rows = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
     if not len(rows):
-        last = folder.manifest()["cells"] - 1
-        raise UserError(f"--cell = {cell}; legal: a cell with a row of an engine, from 0 to {last}")
+        if all(kind_of(name) != "engine" for name in folder.config().solvers):
+            raise UserError(
+                f"--cell = {cell}: no cell has a ladder; legal: the folder of a run with an engine"
+            )
+        raise UserError(f"--cell = {cell}; legal: from 0 to {folder.manifest()['cells'] - 1}")
     ladders = [(row, _contributions(row)) for _, row in rows.iterrows()]
     show(make_console(), render("ladder_cell.md.j2", cell=cell, first=rows.iloc[0], ladders=ladders))
 

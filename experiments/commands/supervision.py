@@ -3,22 +3,52 @@
 Python answers a signal between two of its own instructions; compiled code, which may work for minutes, has none. So
 the command runs in a child, forked before anything heavy is imported, and the process that was started only waits. The
 child is interrupted first, and says what it has to say; one that does not answer is killed.
+
+A library may catch the KeyboardInterrupt and go on. It is raised again as long as the last one is nowhere handled any
+more, and a command that was interrupted has not succeeded, whatever it returns.
 """
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import sys
+import weakref
 from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
 #: Seconds for a command to answer a signal, and then to put away what it has begun.
 _TO_ANSWER, _TO_END = 2, 30
 
+#: Seconds after which it is looked whether a KeyboardInterrupt got lost.
+_AGAIN = 0.5
+
 #: Of Linux: the signal that a process gets when its parent is gone.
 _PR_SET_PDEATHSIG = 1
+
+
+def entry() -> int:
+    """Run the command line of this process, in a process that ends when this one is to end."""
+    _open_streams()
+    return supervised(_main)
+
+
+def _open_streams() -> None:
+    """Have what is written to a stream that was closed go nowhere: not to another, nor to the next file opened."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is None:
+            os.set_inheritable(
+                os.open(os.devnull, os.O_RDWR), True
+            )  # the lowest number that is free, which is this
+            setattr(sys, name, os.fdopen(number, mode))
+
+
+def _main() -> int:
+    # Takes a third of a second, in which signals come too.
+    from impact_xval.experiments.commands.cli import main
+
+    return main()
 
 
 def supervised(command: Callable[[], int]) -> int:
@@ -80,32 +110,54 @@ def _wait_for(child: int, ends: set[signal.Signals]) -> int:
     return _ended("interrupted" if interrupted else f"its process died: {signal.Signals(-code).name}")
 
 
+class _Interrupt(KeyboardInterrupt):
+    """A KeyboardInterrupt of which one can tell whether it is still being handled."""
+
+
 def _interruptible(command: Callable[[], int], ends: set[signal.Signals], supervisor: int) -> int:
     """Run a command that gets a KeyboardInterrupt on the first signal, which is answered; others change nothing."""
-    interrupted = False
+    handled: Callable[[], _Interrupt | None] | None = None
 
     def interrupt(number: int, _: FrameType | None) -> None:
-        nonlocal interrupted
-        if interrupted:
+        nonlocal handled
+        if handled is None:
+            if os.getppid() == supervisor:
+                os.kill(supervisor, signal.SIGUSR1)
+            signal.signal(signal.SIGALRM, interrupt)
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
+        elif handled() is not None:
             return
-        interrupted = True
-        if os.getppid() == supervisor:
-            os.kill(supervisor, signal.SIGUSR1)
-        raise KeyboardInterrupt
+        error = _Interrupt()
+        handled = weakref.ref(error)
+        try:
+            raise error
+        finally:
+            del error  # which its traceback would keep alive
 
     for number in ends:
         signal.signal(number, interrupt)
+    sys.unraisablehook = _quiet
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ends)
     try:
-        return command()
-    except (Exception, KeyboardInterrupt):  # a compiler, interrupted, makes of it what it likes
-        if not interrupted:
+        code = command()
+    except BaseException:  # a compiler, interrupted, makes of it what it likes, and a library an exit
+        if handled is None:
             raise
-        return _ended("interrupted")
+        code = 0
     finally:  # the interpreter puts the default of SIGINT back when it ends, and a second one would count as a death
-        signal.pthread_sigmask(signal.SIG_BLOCK, ends)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.pthread_sigmask(signal.SIG_BLOCK, {*ends, signal.SIGALRM})
         for number in ends:  # other threads have no mask
             signal.signal(number, signal.SIG_IGN)
+    if handled is None:
+        return code
+    return 1 if code else _ended("interrupted")  # another code: it has said so
+
+
+def _quiet(unraisable: Any) -> None:
+    """Say nothing of a KeyboardInterrupt in code from which none can be raised: it will be raised again."""
+    if not isinstance(unraisable.exc_value, _Interrupt):
+        sys.__unraisablehook__(unraisable)
 
 
 def _ended(how: str) -> int:
@@ -116,6 +168,8 @@ def _ended(how: str) -> int:
 def _end_with(supervisor: int) -> None:
     """Have this process killed when its supervisor is, on Linux."""
     if sys.platform == "linux":
+        import ctypes
+
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != supervisor:  # it was before
             os._exit(1)

@@ -62,7 +62,8 @@ class Corners:
     velocities : ndarray, shape (2, m, 2, n, 2)
         By position of each switch, v1 and v2 per abs(v0); NaN without a result. m is 2, or 3 with an alternative.
     reason : ndarray of str, shape (n,)
-        Empty where all have a result; else the first, of those beside the model, that has none, and its status.
+        Empty where all have a result; else the first, of those beside the model, that has none, and its status. Those
+        that come after it have none either.
     """
 
     velocities: Floats
@@ -209,5 +210,19 @@ def corners(
         For an unknown law, or an illegal value.
     """
     laws = laws_of(law, obeyed)
-    batches = ((index, solve(*cells, number)) for index, solve, number in solvers(gravity_number, laws))
-    return gather(model, batches, laws)
+    return gather(model, _solved(cells, gravity_number, laws), laws)
+
+
+def _solved(
+    cells: Sequence[Floats], gravity_number: Floats, laws: Sequence[str]
+) -> Iterator[tuple[Index, ReferenceBatch]]:
+    """Solve the corners one by one; a cell without a result at one of them is not followed at those that come after.
+
+    It has no ladder, and may have been given up after as many segments as a batch follows, which takes a second.
+    """
+    ratios, *others = cells
+    ratios = ratios.copy()
+    for index, solve, number in solvers(gravity_number, laws):
+        batch = solve(ratios, *others, number)
+        ratios[~np.isin(batch.status, RESULT_STATUSES)] = 0.0  # refused at once
+        yield index, batch

@@ -7,6 +7,7 @@ Grazing cells are left out, as in the rest of a summary.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -64,6 +65,9 @@ _NUMBERS = [
 #: Largest run whose cells are asked "what if" for a summary: some ten seconds.
 MOST_ALTERNATIVES = 200_000
 
+#: Segments that may be followed for it, of cells that are asked together: extreme cells take up to a million each.
+_MOST_SEGMENTS, _TOGETHER = 50_000_000, 64
+
 
 @dataclass(frozen=True, slots=True)
 class LadderSummary:
@@ -81,7 +85,8 @@ class LadderSummary:
     alternatives : DataFrame
         "What if" without an engine, no gravity: ``law, value (a band's lower edge, NaN for all), n, median, p95`` of D
         from the model, ``closer``, the fraction of cells in which that D is less than kelvin-voigt's, and
-        ``dissipation``, the median norm of law minus bistiffness. Empty for grids that are too large.
+        ``dissipation``, the median norm of law minus bistiffness. Empty for grids that are too large, or whose cells
+        take too many segments.
     """
 
     statistics: Frame
@@ -241,13 +246,15 @@ def _alternatives(folder: RunFolder, config: Config) -> Frame:
     kappa, mass_ratio, e1, e2, v0, v1, v2 = (table[name].to_numpy().astype(float) for name in read)
     cells, band = (kappa, mass_ratio, e1, e2), band_of(kappa)
     model = SimpleNamespace(v1=v1 / abs(v0), v2=v2 / abs(v0))
-    stiff = bistiffness_batch(*cells)
+    answers = _answers(cells)
+    if answers is None:
+        return pd.DataFrame(columns=columns)
+    stiff = answers.pop("bistiffness")
     regular = table["marked"].is_null().to_numpy()
 
     def distance(a: Any, b: Any) -> Any:
         return kinetic_norm(mass_ratio, a.v1 - b.v1, a.v2 - b.v2)
 
-    answers = {law: answer(*cells) for law, answer in LAWS.items()}
     kept = distance(answers[KELVIN_VOIGT], model)
     rows = []
     for law, answer in answers.items():
@@ -260,6 +267,21 @@ def _alternatives(folder: RunFolder, config: Config) -> Frame:
                 closer = np.mean(away[here] < kept[here])
                 rows.append((law, value, int(here.sum()), median, p95, closer, np.median(left[here])))
     return pd.DataFrame(rows, columns=columns)
+
+
+def _answers(cells: Sequence[Floats]) -> dict[str, SimpleNamespace] | None:
+    """Velocities of cells by every law, bistiffness first; None where they would take too long."""
+    asked, followed = {"bistiffness": bistiffness_batch, **LAWS}, 0
+    answers = {law: SimpleNamespace(v1=np.empty(len(cells[0])), v2=np.empty(len(cells[0]))) for law in asked}
+    for first in range(0, len(cells[0]), _TOGETHER):
+        place = slice(first, first + _TOGETHER)
+        for law, answer in asked.items():
+            batch = answer(*(x[place] for x in cells))
+            answers[law].v1[place], answers[law].v2[place] = batch.v1, batch.v2
+            followed += int(batch.n_steps.sum())
+            if followed > _MOST_SEGMENTS:
+                return None
+    return answers
 
 
 def csv_rows(ladder: LadderSummary) -> list[Frame]:

@@ -1,14 +1,13 @@
-"""The table of ladders: one row a cell and engine, made from the finished table of cells, piece by piece."""
+"""The table of ladders: one row a cell and engine, made from rows of the finished table of cells."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv as pacsv
+import pyarrow.compute as pc
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, engine_free_names, law_of
 from impact_xval.experiments.config.axes import AXES
@@ -28,7 +27,6 @@ from impact_xval.experiments.measures.ladder import (
     split,
 )
 from impact_xval.experiments.tables.schema import COLUMNS
-from impact_xval.experiments.tables.streams import blocks, replacing, table_writer
 
 LADDER = "ladder.parquet"
 
@@ -42,8 +40,13 @@ NO_LIMIT = "no certified limit dt -> 0 for this cell"
 _WIDE, _MENTIONED = 0.005, 0.02
 
 _PARAMETERS = ("cell", *AXES, "gravity_number", "solver")
-_READ = (*_PARAMETERS, "status", "marked", "reason", "v0", "v1", "v2", "grazing_margin")
-_LIMIT = ("v1_limit", "v2_limit", "limit_error")
+
+#: Columns of the table of cells that a ladder is made from.
+READ = (
+    *_PARAMETERS,
+    *("status", "marked", "reason", "v0", "v1", "v2", "grazing_margin"),
+    *("v1_limit", "v2_limit", "limit_error"),
+)
 
 
 def ladder_schema(contributions: Sequence[Contribution]) -> pa.Schema:
@@ -108,30 +111,6 @@ def _fields(c: Contribution) -> list[tuple[str, str, str]]:
 LADDER_SCHEMA = ladder_schema(contributions_of(KELVIN_VOIGT))
 
 
-def write_ladder(root: Path, law: str = KELVIN_VOIGT, stem: str = "ladder") -> None:
-    """Write a table of ladders, as Parquet and CSV, from the table of cells in a folder.
-
-    Parameters
-    ----------
-    root : Path
-        Holds ``cells.parquet``, sorted by cell, and gets ``STEM.parquet`` and ``STEM.csv``.
-    law : str
-        The dissipation law, one of `corners.LAWS`.
-    stem : str
-        Name of the files.
-    """
-    schema = ladder_schema(contributions_of(law))
-    with (
-        table_writer(root / f"{stem}.parquet", schema) as table,
-        replacing(root / f"{stem}.csv") as text,
-        pacsv.CSVWriter(str(text), schema) as csv,
-    ):
-        for piece in blocks(root / "cells.parquet", [*_READ, *_LIMIT]):
-            rows = ladder_rows(piece, law)
-            table.add(rows)
-            csv.write_table(rows.cast(schema))
-
-
 def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
     """Make the ladders of whole cells.
 
@@ -147,9 +126,7 @@ def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
     Table
         One row for each row of an engine, in order.
     """
-    solvers = cells["solver"].to_numpy(zero_copy_only=False)
-    engines = cells.filter(pa.array(~np.isin(solvers, engine_free_names())))
-    model = cells.filter(pa.array(solvers == REFERENCE))
+    engines, model = engines_of(cells), cells.filter(pc.field("solver") == REFERENCE)
     if not len(engines):
         return ladder_schema(contributions_of(law)).empty_table()
     asked = np.array([law_of(name) for name in engines["solver"].to_pylist()])
@@ -163,21 +140,48 @@ def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
     )
 
 
+def engines_of(cells: pa.Table) -> pa.Table:
+    """Return the rows of engines."""
+    return cells.filter(~pc.field("solver").isin(engine_free_names()))
+
+
+def failed_rows(cells: pa.Table, law: str, status: str, reason: str) -> pa.Table:
+    """Make the rows of cells whose ladder could not be made.
+
+    Parameters
+    ----------
+    cells, law
+        As for `ladder_rows`.
+    status, reason : str
+        Of every row.
+    """
+    engines, schema = engines_of(cells), ladder_schema(contributions_of(law))
+    known = {name: engines[name] for name in (*_PARAMETERS, "marked", "limit_error")}
+    known |= {
+        name: pa.array([text] * len(engines)) for name, text in (("status", status), ("reason", reason))
+    }
+    columns = [known.get(field.name, pa.nulls(len(engines), field.type)) for field in schema]
+    return pa.table(columns, schema=schema)
+
+
 def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Table:
     """Make the ladders of engines that were asked for one law."""
     # The references know nothing of engines: one answer a cell.
     at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
     kappa, mu, e1, e2 = (_numbers(model, name) for name in AXES)
     reference, number = _velocities(model, COMPARABLE), _numbers(model, "gravity_number")
-    here = corners(reference, (kappa, mu, e1, e2), number, law, obeyed).take(at)
+    of_cells = corners(reference, (kappa, mu, e1, e2), number, law, obeyed)
+    here, marks = of_cells.take(at), np.full(len(model), "", dtype="U120")
+    there = of_cells.reason == ""
+    if np.any(there):
+        marks[there] = corner_marks([x[there] for x in (kappa, mu, e1, e2)], number[there], law, obeyed)
     engine = _velocities(engines, (*COMPARABLE, UNCONVERGED))
     limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])
     # A limit that did not converge is none.
     limit[engines["status"].to_numpy(zero_copy_only=False) == UNCONVERGED] = np.nan
     ladders = split(mu[at], here, limit, engine)
     status, reason = _statuses(engines, model, at, here.reason, ladders)
-    marks = corner_marks((kappa, mu, e1, e2), number, law, obeyed)[at]
-    return _table(engines, _numbers(model, "grazing_margin")[at], marks, here, ladders, status, reason)
+    return _table(engines, _numbers(model, "grazing_margin")[at], marks[at], here, ladders, status, reason)
 
 
 def _numbers(table: pa.Table, name: str) -> Floats:

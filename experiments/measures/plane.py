@@ -7,6 +7,7 @@ block, so that its memory does not grow with its size.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +26,12 @@ from impact_xval.experiments.tables.streams import replacing
 from impact_xval.model import Cutoff, solve_batch
 from impact_xval.model.kinetic import kinetic_norm
 
-#: Cells solved together.
+#: Cells written together.
 _BLOCK = 25_000
+
+#: Cells solved together at first, and seconds below which twice as many are next, else half: where ratios are far
+#: from 1, one may take seconds.
+_FIRST, _SHORT = 1, 2.0
 
 #: What `paths` says of a cell: which references pass through the states of the model.
 ALIKE, FROZEN_PARTS, LAW_PARTS, NO_PATH = 0, 1, 2, 3
@@ -139,19 +144,25 @@ def write_plane(
         The columns `DRAWN`; rows are m2/m1, columns k2/k1.
     """
     kappa, mu = plane.axes()
-    rows = max(1, _BLOCK // plane.side)
+    cells, together = plane.side**2, _FIRST
+    block = max(1, _BLOCK // plane.side) * plane.side
     drawn: dict[str, list[NDArray]] = {name: [] for name in DRAWN}
     with (
         replacing(path) as temporary,
         pq.ParquetWriter(temporary, PLANE_SCHEMA, compression="zstd") as writer,
     ):
-        for first in range(0, plane.side, rows):
-            masses = mu[first : first + rows]
-            table = _solve(plane, np.tile(kappa, len(masses)), np.repeat(masses, len(kappa)))
+        for first in range(0, cells, block):
+            done, end, tables = first, min(first + block, cells), []
+            while done < end:
+                start, some = time.monotonic(), np.arange(done, min(done + together, end))
+                tables.append(_solve(plane, kappa[some % plane.side], mu[some // plane.side]))
+                together = 2 * together if time.monotonic() - start < _SHORT else max(1, together // 2)
+                done += len(some)
+                progress(done, cells, "")
+            table = pa.concat_tables(tables).combine_chunks()
             writer.write_table(table)
             for name, pieces in drawn.items():
-                pieces.append(table[name].to_numpy().reshape(len(masses), plane.side))
-            progress((first + len(masses)) * plane.side, plane.side**2, "")
+                pieces.append(table[name].to_numpy().reshape(-1, plane.side))
     return {name: np.concatenate(pieces) for name, pieces in drawn.items()}
 
 

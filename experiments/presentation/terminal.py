@@ -31,6 +31,8 @@ SoFar = Callable[[], list[tuple[str, str, int, float]]]
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
+#: Seconds of work after which a log has a line, however little was done.
+_SAY = 20.0
 
 
 def show(console: Console, markdown: str) -> None:
@@ -66,7 +68,7 @@ def _renderables(markdown: str) -> Iterator[Any]:
 def show_progress(
     console: Console, unit: str = "cells", medians: SoFar = list
 ) -> Iterator[Callable[[int, int, str], None]]:
-    """Show progress: a bar and the medians so far on a terminal, a line for every tenth of the work otherwise.
+    """Show progress: a bar and the medians so far on a terminal, otherwise a line for every tenth and after `_SAY` s.
 
     Parameters
     ----------
@@ -116,17 +118,17 @@ def _bar(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int,
 
 @contextmanager
 def _log(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int, int, str], None]]:
-    start, said, first, lock = time.perf_counter(), -1, None, threading.Lock()
+    start, said, last, first, lock = time.perf_counter(), -1, 0.0, None, threading.Lock()
 
     def on_log(done: int, total: int, line: str) -> None:
-        nonlocal said, first
+        nonlocal said, last, first
         with lock:
             now = time.perf_counter()
             first = (now, done) if first is None and total else first
             if line:
                 print_line(console, line)
-            elif total and first and 10 * done // total > said:
-                said, (since, before) = 10 * done // total, first
+            elif total and first and (10 * done // total > said or now - last > _SAY):
+                said, last, (since, before) = 10 * done // total, now, first
                 rate = (done - before) / (now - since) if done > before else 0.0
                 left = timedelta(seconds=round((total - done) / rate)) if rate else None
                 facts = {"unit": unit, "seconds": now - start, "left": left, "rows": medians()}

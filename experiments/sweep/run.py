@@ -23,10 +23,10 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.grid import Cells
-from impact_xval.experiments.measures.ladder_table import write_ladder
 from impact_xval.experiments.sweep.curves import write_curves
 from impact_xval.experiments.sweep.designs import cells_of
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
+from impact_xval.experiments.sweep.ladders import write_ladder
 from impact_xval.experiments.sweep.sandbox import ClosedError
 from impact_xval.experiments.sweep.solving import (
     Experiment,
@@ -117,6 +117,7 @@ def run_sweep(
             experiment, prepare, most, scheduler=scheduler, isolate=isolate, say=say
         ) as executor:
             run.solve(executor)
+            run.tabulate(executor)
         run.finish({"where": scheduler or "this machine", "workers": workers}, present)
     return folder
 
@@ -260,12 +261,16 @@ class _Run:
         self._seconds.update(report.seconds)
         self._faults += report.faults
 
-    def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:
-        """Write the finished tables and the manifest, and have them presented; `by` is who computed them."""
+    def tabulate(self, executor: Any) -> None:
+        """Write the finished tables."""
         self._folder.assemble(self._parts)
-        write_ladder(self._folder.root)
-        statuses, digests = statuses_of(self._folder.tally()), self._folder.digests()
+        say = functools.partial(self._progress, 0, 0)
+        write_ladder(self._folder.root, executor, self._experiment.config.cell_timeout, say=say)
         self._stage("tables")
+
+    def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:
+        """Write the manifest, and have the tables presented; `by` is who computed them."""
+        statuses, digests = statuses_of(self._folder.tally()), self._folder.digests()
         session = {
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             **by,

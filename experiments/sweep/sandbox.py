@@ -196,7 +196,7 @@ class Sandbox:
 
         def end() -> None:
             late.set()
-            process.kill()
+            _kill_group(process)
 
         timer = threading.Timer(timeout, end)
         timer.daemon = True
@@ -374,18 +374,33 @@ def _identity(asked: bytes) -> str:
 
 def _end_of(process: subprocess.Popen[bytes], grace: float) -> str | None:
     """End a process; say of what it died, if by itself."""
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(grace)
-    alone = process.returncode is not None
+    until = time.monotonic() + grace
+    while not (alone := _is_over(process)) and time.monotonic() < until:
+        time.sleep(_LOOK / 10)
     code = _kill(process)
     return f"its process died: {_cause(code)}" if alone else None
 
 
-def _kill(process: subprocess.Popen[bytes]) -> int:
-    if process.poll() is None and hasattr(os, "killpg"):  # its guard may be gone
+def _is_over(process: subprocess.Popen[bytes]) -> bool:
+    """Whether a process has ended; its number stays its own, since it is not waited for."""
+    if not hasattr(os, "waitid"):
+        return process.poll() is not None
+    try:
+        return os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None
+    except ChildProcessError:  # another thread has waited for it
+        return True
+
+
+def _kill_group(process: subprocess.Popen[bytes]) -> None:
+    """Kill a process, if it has not ended, and all in its session: its guard may be gone."""
+    if process.returncode is None and hasattr(os, "killpg"):
         with contextlib.suppress(OSError):
             os.killpg(process.pid, signal.SIGKILL)
     process.kill()
+
+
+def _kill(process: subprocess.Popen[bytes]) -> int:
+    _kill_group(process)
     code = process.wait()
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:

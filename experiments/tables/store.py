@@ -278,12 +278,17 @@ class RunFolder:
             As for `manifest`.
         """
         manifest = self.manifest()
+        path = self.root / MANIFEST
         try:
-            return from_canonical(manifest["configuration"], str(self.root / MANIFEST))
+            config = from_canonical(manifest["configuration"], str(path))
         except UserError as error:
             raise DamagedManifestError(f"{error}{_written_by(manifest)}") from None
         except RecursionError:
-            raise DamagedManifestError(f"{self.root / MANIFEST}: nested too deeply") from None
+            raise DamagedManifestError(f"{path}: nested too deeply") from None
+        if manifest.get("identity", config.identity()) != config.identity():
+            legal = f"legal: both as the run wrote them{_written_by(manifest)}"
+            raise DamagedManifestError(f"{path}: configuration and identity do not go together; {legal}")
+        return config
 
     def table_path(self, name: str, schema: pa.Schema) -> Path:
         """Return the path of a finished table, after a look at whether it is what was written.

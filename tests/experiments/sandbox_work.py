@@ -7,6 +7,8 @@ import subprocess
 import sys
 import time
 
+import psutil
+
 
 def prepare(context):
     if context == "dies at once" and not os.environ.get("NEVER"):
@@ -60,6 +62,14 @@ def leave_behind(context, how, seconds=120):
     return subprocess.Popen(
         [sys.executable, "-c", code], env=keep, start_new_session=how == "own session"
     ).pid
+
+
+def kill_the_guard_and_leave_behind(context):
+    """End what was started beside this process, then start one that goes on; give its number."""
+    for child in psutil.Process().children():
+        child.kill()
+        child.wait()
+    return leave_behind(context, "child")
 
 
 def leave_behind_and_die(context):

@@ -126,7 +126,7 @@ def test_a_name_that_cannot_be_shown_is_spelt_out(tmp_path):
     path = tmp_path / "é.toml"
     path.write_text("name = 'é'\nsolvers = ['kelvin-voigt']\n", encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-m", "impact_xval.experiments.commands.cli", "doctor", str(path)],
+        [sys.executable, "-m", "impact_xval", "doctor", str(path)],
         env=os.environ | {"PYTHONIOENCODING": "ascii"},
         capture_output=True,
         text=True,
@@ -267,3 +267,21 @@ def _cpu(process):
     with contextlib.suppress(psutil.NoSuchProcess):
         return max(sum(each.cpu_times()[:2]) for each in (main, *main.children(recursive=True)))
     return 0.0
+
+
+@pytest.mark.parametrize("closed", ["0<&-", "1>&-", "2>&-", "0<&- 1>&- 2>&-"])
+def test_what_is_for_a_closed_stream_goes_to_no_other(closed, tmp_path):
+    command = f'"$0" -m impact_xval status "$1" {closed}'
+    done = subprocess.run(
+        ["sh", "-c", command, sys.executable, str(tmp_path / "none")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == (
+        ""
+        if "2" in closed
+        else f"impact-xval: {tmp_path / 'none'}: no such folder; legal: the folder of a run\n"
+    )

@@ -25,6 +25,39 @@ WILLING = """
 """
 
 
+#: Swallows what it gets once, as libraries do; in a callback of compiled code nobody can catch it.
+DEAF_ONCE = """
+    try:
+        start()
+        time.sleep(60)
+    except KeyboardInterrupt:
+        pass
+    time.sleep(60)
+"""
+DEAF_IN_A_CALLBACK = """
+    class Slow:
+        def __del__(self):
+            time.sleep(60)
+    start()
+    Slow()
+    time.sleep(60)
+"""
+DEAF_TO_THE_END = """
+    try:
+        start()
+        time.sleep(60)
+    except KeyboardInterrupt:
+        return 0
+"""
+AN_EXIT = """
+    try:
+        start()
+        time.sleep(60)
+    except KeyboardInterrupt:
+        sys.exit(130)
+"""
+
+
 def _start(body, **how):
     script = (
         "import hashlib, os, sys, time\n"
@@ -71,6 +104,34 @@ def test_what_answers_may_put_away_what_it_has_begun(end):
         time.sleep(0.3)
     said, error = process.communicate(timeout=30)
     assert (process.returncode, said, error) == (1, "put away\n", "")
+
+
+@pytest.mark.parametrize(
+    "body", ["start(); time.sleep(60)", DEAF_ONCE, DEAF_IN_A_CALLBACK, DEAF_TO_THE_END, AN_EXIT]
+)
+def test_an_interrupt_that_is_swallowed_comes_again_and_is_told_once(body):
+    process, _ = _start(body)
+    start = time.monotonic()
+    for _ in range(2):
+        process.send_signal(signal.SIGHUP)
+        time.sleep(0.05)
+    said, error = process.communicate(timeout=30)
+    assert time.monotonic() - start < 10
+    assert (process.returncode, said, error) == (1, "", "impact-xval: interrupted\n")
+
+
+def test_a_signal_while_the_command_is_imported_is_answered():
+    script = "import sys; from impact_xval.experiments.commands.supervision import entry; print(flush=True); entry()"
+    loaded = "print(sorted({'typer', 'numpy', 'ctypes'} & set(sys.modules)), file=sys.stderr)"
+    process = subprocess.Popen(
+        [sys.executable, "-c", script.replace("print(flush=True)", f"print(flush=True); {loaded}"), "status", "/"],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    process.stdout.readline()
+    time.sleep(0.03)
+    process.send_signal(signal.SIGTERM)
+    said, error = process.communicate(timeout=30)
+    assert (said, error) == ("", "[]\nimpact-xval: interrupted\n")
 
 
 def test_a_death_is_told_in_one_line():

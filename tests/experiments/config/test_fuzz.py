@@ -219,6 +219,7 @@ def test_a_spoiled_folder_is_one_line_and_is_left_as_it_is(seed, tmp_path, finis
         {"configuration": {"m1": -1}},
         {"configuration": {"grid": {"e1": [7]}}},
         {"configuration": []},
+        {"configuration": parse_config(SMALL | {"solvers": ["kelvin-voigt"]}).canonical()},
         {"cells": None, "state": "running"},
         {"chunks": "3", "state": "running"},
     ],

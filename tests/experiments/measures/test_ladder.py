@@ -16,6 +16,7 @@ from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.grid import CellGrid
 from impact_xval.experiments.measures.corners import (
@@ -33,11 +34,12 @@ from impact_xval.experiments.measures.ladder_table import (
     Part,
     ladder_rows,
     sentence,
-    write_ladder,
 )
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.ladder_page import ladder_facts
 from impact_xval.experiments.presentation.pages import phrase
+from impact_xval.experiments.sweep.executors import DirectExecutor
+from impact_xval.experiments.sweep.ladders import write_ladder
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables import streams
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA
@@ -381,7 +383,7 @@ def test_an_unconverged_engine_has_a_joined_contribution_that_no_statistic_count
 def test_pieces_make_no_difference(run, tmp_path, monkeypatch):
     (tmp_path / "cells.parquet").write_bytes((run.root / "cells.parquet").read_bytes())
     monkeypatch.setattr(streams, "GROUP", 7)
-    write_ladder(tmp_path)
+    write_ladder(tmp_path, DirectExecutor(None), 60)
     # the numbers of a cell do not depend on the cells beside it; nor does the order
     assert pq.read_table(tmp_path / "ladder.parquet").equals(pq.read_table(run.root / "ladder.parquet"))
     assert (tmp_path / "ladder.csv").read_bytes() == (run.root / "ladder.csv").read_bytes()
@@ -560,3 +562,12 @@ def test_the_command_shows_a_run_a_cell_and_a_what_if(run, capsys):
     ):
         assert main(["ladder", str(run.root), *wrong]) == 2
         assert message in capsys.readouterr().err
+
+
+def test_of_a_run_without_engines_no_cell_has_a_ladder(tmp_path, capsys):
+    config = parse_config({"solvers": ["kelvin-voigt"], "grid": {name: [1.0] for name in AXES}})
+    run_sweep(config, tmp_path / "a", isolate=False)
+    assert main(["ladder", str(tmp_path / "a"), "--cell", "0"]) == 2
+    error = capsys.readouterr().err
+    assert error.endswith("--cell = 0: no cell has a ladder; legal: the folder of a run with an engine\n")
+    assert main(["ladder", str(tmp_path / "a")]) == 0

@@ -155,3 +155,13 @@ def test_bad_input_is_one_line(arguments, message, tmp_path, capsys):
     assert message in error
     assert error.count("\n") == 1
     assert not (tmp_path / "m").exists()
+
+
+def test_pieces_make_no_difference_and_slow_ones_are_told_one_by_one(tmp_path, monkeypatch):
+    where = Plane(0.8, 0.7, (0.1, 10.0), (0.5, 2.0), 6, 0.01, "exact")
+    told = []
+    write_plane(where, tmp_path / "a")
+    monkeypatch.setattr(planes, "_SHORT", 0.0)
+    write_plane(where, tmp_path / "b", lambda done, total, line: told.append((done, total)))
+    assert told == [(done, 36) for done in range(1, 37)]
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()

@@ -149,7 +149,7 @@ def test_a_worker_of_the_cluster_that_dies_costs_nothing(tmp_path, config, undis
 @pytest.mark.slow
 def test_ctrl_c_ends_within_five_seconds_and_leaves_no_process(tmp_path, config, undisturbed, cluster):
     command = (
-        "impact_xval.experiments.commands.cli",
+        "impact_xval",
         "run",
         config,
         "--out",

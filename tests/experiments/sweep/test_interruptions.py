@@ -169,7 +169,7 @@ def test_a_full_disk(tmp_path):
         (tmp_path / "c.toml").write_text("scenario = 'impact'\nsolvers = ['kelvin-voigt']\nchunk_size = 2\n")
         command = ["run", str(tmp_path / "c.toml"), "--out", str(disk / "run"), "--workers", "2"]
         done = subprocess.run(
-            [sys.executable, "-m", "impact_xval.experiments.commands.cli", *command],
+            [sys.executable, "-m", "impact_xval", *command],
             cwd=ROOT,
             capture_output=True,
             text=True,

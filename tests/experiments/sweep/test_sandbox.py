@@ -202,6 +202,20 @@ def test_what_a_solver_started_ends_with_its_sandbox(sandbox, how, end):
     assert _gone(left)
 
 
+@pytest.mark.parametrize("end", ["closed", "late", "died"])
+def test_what_a_solver_started_ends_with_its_sandbox_though_it_killed_the_guard(sandbox, end):
+    left = sandbox.call(work.kill_the_guard_and_leave_behind, timeout=20)
+    assert psutil.pid_exists(left)
+    if end == "closed":
+        sandbox.close()
+    elif end == "died":
+        _call(sandbox, work.die, signal.SIGABRT)
+    else:
+        with pytest.raises(FaultError, match=r"no answer within 0\.2 s"):
+            sandbox.call(work.slow, 60, timeout=0.2)
+    assert _gone(left)
+
+
 def test_a_crash_is_told_at_once_though_a_forked_process_goes_on(sandbox):
     sandbox.start()
     start = time.monotonic()

@@ -102,3 +102,23 @@ def test_medians_are_heard_before_a_chunk_is_done_and_end_as_those_of_the_summar
     resumed = Medians(config.solvers)
     run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted, resume=True, hear=resumed.add)
     assert resumed.rows() == medians.rows()
+
+
+@pytest.mark.parametrize("seconds", [0.0, 5e-324, 1e-3, 1.7976931348623157e308])
+@pytest.mark.parametrize("computed", [0, 1, 10_000_000])
+def test_numbers_at_the_ends_of_double_precision_are_json(seconds, computed, tmp_path, small, capsys):
+    folder = run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    manifest = folder.manifest()
+    manifest["sessions"][0] |= {"parts_computed": computed, "wall_time_s": seconds}
+    (folder.root / "manifest.json").write_text(json.dumps(manifest))
+    assert main(["status", str(folder.root), "--json"]) == 0
+    rate = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)["rate"]
+    known = computed > 0 and seconds >= 1e-3
+    assert rate == (pytest.approx(computed / 3 * 12 / seconds) if known else None)
+    for wrong in (10**400, -1, 1e999, "nan"):
+        manifest["sessions"][0]["parts_computed"] = wrong
+        (folder.root / "manifest.json").write_text(json.dumps(manifest))
+        assert main(["status", str(folder.root), "--json"]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert "parts_computed" in error
