@@ -45,6 +45,11 @@ class Units(NamedTuple):
     impulse: float
     energy: float
 
+    def joules(self, energies: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Energies in J; 0 is 0 also where the unit of energy leaves double precision, and others are infinite."""
+        with np.errstate(over="ignore"):
+            return np.multiply(energies, self.energy, out=np.zeros_like(energies), where=energies != 0)
+
 
 @dataclass(frozen=True, slots=True)
 class Collision:

@@ -103,19 +103,19 @@ def trace(
     c, speed = collision, -collision.v0
     v2 = np.concatenate([s.v2 for s in pieces])
     v1 = v2 - np.concatenate([s.d1 for s in pieces])
-    momentum, energy = c.m1 * speed, c.m1 * speed * speed
+    unit = c.units
 
     def per_piece(name: str) -> NDArray[np.int64]:
         return np.concatenate([np.full(s.time.size, getattr(s, name)) for s in pieces])
 
     path = ImpulseCurve(
         time=np.concatenate([start + s.time for start, s in zip(starts, pieces, strict=False)]),
-        impulse1=(1 + v1) * momentum,
-        impulse2=(1 + v1 + c.mass_ratio * v2) * momentum,
+        impulse1=(1 + v1) * unit.impulse,
+        impulse2=(1 + v1 + c.mass_ratio * v2) * unit.impulse,
         v1=v1 * speed,
         v2=v2 * speed,
-        energy1=np.concatenate([s.E1 for s in pieces]) * energy,
-        energy2=np.concatenate([s.E2 for s in pieces]) * energy,
+        energy1=unit.joules(np.concatenate([s.E1 for s in pieces])),
+        energy2=unit.joules(np.concatenate([s.E2 for s in pieces])),
         state=per_piece("state"),
         phase1=per_piece("phase1"),
         phase2=per_piece("phase2"),

@@ -108,7 +108,7 @@ def curve_of(collision: Collision, log: Floats, law: Law) -> ImpulseCurve:
     rows = np.append(np.repeat(np.arange(len(log) - 1), POINTS), len(log) - 1)
     k1, k2, mode1, mode2, g = log[rows][:, [6, 7, 8, 9, 11]].T
     energies = [
-        np.where(mode > SLACK, 0.5 * k * p**2, 0.0) * unit.energy
+        unit.joules(np.where(mode > SLACK, 0.5 * k * p**2, 0.0))
         for mode, k, p in ((mode1, k1, p1), (mode2, k2, q2 + mu * g / k2))
     ]
     phases = [

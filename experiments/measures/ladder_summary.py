@@ -270,14 +270,20 @@ def _alternatives(folder: RunFolder, config: Config) -> Frame:
 
 
 def _answers(cells: Sequence[Floats]) -> dict[str, SimpleNamespace] | None:
-    """Velocities of cells by every law, bistiffness first; None where they would take too long."""
+    """Velocities of cells by every law, bistiffness and kelvin-voigt first; None where they would take too long."""
     asked, followed = {"bistiffness": bistiffness_batch, **LAWS}, 0
-    answers = {law: SimpleNamespace(v1=np.empty(len(cells[0])), v2=np.empty(len(cells[0]))) for law in asked}
-    for first in range(0, len(cells[0]), _TOGETHER):
+    ratios, n = cells[0].copy(), len(cells[0])
+    answers = {law: SimpleNamespace(v1=np.empty(n), v2=np.empty(n)) for law in asked}
+    for first in range(0, n, _TOGETHER):
         place = slice(first, first + _TOGETHER)
         for law, answer in asked.items():
-            batch = answer(*(x[place] for x in cells))
+            batch = answer(ratios[place], *(x[place] for x in cells[1:]))
             answers[law].v1[place], answers[law].v2[place] = batch.v1, batch.v2
+            if law in (
+                "bistiffness",
+                KELVIN_VOIGT,
+            ):  # cells without these two count for no law: refused at once
+                ratios[place][np.isnan(batch.v1)] = 0.0
             followed += int(batch.n_steps.sum())
             if followed > _MOST_SEGMENTS:
                 return None

@@ -131,3 +131,11 @@ def smooth_pieces(p):
     )
     borders = np.flatnonzero(np.append(True, np.any(np.diff(key, axis=1) != 0, axis=0)) | repeated)
     return [(a, b) for a, b in zip(borders, [*borders[1:], p.time.size], strict=True) if b - a > 2]
+
+
+@pytest.mark.filterwarnings("error")
+def test_energies_beyond_double_precision_are_infinite_and_none_stays_none():
+    path = solve(Collision(1.0, 1.0, 1.0, 2.0, 0.5, 0.5, -1e300), path=True).path
+    assert path is not None
+    for energy in (path.energy1, path.energy2):
+        assert set(energy.tolist()) == {0.0, np.inf}
