@@ -41,7 +41,7 @@ def ladder(
     from impact_xval.experiments.measures.corners import LAWS
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.sweep.executors import available_cores, open_executor
-    from impact_xval.experiments.sweep.ladders import ready, write_ladder
+    from impact_xval.experiments.sweep.ladders import CELLS, ready, write_ladder
     from impact_xval.experiments.tables.folders import finished
     from impact_xval.experiments.tables.schema import CELLS_SCHEMA
 
@@ -51,9 +51,10 @@ def ladder(
     stem = "ladder" if law == KELVIN_VOIGT else f"ladder-{law}"
     if law != KELVIN_VOIGT:
         run.table_path("cells.parquet", CELLS_SCHEMA)  # what it is made from has to be whole
-        with open_executor(None, ready, available_cores()) as executor:
-            timeout, say = run.config().cell_timeout, partial(print_line, make_console())
-            write_ladder(run.root, executor, timeout, law=law, name=f"{stem}.parquet", say=say)
+        workers = min(available_cores(), -(-run.manifest()["cells"] // CELLS))
+        with open_executor(None, ready, workers) as executor:
+            say = partial(print_line, make_console())
+            write_ladder(run.root, executor, law=law, name=f"{stem}.parquet", say=say)
     if cell is None:
         _show_run(run, law, stem)
     else:

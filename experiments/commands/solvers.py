@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -49,7 +50,7 @@ def conform(
     from impact_xval.compliant_baselines.contract.registry import get_solver
     from impact_xval.experiments.config.configuration import solvers_problem
     from impact_xval.experiments.presentation.terminal import make_console, print_line
-    from impact_xval.experiments.sweep.third_party import contained
+    from impact_xval.experiments.sweep.third_party import contained, end_contained
 
     problem = solvers_problem([name])
     if problem:
@@ -57,6 +58,7 @@ def conform(
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
     reason = why_unavailable(contained(get_solver, _LONGEST)(name))
+    end_contained()
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
     console, failed = make_console(), 0
@@ -76,13 +78,12 @@ def _checked(name: str, law: Law) -> Iterator[tuple[Check, str]]:
     from impact_xval.compliant_baselines.contract.conformance import checks
     from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
 
-    sandbox = Sandbox((name, law), _ready, readable=frozenset())
-    for number, check in enumerate(checks(law)):
-        try:
-            yield check, sandbox.call(_found, number, timeout=_LONGEST)
-        except FaultError as fault:
-            yield check, fault.reason
-    sandbox.close()
+    with contextlib.closing(Sandbox((name, law), _ready, readable=frozenset())) as sandbox:
+        for number, check in enumerate(checks(law)):
+            try:
+                yield check, sandbox.call(_found, number, timeout=_LONGEST)
+            except FaultError as fault:
+                yield check, fault.reason
 
 
 def _ready(context: tuple[str, Law]) -> None:

@@ -38,9 +38,8 @@ def _open_streams() -> None:
     """Have what is written to a stream that was closed go nowhere: not to another, nor to the next file opened."""
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         if getattr(sys, name) is None:
-            os.set_inheritable(
-                os.open(os.devnull, os.O_RDWR), True
-            )  # the lowest number that is free, which is this
+            os.dup2(os.open(os.devnull, os.O_RDWR), number)
+            os.set_inheritable(number, True)
             setattr(sys, name, os.fdopen(number, mode))
 
 
@@ -57,7 +56,7 @@ def supervised(command: Callable[[], int]) -> int:
     Parameters
     ----------
     command : callable
-        Returns the exit code; when it is to end, it gets a KeyboardInterrupt, once.
+        Returns the exit code; when it is to end, it gets a KeyboardInterrupt, and again if that got lost.
 
     Returns
     -------
@@ -115,7 +114,7 @@ class _Interrupt(KeyboardInterrupt):
 
 
 def _interruptible(command: Callable[[], int], ends: set[signal.Signals], supervisor: int) -> int:
-    """Run a command that gets a KeyboardInterrupt on the first signal, which is answered; others change nothing."""
+    """Run a command that gets a KeyboardInterrupt on the first signal, which is answered, until it ends of one."""
     handled: Callable[[], _Interrupt | None] | None = None
 
     def interrupt(number: int, _: FrameType | None) -> None:

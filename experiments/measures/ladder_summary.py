@@ -279,11 +279,8 @@ def _answers(cells: Sequence[Floats]) -> dict[str, SimpleNamespace] | None:
         for law, answer in asked.items():
             batch = answer(ratios[place], *(x[place] for x in cells[1:]))
             answers[law].v1[place], answers[law].v2[place] = batch.v1, batch.v2
-            if law in (
-                "bistiffness",
-                KELVIN_VOIGT,
-            ):  # cells without these two count for no law: refused at once
-                ratios[place][np.isnan(batch.v1)] = 0.0
+            if law in ("bistiffness", KELVIN_VOIGT):  # a cell without these two counts for no law
+                ratios[place][np.isnan(batch.v1)] = 0.0  # refused at once
             followed += int(batch.n_steps.sum())
             if followed > _MOST_SEGMENTS:
                 return None

@@ -156,7 +156,8 @@ def write_plane(
             while done < end:
                 start, some = time.monotonic(), np.arange(done, min(done + together, end))
                 tables.append(_solve(plane, kappa[some % plane.side], mu[some // plane.side]))
-                together = 2 * together if time.monotonic() - start < _SHORT else max(1, together // 2)
+                quick = time.monotonic() - start < _SHORT
+                together = min(2 * together, block) if quick else max(1, together // 2)
                 done += len(some)
                 progress(done, cells, "")
             table = pa.concat_tables(tables).combine_chunks()

@@ -13,7 +13,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 
-from impact_xval.compliant_baselines.contract.answers import one_line
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.experiments.measures.ladder import contributions_of
 from impact_xval.experiments.measures.ladder_table import (
@@ -24,11 +23,15 @@ from impact_xval.experiments.measures.ladder_table import (
     ladder_rows,
     ladder_schema,
 )
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves
+from impact_xval.experiments.sweep.kernels import compile_once, kernels_of
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves, last_line
 from impact_xval.experiments.tables.streams import blocks, replacing, table_writer
 
 #: Cells of one call; one with a ratio far from 1 may take some seconds.
-_CELLS = 32
+CELLS = 32
+#: Seconds for one call; not the limit of a run's solvers, for these are references in closed form, and tables must not
+#: depend on how busy a machine is.
+_LIMIT = 600.0
 #: Seconds between two lines that say how far it is.
 _SAY = 20.0
 
@@ -36,7 +39,6 @@ _SAY = 20.0
 def write_ladder(
     root: Path,
     executor: Any,
-    timeout: float,
     *,
     law: str = KELVIN_VOIGT,
     name: str = LADDER,
@@ -50,8 +52,6 @@ def write_ladder(
         Holds ``cells.parquet``, sorted by cell, and gets the table.
     executor
         One of `sweep.executors`, whatever the context of its sandboxes.
-    timeout : float
-        Seconds for one call; a cell that takes longer by itself has no ladder.
     law : str
         The dissipation law, one of `corners.LAWS`.
     name : str
@@ -65,23 +65,23 @@ def write_ladder(
         replacing(path.with_suffix(".csv")) as text,
         pacsv.CSVWriter(str(text), schema) as csv,
     ):
-        for rows, failures in _in_order(executor, _calls(root / "cells.parquet", law, timeout), say):
+        for rows, failures in _in_order(executor, _calls(root / "cells.parquet", law), say):
             for failure in failures:
                 say(failure)
             table.add(rows)
             csv.write_table(rows)
 
 
-def _calls(path: Path, law: str, timeout: float) -> Iterator[tuple[pa.Table, str, float]]:
+def _calls(path: Path, law: str) -> Iterator[tuple[pa.Table, str]]:
     """Cut a table of cells into calls of `_ladders`; cells without an engine need none."""
     for block in blocks(path, READ):
         starts = _starts(block)
-        for first in range(0, len(starts) - 1, _CELLS):
-            ends = starts[first : first + _CELLS + 1]
+        for first in range(0, len(starts) - 1, CELLS):
+            ends = starts[first : first + CELLS + 1]
             # A slice would be sent with all that it was cut from.
             cells = block.take(np.arange(ends[0], ends[-1]))
             if len(engines_of(cells)):
-                yield cells, law, timeout
+                yield cells, law
 
 
 def _starts(cells: pa.Table) -> list[int]:
@@ -90,7 +90,7 @@ def _starts(cells: pa.Table) -> list[int]:
 
 
 def _in_order(
-    executor: Any, calls: Iterator[tuple[pa.Table, str, float]], say: Callable[[str], None]
+    executor: Any, calls: Iterator[tuple[pa.Table, str]], say: Callable[[str], None]
 ) -> Iterator[tuple[pa.Table, list[str]]]:
     """Give the answers in the order of the calls, of which a bounded number is handed out."""
     pending: deque[Future[tuple[pa.Table, list[str]]]] = deque()
@@ -107,7 +107,7 @@ def _in_order(
         yield rows, failures
 
 
-def _ladders(sandbox: Sandbox, cells: pa.Table, law: str, timeout: float) -> tuple[pa.Table, list[str]]:
+def _ladders(sandbox: Sandbox, cells: pa.Table, law: str) -> tuple[pa.Table, list[str]]:
     """Make the ladders of some cells; a line for each cell whose ladder failed."""
     starts, failures = _starts(cells), []
 
@@ -116,9 +116,9 @@ def _ladders(sandbox: Sandbox, cells: pa.Table, law: str, timeout: float) -> tup
 
     def call(place: slice) -> pa.Table:
         try:
-            return sandbox.call(_rows, rows_of(place), law, timeout=timeout)
+            return sandbox.call(_rows, rows_of(place), law, timeout=_LIMIT)
         except SandboxError as error:
-            raise FaultError("crashed", one_line(str(error).strip().rpartition("\n")[2])) from None
+            raise FaultError("crashed", last_line(str(error))) from None
 
     def failed(place: slice, fault: FaultError) -> pa.Table:
         rows = rows_of(place)
@@ -133,4 +133,5 @@ def _rows(_: object, cells: pa.Table, law: str) -> pa.Table:
 
 
 def ready(_: object) -> None:
-    """Prepare a sandbox for ladders alone: what they need is imported with this module."""
+    """Prepare a sandbox for ladders alone: no limit of time covers what is compiled."""
+    compile_once(kernels_of([KELVIN_VOIGT]))

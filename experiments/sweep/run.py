@@ -265,7 +265,7 @@ class _Run:
         """Write the finished tables."""
         self._folder.assemble(self._parts)
         say = functools.partial(self._progress, 0, 0)
-        write_ladder(self._folder.root, executor, self._experiment.config.cell_timeout, say=say)
+        write_ladder(self._folder.root, executor, say=say)
         self._stage("tables")
 
     def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:

@@ -219,7 +219,7 @@ class Sandbox:
         if not done and self._readable is not None:  # its interpreter may not be what it was
             self._process = None
             _kill(process)
-            raise FaultError("crashed", f"in its process: {str(value).strip().splitlines()[-1]}")
+            raise FaultError("crashed", f"in its process: {last_line(str(value))}")
         if not done:
             raise SandboxError(value)
         return value
@@ -271,7 +271,7 @@ def in_halves(
     """Call for n cells at once, in halves where their process dies or hangs, and so on down to single cells.
 
     A cell is lost when its process died twice with this cell alone: one death may have been anybody's (a full memory,
-    an operator), and costs nothing but time. One that hangs alone, after a call for it that hung or died, is lost too.
+    an operator), and costs nothing but time. One that hangs alone is lost: it has had the time that one may take.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ def in_halves(
         except FaultError as fault:
             if stop - start > 1:
                 return [*pieces(start, middle, False), *pieces(middle, stop, False)]
-            if again or (fault.status == "timeout" and n > 1):
+            if again or fault.status == "timeout":
                 return [failure(place, fault)]
         return pieces(start, stop, True)
 
@@ -365,6 +365,13 @@ def _answer_to(
     if (answered, identity) != (number, _identity(asked)):
         raise _NoAnswerError("it gave the answer to another request; its process was ended")
     return done, value
+
+
+def last_line(said: str) -> str:
+    """Return what a traceback ends with, as a line that can be shown."""
+    from impact_xval.compliant_baselines.contract.answers import one_line  # most processes never need it
+
+    return one_line(said.strip().rpartition("\n")[2])
 
 
 def _identity(asked: bytes) -> str:

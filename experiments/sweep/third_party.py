@@ -83,7 +83,8 @@ class ContainedSolver(SolverBase):
     def _stated(self) -> tuple[str, str | None]:
         if self._known is None:
             try:
-                self._known = self._sandbox.call(_stated, timeout=self._to_state)
+                self._sandbox.start()
+                self._known = self._sandbox.prepared or self._sandbox.call(_stated, timeout=self._to_state)
             except FaultError as fault:
                 self._known = "", f"asked what it is, it gave no answer: {fault.reason}"
         return self._known

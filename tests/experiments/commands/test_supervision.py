@@ -128,7 +128,8 @@ def test_a_signal_while_the_command_is_imported_is_answered():
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     process.stdout.readline()
-    time.sleep(0.03)
+    while not psutil.Process(process.pid).children():
+        time.sleep(0.001)
     process.send_signal(signal.SIGTERM)
     said, error = process.communicate(timeout=30)
     assert (said, error) == ("", "[]\nimpact-xval: interrupted\n")

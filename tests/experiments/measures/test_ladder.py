@@ -383,7 +383,7 @@ def test_an_unconverged_engine_has_a_joined_contribution_that_no_statistic_count
 def test_pieces_make_no_difference(run, tmp_path, monkeypatch):
     (tmp_path / "cells.parquet").write_bytes((run.root / "cells.parquet").read_bytes())
     monkeypatch.setattr(streams, "GROUP", 7)
-    write_ladder(tmp_path, DirectExecutor(None), 60)
+    write_ladder(tmp_path, DirectExecutor(None))
     # the numbers of a cell do not depend on the cells beside it; nor does the order
     assert pq.read_table(tmp_path / "ladder.parquet").equals(pq.read_table(run.root / "ladder.parquet"))
     assert (tmp_path / "ladder.csv").read_bytes() == (run.root / "ladder.csv").read_bytes()

@@ -165,3 +165,20 @@ def test_pieces_make_no_difference_and_slow_ones_are_told_one_by_one(tmp_path, m
     write_plane(where, tmp_path / "b", lambda done, total, line: told.append((done, total)))
     assert told == [(done, 36) for done in range(1, 37)]
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_after_many_quick_pieces_a_slow_one_halves_the_next(tmp_path, monkeypatch):
+    done, clock = [0], iter(range(10**6))
+    monkeypatch.setattr(planes, "_BLOCK", 16)
+    # Two looks a piece: a second apart up to cell 128, hours apart from there on.
+    monkeypatch.setattr(planes.time, "monotonic", lambda: next(clock) * (1.0 if done[-1] <= 128 else 1e4))
+    write_plane(
+        Plane(0.8, 0.7, (0.1, 10.0), (0.5, 2.0), 16, 0.01, "exact"),
+        tmp_path / "a",
+        lambda cells, total, line: done.append(cells),
+    )
+    pieces = np.diff(done)
+    assert pieces[:5].tolist() == [1, 2, 4, 8, 1]  # the last ends at its block
+    slow = pieces[np.searchsorted(done, 128) :]
+    assert pieces.max() == 16
+    assert slow[4:].max() <= 2

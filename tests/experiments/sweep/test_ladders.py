@@ -60,7 +60,7 @@ class _Spoiled(DirectExecutor):
 )
 def test_a_ladder_that_fails_costs_the_rows_of_its_cell(root, run, fault, status, reason):
     said = []
-    write_ladder(root, _Spoiled(fault, {3, 7}), 60, say=said.append)
+    write_ladder(root, _Spoiled(fault, {3, 7}), say=said.append)
     assert said == [f"cell {cell} has no ladder: {reason}" for cell in (3, 7)]
     table, whole = (pq.read_table(each / "ladder.parquet") for each in (root, run.root))
     assert table.schema.equals(whole.schema)
@@ -71,12 +71,13 @@ def test_a_ladder_that_fails_costs_the_rows_of_its_cell(root, run, fault, status
         assert row["velocity_divergence"] is row["sentence"] is row["free_asked_scenario_v1"] is None
 
 
-def test_a_ladder_that_takes_too_long_is_ended(root):
+def test_a_ladder_that_takes_too_long_is_ended(root, monkeypatch):
+    monkeypatch.setattr(ladders, "_LIMIT", 0.001)
     executor = SandboxExecutor(lambda: Sandbox(None, ready), 1)
     table = pq.read_table(root / "cells.parquet")
     pq.write_table(table.slice(0, 2 * 3), root / "cells.parquet")
     try:
-        write_ladder(root, executor, 0.001)
+        write_ladder(root, executor)
     finally:
         executor.shutdown(cancel_futures=True)
     rows = pq.read_table(root / "ladder.parquet").to_pylist()
@@ -85,7 +86,7 @@ def test_a_ladder_that_takes_too_long_is_ended(root):
 
 
 def test_pieces_and_workers_make_no_difference_and_slow_ones_are_told(root, run, monkeypatch):
-    monkeypatch.setattr(ladders, "_CELLS", 5)
+    monkeypatch.setattr(ladders, "CELLS", 5)
     monkeypatch.setattr(ladders, "_SAY", 0.001)
 
     class Threads(ThreadPoolExecutor):
@@ -96,7 +97,7 @@ def test_pieces_and_workers_make_no_difference_and_slow_ones_are_told(root, run,
 
     here, said = DirectExecutor(None)._here, []
     with Threads(3) as executor:
-        write_ladder(root, executor, 60, say=said.append)
+        write_ladder(root, executor, say=said.append)
     for name in ("ladder.parquet", "ladder.csv"):
         assert (root / name).read_bytes() == (run.root / name).read_bytes()
     assert "ladders of 0 cells are made" in said
