@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from impact_xval.model.compiled import compiled, inlined
 from impact_xval.model.law import COMPRESSION, INACTIVE, RESTITUTION
 
-#: A contact in compression that has less than this share of the energy of impact is at rest: rounding decides the rest.
-NOTHING = 1e-32
+#: A contact in compression that has less than this share of the energy of impact is at rest, for linear contacts and for
+#: others: errors decide the rest.
+NOTHING, NOTHING_OF_STEPS = 1e-32, 1e-26
 
 
 class Chain(NamedTuple):
@@ -106,21 +107,25 @@ def neighbours(c, n, i):
 
     Returns
     -------
-    static, slope, most : float
-        The force at which w_i' = 0, its derivative in time, and a bound of that derivative over an oscillation.
+    static, slope : float
+        The force at which w_i' = 0, and its derivative in time.
+    imposed : float
+        Amplitude of the rate that their own oscillations impose on contact i: it follows slower ones, and faster ones
+        move its bodies as if it did not act.
     swing : float
         The larger of their energies (`oscillation`).
     """
     inverse = c.a[i] + c.a[i + 1]
-    static, slope, most, swing = 0.0, 0.0, 0.0, 0.0
+    frequency = inverse * tangent(c, i)
+    static, slope, imposed, swing = 0.0, 0.0, 0.0, 0.0
     for j in (i - 1, i + 1):
         if 0 <= j < n and c.phase[j] != INACTIVE:
-            share, energy = c.a[max(i, j)] / inverse, oscillation(c, n, j)
-            static += share * force(c, n, j)
-            slope += share * tangent(c, j) * c.w[j]
-            most += share * tangent(c, j) * sqrt((c.a[j] + c.a[j + 1]) * energy)
+            shared, of_j, energy = c.a[max(i, j)], c.a[j] + c.a[j + 1], oscillation(c, n, j)
+            static += shared / inverse * force(c, n, j)
+            slope += shared / inverse * tangent(c, j) * c.w[j]
+            imposed += shared * sqrt(energy / of_j) * min(1.0, of_j * tangent(c, j) / frequency)
             swing = max(swing, energy)
-    return static, slope, most, swing
+    return static, slope, imposed, swing
 
 
 @compiled
@@ -137,15 +142,15 @@ def begin(c, n):
 
 
 @compiled
-def still(c, n, energy):
+def still(c, n, nothing):
     """Bring to rest what has no energy: neighbours load a contact at rest long before anything reaches it that matters."""
     for i in range(n):
-        if c.phase[i] == COMPRESSION and oscillation(c, n, i) <= NOTHING * energy:
+        if c.phase[i] == COMPRESSION and oscillation(c, n, i) <= nothing:
             c.w[i], c.delta[i] = 0.0, 0.0
 
 
 @compiled
-def rate_event(c, n, i, stiffens, energy, loss):
+def rate_event(c, n, i, stiffens, nothing, loss):
     """Apply the law where the rate of contact i is zero; the loss with the energy that it takes."""
     c.w[i] = 0.0
     e = c.e[i]
@@ -160,7 +165,7 @@ def rate_event(c, n, i, stiffens, energy, loss):
             loss -= (1 / (e * e) - 1) * strain(c, n, i)
             c.delta[i] /= e * e
             c.k[i] = c.original[i]
-    elif strain(c, n, i) <= NOTHING * energy:
+    elif strain(c, n, i) <= nothing:
         loss += strain(c, n, i)
         spent(c, i)
     else:

@@ -15,6 +15,8 @@ from math import inf, pi, sqrt
 import numpy as np
 
 from impact_xval.model.columns.chain import (
+    NOTHING,
+    NOTHING_OF_STEPS,
     acceleration,
     ball_values,
     begin,
@@ -33,6 +35,7 @@ from impact_xval.model.columns.power_law import STAGES, Workspace, advance, sett
 from impact_xval.model.columns.roots import first_root
 from impact_xval.model.columns.series import ORDER, evaluate, expand, horizon
 from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.grazing import STAKE
 from impact_xval.model.law import COMPRESSION, INACTIVE, RESTITUTION
 
 #: How a column ended, as bits: what happened on the way.
@@ -97,27 +100,44 @@ def left_in_contacts(c, n):
 
 
 @compiled
-def first_event(c, n, order, rates, deltas):
-    """First event of a piece: the contact, whether its restitution ends, and the time in [0, 1] (infinite if none)."""
+def first_event(c, n, order, rates, deltas, bounds):
+    """First event of a piece: the contact, whether its restitution ends, and the time in [0, 1] (infinite if none).
+
+    `bounds` is room for two rows of n numbers.
+    """
+    # A polynomial is not less than its first coefficient and all the negative ones: no more is needed for most.
+    for i in range(n):
+        bounds[0, i] = rates[0, i] if c.phase[i] == COMPRESSION else -rates[0, i]
+        bounds[1, i] = deltas[0, i] if c.phase[i] == RESTITUTION else inf
+    for j in range(1, order + 1):
+        for i in range(n):
+            bounds[0, i] += min(rates[j, i] if c.phase[i] == COMPRESSION else -rates[j, i], 0.0)
+            bounds[1, i] += min(deltas[j, i], 0.0)
     first, which, ends = inf, -1, False
     for i in range(n):
         sign = 1.0 if c.phase[i] == COMPRESSION else -1.0
-        if order != ORDER and rates[0, i] == rates[1, i] == rates[2, i] == 0:
-            # At rest and not yet pressed: the quintic knows nothing of how it begins.
-            x = 0.0 if sign * rates[1:, i].sum() < 0 else inf
-        else:
-            x = first_root(rates[:, i], order, sign, min(first, 1.0))
-        if x < first:
-            first, which, ends = x, i, False
-        if c.phase[i] == RESTITUTION:
+        if bounds[0, i] <= 0:
+            x = first_root_of_rate(rates[:, i], order, sign, min(first, 1.0))
+            if x < first:
+                first, which, ends = x, i, False
+        if bounds[1, i] <= 0:
             x = first_root(deltas[:, i], order, 1.0, min(first, 1.0))
             if x < first:
                 first, which, ends = x, i, True
     return which, ends, first
 
 
+@inlined
+def first_root_of_rate(c, order, sign, last):
+    """Find the first root of a rate."""
+    if order == ORDER_OF_STEP and c[0] == c[1] == c[2] == 0:
+        # At rest and not yet pressed: the quintic knows nothing of how it begins, but its neighbours can only press it.
+        return 0.0 if sign < 0 and c[3] + c[4] + c[5] > 0 else inf
+    return first_root(c, order, sign, last)
+
+
 @compiled
-def near_misses(c, n, order, rates, x, margin):
+def near_misses(c, n, order, rates, x, energy, margin):
     """Grazing margin after a piece of length x at whose end `c` is, given that before it.
 
     The magnitude of an extremum of a rate is taken relative to its amplitude: of the contact's own oscillation about the
@@ -125,7 +145,8 @@ def near_misses(c, n, order, rates, x, margin):
     """
     for i in range(n):
         start = rates[1, i]
-        if c.phase[i] == INACTIVE or c.e[i] == 1 or start * _slope(rates, order, i, x) >= 0:
+        stake = (1 - c.e[i] * c.e[i]) * strain(c, n, i)
+        if c.phase[i] == INACTIVE or stake <= STAKE * energy or start * acceleration(c, n, i) >= 0:
             continue
         low, high = 0.0, x
         for _ in range(BISECTIONS):
@@ -137,11 +158,11 @@ def near_misses(c, n, order, rates, x, margin):
         value = 0.0
         for j in range(order, -1, -1):
             value = value * low + rates[j, i]
-        static, _, most, _ = neighbours(c, n, i)
+        static, _, imposed, _ = neighbours(c, n, i)
         k = tangent(c, i)
         if k > 0:
             ring = (force(c, n, i) - static) * sqrt((c.a[i] + c.a[i + 1]) / k)
-            size = sqrt(max(value * value, c.w[i] * c.w[i]) + ring * ring) + most / k
+            size = sqrt(max(value * value, c.w[i] * c.w[i]) + ring * ring) + imposed
             margin = min(margin, abs(value) / size)
     return margin
 
@@ -158,6 +179,8 @@ def _slope(rates, order, i, x):
 @compiled
 def write_path(c, n, order, rates, x, h, time, drift, log, row):
     """Write points of a piece: time, velocities and accelerations of the balls, phases of the contacts."""
+    if row >= log.shape[0]:
+        return row + POINTS
     balls = c.body.size
     values = np.empty(n)
     for point in range(POINTS):
@@ -177,7 +200,7 @@ def write_path(c, n, order, rates, x, h, time, drift, log, row):
 
 
 @compiled
-def apply_event(c, n, i, ends, stiffens, energy, loss, code):
+def apply_event(c, n, i, ends, stiffens, nothing, loss, code):
     """Apply the law to contact i, and unite its bodies if that made it rigid: contacts left, loss, code."""
     if ends:
         loss += strain(c, n, i)
@@ -187,7 +210,7 @@ def apply_event(c, n, i, ends, stiffens, energy, loss, code):
     if compressing and c.e[i] == 0:
         loss += strain(c, n, i)
         return unite(c, n, i), loss, code | PLASTIC
-    loss = rate_event(c, n, i, stiffens, energy, loss)
+    loss = rate_event(c, n, i, stiffens, nothing, loss)
     if compressing and c.phase[i] == RESTITUTION and stiffens and c.e[i] < 1 and ringing_ends(c, n, i):
         loss += strain(c, n, i)
         return unite(c, n, i), loss, code | RUNAWAY
@@ -230,9 +253,11 @@ def collide(c, energy, drift, stiffens, max_events, log):
     n = c.k.size
     order = ORDER if c.p == 1 else ORDER_OF_STEP
     rates, deltas = np.zeros((ORDER + 1, n)), np.zeros((ORDER + 1, n))
+    bounds = np.empty((2, n))
     work = Workspace(
         np.empty((STAGES + 1, n)), np.empty((STAGES + 1, n)), np.empty(n), np.empty(n), np.empty(n)
     )
+    nothing = (NOTHING if c.p == 1 else NOTHING_OF_STEPS) * energy
     code, events, pieces, rows = 0, 0, 0, 0
     margin, loss, time, h_next = inf, 0.0, 0.0, FIRST_STEP
     begin(c, n)
@@ -244,21 +269,21 @@ def collide(c, energy, drift, stiffens, max_events, log):
             expand(c, n, h, rates, deltas)
         else:
             h, h_next = advance(c, n, h_next, work, rates, deltas)
-        which, ends, x = first_event(c, n, order, rates, deltas)
+        which, ends, x = first_event(c, n, order, rates, deltas, bounds)
         happened, x = which >= 0, min(x, 1.0)
         if c.p == 1:
             evaluate(rates, order, n, x, c.w)
             evaluate(deltas, order, n, x, c.delta)
         elif happened:
             x, happened = settle(c, n, h, x, which, ends, work)
-        margin = near_misses(c, n, order, rates, x, margin)
+        margin = near_misses(c, n, order, rates, x, energy, margin)
         if x > 0:
             rows = write_path(c, n, order, rates, x, h, time, drift, log, rows)
         time += x * h
         if happened:
             events += 1
-            n, loss, code = apply_event(c, n, which, ends, stiffens, energy, loss, code)
-        still(c, n, energy)
+            n, loss, code = apply_event(c, n, which, ends, stiffens, nothing, loss, code)
+        still(c, n, nothing)
         left = left_in_contacts(c, n)
     if left > COLLAPSED * energy:
         code |= TOO_MANY_EVENTS

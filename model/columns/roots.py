@@ -45,14 +45,11 @@ def first_root(c, degree, sign, last):
         return inf
     if sign * c[low] < 0:
         return 0.0
-    falling, size, bend = 0.0, abs(c[low]), 0.0
+    size, bend = abs(c[low]), 0.0
     for j in range(low + 1, degree + 1):
         n = j - low
-        falling += min(0.0, sign * c[j])
         size += abs(c[j])
         bend += n * (n - 1) * abs(c[j])
-    if sign * c[low] + falling > 0:
-        return inf
     x = 0.0
     for _ in range(STEPS):
         f, df = 0.0, 0.0

@@ -15,9 +15,9 @@ from impact_xval.model.columns.chain import force
 from impact_xval.model.compiled import compiled
 from impact_xval.model.law import INACTIVE
 
-#: Highest power of the series, and the largest frequency times the time it is used for: 1.4^22/22! is 1e-18.
-ORDER = 21
-ANGLE = 1.4
+#: Highest power of the series, and the largest frequency times the time it is used for: 2.8^29/29! is 1e-18.
+ORDER = 28
+ANGLE = 2.8
 
 
 @compiled

@@ -175,7 +175,6 @@ def _solve_one(masses, stiffnesses, restitutions, rates, drift, p, stiffens, max
         np.zeros(contacts, np.int64),
         np.arange(contacts),
         np.empty(contacts),
-        np.zeros(contacts),
         np.arange(balls),
         p,
     )
