@@ -147,7 +147,7 @@ class _Run:
         self.body = [body - (body > i) for body in self.body]
 
 
-def integrate(column, exponent=1.0, stiffens=True, rtol=1e-12, resolution=0.2, most=5000):
+def integrate(column, exponent=1.0, stiffens=True, rtol=1e-12, resolution=0.1, most=5000):
     """Final velocities and sets of acting contacts of a column whose rates are about 1."""
     run = _Run(column, exponent, stiffens)
     states, limit = [run.acting()], False
