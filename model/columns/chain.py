@@ -41,7 +41,7 @@ class Chain(NamedTuple):
     contact : ndarray of int, shape (C,)
         Which contact of the column this is: some become rigid and are left out.
     length : ndarray, shape (C,)
-        Deformation that would hold all the energy of impact.
+        Deformation that would hold all the energy of impact at the original stiffness.
     body : ndarray of int, shape (N,)
         Body of each ball.
     p : float
@@ -85,7 +85,7 @@ def acceleration(c, n, i):
 @inlined
 def tangent(c, i):
     """dF/ddelta of contact i."""
-    return c.k[i] if c.p == 1 else c.p * c.k[i] * c.delta[i] ** (c.p - 1)
+    return c.k[i] if c.p == 1 else c.p * c.k[i] * max(c.delta[i], 0.0) ** (c.p - 1)
 
 
 @inlined

@@ -86,8 +86,9 @@ def step(c, n, h, work):
             w3 += E3[j] * work.kw[j, i]
             d5 += E5[j] * work.kd[j, i]
             d3 += E3[j] * work.kd[j, i]
-        fifth += w5 * w5 + (d5 / c.length[i]) ** 2
-        third += w3 * w3 + (d3 / c.length[i]) ** 2
+        length = c.length[i] * (c.original[i] / c.k[i]) ** (1 / (c.p + 1))
+        fifth += w5 * w5 + (d5 / length) ** 2
+        third += w3 * w3 + (d3 / length) ** 2
     if fifth == 0 and third == 0:
         return 0.0
     return h * fifth / sqrt((fifth + 0.01 * third) * 2 * n) / TOLERANCE

