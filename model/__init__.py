@@ -1,8 +1,8 @@
 """The primary solver: the state transition model of simultaneous impacts (Jia, Mason and Erdmann, IJRR 32(1), 2013).
 
 `Collision` and `Outcome` are the vocabulary; `solve` answers one collision, `solve_batch` arrays of them. `Column`,
-`solve_column` and `solve_columns` are the same for N balls. What solves, and the compiler it needs, is imported when it is
-first used.
+`solve_column` and `solve_columns` are the same for N balls. What solves, and the compiler it needs, is imported when
+it is first used.
 """
 
 from importlib import import_module

@@ -5,8 +5,8 @@ the table, the last one, of infinite mass. The unknowns are, for each contact, t
 and the virtual deformation delta of positions that stay frozen, delta' = w, with the force F = k delta^p: equations
 (13)-(15) of docs/theory.md in time, for any number of contacts. All of w and F are continuous through every event.
 
-The law is that of `model.law` in these terms. At an end of compression E <- e^2 E, where E = k delta^(p+1)/(p + 1), and F
-stays: delta <- e^2 delta, k <- k/e^(2p).
+The law is that of `model.law` in these terms. At an end of compression E <- e^2 E, where E = k delta^(p+1)/(p + 1), and
+F stays: delta <- e^2 delta, k <- k/e^(2p).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from impact_xval.model.compiled import compiled, inlined
 from impact_xval.model.law import COMPRESSION, INACTIVE, RESTITUTION
 
-#: A contact in compression that has less than this share of the energy of impact is at rest, for linear contacts and for
-#: others: errors decide the rest.
+#: A contact in compression that has less than this share of the energy of impact is at rest; for linear contacts and
+#: for others. Below it, errors decide what happens.
 NOTHING, NOTHING_OF_STEPS = 1e-32, 1e-26
 
 
@@ -77,7 +77,7 @@ def force(c, n, i):
 
 @inlined
 def acceleration(c, n, i):
-    """w' of contact i: what its own force and those of its neighbours do to it."""
+    """Return w' of contact i: what its own force and those of its neighbours do to it."""
     own = (c.a[i] + c.a[i + 1]) * force(c, n, i)
     return c.a[i] * force(c, n, i - 1) + c.a[i + 1] * force(c, n, i + 1) - own
 
@@ -103,7 +103,7 @@ def oscillation(c, n, i):
 
 @inlined
 def neighbours(c, n, i):
-    """What the neighbours that act ask of contact i.
+    """Return what the neighbours that act ask of contact i.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def begin(c, n):
 
 @compiled
 def still(c, n, nothing):
-    """Bring to rest what has no energy: neighbours load a contact at rest long before anything reaches it that matters."""
+    """Bring to rest what has no energy: neighbours load a contact at rest long before it matters."""
     for i in range(n):
         if c.phase[i] == COMPRESSION and oscillation(c, n, i) <= nothing:
             c.w[i], c.delta[i] = 0.0, 0.0

@@ -1,4 +1,7 @@
-"""The vocabulary of columns: `Column` is what is solved, `ColumnOutcome` what any solver gives, `ColumnPath` the way there."""
+"""The vocabulary of columns: `Column` is what is solved, `ColumnOutcome` what any solver gives.
+
+`ColumnPath` is the way there. Nothing here computes a column.
+"""
 
 from __future__ import annotations
 
@@ -86,7 +89,7 @@ class Column:
         return float(np.dot(self.masses, self.velocities)) / math.fsum(self.masses)
 
     def reversed(self) -> Column:
-        """Return the column seen from below: the order of the balls and the sign of velocities reversed; not on a table."""
+        """Return the column seen from below, if it has no table: order of balls and sign of velocities reversed."""
         if self.table:
             raise ValueError("table = True: a column on a table has no reverse; legal: False")
         return Column(

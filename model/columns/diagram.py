@@ -1,8 +1,8 @@
 """A column from its first touch to its end: segment by segment, each with one set of acting contacts.
 
-`collide` is the whole model for one column. The motion of a segment is a polynomial of each rate and each deformation over
-a short time (`model.columns.series`, `model.columns.power_law`); its first event is found with certainty
-(`model.columns.roots`); what the event does is in `model.columns.chain`.
+`collide` is the whole model for one column. A segment is followed in pieces, over each of which every rate and every
+deformation is a polynomial in time (`model.columns.series`, `model.columns.power_law`); the first event is found with
+certainty (`model.columns.roots`); what it does is in `model.columns.chain`.
 
 Ties: events at one instant are applied one after the other, in the order of contacts. That order does not matter, for
 each changes only its own contact's phase, k and delta, and leaves all rates and forces as they are.
@@ -54,7 +54,7 @@ BISECTIONS = 40
 #: With this share of the energy left in all contacts that act, their bodies are taken to be at rest.
 COLLAPSED = 1e-30
 
-#: Step of the method for power laws that is tried first, in units in which masses, stiffnesses and velocities are about 1.
+#: Step of the method for power laws that is tried first, in units of about 1 of masses, stiffnesses and velocities.
 FIRST_STEP = 1e-3
 
 #: Points of the path in each piece of a segment.
@@ -69,9 +69,9 @@ def ringing_ends(c, n, i):
     """Tell whether a contact that has just ended compression may be taken for rigid from here on.
 
     It rings about the force that its neighbours' forces ask of it, each end of compression stiffens it by 1/e^2 (if
-    linear), and it is rigid after a finite time tau. It is taken for rigid at once if its energy is negligible beside its
-    neighbours', if they press it together all the while, and if its ringing cannot carry a neighbour's rate through
-    zero, which would be an end of compression.
+    linear), and it is rigid after a finite time tau. It is taken for rigid at once if its energy is negligible beside
+    its neighbours', if they press it together all the while, and if its ringing cannot carry a neighbour's rate
+    through zero, which would be an end of compression.
     """
     e = c.e[i]
     inverse, k = c.a[i] + c.a[i + 1], tangent(c, i)
@@ -140,8 +140,8 @@ def first_root_of_rate(c, order, sign, last):
 def near_misses(c, n, order, rates, x, energy, margin):
     """Grazing margin after a piece of length x at whose end `c` is, given that before it.
 
-    The magnitude of an extremum of a rate is taken relative to its amplitude: of the contact's own oscillation about the
-    force that its neighbours ask of it, and of the motion that a change of that force imposes.
+    The magnitude of an extremum of a rate is taken relative to its amplitude: of the contact's own oscillation about
+    the force that its neighbours ask of it, and of the motion that a change of that force imposes.
     """
     for i in range(n):
         start = rates[1, i]
@@ -169,7 +169,7 @@ def near_misses(c, n, order, rates, x, energy, margin):
 
 @inlined
 def _slope(rates, order, i, x):
-    """Derivative of a rate in a piece."""
+    """Return the derivative of a rate in a piece."""
     value = 0.0
     for j in range(order, 0, -1):
         value = value * x + j * rates[j, i]

@@ -57,7 +57,7 @@ class Workspace(NamedTuple):
 
 @compiled
 def slopes(c, n, stage, work):
-    """Derivatives of the state that `c` holds."""
+    """Write the derivatives of the state that `c` holds."""
     above, own, below = 0.0, 0.0, power_force(c.k[0], c.delta[0], c.p)
     for i in range(n):
         above, own = own, below
@@ -96,7 +96,7 @@ def step(c, n, h, work):
 
 @inlined
 def jerk(c, n, i):
-    """w'' of contact i."""
+    """Return w'' of contact i."""
     above = tangent(c, i - 1) * c.w[i - 1] if i > 0 and c.phase[i - 1] != INACTIVE else 0.0
     own = tangent(c, i) * c.w[i] if c.phase[i] != INACTIVE else 0.0
     below = tangent(c, i + 1) * c.w[i + 1] if i + 1 < n and c.phase[i + 1] != INACTIVE else 0.0

@@ -1,9 +1,9 @@
 """The certified first root of a polynomial in an interval (0, last].
 
-Two bounds advance from the left and cannot skip a pair of close roots. Let P and N be the sums of the positive terms and of
-the magnitudes of the negative ones, both increasing: f > 0 on [x, y] if P(x) > N(y), which crosses whole windows at once.
-Where that fails, from f(x) > 0 no root lies before x + s, where f + f' s - B s^2/2 = 0 and abs(f'') <= B in the window:
-steps by that s approach the root quadratically (docs/theory.md, section 3).
+Two bounds advance from the left and cannot skip a pair of close roots. Let P and N be the sums of the positive terms
+and of the magnitudes of the negative ones, both increasing: f > 0 on [x, y] if P(x) > N(y), which crosses whole windows
+at once. Where that fails, from f(x) > 0 no root lies before x + s, where f + f' s - B s^2/2 = 0 and abs(f'') <= B in
+the window: steps by that s approach the root quadratically.
 """
 
 from __future__ import annotations

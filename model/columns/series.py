@@ -1,17 +1,16 @@
 """Exact motion of linear contacts while the set of acting ones stays: its power series in time, to rounding.
 
-delta_i' = w_i and w_i' = a_i F_{i-1} - (a_i + a_{i+1}) F_i + a_{i+1} F_{i+1} with F_i = k_i delta_i are solved by as many
-sinusoids as contacts act. Their power series is summed here, over a time h of `ANGLE` over the largest frequency: what
-the series leaves out is then below a rounding. It costs O(N) a segment, where finding the modes costs O(N^3); it loses no
-digits where stiffnesses differ by many orders; and a contact at rest that is loaded by its neighbours at a high order
-(docs/columns.md, section 1) has exactly zero coefficients below that order.
+delta_i' = w_i and w_i' = a_i F_{i-1} - (a_i + a_{i+1}) F_i + a_{i+1} F_{i+1} with F_i = k_i delta_i are solved by as
+many sinusoids as contacts act. Their power series is summed here, over a time h of `ANGLE` over the largest frequency:
+what the series leaves out is then below a rounding. It costs O(N) a piece, where finding the modes costs O(N^3); it
+loses no digits where stiffnesses differ by many orders; and a contact at rest that is loaded by its neighbours at a
+high order (docs/columns.md, section 1) has exactly zero coefficients below that order.
 """
 
 from __future__ import annotations
 
 from math import inf, sqrt
 
-from impact_xval.model.columns.chain import force
 from impact_xval.model.compiled import compiled
 from impact_xval.model.law import INACTIVE
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import groupby
@@ -129,7 +128,16 @@ def solve_columns(
     of_contacts = np.cumsum([0, *(len(column.stiffnesses) for column in columns)])
     masses, stiffnesses, restitutions, rates = (np.concatenate(values) for values in flat)
     velocities, numbers = _solve_all(
-        of_balls, of_contacts, masses, stiffnesses, restitutions, rates, np.array(drifts), p, rules.stiffens, max_events
+        of_balls,
+        of_contacts,
+        masses,
+        stiffnesses,
+        restitutions,
+        rates,
+        np.array(drifts),
+        p,
+        rules.stiffens,
+        max_events,
     )
     outcomes = []
     for i, (column, unit) in enumerate(zip(columns, units, strict=True)):
@@ -189,7 +197,9 @@ def _solve_one(masses, stiffnesses, restitutions, rates, drift, p, stiffens, max
 
 
 @njit(parallel=True, **OPTIONS)
-def _solve_all(of_balls, of_contacts, masses, stiffnesses, restitutions, rates, drifts, p, stiffens, max_events):
+def _solve_all(
+    of_balls, of_contacts, masses, stiffnesses, restitutions, rates, drifts, p, stiffens, max_events
+):
     velocities, numbers = np.empty(masses.size), np.empty((drifts.size, 4))
     no_log = np.empty((0, 0))
     for i in prange(drifts.size):
@@ -216,7 +226,9 @@ def _outcome(
     """Outcome of a kernel's result, without states and path."""
     velocities, code, events, margin, residual, _, _ = result
     if code & TOO_MANY_EVENTS:
-        return ColumnOutcome.failure(NAME, column, "unconverged", f"not over after {max_events} pieces of segments")
+        return ColumnOutcome.failure(
+            NAME, column, "unconverged", f"not over after {max_events} pieces of segments"
+        )
     velocities = velocities * units.speed
     margin = float(nearest_jump(margin, law))
     return ColumnOutcome(
@@ -238,9 +250,7 @@ def _impulses(column: Column, velocities: NDArray[np.float64]) -> NDArray[np.flo
     return np.cumsum(changes, axis=-1)[..., : len(column.stiffnesses)]
 
 
-def _path(
-    column: Column, log: NDArray[np.float64], result: tuple[Any, ...], units: _Units
-) -> ColumnPath:
+def _path(column: Column, log: NDArray[np.float64], result: tuple[Any, ...], units: _Units) -> ColumnPath:
     """Path of a complete log; its last point is the end."""
     balls, masses = len(column.masses), np.array(column.masses)
     velocities = np.vstack([log[:, 1 : 1 + balls], result[0]]) * units.speed

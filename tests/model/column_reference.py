@@ -27,7 +27,11 @@ class _Run:
         self.p, self.stiffens = exponent, stiffens
         self.inverse = [1 / m for m in column.masses] + [0.0] * column.table
         self.v = [*column.velocities] + [0.0] * column.table
-        self.k, self.k0, self.e = list(column.stiffnesses), list(column.stiffnesses), list(column.restitutions)
+        self.k, self.k0, self.e = (
+            list(column.stiffnesses),
+            list(column.stiffnesses),
+            list(column.restitutions),
+        )
         self.number = list(range(1, len(self.k) + 1))
         self.body = list(range(len(column.masses)))
         self.delta = [0.0] * len(self.k)
@@ -153,8 +157,10 @@ def integrate(column, exponent=1.0, stiffens=True, rtol=1e-12, resolution=0.1, m
     states, limit = [run.acting()], False
     for _ in range(most):
         if not any(run.phase):
-            return Answer(tuple(run.v[b] for b in run.body), (*states, ()), limit) if states[-1] else Answer(
-                tuple(run.v[b] for b in run.body), tuple(states), limit
+            return (
+                Answer(tuple(run.v[b] for b in run.body), (*states, ()), limit)
+                if states[-1]
+                else Answer(tuple(run.v[b] for b in run.body), tuple(states), limit)
             )
         n = len(run.k)
         watched = run.watched()

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -247,12 +248,14 @@ def test_a_jump_has_a_margin_that_vanishes():
 
     grid = np.linspace(0.5, 2, 301)
     outcomes = [at(k) for k in grid]
-    steps = [apart(a, b) for a, b in zip(outcomes, outcomes[1:], strict=False)]
+    steps = [apart(a, b) for a, b in pairwise(outcomes)]
     i = int(np.argmax(steps))
     low, high = grid[i], grid[i + 1]
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if apart(at(middle), at(low)) < apart(at(middle), at(high)) else (low, middle)
+        low, high = (
+            (middle, high) if apart(at(middle), at(low)) < apart(at(middle), at(high)) else (low, middle)
+        )
     assert apart(at(low), at(high)) > 1e-2
     for k in (low, high):
         outcome = at(k)
@@ -319,7 +322,10 @@ LEGAL = {
         ({"restitutions": (0.9, 1.1)}, r"restitutions\[2\] = 1.1; legal: from 0 to 1"),
         ({"restitutions": (0.9,)}, "restitutions: 1 values; legal: 2"),
         ({"velocities": (0, 0)}, "velocities: 2 values; legal: 3"),
-        ({"velocities": (1, 0, 0)}, r"velocities = \(1.0, 0.0, 0.0\): nothing meets; legal: a ball is slower"),
+        (
+            {"velocities": (1, 0, 0)},
+            r"velocities = \(1.0, 0.0, 0.0\): nothing meets; legal: a ball is slower",
+        ),
         ({"velocities": (-1, "x", 0)}, r"velocities\[2\] = 'x': not a number"),
     ],
 )
@@ -331,10 +337,13 @@ def test_illegal_columns_are_refused_in_one_line(changes, message):
 
 def test_illegal_ways_to_solve_are_refused_by_name():
     column = Column(**LEGAL)
-    for solver in (lambda **given: solve_column(column, **given), lambda **given: solve_columns([column], **given)):
-        with pytest.raises(ValueError, match="law = 'newton'; legal: jia-mason-erdmann, liu-zhao-brogliato"):
+    for solver in (
+        lambda **given: solve_column(column, **given),
+        lambda **given: solve_columns([column], **given),
+    ):
+        with pytest.raises(ValueError, match=r"law = 'newton'; legal: jia-mason-erdmann, liu-zhao-brogliato"):
             solver(law="newton")
-        with pytest.raises(ValueError, match="exponent = 0.5; legal: from 1"):
+        with pytest.raises(ValueError, match=r"exponent = 0\.5; legal: from 1"):
             solver(exponent=0.5)
     with pytest.raises(ValueError, match="a column on a table has no reverse"):
         two_balls(1, 1, 1, 1).reversed()

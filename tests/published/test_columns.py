@@ -106,7 +106,18 @@ def test_siconos_tutorials_ten_hertz_balls():
 
 def test_siconos_tutorials_ten_beads_on_a_wall():
     """BeadColumnED_LZB.ref of siconos-tutorials, commit b6c9bfd, its first impact: good to about 1e-3."""
-    printed = (0.199598, 0.460194, 0.541052, 0.871998, 1.011202, 1.042022, 1.080208, 1.148062, 1.280967, 1.568832)
+    printed = (
+        0.199598,
+        0.460194,
+        0.541052,
+        0.871998,
+        1.011202,
+        1.042022,
+        1.080208,
+        1.148062,
+        1.280967,
+        1.568832,
+    )
     column = Column((1,) * 10, (1,) * 9 + (2**0.5,), (1,) * 10, (-1,) * 10, table=True)
     outcome = solve_column(column, law=LZB, exponent=1.5)
     assert outcome.velocities[::-1] == pytest.approx(printed, abs=1.5e-3, rel=0)
@@ -118,7 +129,9 @@ def test_a_hundred_random_columns_by_siconos():
     names = ("masses", "stiffnesses", "restitutions", "velocities", "table")
     for exponent, bears in ((1.0, 1e-4), (1.5, 5e-4)):
         rows = [row for row in data["columns"] if row["exponent"] == exponent]
-        outcomes = solve_columns((Column(*(row[name] for name in names)) for row in rows), law=LZB, exponent=exponent)
+        outcomes = solve_columns(
+            (Column(*(row[name] for name in names)) for row in rows), law=LZB, exponent=exponent
+        )
         for row, outcome in zip(rows, outcomes, strict=True):
             difference = np.abs(np.subtract(outcome.velocities, row["result"])).max()
             assert difference < bears, row
