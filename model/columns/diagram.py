@@ -57,9 +57,6 @@ COLLAPSED = 1e-30
 #: Step of the method for power laws that is tried first, in units of about 1 of masses, stiffnesses and velocities.
 FIRST_STEP = 1e-3
 
-#: Points of the path in each piece of a segment.
-POINTS = 4
-
 #: Phase of a contact that has become rigid, in the log.
 UNITED = 3
 
@@ -177,15 +174,15 @@ def _slope(rates, order, i, x):
 
 
 @compiled
-def write_path(c, n, order, rates, x, h, time, drift, log, row):
+def write_path(c, n, order, rates, x, h, time, drift, points, log, row):
     """Write points of a piece: time, velocities and accelerations of the balls, phases of the contacts."""
     if row >= log.shape[0]:
-        return row + POINTS
+        return row + points
     balls = c.body.size
     values = np.empty(n)
-    for point in range(POINTS):
+    for point in range(points):
         if row < log.shape[0]:
-            now = x * point / POINTS
+            now = x * point / points
             log[row, 0] = time + now * h
             evaluate(rates, order, n, now, values)
             ball_values(c, n, values, drift, log[row, 1 : 1 + balls])
@@ -218,7 +215,7 @@ def apply_event(c, n, i, ends, stiffens, nothing, loss, code):
 
 
 @compiled
-def collide(c, energy, drift, stiffens, max_events, log):
+def collide(c, energy, drift, stiffens, max_events, points, log):
     """Follow one column to its end.
 
     Parameters
@@ -233,6 +230,8 @@ def collide(c, energy, drift, stiffens, max_events, log):
         As in `model.law.ImpactLaw`.
     max_events : int
         Pieces of segments after which the column is given up.
+    points : int
+        Rows of the log for each piece.
     log : ndarray, shape (rows, 1 + 2 N + C)
         Filled with the path, as far as it goes; may have no rows.
 
@@ -278,7 +277,7 @@ def collide(c, energy, drift, stiffens, max_events, log):
             x, happened = settle(c, n, h, x, which, ends, work)
         margin = near_misses(c, n, order, rates, x, energy, margin)
         if x > 0:
-            rows = write_path(c, n, order, rates, x, h, time, drift, log, rows)
+            rows = write_path(c, n, order, rates, x, h, time, drift, points, log, rows)
         time += x * h
         if happened:
             events += 1

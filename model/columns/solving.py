@@ -25,6 +25,9 @@ EXPONENT = Legal("exponent", 1.0, 3.0, "from 1 (linear contacts; 1.5: Hertz) to 
 #: Pieces of segments after which a column is given up, some seconds for five balls.
 MAX_EVENTS = 1_000_000
 
+#: Points of the path in each piece of a segment.
+POINTS = 4
+
 #: Rows of the first try at a log; a column that needs more is run once more.
 LOG_ROWS = 1024
 
@@ -76,17 +79,18 @@ def solve_column(
     rules, p = check_law(law, "law"), EXPONENT.number(exponent)
     balls, contacts = len(column.masses), len(column.stiffnesses)
     scaled, units = _scaled(column, p)
+    points = POINTS if path else 1
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
-    result = _solve_one(*scaled, p, rules.stiffens, max_events, log)
-    if result[-1] > LOG_ROWS:
-        log = np.empty((result[-1], log.shape[1]))
-        result = _solve_one(*scaled, p, rules.stiffens, max_events, log)
-    log = log[: result[-1]]
-    acting = log[:, 1 + 2 * balls :] != INACTIVE
-    sets = [tuple((np.flatnonzero(row) + 1).tolist()) for row in acting]
+    result = _solve_one(scaled, p, rules.stiffens, max_events, points, log)
     outcome = _outcome(column, result, units, rules, grazing_threshold, max_events)
     if outcome.status == "unconverged":
         return outcome
+    if result[-1] > LOG_ROWS:
+        log = np.empty((result[-1], log.shape[1]))
+        result = _solve_one(scaled, p, rules.stiffens, max_events, points, log)
+    log = log[: result[-1]]
+    acting = log[:, 1 + 2 * balls :] != INACTIVE
+    sets = [tuple((np.flatnonzero(row) + 1).tolist()) for row in acting]
     states = (*(states for states, _ in groupby(sets)), ())
     trail = _path(column, log, result, units) if path else None
     return replace(outcome, states=states, path=trail)
@@ -167,8 +171,9 @@ def _scaled(column: Column, p: float) -> tuple[tuple[Any, ...], _Units]:
 
 
 @compiled
-def _solve_one(masses, stiffnesses, restitutions, rates, drift, p, stiffens, max_events, log):
-    """Solve one column in its own units: velocities, code, events, margin, residual, time, rows of the log."""
+def _solve_one(scaled, p, stiffens, max_events, points, log):
+    """Solve a column of `_scaled`: velocities, code, events, margin, residual, time, rows of the log."""
+    masses, stiffnesses, restitutions, rates, drift = scaled
     balls, contacts = masses.size, stiffnesses.size
     inverse = np.zeros(contacts + 1)
     inverse[:balls] = 1 / masses
@@ -190,7 +195,9 @@ def _solve_one(masses, stiffnesses, restitutions, rates, drift, p, stiffens, max
     ball_values(chain, contacts, rates, drift, velocities)
     energy = 0.5 * (masses * (velocities - drift) ** 2).sum()
     chain.length[:] = (energy * (p + 1) / stiffnesses) ** (1 / (p + 1))
-    n, code, events, margin, loss, time, rows = collide(chain, energy, drift, stiffens, max_events, log)
+    n, code, events, margin, loss, time, rows = collide(
+        chain, energy, drift, stiffens, max_events, points, log
+    )
     ball_values(chain, n, chain.w, drift, velocities)
     residual = 1 - (loss + 0.5 * (masses * (velocities - drift) ** 2).sum()) / energy
     return velocities, code, events, margin, residual, time, rows
@@ -204,17 +211,8 @@ def _solve_all(
     no_log = np.empty((0, 0))
     for i in prange(drifts.size):
         balls, contacts = slice(of_balls[i], of_balls[i + 1]), slice(of_contacts[i], of_contacts[i + 1])
-        v, code, events, margin, residual, _, _ = _solve_one(
-            masses[balls],
-            stiffnesses[contacts],
-            restitutions[contacts],
-            rates[contacts],
-            drifts[i],
-            p,
-            stiffens,
-            max_events,
-            no_log,
-        )
+        scaled = (masses[balls], stiffnesses[contacts], restitutions[contacts], rates[contacts], drifts[i])
+        v, code, events, margin, residual, _, _ = _solve_one(scaled, p, stiffens, max_events, 1, no_log)
         velocities[balls] = v
         numbers[i, 0], numbers[i, 1], numbers[i, 2], numbers[i, 3] = code, events, margin, residual
     return velocities, numbers
