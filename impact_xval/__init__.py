@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import get_solver
-    from impact_xval.model import Collision, solve, solve_batch
+    from impact_xval.model import Collision, Column, solve, solve_batch, solve_column
 
-__all__ = ["Collision", "get_solver", "solve", "solve_batch"]
+__all__ = ["Collision", "Column", "get_solver", "solve", "solve_batch", "solve_column"]
 
 
 def __getattr__(name: str) -> Any:

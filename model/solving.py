@@ -155,8 +155,8 @@ def beyond(cutoff: float) -> float:
     return math.inf if cutoff == EXACT else EXACT
 
 
-def check_law(name: str) -> ImpactLaw:
-    """Return the law of that name.
+def check_law(name: str, parameter: str = "impact_law") -> ImpactLaw:
+    """Return the law of that name, given as that parameter.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def check_law(name: str) -> ImpactLaw:
         If there is none.
     """
     if name not in IMPACT_LAWS:
-        raise ValueError(f"impact_law = {name!r}; legal: {', '.join(IMPACT_LAWS)}")
+        raise ValueError(f"{parameter} = {name!r}; legal: {', '.join(IMPACT_LAWS)}")
     return IMPACT_LAWS[name]
 
 

@@ -1,0 +1,157 @@
+"""Columns per second of the model for N balls, how its cost grows with N, and what an integration in time takes.
+
+Run as ``python -m benchmarks.columns``. The columns are random: chains without a table, drops and stacks on one;
+masses log-uniform over a decade, stiffnesses over two, restitutions uniform in [0.5, 1]. The slow way is scipy's
+solve_ivp with events on the first of the same columns (tests/model/column_reference.py), at rtol 1e-12 and 0.1 rad a
+step, which is what it needs to miss few events. With ``--independent COUNT`` the model is compared with it on so many
+columns, N from 2 to 10, and nothing is timed. Times are the best of several repetitions; what was compiled is compiled
+before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+import numba
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.state_transition import machine
+from impact_xval.model import Column, solve_column, solve_columns
+from impact_xval.model.law import IMPACT_LAWS
+from tests.model.column_reference import integrate
+
+#: Balls, and columns of that many.
+SIZES = {2: 20_000, 5: 4000, 10: 1000, 20: 400, 50: 40, 100: 10}
+
+#: Outcomes that differ by more are integrated again, at a finer resolution: signs at the ends of steps miss events.
+BOUND, FINER = 1e-8, 0.02
+
+
+def random_column(rng: np.random.Generator, balls: int) -> Column:
+    """Draw a chain, a drop or a stack."""
+    table = bool(rng.integers(2))
+    contacts = balls - 1 + table
+    velocities = np.zeros(balls)
+    velocities[: balls if table and rng.integers(3) == 0 else 1] = -1
+    return Column(
+        tuple(10 ** rng.uniform(-0.5, 0.5, balls)),
+        tuple(10 ** rng.uniform(-1, 1, contacts)),
+        tuple(rng.uniform(0.5, 1, contacts)),
+        tuple(velocities),
+        table,
+    )
+
+
+def best_time(call, repeats: int) -> float:
+    best = float("inf")
+    for _ in range(repeats):
+        start = time.perf_counter()
+        call()
+        best = min(best, time.perf_counter() - start)
+    return best
+
+
+def speed(console: Console, options: argparse.Namespace) -> None:
+    for law in IMPACT_LAWS:
+        table = Table(
+            "balls",
+            "columns/s",
+            "events",
+            "us an event, one thread",
+            "solve_ivp, columns/s",
+            "ratio",
+            title=law,
+        )
+        for balls, count in SIZES.items():
+            rng = np.random.default_rng(options.seed)
+            columns = [random_column(rng, balls) for _ in range(count)]
+            solve_columns(columns[:2], law=law)
+            numba.set_num_threads(1)
+            alone = best_time(lambda columns=columns, law=law: solve_columns(columns, law=law), 1)
+            numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+            both = best_time(
+                lambda columns=columns, law=law: solve_columns(columns, law=law), options.repeats
+            )
+            events = [outcome.n_events for outcome in solve_columns(columns, law=law)]
+            slow, ratio = "", ""
+            if balls <= options.slow:
+                some = columns[:10]
+                spent = best_time(
+                    lambda some=some, law=law: [integrate(c, 1.0, law == "jia-mason-erdmann") for c in some],
+                    1,
+                )
+                slow, ratio = f"{len(some) / spent:.2f}", f"{count / both * spent / len(some):,.0f}"
+            table.add_row(
+                str(balls),
+                f"{count / both:,.0f}",
+                f"{np.mean(events):.0f}",
+                f"{1e6 * alone / np.sum(events):.1f}",
+                slow,
+                ratio,
+            )
+        console.print(table)
+
+
+def compare(console: Console, count: int, exponent: float, law: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    stiffens = IMPACT_LAWS[law].stiffens
+    worst, again, beyond, compared = 0.0, 0, 0, 0
+    for i in range(count):
+        column = random_column(rng, int(rng.integers(2, 11)))
+        ours = solve_column(column, law=law, exponent=exponent)
+        if "infinitely many" in ours.reason:
+            continue
+        compared += 1
+        difference = _difference(ours.velocities, integrate(column, exponent, stiffens).velocities)
+        if difference > BOUND:
+            again += 1
+            finer = integrate(column, exponent, stiffens, resolution=FINER)
+            difference = _difference(ours.velocities, finer.velocities)
+        if difference > BOUND:
+            beyond += 1
+            console.print(f"{i}: {difference:.1e}, grazing margin {ours.grazing_margin:.1e}", highlight=False)
+        else:
+            worst = max(worst, difference)
+    console.print(
+        f"{law}, p = {exponent:g}: {compared} of {count} columns end after finitely many events; {beyond} of them differ "
+        f"by more than {BOUND:g}, the others by at most {worst:.1e}; {again} integrated again at {FINER:g} rad a step",
+        highlight=False,
+    )
+
+
+def _difference(one, other) -> float:
+    return float(np.abs(np.subtract(one, other)).max())
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument(
+        "--repeats", type=int, default=3, help="the best of so many counts (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    parser.add_argument("--slow", type=int, default=20, help="largest N of solve_ivp (default: %(default)s)")
+    parser.add_argument(
+        "--independent", type=int, default=0, metavar="COUNT", help="compare so many columns instead"
+    )
+    parser.add_argument(
+        "--exponent", type=float, default=1.0, help="of the comparison (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--law", choices=list(IMPACT_LAWS), default="jia-mason-erdmann", help="of the comparison"
+    )
+    options = parser.parse_args()
+    console = Console(width=max(110, Console().width))
+    console.print(machine(), highlight=False)
+    if options.independent:
+        compare(console, options.independent, options.exponent, options.law, options.seed)
+    else:
+        speed(console, options)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,264 @@
+"""`solve_column`: one column by the state transition model, with its states and path; `solve_columns`: many of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from impact_xval.model.columns.chain import Chain, ball_values
+from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
+from impact_xval.model.columns.diagram import COLLAPSE, PLASTIC, RUNAWAY, TOO_MANY_EVENTS, collide
+from impact_xval.model.compiled import OPTIONS, compiled
+from impact_xval.model.grazing import MARKS, mark_codes
+from impact_xval.model.inputs import GRAZING_THRESHOLD, Legal
+from impact_xval.model.law import INACTIVE, ImpactLaw
+from impact_xval.model.solving import NAME, check_law, nearest_jump
+
+EXPONENT = Legal("exponent", 1.0, 3.0, "from 1 (linear contacts; 1.5: Hertz) to 3")
+
+#: Pieces of segments after which a column is given up, some seconds for five balls.
+MAX_EVENTS = 1_000_000
+
+#: Points of the path in each piece of a segment.
+POINTS = 4
+
+#: Rows of the first try at a log; a column that needs more is run once more.
+LOG_ROWS = 1024
+
+_REASONS = {
+    PLASTIC: "closed form of e = 0: the bodies of a contact that ended compression are one from there on",
+    RUNAWAY: "the running stiffness of a contact runs away: its bodies are one from where it is rigid to rounding",
+    COLLAPSE: "bodies come to rest together after infinitely many events",
+}
+
+
+def solve_column(
+    column: Column,
+    *,
+    law: str = "jia-mason-erdmann",
+    exponent: float = 1.0,
+    path: bool = False,
+    max_events: int = MAX_EVENTS,
+    grazing_threshold: float = GRAZING_THRESHOLD,
+) -> ColumnOutcome:
+    """Solve one column by the state transition model for N balls.
+
+    Parameters
+    ----------
+    column : Column
+    law : str
+        ``jia-mason-erdmann``, the model's own, or ``liu-zhao-brogliato`` (`model.law`).
+    exponent : float
+        p of the forces F = k delta^p, from 1 (linear, exact) to 3; 1.5 are Hertz contacts. Any other than 1 is
+        integrated, with an error of some 1e-12 of the velocity of impact.
+    path : bool
+        Whether the outcome carries `path`.
+    max_events : int
+        Pieces of segments after which the column is given up, with the status ``unconverged``.
+    grazing_threshold : float
+        Grazing margin below which the outcome is marked.
+
+    Returns
+    -------
+    ColumnOutcome
+        Status ``limit`` where bodies were united or brought to rest by a closed form, ``unconverged`` after
+        `max_events`, else ``ok``. Its ``diagnostics``: ``energy_residual``, of the energy balance per kinetic energy
+        relative to the centre of mass or the table.
+
+    Raises
+    ------
+    ValueError
+        For an unknown law or an illegal exponent.
+    """
+    rules, p = check_law(law, "law"), EXPONENT.number(exponent)
+    balls, contacts = len(column.masses), len(column.stiffnesses)
+    scaled, units = _scaled(column, p)
+    points = POINTS if path else 1
+    log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
+    result = _solve_one(scaled, p, rules.stiffens, max_events, points, log)
+    outcome = _outcome(column, result, units, rules, grazing_threshold, max_events)
+    if outcome.status == "unconverged":
+        return outcome
+    if result[-1] > LOG_ROWS:
+        log = np.empty((result[-1], log.shape[1]))
+        result = _solve_one(scaled, p, rules.stiffens, max_events, points, log)
+    log = log[: result[-1]]
+    acting = log[:, 1 + 2 * balls :] != INACTIVE
+    sets = [tuple((np.flatnonzero(row) + 1).tolist()) for row in acting]
+    states = (*(states for states, _ in groupby(sets)), ())
+    trail = _path(column, log, result, units) if path else None
+    return replace(outcome, states=states, path=trail)
+
+
+def solve_columns(
+    columns: Iterable[Column],
+    *,
+    law: str = "jia-mason-erdmann",
+    exponent: float = 1.0,
+    max_events: int = MAX_EVENTS,
+    grazing_threshold: float = GRAZING_THRESHOLD,
+) -> list[ColumnOutcome]:
+    """Solve many columns at once, on all processors; they may differ in the number of balls.
+
+    Parameters
+    ----------
+    columns : iterable of Column
+    law, exponent, max_events, grazing_threshold
+        As for `solve_column`.
+
+    Returns
+    -------
+    list of ColumnOutcome
+        In the order of the columns, without their states.
+
+    Raises
+    ------
+    ValueError
+        As from `solve_column`.
+    """
+    rules, p = check_law(law, "law"), EXPONENT.number(exponent)
+    columns = list(columns)
+    if not columns:
+        return []
+    scaled, units = zip(*(_scaled(column, p) for column in columns), strict=True)
+    *flat, drifts = (list(values) for values in zip(*scaled, strict=True))
+    of_balls = np.cumsum([0, *(len(column.masses) for column in columns)])
+    of_contacts = np.cumsum([0, *(len(column.stiffnesses) for column in columns)])
+    masses, stiffnesses, restitutions, rates = (np.concatenate(values) for values in flat)
+    velocities, numbers = _solve_all(
+        of_balls,
+        of_contacts,
+        masses,
+        stiffnesses,
+        restitutions,
+        rates,
+        np.array(drifts),
+        p,
+        rules.stiffens,
+        max_events,
+    )
+    outcomes = []
+    for i, (column, unit) in enumerate(zip(columns, units, strict=True)):
+        code, events, margin, residual = numbers[i]
+        result = (velocities[of_balls[i] : of_balls[i + 1]], int(code), int(events), margin, residual, 0.0, 0)
+        outcomes.append(_outcome(column, result, unit, rules, grazing_threshold, max_events))
+    return outcomes
+
+
+class _Units(NamedTuple):
+    """Units in which a column has the first mass and stiffness 1, and 1 as its largest compression rate."""
+
+    mass: float
+    speed: float
+    time: float
+
+
+def _scaled(column: Column, p: float) -> tuple[tuple[Any, ...], _Units]:
+    """Masses, stiffnesses, restitutions, compression rates and mean velocity in the column's own units (Theorem 5)."""
+    masses, stiffnesses = np.array(column.masses), np.array(column.stiffnesses)
+    rates = np.array(column.compression_rates)
+    mass, stiffness, speed = masses[0], stiffnesses[0], np.abs(rates).max()
+    drift = 0.0 if column.table else column.mean_velocity / speed
+    time = float((mass / stiffness * speed ** (1 - p)) ** (1 / (p + 1)))
+    scaled = (masses / mass, stiffnesses / stiffness, np.array(column.restitutions), rates / speed, drift)
+    return scaled, _Units(float(mass), float(speed), time)
+
+
+@compiled
+def _solve_one(scaled, p, stiffens, max_events, points, log):
+    """Solve a column of `_scaled`: velocities, code, events, margin, residual, time, rows of the log."""
+    masses, stiffnesses, restitutions, rates, drift = scaled
+    balls, contacts = masses.size, stiffnesses.size
+    inverse = np.zeros(contacts + 1)
+    inverse[:balls] = 1 / masses
+    zero = np.zeros(contacts)
+    chain = Chain(
+        inverse,
+        stiffnesses.copy(),
+        stiffnesses.copy(),
+        restitutions.copy(),
+        rates.copy(),
+        zero,
+        np.zeros(contacts, np.int64),
+        np.arange(contacts),
+        np.empty(contacts),
+        np.arange(balls),
+        p,
+    )
+    velocities = np.empty(balls)
+    ball_values(chain, contacts, rates, drift, velocities)
+    energy = 0.5 * (masses * (velocities - drift) ** 2).sum()
+    chain.length[:] = (energy * (p + 1) / stiffnesses) ** (1 / (p + 1))
+    n, code, events, margin, loss, time, rows = collide(
+        chain, energy, drift, stiffens, max_events, points, log
+    )
+    ball_values(chain, n, chain.w, drift, velocities)
+    residual = 1 - (loss + 0.5 * (masses * (velocities - drift) ** 2).sum()) / energy
+    return velocities, code, events, margin, residual, time, rows
+
+
+@njit(parallel=True, **OPTIONS)
+def _solve_all(
+    of_balls, of_contacts, masses, stiffnesses, restitutions, rates, drifts, p, stiffens, max_events
+):
+    velocities, numbers = np.empty(masses.size), np.empty((drifts.size, 4))
+    no_log = np.empty((0, 0))
+    for i in prange(drifts.size):
+        balls, contacts = slice(of_balls[i], of_balls[i + 1]), slice(of_contacts[i], of_contacts[i + 1])
+        scaled = (masses[balls], stiffnesses[contacts], restitutions[contacts], rates[contacts], drifts[i])
+        v, code, events, margin, residual, _, _ = _solve_one(scaled, p, stiffens, max_events, 1, no_log)
+        velocities[balls] = v
+        numbers[i, 0], numbers[i, 1], numbers[i, 2], numbers[i, 3] = code, events, margin, residual
+    return velocities, numbers
+
+
+def _outcome(
+    column: Column, result: tuple[Any, ...], units: _Units, law: ImpactLaw, threshold: float, max_events: int
+) -> ColumnOutcome:
+    """Outcome of a kernel's result, without states and path."""
+    velocities, code, events, margin, residual, _, _ = result
+    if code & TOO_MANY_EVENTS:
+        return ColumnOutcome.failure(
+            NAME, column, "unconverged", f"not over after {max_events} pieces of segments"
+        )
+    velocities = velocities * units.speed
+    margin = float(nearest_jump(margin, law))
+    return ColumnOutcome(
+        solver=NAME,
+        velocities=tuple(velocities.tolist()),
+        impulses=tuple(_impulses(column, velocities).tolist()),
+        status="limit" if code else "ok",
+        reason="; ".join(text for bit, text in _REASONS.items() if code & bit),
+        grazing_margin=margin,
+        marked=MARKS[int(mark_codes(margin, 0.0, threshold))],
+        n_events=events,
+        diagnostics={"energy_residual": float(residual)},
+    )
+
+
+def _impulses(column: Column, velocities: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Impulses of the contacts that have given the balls these velocities: arrays of shape (..., N) to (..., C)."""
+    changes = np.array(column.masses) * (velocities - np.array(column.velocities))
+    return np.cumsum(changes, axis=-1)[..., : len(column.stiffnesses)]
+
+
+def _path(column: Column, log: NDArray[np.float64], result: tuple[Any, ...], units: _Units) -> ColumnPath:
+    """Path of a complete log; its last point is the end."""
+    balls, masses = len(column.masses), np.array(column.masses)
+    velocities = np.vstack([log[:, 1 : 1 + balls], result[0]]) * units.speed
+    forces = np.cumsum(masses * log[:, 1 + balls : 1 + 2 * balls], axis=-1) * (units.speed / units.time)
+    acting = log[:, 1 + 2 * balls :] != INACTIVE
+    contacts = acting.shape[1]
+    return ColumnPath(
+        time=np.append(log[:, 0], result[5]) * units.time,
+        velocities=velocities,
+        impulses=_impulses(column, velocities),
+        forces=np.vstack([forces[:, :contacts], np.zeros(contacts)]),
+        acting=np.vstack([acting, np.zeros(contacts, bool)]),
+    )

@@ -1,0 +1,349 @@
+"""Columns of N balls: the two-ball solver, invariances, limits, the path, and what is refused."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from impact_xval.model import Column, solve, solve_batch, solve_column, solve_columns
+from impact_xval.model.collision import Collision
+
+LAWS = ("jia-mason-erdmann", "liu-zhao-brogliato")
+GRAZING = 1e-5
+
+
+def random_column(rng, balls=None, table=None, least=0.5):
+    """Draw a chain, a drop or a stack of 2 to 10 balls."""
+    n = int(rng.integers(2, 11)) if balls is None else balls
+    table = bool(rng.integers(2)) if table is None else table
+    contacts = n - 1 + table
+    velocities = np.zeros(n)
+    velocities[: n if table and rng.integers(3) == 0 else 1] = -1
+    return Column(
+        tuple(10 ** rng.uniform(-0.5, 0.5, n)),
+        tuple(10 ** rng.uniform(-1, 1, contacts)),
+        tuple(rng.uniform(least, 1, contacts)),
+        tuple(velocities),
+        table,
+    )
+
+
+def random_columns(seed, count, **given):
+    rng = np.random.default_rng(seed)
+    return [random_column(rng, **given) for _ in range(count)]
+
+
+def apart(one, other):
+    return np.abs(np.subtract(one.velocities, other.velocities)).max()
+
+
+def two_balls(ratio, mass, e1, e2):
+    return Column((1.0, mass), (1.0, ratio), (e1, e2), (-1.0, 0.0), table=True)
+
+
+def two_ball_cells(count, seed):
+    rng = np.random.default_rng(seed)
+    return np.array(
+        [10 ** rng.uniform(-2, 2, count), 10 ** rng.uniform(-1, 1, count), *rng.uniform(0.3, 1, (2, count))]
+    )
+
+
+def against_two_balls(count, seed):
+    cells = two_ball_cells(count, seed)
+    for law in LAWS:
+        fast = solve_batch(*cells, impact_law=law)
+        outcomes = solve_columns([two_balls(*cell) for cell in cells.T.tolist()], law=law)
+        velocities = np.array([o.velocities for o in outcomes])
+        clear = fast.grazing_margin > 1e-9
+        assert clear.mean() > 0.999
+        np.testing.assert_allclose(velocities[clear, 0], fast.v1[clear], atol=1e-12, rtol=0)
+        np.testing.assert_allclose(velocities[clear, 1], fast.v2[clear], atol=1e-12, rtol=0)
+        assert np.array([o.status for o in outcomes])[clear].tolist() == fast.status[clear].tolist()
+
+
+def test_two_balls_on_a_table_are_the_two_ball_solver():
+    against_two_balls(1500, seed=1)
+
+
+@pytest.mark.slow
+def test_two_balls_on_a_table_are_the_two_ball_solver_in_ten_thousand_cells():
+    against_two_balls(10_000, seed=2)
+
+
+def test_states_of_two_balls():
+    names = {(1, 2): "S1", (2,): "S2", (1,): "S3", (): "S4"}
+    compared = 0
+    for cell in two_ball_cells(100, 3).T.tolist():
+        one = solve(Collision.from_ratios(*cell))
+        other = solve_column(two_balls(*cell))
+        if one.status == "ok":
+            compared += 1
+            assert tuple(names[s] for s in other.states) == one.states
+    assert compared > 50
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("plastic", [(0.0, 0.7), (0.7, 0.0), (0.0, 0.0), (0.0, 1.0)])
+def test_a_plastic_contact_is_that_of_two_balls(plastic, law):
+    for ratio, mass in [(0.1, 3.0), (1.0, 1.0), (7.0, 0.3)]:
+        one = solve(Collision.from_ratios(ratio, mass, *plastic), impact_law=law)
+        other = solve_column(two_balls(ratio, mass, *plastic), law=law)
+        assert other.velocities == pytest.approx((one.v1, one.v2), abs=1e-12)
+        assert other.status == "limit"
+        assert "e = 0" in other.reason
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_invariants(exponent, law):
+    columns = random_columns(4, 120 if exponent == 1 else 12)
+    for column, outcome in zip(columns, solve_columns(columns, law=law, exponent=exponent), strict=True):
+        m, before, after = (np.array(x) for x in (column.masses, column.velocities, outcome.velocities))
+        drift = 0.0 if column.table else column.mean_velocity
+        assert outcome.status in ("ok", "limit")
+        assert np.all(np.diff([*after, 0.0] if column.table else after) <= 0)
+        if not column.table:
+            assert m @ after == pytest.approx(m @ before, abs=1e-12)
+        assert m @ (after - drift) ** 2 <= m @ (before - drift) ** 2
+        assert abs(outcome.diagnostics["energy_residual"]) < (1e-13 if exponent == 1 else 1e-10)
+        assert all(impulse >= 0 for impulse in outcome.impulses)
+        upward = outcome.impulses[-1] if column.table else 0.0
+        assert m @ (after - before) == pytest.approx(upward, abs=1e-12)
+
+
+def test_elastic_columns_keep_their_energy():
+    for column in random_columns(5, 30, least=1.0):
+        outcome = solve_column(column)
+        energy = [np.dot(column.masses, np.square(v)) for v in (column.velocities, outcome.velocities)]
+        assert energy[1] == pytest.approx(energy[0], rel=1e-13)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_theorem_5(exponent):
+    """Only ratios of masses and stiffnesses matter, and velocities scale."""
+    for column in random_columns(6, 30 if exponent == 1 else 6):
+        here = solve_column(column, exponent=exponent)
+        scaled = Column(
+            tuple(3 * m for m in column.masses),
+            tuple(700 * k for k in column.stiffnesses),
+            column.restitutions,
+            tuple(0.01 * v for v in column.velocities),
+            column.table,
+        )
+        there = solve_column(scaled, exponent=exponent)
+        assert here.grazing_margin is not None
+        if here.grazing_margin > GRAZING:
+            unscaled = tuple(100 * v for v in there.velocities)
+            assert unscaled == pytest.approx(here.velocities, abs=1e-11 if exponent == 1 else 1e-9)
+            assert here.status == "limit" or here.states == there.states
+
+
+def test_reversal_and_a_moving_observer():
+    for column in random_columns(7, 40, table=False):
+        here, there = solve_column(column), solve_column(column.reversed())
+        moving = solve_column(replace(column, velocities=tuple(v + 5 for v in column.velocities)))
+        assert tuple(-v for v in reversed(there.velocities)) == pytest.approx(here.velocities, abs=1e-11)
+        assert tuple(v - 5 for v in moving.velocities) == pytest.approx(here.velocities, abs=1e-11)
+        n = len(column.masses)
+        if here.status == "ok":
+            assert tuple(tuple(sorted(n - i for i in s)) for s in there.states) == here.states
+
+
+def test_one_ball():
+    outcome = solve_column(Column((2.0,), (5.0,), (0.6,), (-3.0,), table=True))
+    assert outcome.velocities == pytest.approx((1.8,), abs=1e-14)
+    assert outcome.states == ((1,), ())
+    assert outcome.impulses == pytest.approx((9.6,))
+
+
+def test_a_cradle_of_ever_softer_contacts_is_a_sequence_of_single_impacts():
+    """The error vanishes with the square root of the ratio of neighbouring stiffnesses or faster."""
+    errors = []
+    for ratio in (1e2, 1e4, 1e6):
+        outcome = solve_column(Column((1,) * 4, tuple(ratio**-i for i in range(3)), (1,) * 3, (-1, 0, 0, 0)))
+        errors.append(np.abs(np.subtract(outcome.velocities, (0, 0, 0, -1))).max())
+    assert errors[2] < 2e-3
+    assert np.log10(errors[0] / errors[2]) / 4 > 0.45
+
+
+def test_plastic_chains_move_as_one():
+    outcome = solve_column(Column((1, 2, 3, 4), (1, 5, 0.2), (0, 0, 0), (-1, 0, 0, 0)))
+    assert outcome.velocities == pytest.approx((-0.1,) * 4, abs=1e-14)
+
+
+def test_separate_groups_do_not_meet():
+    """Two collisions at either end, and a gap of velocities between them."""
+    column = Column((1, 1, 1, 1), (1, 1, 2), (0.8, 0.5, 0.6), (-1, 0, -3, -2.5))
+    first = solve_column(replace(column, velocities=(-1, 0, -9, -9)))
+    assert first.velocities[2:] == (-9, -9)
+    assert first.velocities[:2] == pytest.approx((-0.1, -0.9), abs=1e-14)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    "column",
+    [
+        Column((1,) * 3, (1e12, 1, 1e-12), (0.9,) * 3, (-1,) * 3, table=True),
+        Column((1,) * 3, (1, 1e12, 1), (0.5,) * 3, (-1, 0, 0), table=True),
+        Column((1e-6, 1, 1e6), (1, 1), (0.3, 0.9), (-1, 0, 0)),
+        Column((1e6, 1, 1e-6), (1, 1, 1), (0.9, 0.9, 0.1), (-1, 0, 0), table=True),
+        Column((1,) * 5, (1,) * 5, (1e-6,) * 5, (-1,) * 5, table=True),
+        Column((1,) * 4, (1,) * 4, (0.0, 1.0, 0.0, 1.0), (-1, 0, 0, 0), table=True),
+        Column((1, 0.165), (1, 0.775), (0.4, 0.33), (-1, 0), table=True),
+        Column((1e-150, 1e150), (1, 1e-200), (0.5, 0.5), (-1, 0), table=True),
+    ],
+)
+def test_no_column_is_endless(column, law):
+    outcome = solve_column(column, law=law, max_events=20_000)
+    assert outcome.status in ("ok", "limit", "unconverged")
+    assert (outcome.status == "ok") == (outcome.reason == "")
+    if outcome.status != "unconverged":
+        assert np.all(np.diff(outcome.velocities) <= 0)
+
+
+def test_an_endless_cycle_ends_at_rest():
+    """The collapse of two balls under the second law, and the same below a third that has left."""
+    assert solve_column(two_balls(0.775, 0.165, 0.4, 0.33), law=LAWS[1]).velocities == (0, 0)
+    outcome = solve_column(
+        Column((5, 1, 0.165), (3, 1, 0.775), (1, 0.4, 0.33), (9, -1, 0), table=True), law=LAWS[1]
+    )
+    assert outcome.velocities == pytest.approx((9, 0, 0), abs=1e-12)
+    assert outcome.status == "limit"
+    assert "infinitely many events" in outcome.reason
+
+
+def test_given_up():
+    outcome = solve_column(random_columns(8, 1, balls=6)[0], max_events=3)
+    assert outcome.status == "unconverged"
+    assert outcome.reason == "not over after 3 pieces of segments"
+    assert all(math.isnan(v) for v in (*outcome.velocities, *outcome.impulses))
+
+
+def test_a_hundred_balls():
+    outcome = solve_column(Column((1,) * 100, (1,) * 99, (0.99,) * 99, (-1,) + (0,) * 99))
+    assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
+    assert abs(outcome.diagnostics["energy_residual"]) < 1e-12
+    assert outcome.velocities[-1] < -0.5
+
+
+def test_outcomes_jump_only_beside_a_small_margin():
+    columns = random_columns(9, 1000, balls=4)
+    moved = [replace(c, stiffnesses=(c.stiffnesses[0] * (1 + 1e-6), *c.stiffnesses[1:])) for c in columns]
+    here, there = solve_columns(columns), solve_columns(moved)
+    margins = np.array([o.grazing_margin for o in here])
+    jumps = np.array([apart(a, b) for a, b in zip(here, there, strict=True)]) > 1e-4
+    assert np.all(margins[jumps] < 1e-4)
+    assert np.mean(margins < 1e-4) < 0.01
+    assert [bool(o.marked) for o in here] == (margins < 5e-5).tolist()
+
+
+def test_a_jump_has_a_margin_that_vanishes():
+    """Between two columns of either side of a jump, found by bisection of one stiffness."""
+    column = Column((1,) * 3, (1,) * 3, (0.9,) * 3, (-1,) * 3, table=True)
+
+    def at(k):
+        return solve_column(replace(column, stiffnesses=(1, 1, k)))
+
+    grid = np.linspace(0.5, 2, 301)
+    outcomes = [at(k) for k in grid]
+    steps = [apart(a, b) for a, b in pairwise(outcomes)]
+    i = int(np.argmax(steps))
+    low, high = grid[i], grid[i + 1]
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (
+            (middle, high) if apart(at(middle), at(low)) < apart(at(middle), at(high)) else (low, middle)
+        )
+    assert apart(at(low), at(high)) > 1e-2
+    for k in (low, high):
+        outcome = at(k)
+        assert outcome.grazing_margin is not None
+        assert outcome.grazing_margin < 1e-9
+        assert outcome.marked.startswith("grazing")
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_path(exponent):
+    column = random_column(np.random.default_rng(10), balls=4, table=True)
+    outcome = solve_column(column, exponent=exponent, path=True)
+    path = outcome.path
+    assert path is not None
+    assert tuple(path.velocities[0]) == column.velocities
+    assert tuple(path.velocities[-1]) == outcome.velocities
+    assert path.impulses[-1] == pytest.approx(outcome.impulses)
+    assert np.all(np.diff(path.time) >= 0)
+    assert path.impulses.shape == path.forces.shape == path.acting.shape == (len(path.time), 4)
+    rounding = 1e-9 if exponent == 1 else 1e-6  # of the quintics between the ends of a step
+    assert path.forces.min() > -rounding
+    assert np.all(np.abs(path.forces[~path.acting]) < rounding)
+    mean = 0.5 * (path.forces[1:] + path.forces[:-1])
+    grown = np.sum(mean * np.diff(path.time)[:, None], axis=0)
+    assert grown == pytest.approx(outcome.impulses, rel=0.02)
+
+
+def test_many_at_once_are_the_same():
+    columns = random_columns(11, 60)
+    for one, other in zip(columns, solve_columns(columns), strict=True):
+        single = solve_column(one)
+        assert (single.velocities, single.n_events, single.grazing_margin) == (
+            other.velocities,
+            other.n_events,
+            other.grazing_margin,
+        )
+    assert solve_columns([]) == []
+
+
+LEGAL = {
+    "masses": (1, 2, 3),
+    "stiffnesses": (1, 1),
+    "restitutions": (0.9, 1),
+    "velocities": (-1, 0, 0),
+    "table": False,
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"masses": (1, 0, 3)}, r"masses\[2\] = 0.0; legal: finite numbers > 0 \(kg\)"),
+        ({"masses": (1, math.inf, 3)}, r"masses\[2\] = inf; legal: finite"),
+        ({"masses": (1, math.nan, 3)}, r"masses\[2\] = nan: not a number"),
+        ({"masses": ()}, "masses: 0 balls; legal: from 1 to 1000"),
+        ({"masses": (1,) * 1001}, "masses: 1001 balls; legal: from 1 to 1000"),
+        ({"masses": 1.0}, "masses = 1.0: not a sequence of numbers; legal: finite numbers > 0"),
+        ({"masses": "123"}, "masses = '123': not a sequence"),
+        ({"stiffnesses": (1, -1)}, r"stiffnesses\[2\] = -1.0; legal: finite numbers > 0 \(N/m\)"),
+        ({"stiffnesses": (1, math.inf)}, r"stiffnesses\[2\] = inf; legal: finite numbers"),
+        ({"stiffnesses": (1, 1, 1)}, "stiffnesses: 3 values; legal: 2, for 3 balls without a table"),
+        ({"table": True}, "stiffnesses: 2 values; legal: 3, for 3 balls on a table"),
+        ({"table": 1}, "table = 1; legal: True or False"),
+        ({"restitutions": (0.9, 1.1)}, r"restitutions\[2\] = 1.1; legal: from 0 to 1"),
+        ({"restitutions": (0.9,)}, "restitutions: 1 values; legal: 2"),
+        ({"velocities": (0, 0)}, "velocities: 2 values; legal: 3"),
+        (
+            {"velocities": (1, 0, 0)},
+            r"velocities = \(1.0, 0.0, 0.0\): nothing meets; legal: a ball is slower",
+        ),
+        ({"velocities": (-1, "x", 0)}, r"velocities\[2\] = 'x': not a number"),
+    ],
+)
+def test_illegal_columns_are_refused_in_one_line(changes, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        Column(**{**LEGAL, **changes})
+    assert "\n" not in str(caught.value)
+
+
+def test_illegal_ways_to_solve_are_refused_by_name():
+    column = Column(**LEGAL)
+    for solver in (
+        lambda **given: solve_column(column, **given),
+        lambda **given: solve_columns([column], **given),
+    ):
+        with pytest.raises(ValueError, match=r"law = 'newton'; legal: jia-mason-erdmann, liu-zhao-brogliato"):
+            solver(law="newton")
+        with pytest.raises(ValueError, match=r"exponent = 0\.5; legal: from 1"):
+            solver(exponent=0.5)
+    with pytest.raises(ValueError, match="a column on a table has no reverse"):
+        two_balls(1, 1, 1, 1).reversed()

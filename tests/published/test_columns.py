@@ -1,0 +1,137 @@
+"""Columns that others have computed or measured, with the precision their numbers bear (docs/columns.md, section 5)."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from impact_xval.model import Column, solve_column, solve_columns
+
+LZB = "liu-zhao-brogliato"
+
+
+def chain(balls, e=1.0, struck=1):
+    """Build a chain of unit masses and stiffnesses, struck by its first balls at unit speed."""
+    rest = balls - struck
+    return Column((1,) * balls, (1,) * (balls - 1), (e,) * (balls - 1), (-1,) * struck + (0,) * rest)
+
+
+def stack(e):
+    return Column((1,) * 3, (1,) * 3, (e,) * 3, (-1,) * 3, table=True)
+
+
+#: Siconos 4.4.0, MultipleImpact of kind BiStiffness with MultipleImpactNSL: the law of Liu, Zhao and Brogliato.
+SICONOS = [
+    (chain(3), 1, (0.130260, -0.150226, -0.980034), 2e-5),
+    (chain(3, 0.9), 1, (0.065303, -0.167191, -0.898113), 2e-5),
+    (chain(3), 1.5, (0.07095235, -0.07640304, -0.99454931), 6e-6),
+    (chain(3, 0.9), 1.5, (0.008612, -0.104138, -0.904474), 6e-6),
+    (chain(5), 1, (0.132278, 0.075328, 0.031013, -0.296214, -0.942404), 2e-5),
+    (chain(5), 1.5, (0.071079, 0.030168, 0.014389, -0.126824, -0.988811), 2.3e-4),
+    (stack(1.0), 1, (1.234241, 1.001447, 0.688302), 2e-5),
+    (stack(0.9), 1, (1.093749, 0.889333, 0.592184), 2e-5),
+]
+
+
+@pytest.mark.parametrize(("column", "exponent", "velocities", "bears"), SICONOS)
+def test_siconos(column, exponent, velocities, bears):
+    outcome = solve_column(column, law=LZB, exponent=exponent)
+    assert outcome.velocities == pytest.approx(velocities, abs=bears, rel=0)
+
+
+@pytest.mark.parametrize(("column", "exponent", "velocities", "bears"), SICONOS[:-1])
+def test_where_no_compression_is_repeated_the_two_laws_are_one(column, exponent, velocities, bears):
+    here, there = (solve_column(column, law=law, exponent=exponent) for law in ("jia-mason-erdmann", LZB))
+    assert here.velocities == there.velocities
+
+
+def test_where_one_is_repeated_they_part():
+    here, there = solve_column(stack(0.9)), solve_column(stack(0.9), law=LZB)
+    assert np.abs(np.subtract(here.velocities, there.velocities)).max() > 0.05
+
+
+@pytest.mark.parametrize(
+    ("balls", "velocities"),
+    [
+        (3, (0.07095235, -0.07640304, -0.99454931)),
+        (5, (0.07108502, 0.03027376, 0.01446363, -0.12704499, -0.98877742)),
+    ],
+)
+def test_elastic_hertz_chains_integrated_in_time(balls, velocities):
+    """DOP853 in time, each figure good to 1e-8."""
+    outcome = solve_column(chain(balls), exponent=1.5)
+    assert outcome.velocities == pytest.approx(velocities, abs=1e-8, rel=0)
+
+
+@pytest.mark.parametrize(
+    ("cell", "velocities", "as_the_model"),
+    [
+        ((0.01, 1, 1, 1), (0.717800, 0.696251), True),
+        ((1, 1, 1, 1), (0.975472, 0.220126), True),
+        ((10, 2, 0.6, 0.9), (0.589300, 0.225281), True),
+        ((0.3, 4, 0.7, 0.5), (0.366259, 0.169034), True),
+        ((2, 10, 0.9, 0.8), (0.739593, 0.133835), True),
+        ((1, 1, 0.5, 0.5), (0.252856, 0.009892), False),
+        ((0.1, 0.5, 0.8, 0.6), (0.523146, 0.246763), False),
+        ((3, 0.3, 0.9, 0.9), (0.850181, 0.396132), False),
+    ],
+)
+def test_two_balls_on_a_table_by_siconos(cell, velocities, as_the_model):
+    ratio, mass, e1, e2 = cell
+    column = Column((1, mass), (1, ratio), (e1, e2), (-1, 0), table=True)
+    assert solve_column(column, law=LZB).velocities == pytest.approx(velocities, abs=2e-5, rel=0)
+    own = np.abs(np.subtract(solve_column(column).velocities, velocities)).max()
+    assert (own < 2e-5) == as_the_model
+
+
+def test_alciatore_three_touching_billiard_balls():
+    """Technical proof B.29: -0.071, 0.076, 0.995 per the striker's speed, to the digits printed."""
+    outcome = solve_column(chain(3), exponent=1.5)
+    assert -np.array(outcome.velocities) == pytest.approx((-0.071, 0.076, 0.995), abs=6e-4)
+
+
+def test_two_hertz_balls_that_strike_three():
+    """The first two of the far side leave with 1.14 and 0.80, to the digits printed."""
+    outcome = solve_column(chain(5, struck=2), exponent=1.5)
+    assert -np.array(outcome.velocities[:2:-1]) == pytest.approx((1.14, 0.80), abs=1e-2)
+
+
+def test_siconos_tutorials_ten_hertz_balls():
+    """MonodisperseChainOfBalls.ref of siconos-tutorials, commit b6c9bfd: good to 5e-4."""
+    outcome = solve_column(chain(10), exponent=1.5)
+    ends = (outcome.velocities[0], -outcome.velocities[-1])
+    assert ends == pytest.approx((0.0710593, 0.9859561), abs=5e-4, rel=0)
+
+
+def test_siconos_tutorials_ten_beads_on_a_wall():
+    """BeadColumnED_LZB.ref of siconos-tutorials, commit b6c9bfd, its first impact: good to about 1e-3."""
+    printed = (
+        0.199598,
+        0.460194,
+        0.541052,
+        0.871998,
+        1.011202,
+        1.042022,
+        1.080208,
+        1.148062,
+        1.280967,
+        1.568832,
+    )
+    column = Column((1,) * 10, (1,) * 9 + (2**0.5,), (1,) * 10, (-1,) * 10, table=True)
+    outcome = solve_column(column, law=LZB, exponent=1.5)
+    assert outcome.velocities[::-1] == pytest.approx(printed, abs=1.5e-3, rel=0)
+
+
+def test_a_hundred_random_columns_by_siconos():
+    """Chains, drops and stacks of 2 to 8 balls; its own error is within 4e-5 for p = 1, and 4e-4 for p = 1.5."""
+    data = json.loads(Path(__file__).with_name("siconos_columns.json").read_text(encoding="utf-8"))
+    names = ("masses", "stiffnesses", "restitutions", "velocities", "table")
+    for exponent, bears in ((1.0, 1e-4), (1.5, 5e-4)):
+        rows = [row for row in data["columns"] if row["exponent"] == exponent]
+        outcomes = solve_columns(
+            (Column(*(row[name] for name in names)) for row in rows), law=LZB, exponent=exponent
+        )
+        for row, outcome in zip(rows, outcomes, strict=True):
+            difference = np.abs(np.subtract(outcome.velocities, row["result"])).max()
+            assert difference < bears, row
