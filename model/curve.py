@@ -214,7 +214,9 @@ def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) ->
     )
     rate, E = (row.d1, row.E1) if contact == 1 else (-row.v2, row.E2)
     rate_after, E_after = (after.d1, after.E1) if contact == 1 else (-after.v2, after.E2)
-    stiffness = k / e ** (2 * ends[contact - 1]) if e > 0 or ends[contact - 1] == 0 else inf
+    # Of e below 1e-162 the square is 0: rigid from the end of compression on, as with e = 0.
+    softness, square = e ** (2 * ends[contact - 1]), e * e
+    stiffness = k / softness if softness > 0 else inf
 
     pieces: list[Piece] = []
 
@@ -222,10 +224,8 @@ def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) ->
         theta = np.linspace(start, stop, 3 + ceil(POINTS * abs(stop - start) / pi))
         d = W * np.cos(theta)
         energy = 0.5 * mass * (W * np.sin(theta)) ** 2
-        if stiffness > 0:
-            time = (theta - start) * sqrt(mass * collision.m1 / stiffness)
-        else:
-            time = np.where(theta > start, inf, 0.0)
+        unit = sqrt(mass * collision.m1 / stiffness) if stiffness > 0 else inf
+        time = np.multiply(theta - start, unit, out=np.zeros_like(theta), where=theta > start)
         still = np.full_like(theta, 1.0)
         shift = d - rate
         pieces.append(
@@ -246,7 +246,7 @@ def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) ->
     stop = atan2(sqrt(2 * E_after / mass), rate_after) if E_after > 0 or rate_after > 0 else pi
     if phase == COMPRESSION and not (rate_after > 0 and E_after > 0):
         add(start, pi / 2, W, stiffness, COMPRESSION)
-        add(pi / 2, stop, e * W, stiffness / (e * e) if e > 0 else inf, RESTITUTION)
+        add(pi / 2, stop, e * W, stiffness / square if square > 0 else inf, RESTITUTION)
     else:
         add(start, stop, W, stiffness, phase)
     return pieces, contact

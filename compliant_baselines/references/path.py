@@ -107,10 +107,11 @@ def curve_of(collision: Collision, log: Floats, law: Law) -> ImpulseCurve:
     time, v1 = np.append(time.ravel(), log[-1, 0]), v2 - d1
     rows = np.append(np.repeat(np.arange(len(log) - 1), POINTS), len(log) - 1)
     k1, k2, mode1, mode2, g = log[rows][:, [6, 7, 8, 9, 11]].T
-    energies = [
-        unit.joules(np.where(mode > SLACK, 0.5 * k * p**2, 0.0))
-        for mode, k, p in ((mode1, k1, p1), (mode2, k2, q2 + mu * g / k2))
-    ]
+    with np.errstate(over="ignore"):
+        energies = [
+            unit.joules(np.where(mode > SLACK, 0.5 * k * p**2, 0.0))
+            for mode, k, p in ((mode1, k1, p1), (mode2, k2, q2 + mu * g / k2))
+        ]
     phases = [
         np.where(mode == LOADED, np.where(rate > 0, 1, 2), PHASE[mode.astype(int)])
         for mode, rate in ((mode1, d1), (mode2, -v2))

@@ -46,7 +46,8 @@ def run(
     from impact_xval.experiments.sweep.status import Medians
 
     start = time.perf_counter()
-    experiment = _experiment(config, "built-in experiment")
+    kept = _kept(out) if resume and config is None and out is not None else None
+    experiment = kept or _experiment(config, "built-in experiment")
     root = out if out is not None else Path("runs") / _slug(experiment.name)
     words = ["run", config, "--out", root, "--resume", *_option("--scheduler", scheduler)]
     console = make_console()
@@ -194,6 +195,16 @@ def _experiment(path: Path | None, built_in: str) -> Config:
     from impact_xval.experiments.config.configuration import load_config, parse_config
 
     return load_config(path) if path is not None else parse_config({}, built_in)
+
+
+def _kept(root: Path) -> Config | None:
+    """Read the configuration of the run in a folder, if there is one that says what it is of."""
+    from impact_xval.experiments.tables.store import DamagedManifestError, RunFolder
+
+    try:
+        return RunFolder(root).kept_config()
+    except DamagedManifestError:
+        return None
 
 
 def _option(name: str, value: str | None) -> list[str]:

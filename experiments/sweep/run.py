@@ -43,6 +43,7 @@ from impact_xval.experiments.tables.folders import discard, missing, open_folder
 from impact_xval.experiments.tables.lock import check_free, holding
 from impact_xval.experiments.tables.schema import COLUMNS, ROW_SCHEMA
 from impact_xval.experiments.tables.store import (
+    CONFIGURATION,
     FORMAT,
     MANIFEST,
     DamagedManifestError,
@@ -207,6 +208,7 @@ class _Run:
             self._progress(0, 0, finding)
         self._manifest = _manifest(config, cells, self._versions, self._history)
         write_json(self._folder.root / MANIFEST, self._manifest)
+        write_json(self._folder.parts / CONFIGURATION, config.canonical())
         self._done, self._reused = sum(len(cells.chunk(number)) for number in self._parts), len(self._parts)
         for part in self._parts.values():
             self._hear(pq.read_table(part, columns=HEARD))

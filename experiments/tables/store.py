@@ -41,6 +41,8 @@ FORMAT = "impact-xval run, format 1"
 #: States of a run whose tables are written; "complete" is one with its report.
 FINISHED = ("tables", "complete")
 MANIFEST = "manifest.json"
+#: Beside the parts: what they are of, for when the manifest is lost.
+CONFIGURATION = "configuration.json"
 TABLES = (
     "cells.parquet",
     "divergence.parquet",
@@ -64,7 +66,7 @@ _WRITTEN = {
         + r"|ladder-[a-z-]+\.(parquet|csv)|summary\.(md|csv|tex)|report\.html"
         r"|evaluations\.parquet|worst\.csv|search\.(png|pdf|txt)"
     ),
-    "parts": PART,
+    "parts": re.compile(rf"{PART.pattern}|{re.escape(CONFIGURATION)}"),
     "figures": re.compile(r"[a-z0-9-]+\.(png|pdf)|captions\.json"),
 }
 
@@ -289,6 +291,24 @@ class RunFolder:
             legal = f"legal: both as the run wrote them{_written_by(manifest)}"
             raise DamagedManifestError(f"{path}: configuration and identity do not go together; {legal}")
         return config
+
+    def kept_config(self) -> Config:
+        """Read the configuration of the run, from beside its parts where the manifest is missing or damaged.
+
+        Raises
+        ------
+        UserError
+            As for `manifest`, where it is in neither place.
+        """
+        try:
+            return self.config()
+        except DamagedManifestError as damage:
+            path = self.parts / CONFIGURATION
+            try:
+                with open_regular(path) as file:
+                    return from_canonical(json.loads(file.read().decode("utf-8")), str(path))
+            except (OSError, ValueError, RecursionError, UserError, AttributeError, TypeError):
+                raise damage from None
 
     def table_path(self, name: str, schema: pa.Schema) -> Path:
         """Return the path of a finished table, after a look at whether it is what was written.

@@ -97,7 +97,7 @@ def test_resume_after_an_interruption_gives_the_same_bytes(small, tmp_path):
     run_sweep(small, tmp_path / "whole", isolate=False, resolve=fakes.shifted)
     with pytest.raises(InterruptedRunError):
         run_sweep(small, tmp_path / "cut", isolate=False, resolve=fakes.interrupting)
-    assert len(list((tmp_path / "cut/parts").iterdir())) == 2
+    assert len(list((tmp_path / "cut/parts").glob("0*"))) == 2
     assert not (tmp_path / "cut/cells.parquet").exists()
     said = []
     run_sweep(
@@ -116,7 +116,7 @@ def test_resume_after_an_interruption_gives_the_same_bytes(small, tmp_path):
 def test_a_damaged_part_is_computed_again_and_said_so(small, tmp_path, harm):
     run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     before = _tables(tmp_path / "a")
-    part = sorted((tmp_path / "a/parts").iterdir())[1]
+    part = sorted((tmp_path / "a/parts").glob("0*"))[1]
     data = part.read_bytes()
     if harm == "delete":
         part.unlink()

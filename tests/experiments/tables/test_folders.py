@@ -17,6 +17,7 @@ from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.arrays import to_xarray
 from impact_xval.experiments.presentation import report
+from impact_xval.experiments.sweep import run as sweep
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.files import is_regular
 from impact_xval.experiments.tables.folders import discard, finished, missing, open_folder
@@ -124,7 +125,7 @@ def test_nothing_is_written_through_a_link_nor_waited_for_at_a_pipe(run, tmp_pat
 
 @pytest.mark.parametrize("kind", ["link", "pipe", "folder"])
 def test_what_has_the_name_of_a_part_and_is_no_file_is_refused(run, tmp_path, kind):
-    part = sorted((run / "parts").iterdir())[1]
+    part = sorted((run / "parts").glob("0*"))[1]
     part.rename(tmp_path / "mine")
     make = {"link": lambda: part.symlink_to(tmp_path / "mine"), "pipe": lambda: os.mkfifo(part)}
     make.get(kind, part.mkdir)()
@@ -196,7 +197,7 @@ def test_a_damaged_manifest_strands_no_part(run, harm, capsys):
 
 def test_the_rows_of_another_chunk_under_a_right_digest_are_computed_again(run):
     before = {name: (run / name).read_bytes() for name in TABLES}
-    one, two, _ = sorted((run / "parts").iterdir())
+    one, two, _ = sorted((run / "parts").glob("0*"))
     content = two.read_bytes()
     start, identity, _ = one.name.split("-")
     one.unlink()
@@ -265,3 +266,36 @@ def test_no_type_in_a_manifest_is_a_traceback(run, block, capsys, monkeypatch):
                 to_xarray(run)
         with contextlib.suppress(UserError):
             _resume(run)
+
+
+@pytest.mark.parametrize("lost", ["", "missing", "damaged", "of another"])
+def test_a_run_is_continued_without_its_file_and_without_its_manifest(run, lost, monkeypatch, capsys):
+    manifest, begun = run / "manifest.json", []
+    whole = {path.name: path.read_bytes() for path in run.glob("*.parquet")}
+    if lost == "missing":
+        manifest.unlink()
+    elif lost:
+        manifest.write_text("{" if lost == "damaged" else '{"format": "impact-xval run, format 1"}')
+
+    def resumed(config, root, **how):
+        begun.append(config)
+        return run_sweep(
+            config, root, resume=True, isolate=False, resolve=fakes.shifted, present=how["present"]
+        )
+
+    monkeypatch.setattr(sweep, "run_sweep", resumed)
+    assert main(["run", "--out", str(run), "--resume"]) == 0
+    assert begun == [parse_config(SMALL)]
+    assert {path.name: path.read_bytes() for path in run.glob("*.parquet")} == whole
+    assert json.loads(manifest.read_text())["configuration"] == parse_config(SMALL).canonical()
+
+
+def test_where_nothing_says_what_parts_are_of_they_stay(run, capsys):
+    (run / "manifest.json").unlink()
+    for content in (None, "{", "[]", '{"m1": -1}', '{"name": "x"}'):
+        path = run / "parts/configuration.json"
+        path.unlink() if content is None else path.write_text(content)
+        before = _entries(run)
+        assert main(["run", "--out", str(run), "--resume"]) == 2
+        assert "no part there is of this configuration" in capsys.readouterr().err
+        assert _entries(run) == before
