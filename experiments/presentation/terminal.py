@@ -27,7 +27,7 @@ from impact_xval.experiments.presentation.pages import Table, blocks_of, phrase,
 from impact_xval.experiments.tables.numbers import number
 
 #: Gives law, solver, number of cells and median D of solvers.
-SoFar = Callable[[], list[tuple[str, str, int, float]]]
+MedianRows = Callable[[], list[tuple[str, str, int, float]]]
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
@@ -66,7 +66,7 @@ def _renderables(markdown: str) -> Iterator[Any]:
 
 @contextmanager
 def show_progress(
-    console: Console, unit: str = "cells", medians: SoFar = list
+    console: Console, unit: str = "cells", medians: MedianRows = lambda: []
 ) -> Iterator[Callable[[int, int, str], None]]:
     """Show progress: a bar and the medians so far on a terminal, otherwise a line for every tenth and after `_SAY` s.
 
@@ -88,7 +88,7 @@ def show_progress(
 
 
 @contextmanager
-def _bar(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int, int, str], None]]:
+def _bar(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
     bar = Progress(
         TextColumn(unit),
         BarColumn(),
@@ -117,7 +117,7 @@ def _bar(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int,
 
 
 @contextmanager
-def _log(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int, int, str], None]]:
+def _log(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
     start, said, last, first, lock = time.perf_counter(), -1, 0.0, None, threading.Lock()
 
     def on_log(done: int, total: int, line: str) -> None:

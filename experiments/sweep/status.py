@@ -28,7 +28,7 @@ from impact_xval.experiments.tables.lock import running
 from impact_xval.experiments.tables.store import PART, RunFolder, Tally, statuses_of, tally
 
 #: Columns of a row that `Medians` are made of.
-HEARD = ["solver", "velocity_divergence", "marked"]
+MEDIAN_COLUMNS = ["solver", "velocity_divergence", "marked"]
 
 #: Seconds that are said to be left, at most: a clock that jumped makes any number of them.
 _LONGEST = 1e9
@@ -162,7 +162,7 @@ class Medians:
         self._lock = threading.Lock()
 
     def add(self, rows: pa.Table) -> None:
-        """Add rows with the columns `HEARD`; safe from any thread."""
+        """Add rows with the columns `MEDIAN_COLUMNS`; safe from any thread."""
         rows = rows.filter(pc.field("marked").is_null() & pc.field("velocity_divergence").is_valid())
         with self._lock:
             for name, found in self._found.items():

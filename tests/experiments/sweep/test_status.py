@@ -78,7 +78,7 @@ def test_status_of_no_run_is_one_line(tmp_path, capsys):
     assert "cells = 'many'; legal: a whole number" in capsys.readouterr().err
 
 
-def test_medians_are_heard_before_a_chunk_is_done_and_end_as_those_of_the_summary(tmp_path):
+def test_medians_are_there_before_a_chunk_is_done_and_end_as_those_of_the_summary(tmp_path):
     config = parse_config(SMALL | {"solvers": ["bistiffness", "mujoco", "pybullet"], "chunk_size": 6})
     medians, seen = Medians(config.solvers), {}
 
@@ -87,7 +87,7 @@ def test_medians_are_heard_before_a_chunk_is_done_and_end_as_those_of_the_summar
             seen.setdefault((done, tuple(n for *_, n, _ in medians.rows())), None)
 
     folder = run_sweep(
-        config, tmp_path / "a", isolate=False, resolve=fakes.shifted, progress=look, hear=medians.add
+        config, tmp_path / "a", isolate=False, resolve=fakes.shifted, progress=look, on_rows=medians.add
     )
     assert next(iter(seen)) == (0, (6,))  # one solver's, of a chunk that the others are still to solve
     summary = summarise(folder)
@@ -100,7 +100,7 @@ def test_medians_are_heard_before_a_chunk_is_done_and_end_as_those_of_the_summar
     for part in sorted((tmp_path / "a/parts").iterdir())[:1]:
         part.unlink()
     resumed = Medians(config.solvers)
-    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted, resume=True, hear=resumed.add)
+    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted, resume=True, on_rows=resumed.add)
     assert resumed.rows() == medians.rows()
 
 
