@@ -33,6 +33,8 @@ MedianRows = Callable[[], list[tuple[str, str, int, float]]]
 _WIDTH = 150
 #: Seconds of work after which a log has a line, however little was done.
 _SAY = 20.0
+#: Medians of a terminal stand for so many times what it took to find them.
+_STAND = 100
 
 
 def show(console: Console, markdown: str) -> None:
@@ -98,6 +100,7 @@ def _bar(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[
         console=console,
     )
     task = bar.add_task(unit, total=None)
+    medians = _seldom(medians)
 
     def shown() -> Group:
         rows = [(*names, number(median)) for *names, median in medians()]
@@ -114,6 +117,22 @@ def _bar(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[
 
         yield on_bar
         live.transient = True  # what follows says it better
+
+
+def _seldom(medians: MedianRows) -> MedianRows:
+    """Have medians found for a hundredth of the time at most: those of millions of cells take a while."""
+    rows, until = [], 0.0
+
+    def last() -> list[tuple[str, str, int, float]]:
+        nonlocal rows, until
+        start = time.perf_counter()
+        if start >= until:
+            rows = medians()
+            now = time.perf_counter()
+            until = now + _STAND * (now - start)
+        return rows
+
+    return last
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """What is seen of work that goes on, on a terminal and in a log, and at the end of a run."""
 
 import io
+import time
 
 import pytest
 from rich.console import Console
@@ -52,6 +53,18 @@ def test_a_terminal_shows_the_medians_above_the_bar(width):
     plain = shown.replace("\r", "\n").splitlines()
     assert max(len(line.split("\x1b[2K")[-1].replace("\x1b[?25l", "")) for line in plain) <= width
     assert shown.rstrip().endswith("\x1b[2K")  # the table is gone once there is more to say
+
+
+def test_a_terminal_takes_a_hundredth_of_the_time_for_medians():
+    console, calls = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None), []
+
+    def medians():
+        calls.append(time.sleep(0.05))
+        return MEDIANS
+
+    with show_progress(console, medians=medians):
+        time.sleep(1)  # the screen is drawn four times
+    assert len(calls) == 1
 
 
 def test_what_was_shown_stays_where_work_is_stopped():
