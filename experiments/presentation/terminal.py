@@ -33,7 +33,7 @@ MedianRows = Callable[[], list[tuple[str, str, int, float]]]
 _WIDTH = 150
 #: Seconds of work after which a log has a line, however little was done.
 _SAY = 20.0
-#: Medians of a terminal stand for so many times what it took to find them.
+#: Medians stand for at least so many times what it took to find them, but for the line of a tenth.
 _STAND = 100
 
 
@@ -138,19 +138,21 @@ def _seldom(medians: MedianRows) -> MedianRows:
 @contextmanager
 def _log(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
     start, said, last, first, lock = time.perf_counter(), -1, 0.0, None, threading.Lock()
+    pause = _SAY
 
     def on_log(done: int, total: int, line: str) -> None:
-        nonlocal said, last, first
+        nonlocal said, last, first, pause
         with lock:
             now = time.perf_counter()
             first = (now, done) if first is None and total else first
             if line:
                 print_line(console, line)
-            elif total and first and (10 * done // total > said or now - last > _SAY):
+            elif total and first and (10 * done // total > said or now - last > pause):
                 said, last, (since, before) = 10 * done // total, now, first
                 rate = (done - before) / (now - since) if done > before else 0.0
                 left = timedelta(seconds=round((total - done) / rate)) if rate else None
                 facts = {"unit": unit, "seconds": now - start, "left": left, "rows": medians()}
+                pause = max(_SAY, _STAND * (time.perf_counter() - now))
                 print_line(console, phrase("progress.md.j2", "tenth", done, total, **facts))
 
     yield on_log

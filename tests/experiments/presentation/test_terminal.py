@@ -33,6 +33,20 @@ def test_a_log_has_a_line_for_the_first_rows_and_for_each_tenth():
     assert lines[6].endswith("median D so far: bistiffness 0.215 (16), mujoco 0.1 (8)")
 
 
+def test_a_log_has_a_line_after_a_while_and_takes_a_hundredth_of_the_time_for_medians(monkeypatch):
+    monkeypatch.setattr("impact_xval.experiments.presentation.terminal._SAY", 0.0)
+    console = Console(file=io.StringIO(), width=150)
+    with show_progress(console, medians=lambda: time.sleep(0.05) or MEDIANS) as progress:
+        for done in (0, 1, 2, 3, 10, 11, 12):
+            progress(done, 100, "")
+    assert [line.split(" of ")[0] for line in console.file.getvalue().splitlines()] == ["0", "10"]
+    with show_progress(console) as progress:
+        progress(0, 100, "")
+        time.sleep(0.5)
+        progress(1, 100, "")
+    assert console.file.getvalue().splitlines()[-1].startswith("1 of 100 cells")
+
+
 def test_a_log_without_medians_counts_only():
     console = Console(file=io.StringIO(), width=150)
     with show_progress(console, "contacts") as progress:
