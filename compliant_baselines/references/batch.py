@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads
+from numba import config
 from numpy.typing import ArrayLike, NDArray
 
 from impact_xval.compliant_baselines.contract.trajectory import FREE, STUCK
@@ -173,5 +173,5 @@ def _share_out(
     if len(starts) < 2:
         follow(0)
         return
-    with ThreadPoolExecutor(get_num_threads()) as threads:
+    with ThreadPoolExecutor(config.NUMBA_NUM_THREADS) as threads:
         list(threads.map(follow, starts))

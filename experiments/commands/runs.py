@@ -27,7 +27,7 @@ from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 if TYPE_CHECKING:
     from impact_xval.experiments.config.configuration import Config
-    from impact_xval.experiments.presentation.terminal import SoFar
+    from impact_xval.experiments.presentation.terminal import MedianRows
     from impact_xval.experiments.sweep.run import Progress
     from impact_xval.experiments.tables.store import RunFolder
 
@@ -72,7 +72,7 @@ def run(
             resume=resume,
             take_over=take_over,
             progress=progress,
-            hear=medians.add,
+            on_rows=medians.add,
             present=present,
         )
     from impact_xval.experiments.presentation.views import show_end
@@ -218,7 +218,7 @@ def _slug(name: str) -> str:
 
 @contextlib.contextmanager
 def _writing(
-    root: Path, kept: str, words: list[Any], console: Any, medians: SoFar = list
+    root: Path, kept: str, words: list[Any], console: Any, medians: MedianRows = lambda: []
 ) -> Iterator[Progress]:
     """Show the progress of what writes a folder; one line and exit code 1 where it is stopped.
 

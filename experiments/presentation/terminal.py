@@ -27,12 +27,14 @@ from impact_xval.experiments.presentation.pages import Table, blocks_of, phrase,
 from impact_xval.experiments.tables.numbers import number
 
 #: Gives law, solver, number of cells and median D of solvers.
-SoFar = Callable[[], list[tuple[str, str, int, float]]]
+MedianRows = Callable[[], list[tuple[str, str, int, float]]]
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
 #: Seconds of work after which a log has a line, however little was done.
 _SAY = 20.0
+#: Medians stand for at least so many times what it took to find them, but for the line of a tenth.
+_STAND = 100
 
 
 def show(console: Console, markdown: str) -> None:
@@ -66,7 +68,7 @@ def _renderables(markdown: str) -> Iterator[Any]:
 
 @contextmanager
 def show_progress(
-    console: Console, unit: str = "cells", medians: SoFar = list
+    console: Console, unit: str = "cells", medians: MedianRows = lambda: []
 ) -> Iterator[Callable[[int, int, str], None]]:
     """Show progress: a bar and the medians so far on a terminal, otherwise a line for every tenth and after `_SAY` s.
 
@@ -88,7 +90,7 @@ def show_progress(
 
 
 @contextmanager
-def _bar(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int, int, str], None]]:
+def _bar(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
     bar = Progress(
         TextColumn(unit),
         BarColumn(),
@@ -98,6 +100,7 @@ def _bar(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int,
         console=console,
     )
     task = bar.add_task(unit, total=None)
+    medians = _seldom(medians)
 
     def shown() -> Group:
         rows = [(*names, number(median)) for *names, median in medians()]
@@ -116,22 +119,40 @@ def _bar(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int,
         live.transient = True  # what follows says it better
 
 
+def _seldom(medians: MedianRows) -> MedianRows:
+    """Have medians found for a hundredth of the time at most: those of millions of cells take a while."""
+    rows, until = [], 0.0
+
+    def last() -> list[tuple[str, str, int, float]]:
+        nonlocal rows, until
+        start = time.perf_counter()
+        if start >= until:
+            rows = medians()
+            now = time.perf_counter()
+            until = now + _STAND * (now - start)
+        return rows
+
+    return last
+
+
 @contextmanager
-def _log(console: Console, unit: str, medians: SoFar) -> Iterator[Callable[[int, int, str], None]]:
+def _log(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
     start, said, last, first, lock = time.perf_counter(), -1, 0.0, None, threading.Lock()
+    pause = _SAY
 
     def on_log(done: int, total: int, line: str) -> None:
-        nonlocal said, last, first
+        nonlocal said, last, first, pause
         with lock:
             now = time.perf_counter()
             first = (now, done) if first is None and total else first
             if line:
                 print_line(console, line)
-            elif total and first and (10 * done // total > said or now - last > _SAY):
+            elif total and first and (10 * done // total > said or now - last > pause):
                 said, last, (since, before) = 10 * done // total, now, first
                 rate = (done - before) / (now - since) if done > before else 0.0
                 left = timedelta(seconds=round((total - done) / rate)) if rate else None
                 facts = {"unit": unit, "seconds": now - start, "left": left, "rows": medians()}
+                pause = max(_SAY, _STAND * (time.perf_counter() - now))
                 print_line(console, phrase("progress.md.j2", "tenth", done, total, **facts))
 
     yield on_log

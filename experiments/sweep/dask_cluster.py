@@ -69,8 +69,6 @@ def _on_worker(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
 class DaskExecutor(Executor):
     """Submitted calls go to the workers of a cluster, as ``function(sandbox, *arguments)``."""
 
-    here = False
-
     def __init__(self, client: Any, name: str) -> None:
         self._client, self._name = client, name
         self._executor = client.get_executor(pure=False)

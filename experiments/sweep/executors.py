@@ -2,8 +2,8 @@
 
 What is submitted is called as ``function(sandbox, *arguments)``, in a thread that has the sandbox to itself.
 There are two: processes on this machine (`SandboxExecutor`), and the workers of a Dask cluster
-(`sweep.dask_cluster`). No result depends on which, nor on how many. `here` tells whether the threads are those of this
-process.
+(`sweep.dask_cluster`). No result depends on which, nor on how many. `in_this_process` tells
+whether the threads of one are those of this process.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from impact_xval.experiments.sweep.sandbox import Sandbox, SandboxExecutor
 _Answer = TypeVar("_Answer")
 
 
-class _Here:
+class _InThisProcess:
     """What a sandbox is to its callers, without a process: a crash of a solver is a crash of the caller."""
 
     prepared = None
@@ -40,16 +40,15 @@ class DirectExecutor(Executor):
     """Work at once and in this process: for looking into solvers with a debugger, and for quick tests."""
 
     workers = 1
-    here = True
 
     def __init__(self, context: Any) -> None:
-        self._here = _Here(context)
+        self._sandbox = _InThisProcess(context)
 
     def submit(self, fn: Callable[..., _Answer], /, *args: Any, **kwargs: Any) -> Future[_Answer]:
         """Call ``fn(sandbox, *args)``."""
         future: Future[_Answer] = Future()
         try:
-            future.set_result(fn(self._here, *args, **kwargs))
+            future.set_result(fn(self._sandbox, *args, **kwargs))
         except Exception as error:
             future.set_exception(error)
         return future
@@ -101,6 +100,11 @@ def open_executor(
         executor.shutdown(cancel_futures=True)
         raise
     executor.shutdown()
+
+
+def in_this_process(executor: Any) -> bool:
+    """Whether the threads of an executor are those of this process: they can be given what cannot be pickled."""
+    return isinstance(executor, (DirectExecutor, SandboxExecutor))
 
 
 def in_flight(

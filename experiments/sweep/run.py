@@ -30,14 +30,14 @@ from impact_xval.experiments.sweep.ladders import write_ladder
 from impact_xval.experiments.sweep.sandbox import ClosedError
 from impact_xval.experiments.sweep.solving import (
     Experiment,
-    Hear,
+    OnRows,
     Report,
     Resolve,
     prepare,
     solve_chunks,
     solver_versions,
 )
-from impact_xval.experiments.sweep.status import HEARD
+from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS
 from impact_xval.experiments.sweep.third_party import contained, end_contained
 from impact_xval.experiments.tables.folders import discard, missing, open_folder
 from impact_xval.experiments.tables.lock import check_free, holding
@@ -66,7 +66,7 @@ def run_sweep(
     take_over: bool = False,
     isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
-    hear: Hear = lambda rows: None,
+    on_rows: OnRows | None = None,
     resolve: Resolve = get_solver,
     present: Callable[[RunFolder], None] = lambda folder: None,
 ) -> RunFolder:
@@ -89,9 +89,9 @@ def run_sweep(
     isolate : bool
         False runs the solvers in this process: one that crashes ends the run.
     progress : callable
-        Called after every solver of every chunk.
-    hear : callable
-        Given rows as soon as they are there, with the columns `HEARD` at least; called from any thread.
+        Called after every chunk, and with `on_rows` after every solver of it.
+    on_rows : callable, optional
+        Given rows as soon as they are there, with the `MEDIAN_COLUMNS` at least; called from any thread.
     resolve : callable
         Finds a solver by its name; at the top level of a module.
     present : callable
@@ -113,7 +113,10 @@ def run_sweep(
     experiment, cells = Experiment(config, resolve), cells_of(config)
     with kept(root, resume, progress, take_over=take_over) as (folder, continued):
         workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
-        run, most = _Run(experiment, cells, folder, continued, progress, hear), min(workers, cells.chunks())
+        run, most = (
+            _Run(experiment, cells, folder, continued, progress, on_rows),
+            min(workers, cells.chunks()),
+        )
         with open_executor(
             experiment, prepare, most, scheduler=scheduler, isolate=isolate, say=say
         ) as executor:
@@ -178,10 +181,10 @@ class _Run:
         folder: RunFolder,
         continued: bool,
         progress: Progress,
-        hear: Hear,
+        on_rows: OnRows | None,
     ) -> None:
         self._experiment, self._cells, self._folder = experiment, cells, folder
-        self._continued, self._progress, self._hear = continued, progress, hear
+        self._continued, self._progress, self._on_rows = continued, progress, on_rows
         self._done = 0
         self._started = self._stamp = time.perf_counter()
         self._history: list[Any] = []
@@ -210,17 +213,19 @@ class _Run:
         write_json(self._folder.root / MANIFEST, self._manifest)
         write_json(self._folder.parts / CONFIGURATION, config.canonical())
         self._done, self._reused = sum(len(cells.chunk(number)) for number in self._parts), len(self._parts)
-        for part in self._parts.values():
-            self._hear(pq.read_table(part, columns=HEARD))
         if self._continued:
             line = f"resumed: {self._reused} of {cells.chunks()} parts are there and whole"
             self._progress(self._done, len(cells), line)
+        if self._on_rows is not None:
+            for part in self._parts.values():
+                self._on_rows(pq.read_table(part, columns=MEDIAN_COLUMNS))
         if self._reused < cells.chunks():
             executor.submit(_ready).result()
         self._stage("start")
         todo = (number for number in range(cells.chunks()) if number not in self._parts)
         chunks = ((n, cells.cells(cells.chunk(n))) for n in todo)
-        for report in solve_chunks(executor, chunks, self._heard):
+        on_rows = self._on_rows and functools.partial(self._pass_on, self._on_rows)
+        for report in solve_chunks(executor, chunks, on_rows):
             self._keep(report)
             self._done += len(cells.chunk(report.number))
             self._progress(self._done, len(cells), "")
@@ -228,9 +233,9 @@ class _Run:
         write_curves(config, self._folder, executor)
         self._stage("curves")
 
-    def _heard(self, rows: pa.Table) -> None:
+    def _pass_on(self, on_rows: OnRows, rows: pa.Table) -> None:
         """Pass on rows of a chunk that is not done yet."""
-        self._hear(rows)
+        on_rows(rows)
         self._progress(self._done, len(self._cells), "")
 
     def _check_damage(self) -> None:

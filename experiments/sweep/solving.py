@@ -24,7 +24,7 @@ from impact_xval.compliant_baselines.contract.state_runs import compared_states
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
-from impact_xval.experiments.sweep.executors import in_flight
+from impact_xval.experiments.sweep.executors import in_flight, in_this_process
 from impact_xval.experiments.sweep.kernels import compile_once, kernels_of
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves
 from impact_xval.experiments.sweep.third_party import longest
@@ -36,7 +36,7 @@ from impact_xval.model.collision import Collision, Outcome, Status
 Resolve = Callable[[str], Solver]
 
 #: Given the rows of a chunk by one solver as soon as they are there; called from any thread.
-Hear = Callable[[pa.Table], None]
+OnRows = Callable[[pa.Table], None]
 
 #: Status and reason of what is lost: of a solver (by name) at a cell (by index).
 Lost = dict[tuple[str, int], tuple[Status, str]]
@@ -106,26 +106,24 @@ class Report:
     faults: int
 
 
-def _unheard(rows: pa.Table) -> None:
-    """Nobody follows a run as it goes."""
-
-
-def solve_chunk(sandbox: Sandbox, number: int, cells: Sequence[GridCell], hear: Hear = _unheard) -> Report:
+def solve_chunk(
+    sandbox: Sandbox, number: int, cells: Sequence[GridCell], on_rows: OnRows | None = None
+) -> Report:
     """Solve a chunk of cells by each solver of the experiment that the sandbox was given, whatever they do."""
     config: Config = sandbox.context.config
     chunk = _Chunk(sandbox, cells, config)
     pieces = []
     for name in config.solvers:
         pieces.append(pa.concat_tables(chunk.solved_by(name)))
-        if name != REFERENCE:  # it diverges from nothing
-            hear(pieces[-1])
+        if on_rows is not None and name != REFERENCE:  # it diverges from nothing
+            on_rows(pieces[-1])
     rows = pa.concat_tables(pieces)
     by_cell = np.arange(len(rows)).reshape(len(config.solvers), -1).T.ravel()
     return Report(number, part_bytes(rows.take(by_cell)), chunk.seconds, sandbox.prepared, chunk.faults)
 
 
 def solve_chunks(
-    executor: Any, chunks: Iterable[tuple[int, Sequence[GridCell]]], hear: Hear = _unheard
+    executor: Any, chunks: Iterable[tuple[int, Sequence[GridCell]]], on_rows: OnRows | None = None
 ) -> Iterator[Report]:
     """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come.
 
@@ -134,18 +132,18 @@ def solve_chunks(
     executor : Executor
     chunks : iterable
         Number and cells of each.
-    hear : callable
+    on_rows : callable, optional
         Given rows solver by solver, or where the executor's threads are other processes', a whole chunk.
     """
-    heard = (hear,) if executor.here else ()
+    here = in_this_process(executor)
     submitted = in_flight(
-        lambda chunk: executor.submit(solve_chunk, *chunk, *heard),
+        lambda chunk: executor.submit(solve_chunk, *chunk, on_rows if here else None),
         chunks,
         lambda: max(2, 2 * executor.workers),
     )
     for report in submitted:
-        if not executor.here:
-            hear(read_part(report.data))
+        if on_rows is not None and not here:
+            on_rows(read_part(report.data))
         yield report
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import time
@@ -28,7 +29,7 @@ from impact_xval.experiments.tables.lock import running
 from impact_xval.experiments.tables.store import PART, RunFolder, Tally, statuses_of, tally
 
 #: Columns of a row that `Medians` are made of.
-HEARD = ["solver", "velocity_divergence", "marked"]
+MEDIAN_COLUMNS = ["solver", "velocity_divergence", "marked"]
 
 #: Seconds that are said to be left, at most: a clock that jumped makes any number of them.
 _LONGEST = 1e9
@@ -159,18 +160,22 @@ class Medians:
     def __init__(self, solvers: Iterable[str]) -> None:
         names = (name for name in in_order_of_laws(solvers) if name != REFERENCE)
         self._found = {name: array("d") for name in names}
+        self._medians = dict.fromkeys(self._found, (0, math.nan))
         self._lock = threading.Lock()
 
     def add(self, rows: pa.Table) -> None:
-        """Add rows with the columns `HEARD`; safe from any thread."""
+        """Add rows with the columns `MEDIAN_COLUMNS`; safe from any thread."""
         rows = rows.filter(pc.field("marked").is_null() & pc.field("velocity_divergence").is_valid())
-        with self._lock:
-            for name, found in self._found.items():
-                some = rows.filter(pc.field("solver") == name).column("velocity_divergence")
-                found.extend(some.to_pylist())
+        for name, found in self._found.items():
+            some = rows.filter(pc.field("solver") == name).column("velocity_divergence").to_numpy()
+            with self._lock:
+                found.frombytes(some.tobytes())
 
     def rows(self) -> list[tuple[str, str, int, float]]:
         """Law, solver, number of cells and median D of those solvers that have any; solvers of one law together."""
-        with self._lock:
-            found = {name: np.array(values) for name, values in self._found.items() if values}
-        return [(law_of(name), name, len(values), float(np.median(values))) for name, values in found.items()]
+        for name, found in self._found.items():
+            if len(found) > self._medians[name][0]:
+                with self._lock:
+                    values = np.array(found)
+                self._medians[name] = len(values), float(np.median(values, overwrite_input=True))
+        return [(law_of(name), name, n, median) for name, (n, median) in self._medians.items() if n]

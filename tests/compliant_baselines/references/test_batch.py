@@ -15,3 +15,11 @@ def test_the_size_of_a_batch_changes_no_bit():
         some = bistiffness_batch(*(column[start : start + 999] for column in cells), 1e-4)
         for name in ("v1", "v2", "sequence", "duration", "status"):
             assert np.array_equal(getattr(some, name), getattr(whole, name)[start : start + 999])
+
+
+def test_a_batch_starts_no_threads_of_numba(monkeypatch):
+    def launch():
+        raise AssertionError("numba's own threads were started")
+
+    monkeypatch.setattr("numba.np.ufunc.parallel._launch_threads", launch)
+    assert bistiffness_batch(np.ones(5000), 1.0, 0.9, 0.7, 0.0).status[-1] == "ok"

@@ -1,6 +1,7 @@
 """What is seen of work that goes on, on a terminal and in a log, and at the end of a run."""
 
 import io
+import time
 
 import pytest
 from rich.console import Console
@@ -32,6 +33,20 @@ def test_a_log_has_a_line_for_the_first_rows_and_for_each_tenth():
     assert lines[6].endswith("median D so far: bistiffness 0.215 (16), mujoco 0.1 (8)")
 
 
+def test_a_log_has_a_line_after_a_while_and_takes_a_hundredth_of_the_time_for_medians(monkeypatch):
+    monkeypatch.setattr("impact_xval.experiments.presentation.terminal._SAY", 0.0)
+    console = Console(file=io.StringIO(), width=150)
+    with show_progress(console, medians=lambda: time.sleep(0.05) or MEDIANS) as progress:
+        for done in (0, 1, 2, 3, 10, 11, 12):
+            progress(done, 100, "")
+    assert [line.split(" of ")[0] for line in console.file.getvalue().splitlines()] == ["0", "10"]
+    with show_progress(console) as progress:
+        progress(0, 100, "")
+        time.sleep(0.5)
+        progress(1, 100, "")
+    assert console.file.getvalue().splitlines()[-1].startswith("1 of 100 cells")
+
+
 def test_a_log_without_medians_counts_only():
     console = Console(file=io.StringIO(), width=150)
     with show_progress(console, "contacts") as progress:
@@ -52,6 +67,18 @@ def test_a_terminal_shows_the_medians_above_the_bar(width):
     plain = shown.replace("\r", "\n").splitlines()
     assert max(len(line.split("\x1b[2K")[-1].replace("\x1b[?25l", "")) for line in plain) <= width
     assert shown.rstrip().endswith("\x1b[2K")  # the table is gone once there is more to say
+
+
+def test_a_terminal_takes_a_hundredth_of_the_time_for_medians():
+    console, calls = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None), []
+
+    def medians():
+        calls.append(time.sleep(0.05))
+        return MEDIANS
+
+    with show_progress(console, medians=medians):
+        time.sleep(1)  # the screen is drawn four times
+    assert len(calls) == 1
 
 
 def test_what_was_shown_stays_where_work_is_stopped():

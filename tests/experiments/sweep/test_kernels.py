@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 from impact_xval.experiments.sweep.kernels import kernels_of
 from impact_xval.model.compiled import is_compiled
 from impact_xval.model.diagram import collide
@@ -22,12 +24,16 @@ def other(x):
 
 PROCESS = """
 import sys, time
+from pathlib import Path
 import kernels
 from impact_xval.experiments.sweep.kernels import Kernels, compile_once
 
 def use(kernel):
     print(kernel.py_func.__name__, flush=True)
-    time.sleep(2)
+    Path(kernel.py_func.__name__).touch()
+    until = time.monotonic() + 20
+    while not (Path("one").exists() and Path("other").exists()) and time.monotonic() < until:
+        time.sleep(0.01)
     kernel(1.0)
 
 print("ready", flush=True)
@@ -36,6 +42,7 @@ compile_once([Kernels(name, kernel := getattr(kernels, name), lambda k=kernel: u
 """
 
 
+@pytest.mark.slow
 def test_each_kernel_is_compiled_by_one_of_two_processes(tmp_path):
     (tmp_path / "kernels.py").write_text(KERNELS)
     path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
