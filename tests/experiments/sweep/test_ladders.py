@@ -41,8 +41,8 @@ class _Spoiled(DirectExecutor):
 
     def __init__(self, fault, cells):
         super().__init__(None)
-        self._fault, self._cells, self._call = fault, cells, self._here.call
-        self._here.call = self._spoiled
+        self._fault, self._cells, self._call = fault, cells, self._sandbox.call
+        self._sandbox.call = self._spoiled
 
     def _spoiled(self, function, cells, *arguments, timeout):
         if self._cells & set(cells["cell"].to_pylist()):
@@ -95,7 +95,7 @@ def test_pieces_and_workers_make_no_difference_and_slow_ones_are_told(root, run,
         def submit(self, function, /, *arguments) -> Future:
             return super().submit(function, here, *arguments)
 
-    here, said = DirectExecutor(None)._here, []
+    here, said = DirectExecutor(None)._sandbox, []
     with Threads(3) as executor:
         write_ladder(root, executor, say=said.append)
     for name in ("ladder.parquet", "ladder.csv"):
