@@ -173,5 +173,6 @@ def _share_out(
     if len(starts) < 2:
         follow(0)
         return
-    with ThreadPoolExecutor(config.NUMBA_NUM_THREADS) as threads:
+    count: int = vars(config)["NUMBA_NUM_THREADS"]  # numba sets it from the environment
+    with ThreadPoolExecutor(count) as threads:
         list(threads.map(follow, starts))

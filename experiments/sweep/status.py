@@ -160,7 +160,7 @@ class Medians:
     def __init__(self, solvers: Iterable[str]) -> None:
         names = (name for name in in_order_of_laws(solvers) if name != REFERENCE)
         self._found = {name: array("d") for name in names}
-        self._medians = dict.fromkeys(self._found, (0, math.nan))
+        self._medians = {name: (0, math.nan) for name in self._found}
         self._lock = threading.Lock()
 
     def add(self, rows: pa.Table) -> None:
