@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+from numba import config, njit
 
 #: Options of every kernel. A product and a sum may be fused and a division become a multiplication by a reciprocal,
 #: each to within a rounding; nothing that assumes numbers to be finite, for zero and infinity are legal values here.
@@ -26,6 +26,8 @@ def cache_folder(kernel: Any) -> Path:
 
 def is_compiled(kernel: Any) -> bool:
     """Tell whether an earlier process left the machine code of a kernel, as its source is now, in the cache."""
+    if config.DISABLE_JIT:
+        return True  # nothing is compiled
     python = "{}{}".format(*sys.version_info)
     function = kernel.py_func
     name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.py{python}*.nbi"

@@ -12,8 +12,9 @@ solver that cannot be loaded is ``unavailable``, with the reason.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, distributions, entry_points
 
 from impact_xval.compliant_baselines.contract.answers import (
     answer,
@@ -32,10 +33,21 @@ GROUP = "impact_xval.solvers"
 def found() -> dict[str, list[EntryPoint]]:
     """Entry points by the name of their solver, in the order of the names; several of one name is a mistake."""
     points: dict[str, list[EntryPoint]] = {}
-    for point in sorted(entry_points(group=GROUP), key=lambda point: (point.name, point.value)):
+    for point in sorted(_points(), key=lambda point: (point.name, point.value)):
         if point not in points.setdefault(point.name, []):  # a distribution may be found twice on the path
             points[point.name].append(point)
     return points
+
+
+def _points() -> list[EntryPoint]:
+    try:
+        return list(entry_points(group=GROUP))
+    except Exception:  # of some distribution they cannot be read, perhaps not of one with a solver
+        points: list[EntryPoint] = []
+        for distribution in distributions():
+            with contextlib.suppress(Exception):
+                points += distribution.entry_points.select(group=GROUP)
+        return points
 
 
 def origin(point: EntryPoint) -> str:

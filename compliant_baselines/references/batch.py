@@ -165,9 +165,9 @@ def _share_out(
 
     def follow(start: int) -> None:
         share = slice(start, start + _SHARE)
-        rest: Any = law.cutoff, frozen, max_steps
-        columns = (law.code, *(column[share] for column in (kappa, mu, law.a1, law.a2, g)), *rest)
-        follow_all(*(column[share] for column in followed), *columns)
+        columns: list[Any] = [column[share] for column in (kappa, mu, law.a1, law.a2, g)]
+        into: list[Any] = [column[share] for column in followed]
+        follow_all(*into, law.code, *columns, law.cutoff, frozen, max_steps)
 
     starts = range(0, kappa.size, _SHARE)
     if len(starts) < 2:

@@ -73,6 +73,7 @@ def supervised(command: Callable[[], int]) -> int:
         if signal.getsignal(number) != signal.SIG_IGN
     }
     signal.pthread_sigmask(signal.SIG_BLOCK, ends)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # where it is ignored, no exit code is left for anybody
     child = os.fork()
     if child == 0:
         _end_with(supervisor)
@@ -136,8 +137,8 @@ def _interruptible(command: Callable[[], int], ends: set[signal.Signals], superv
     for number in ends:
         signal.signal(number, interrupt)
     sys.unraisablehook = _quiet
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, ends)
     try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ends)
         code = command()
     except BaseException:  # a compiler, interrupted, makes of it what it likes, and a library an exit
         if handled is None:

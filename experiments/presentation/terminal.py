@@ -85,7 +85,9 @@ def show_progress(
     callable
         To be given how many are done, of how many, and a line worth saying; from any thread.
     """
-    with (_bar if console.is_terminal else _log)(console, unit, medians) as progress:
+    with (_bar if console.is_terminal and not console.is_dumb_terminal else _log)(
+        console, unit, medians
+    ) as progress:
         yield progress
 
 

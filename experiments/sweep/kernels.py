@@ -10,7 +10,6 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.answers import answer
 from impact_xval.compliant_baselines.contract.registry import engine_names
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.contract.trajectory import scan
@@ -22,6 +21,8 @@ from impact_xval.model.diagram import collide
 
 #: Seconds between two looks at whether another process has compiled what this one waits for.
 _LOOK = 0.05
+#: Kernels at most that are compiled by one use of one, with all that they call.
+_TRIES = 100
 
 _ORDINARY = Collision.from_ratios(stiffness_ratio=1.0, mass_ratio=1.0, e1=0.9, e2=0.7)
 
@@ -52,8 +53,9 @@ def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     bare = replace(settings, mark=False)  # an engine's marks need the kernels of the references
 
     def solve_by(names: Iterable[str], settings: Settings) -> None:
-        for name in names:
-            answer(get_solver(name), [_ORDINARY], settings)
+        for solver in map(get_solver, names):
+            if solver.unavailable() is None:
+                solver.solve_many([_ORDINARY], settings)
 
     line = [[0.0, 0.0], [1.0, 1.0]]
     return [
@@ -88,9 +90,21 @@ def _compiled(some: Kernels) -> bool:
     try:
         with FileLock(cache_folder(some.last) / f"compiling-{some.name}.lock", blocking=False):
             if not is_compiled(some.last):
-                some.use()
+                _use(some)
     except Timeout:
         return False
     except (OSError, NotImplementedError):  # a file system without locks: work may be done twice
-        some.use()
+        _use(some)
     return True
+
+
+def _use(some: Kernels) -> None:
+    """Use kernels; where one cannot be kept, numba has compiled it for this process when it says so."""
+    for _ in range(_TRIES):
+        try:
+            some.use()
+        except OSError:
+            continue
+        except Exception:  # said where it is needed, of the cell
+            pass
+        return

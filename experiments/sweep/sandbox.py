@@ -228,9 +228,6 @@ class Sandbox:
 class SandboxExecutor(ThreadPoolExecutor):
     """Threads of this process, each submitted call with one of as many sandboxes; all are started at once."""
 
-    #: The threads are this process's: what is submitted need not be pickled.
-    here = True
-
     def __init__(self, make_sandbox: Callable[[], Sandbox], workers: int) -> None:
         super().__init__(workers, thread_name_prefix="sandbox")
         self._sandboxes = [make_sandbox() for _ in range(workers)]

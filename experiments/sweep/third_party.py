@@ -82,12 +82,15 @@ class ContainedSolver(SolverBase):
 
     def _stated(self) -> tuple[str, str | None]:
         if self._known is None:
-            try:
-                self._sandbox.start()
-                self._known = self._sandbox.prepared or self._sandbox.call(_stated, timeout=self._to_state)
-            except FaultError as fault:
-                self._known = "", f"asked what it is, it gave no answer: {fault.reason}"
+            self._known = self._ask()
         return self._known
+
+    def _ask(self) -> tuple[str, str | None]:
+        try:
+            self._sandbox.start()
+            return self._sandbox.prepared or self._sandbox.call(_stated, timeout=self._to_state)
+        except FaultError as fault:
+            return "", f"asked what it is, it gave no answer: {fault.reason}"
 
 
 def contained(resolve: Callable[[str], Solver], timeout: float) -> Callable[[str], Solver]:

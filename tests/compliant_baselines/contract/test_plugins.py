@@ -149,3 +149,11 @@ def test_an_entry_point_file_that_is_no_such_file_breaks_nothing(site):
     assert "mujoco" in solver_names()
     for name in solver_names():
         get_solver(name)
+
+
+@pytest.mark.parametrize("line", [b"bad", b"bad = a:\xff"])
+def test_one_that_cannot_be_read_hides_no_other(site, line):
+    install(site, "odd", {})
+    (site / "odd-1.2.dist-info" / "entry_points.txt").write_bytes(b"[impact_xval.solvers]\n" + line)
+    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
+    assert "tiny" in solver_names()

@@ -142,6 +142,28 @@ def test_a_death_is_told_in_one_line():
     assert error.splitlines()[-1] == "impact-xval: its process died: SIGABRT"
 
 
+def test_a_parent_that_ignores_the_death_of_children_changes_nothing():
+    code = (
+        "import os, signal, sys; signal.signal(signal.SIGCHLD, signal.SIG_IGN);"
+        "os.execv(sys.executable, [sys.executable, '-c', 'import sys; "
+        "from impact_xval.experiments.commands.supervision import supervised; sys.exit(supervised(lambda: 3))'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (3, "")
+
+
+def test_a_signal_that_waits_for_the_command_is_answered(tmp_path):
+    code = (
+        "import os, signal, sys; from impact_xval.experiments.commands import supervision\n"
+        "end_with = supervision._end_with\n"
+        "def pending(supervisor):\n    end_with(supervisor)\n    os.kill(os.getpid(), signal.SIGTERM)\n"
+        "supervision._end_with = pending\n"
+        "sys.exit(supervision.supervised(lambda: 0))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "impact-xval: interrupted\n")
+
+
 def test_the_exit_code_is_the_commands():
     process, _ = _start("start(); return 3")
     assert process.communicate(timeout=30)

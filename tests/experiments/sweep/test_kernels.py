@@ -1,12 +1,14 @@
 """Kernels are compiled by one process each: side by side, processes compile different ones, and none is done twice."""
 
+import errno
 import os
 import subprocess
 import sys
 
 import pytest
 
-from impact_xval.experiments.sweep.kernels import kernels_of
+from impact_xval.experiments.sweep import kernels
+from impact_xval.experiments.sweep.kernels import Kernels, compile_once, kernels_of
 from impact_xval.model.compiled import is_compiled
 from impact_xval.model.diagram import collide
 
@@ -82,3 +84,22 @@ def test_a_kernel_counts_as_compiled_once_its_source_is_no_newer(tmp_path, monke
 def test_engines_are_compiled_for_where_a_run_has_one():
     assert "engines" in [some.name for some in kernels_of(["state-transition", "mujoco"])]
     assert "engines" not in [some.name for some in kernels_of(["state-transition", "bistiffness"])]
+
+
+def test_a_cache_without_space_costs_the_cache_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernels, "is_compiled", lambda kernel: False)
+    monkeypatch.setattr(kernels, "cache_folder", lambda kernel: tmp_path)
+    tries = []
+
+    def use():
+        tries.append(len(tries))
+        if len(tries) < 4:  # numba has compiled one more kernel, which it cannot keep
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    compile_once([Kernels("some", None, use)])
+    assert tries == [0, 1, 2, 3]
+
+
+def test_without_a_compiler_nothing_is_missing(monkeypatch):
+    monkeypatch.setattr("numba.config.DISABLE_JIT", True)
+    assert is_compiled(collide.py_func)
