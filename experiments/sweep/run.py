@@ -196,13 +196,13 @@ class _Run:
             self._progress(0, 0, finding)
         self._manifest = _manifest(config, cells, self._versions, self._history)
         write_json(self._folder.root / MANIFEST, self._manifest)
-        write_json(self._folder.parts / CONFIGURATION, config.canonical())
         done, self._reused = sum(len(cells.chunk(number)) for number in self._parts), len(self._parts)
         if self._continued:
             line = f"resumed: {self._reused} of {cells.chunks()} parts are there and whole"
             self._progress(done, len(cells), line)
         if self._reused < cells.chunks():
             executor.submit(_ready).result()
+        write_json(self._folder.parts / CONFIGURATION, config.canonical())
         self._stage("start")
         todo = (number for number in range(cells.chunks()) if number not in self._parts)
         for report in solve_chunks(executor, ((n, cells.cells(cells.chunk(n))) for n in todo)):
