@@ -45,10 +45,11 @@ class Units(NamedTuple):
     impulse: float
     energy: float
 
-    def joules(self, energies: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Energies in J; 0 is 0 also where the unit of energy leaves double precision, and others are infinite."""
-        with np.errstate(over="ignore"):
-            return np.multiply(energies, self.energy, out=np.zeros_like(energies), where=energies != 0)
+
+def in_unit(values: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
+    """Return values times a unit: 0 stays 0 where the unit leaves double precision, as that of time or energy may."""
+    with np.errstate(over="ignore"):
+        return np.multiply(values, unit, out=np.zeros_like(values), where=values != 0)
 
 
 @dataclass(frozen=True, slots=True)

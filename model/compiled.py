@@ -26,7 +26,7 @@ def cache_folder(kernel: Any) -> Path:
 
 def is_compiled(kernel: Any) -> bool:
     """Tell whether an earlier process left the machine code of a kernel, as its source is now, in the cache."""
-    if config.DISABLE_JIT:
+    if vars(config)["DISABLE_JIT"]:
         return True  # nothing is compiled
     python = "{}{}".format(*sys.version_info)
     function = kernel.py_func

@@ -19,6 +19,7 @@ from impact_xval.model.collision import (
     Collision,
     Event,
     ImpulseCurve,
+    in_unit,
 )
 from impact_xval.model.compiled import compiled
 from impact_xval.model.diagram import (
@@ -114,8 +115,8 @@ def trace(
         impulse2=(1 + v1 + c.mass_ratio * v2) * unit.impulse,
         v1=v1 * speed,
         v2=v2 * speed,
-        energy1=unit.joules(np.concatenate([s.E1 for s in pieces])),
-        energy2=unit.joules(np.concatenate([s.E2 for s in pieces])),
+        energy1=in_unit(np.concatenate([s.E1 for s in pieces]), unit.energy),
+        energy2=in_unit(np.concatenate([s.E2 for s in pieces]), unit.energy),
         state=per_piece("state"),
         phase1=per_piece("phase1"),
         phase2=per_piece("phase2"),
@@ -174,8 +175,7 @@ def _both_contacts(collision: Collision, row: Row) -> Piece:
     t, d1, v2, E1, E2 = _points(
         collision.mass_ratio, row.k1, row.k2, row.d1, row.v2, row.E1, row.E2, row.duration
     )
-    unit = sqrt(collision.m1 / collision.k1)
-    return Piece(1, row.phase1, row.phase2, d1, v2, E1, E2, t * unit)
+    return Piece(1, row.phase1, row.phase2, d1, v2, E1, E2, in_unit(t, collision.units.time))
 
 
 @compiled
@@ -225,7 +225,7 @@ def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) ->
         d = W * np.cos(theta)
         energy = 0.5 * mass * (W * np.sin(theta)) ** 2
         unit = sqrt(mass * collision.m1 / stiffness) if stiffness > 0 else inf
-        time = np.multiply(theta - start, unit, out=np.zeros_like(theta), where=theta > start)
+        time = in_unit(theta - start, unit)
         still = np.full_like(theta, 1.0)
         shift = d - rate
         pieces.append(

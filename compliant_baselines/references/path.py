@@ -20,7 +20,7 @@ from impact_xval.compliant_baselines.references.contact_law import (
 )
 from impact_xval.compliant_baselines.references.driver import Law, fill_motion
 from impact_xval.compliant_baselines.references.taylor import ORDER, evaluate
-from impact_xval.model.collision import STATES, Collision, Event, ImpulseCurve
+from impact_xval.model.collision import STATES, Collision, Event, ImpulseCurve, in_unit
 
 Floats = NDArray[np.float64]
 
@@ -109,7 +109,7 @@ def curve_of(collision: Collision, log: Floats, law: Law) -> ImpulseCurve:
     k1, k2, mode1, mode2, g = log[rows][:, [6, 7, 8, 9, 11]].T
     with np.errstate(over="ignore"):
         energies = [
-            unit.joules(np.where(mode > SLACK, 0.5 * k * p**2, 0.0))
+            in_unit(np.where(mode > SLACK, 0.5 * k * p**2, 0.0), unit.energy)
             for mode, k, p in ((mode1, k1, p1), (mode2, k2, q2 + mu * g / k2))
         ]
     phases = [
@@ -118,7 +118,7 @@ def curve_of(collision: Collision, log: Floats, law: Law) -> ImpulseCurve:
     ]
     I1, I2 = _impulses(log, mu, time, v1, v2)
     return ImpulseCurve(
-        time=time * unit.time,
+        time=in_unit(time, unit.time),
         impulse1=I1 * unit.impulse,
         impulse2=I2 * unit.impulse,
         v1=v1 * unit.velocity,

@@ -211,7 +211,6 @@ class _Run:
             self._progress(0, 0, finding)
         self._manifest = _manifest(config, cells, self._versions, self._history)
         write_json(self._folder.root / MANIFEST, self._manifest)
-        write_json(self._folder.parts / CONFIGURATION, config.canonical())
         self._done, self._reused = sum(len(cells.chunk(number)) for number in self._parts), len(self._parts)
         if self._continued:
             line = f"resumed: {self._reused} of {cells.chunks()} parts are there and whole"
@@ -221,6 +220,7 @@ class _Run:
                 self._on_rows(pq.read_table(part, columns=MEDIAN_COLUMNS))
         if self._reused < cells.chunks():
             executor.submit(_ready).result()
+        write_json(self._folder.parts / CONFIGURATION, config.canonical())
         self._stage("start")
         todo = (number for number in range(cells.chunks()) if number not in self._parts)
         chunks = ((n, cells.cells(cells.chunk(n))) for n in todo)

@@ -135,8 +135,10 @@ def smooth_pieces(p):
 
 @pytest.mark.filterwarnings("error")
 def test_energies_beyond_double_precision_are_infinite_and_none_stays_none():
-    path = solve(Collision(1.0, 1.0, 1.0, 2.0, 0.5, 0.5, -1e300), path=True).path
+    path = solve(Collision(1.0, 1.0, 5e-324, 1e-323, 0.5, 0.5, -1e300), path=True).path
     assert path is not None
+    assert path.time[0] == 0
+    assert not np.isnan(path.time).any()
     for energy in (path.energy1, path.energy2):
         assert set(energy.tolist()) == {0.0, np.inf}
 
