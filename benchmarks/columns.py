@@ -117,9 +117,8 @@ def compare(console: Console, count: int, exponent: float, law: str, seed: int) 
         else:
             worst = max(worst, difference)
     console.print(
-        f"{law}, p = {exponent:g}: {compared} of {count} columns end after finitely many events; {beyond} of them "
-        f"differ by more than {BOUND:g}, the others by at most {worst:.1e}; {again} integrated again at {FINER:g} rad "
-        "a step",
+        f"{law}, p = {exponent:g}: {compared} of {count} columns end after finitely many events; {beyond} differ "
+        f"by more than {BOUND:g}, the others by at most {worst:.1e}; {again} integrated again at {FINER:g} rad a step",
         highlight=False,
     )
 

@@ -165,9 +165,11 @@ def _share_out(
 
     def follow(start: int) -> None:
         share = slice(start, start + _SHARE)
-        columns = (column[share] for column in (kappa, mu, law.a1, law.a2, g))
-        arguments: Any = (column[share] for column in followed), columns
-        follow_all(*arguments[0], law.code, *arguments[1], law.cutoff, frozen, max_steps)
+        into, columns = (
+            [column[share] for column in each] for each in (followed, (kappa, mu, law.a1, law.a2, g))
+        )
+        arguments: list[Any] = [*into, law.code, *columns, law.cutoff, frozen, max_steps]
+        follow_all(*arguments)
 
     starts = range(0, kappa.size, _SHARE)
     if len(starts) < 2:
