@@ -13,9 +13,11 @@ for cached in (file for folder in folders for file in folder.rglob("*.nb[ic]")):
         if cached.stat().st_mtime < newest:
             cached.unlink()
 
-# Begun in the background of a shell, this process ignores Ctrl-C, and so would all that it starts.
+# Begun in the background of a shell, this process ignores Ctrl-C, under nohup SIGHUP, and so would all that it starts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def pytest_collection_modifyitems(items):
