@@ -225,7 +225,9 @@ def _one_contact(collision: Collision, row: Row, after: Row, ends: list[int]) ->
         d = W * np.cos(theta)
         energy = 0.5 * mass * (W * np.sin(theta)) ** 2
         unit = sqrt(mass * collision.m1 / stiffness) if stiffness > 0 else inf
-        time = in_unit(theta - start, unit)
+        # A segment may end before it starts, to a rounding; an infinite time does not pass back.
+        turned = theta - start if unit < inf else np.maximum(theta - start, 0.0)
+        time = in_unit(turned, unit)
         still = np.full_like(theta, 1.0)
         shift = d - rate
         pieces.append(
