@@ -274,7 +274,15 @@ def _diagnostics(diagnostics: Any) -> dict[str, Any]:
 def _events(events: Any) -> tuple[Event, ...]:
     if not isinstance(events, tuple) or not all(isinstance(event, Event) for event in events):
         raise IllegalOutcomeError("events; legal: a tuple of Event")
-    return events
+    return tuple(map(_event, events))
+
+
+def _event(event: Event) -> Event:
+    plain: dict[str, Any] = {}
+    for name in (field.name for field in fields(Event)):
+        check = {"kind": _text, "state": _text, "contact": _whole}.get(name, _number)
+        plain[name] = check(f"events.{name}", getattr(event, name))
+    return Event(**plain)
 
 
 def _path(path: Any) -> ImpulseCurve:

@@ -52,7 +52,8 @@ def _points() -> list[EntryPoint]:
 
 def origin(point: EntryPoint) -> str:
     """Name and version of the distribution an entry point belongs to."""
-    return f"{point.dist.name} {point.dist.version}" if point.dist is not None else "an unknown distribution"
+    name = point.dist.name if point.dist is not None else None  # without metadata it has none
+    return f"{name} {point.dist.version}" if point.dist is not None and name else "an unknown distribution"
 
 
 class ThirdPartySolver(SolverBase):

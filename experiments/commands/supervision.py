@@ -102,7 +102,8 @@ def _wait_for(child: int, ends: set[signal.Signals]) -> int:
     signal.signal(signal.SIGUSR1, answer)
     signal.signal(signal.SIGALRM, lambda *_: os.kill(child, signal.SIGKILL))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ends)
-    os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)  # until it is waited for, its number is nobody else's
+    if hasattr(os, "waitid"):  # until it is waited for, its number is nobody else's
+        os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)
     signal.pthread_sigmask(signal.SIG_BLOCK, {*ends, signal.SIGALRM})
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     if code >= 0:

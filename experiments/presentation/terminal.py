@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -31,8 +32,10 @@ MedianRows = Callable[[], list[tuple[str, str, int, float]]]
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
-#: Seconds of work after which a log has a line, however little was done.
-_SAY = 20.0
+#: Seconds of work after which a log has a line, however little was done, and between two looks at whether it has.
+_SAY, _LOOK = 20.0, 1.0
+#: What an error of a console calls it.
+_STDOUT = "standard output"
 #: Medians stand for at least so many times what it took to find them, but for the line of a tenth.
 _STAND = 100
 
@@ -139,31 +142,67 @@ def _seldom(medians: MedianRows) -> MedianRows:
 
 @contextmanager
 def _log(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
-    start, said, last, first, lock = time.perf_counter(), -1, 0.0, None, threading.Lock()
-    pause = _SAY
+    start, said, first, latest = time.perf_counter(), -1, None, (0, 0)
+    last, pause, lock, ended = start, _SAY, threading.Lock(), threading.Event()
+
+    broken: list[OSError] = []
 
     def on_log(done: int, total: int, line: str) -> None:
-        nonlocal said, last, first, pause
+        nonlocal said, last, first, pause, latest
+        if broken:
+            raise broken[0]
         with lock:
             now = time.perf_counter()
-            first = (now, done) if first is None and total else first
+            if total:
+                latest, first = (done, total), first or (now, done)
             if line:
+                last = now
                 print_line(console, line)
-            elif total and first and (10 * done // total > said or now - last > pause):
+            elif first and total and (10 * done // total > said or (done < total and now - last > pause)):
                 said, last, (since, before) = 10 * done // total, now, first
                 rate = (done - before) / (now - since) if done > before else 0.0
                 left = timedelta(seconds=round((total - done) / rate)) if rate else None
                 facts = {"unit": unit, "seconds": now - start, "left": left, "rows": medians()}
                 pause = max(_SAY, _STAND * (time.perf_counter() - now))
                 print_line(console, phrase("progress.md.j2", "tenth", done, total, **facts))
+            elif now - last > pause:
+                last = now
+                print_line(console, phrase("progress.md.j2", "before_or_after", total, unit, now - start))
 
-    yield on_log
+    def beat() -> None:
+        try:
+            while not ended.wait(_LOOK):
+                on_log(*latest, "")
+        except OSError as error:  # which ends the work when it next says something
+            broken.append(error)
+
+    beating = threading.Thread(target=beat, daemon=True)
+    beating.start()
+    try:
+        yield on_log
+    finally:
+        ended.set()
+        beating.join()
+
+
+class _Console(Console):
+    """A console that cannot be written to as any other file: an `OSError` that names it."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print; rich ends the process where nobody reads any more."""
+        try:
+            super().print(*objects, **options)
+        except SystemExit:
+            raise BrokenPipeError(errno.EPIPE, "nobody reads it any more", _STDOUT) from None
+        except OSError as error:
+            error.filename = error.filename or _STDOUT
+            raise
 
 
 def make_console() -> Console:
     """Return the console of standard output; a log gets wide lines."""
-    console = Console()
-    return console if console.is_terminal else Console(width=_WIDTH)
+    console = _Console()
+    return console if console.is_terminal else _Console(width=_WIDTH)
 
 
 def print_line(console: Console, text: str) -> None:

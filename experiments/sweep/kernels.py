@@ -19,8 +19,9 @@ from impact_xval.model.collision import Collision
 from impact_xval.model.compiled import cache_folder, is_compiled
 from impact_xval.model.diagram import collide
 
-#: Seconds between two looks at whether another process has compiled what this one waits for.
-_LOOK = 0.05
+#: Seconds between two looks at whether another process has compiled what this one waits for, and seconds after which
+#: it does so itself: the other may be halted.
+_LOOK, _PATIENCE = 0.05, 300.0
 #: Kernels at most that are compiled by one use of one, with all that they call.
 _TRIES = 100
 
@@ -74,18 +75,21 @@ def compile_once(kernels: Iterable[Kernels]) -> None:
     kernels : iterable of Kernels
         In the order in which they are tried.
     """
-    left = list(kernels)
+    left, until = list(kernels), time.monotonic() + _PATIENCE
     while left:
-        done = next((some for some in left if _compiled(some)), None)
+        done = next((some for some in left if _compiled(some, alone=time.monotonic() > until)), None)
         if done is None:
             time.sleep(_LOOK)
         else:
             left.remove(done)
 
 
-def _compiled(some: Kernels) -> bool:
-    """Have kernels compiled; False where another process is at it."""
+def _compiled(some: Kernels, *, alone: bool) -> bool:
+    """Have kernels compiled; False where another process is at it, whose work is not done again but `alone`."""
     if is_compiled(some.last):
+        return True
+    if alone:
+        _use(some)
         return True
     try:
         with FileLock(cache_folder(some.last) / f"compiling-{some.name}.lock", blocking=False):

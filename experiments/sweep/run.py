@@ -6,7 +6,6 @@ import contextlib
 import functools
 import hashlib
 import json
-import os
 import platform
 import time
 from collections import Counter
@@ -167,7 +166,7 @@ def kept(
     except OSError as error:
         if not root.is_dir():
             raise InterruptedRunError(f"{root}: the folder is gone") from None
-        what = os.strerror(error.errno) if error.errno else str(error)
+        what = error.strerror or str(error)
         raise InterruptedRunError(f"{error.filename or root}: {what}") from None
 
 

@@ -7,9 +7,10 @@ process that a solver forked may write at any time, ends the process. Its thread
 each: collisions are shared out to processes, and no number may depend on how many threads there are.
 What it writes to standard error appears on its caller's, its control characters made visible.
 
-Beside it stands a guard, forked before any solver is imported. When the process has ended, or its caller has,
-the guard ends what is left: all in the session of the sandbox and, on Linux, all that inherited its environment.
-A process that a solver starts in a session of its own and with another environment outlives it.
+Beside it stands a guard, forked before any solver is imported, and nobody's child. When the process has ended, or its
+caller has, the guard ends what is left: all in the session of the sandbox and, on Linux, all that inherited its
+environment. A process that a solver starts in a session of its own and with another environment outlives it, and may
+hold the pipes: nobody waits for their end, but for an answer, the end of the sandbox, and a time.
 
 Not `multiprocessing`, nor a pool made of it (pebble 5.2 was tried): its processes cannot be started by a
 daemon, which is what a worker of Dask is; they import the caller's main script again, which breaks one without
@@ -23,6 +24,7 @@ import contextlib
 import hashlib
 import io
 import itertools
+import math
 import os
 import pickle
 import queue
@@ -54,11 +56,13 @@ _OOM_SCORE = "600"
 #: Seconds for a process that gave no answer to end by itself, since its exit code is of interest: one that has closed
 #: its pipe, as its end does, and one that may go on.
 _TO_EXIT, _GRACE = 10.0, 1.0
-#: Seconds between two looks at whether sandbox and caller are alive.
+#: Seconds between two looks at whether sandbox and caller are there and at work.
 _LOOK = 0.1
 #: Of a process's standard error, the characters shown as they come and the lines kept for its end; a longer line is
 #: taken as several.
 _SHOWN, _LAST, _LINE = 65536, 20, 4096
+#: Bytes of an answer, and those of it that are read at once.
+_LARGEST, _PIECE = 4 << 30, 1 << 20
 #: Variable of the environment by which all that a sandbox started is found.
 _MARK = "IMPACT_XVAL_SANDBOX"
 
@@ -115,7 +119,8 @@ class Sandbox:
     ) -> None:
         self.context, self._prepare, self._prepare_timeout = context, prepare, prepare_timeout
         self._readable = readable
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: _Process | None = None
+        self._working = threading.Lock()
         self._requests = itertools.count()
         self._closed = False
         #: What `prepare` returned; None before the first start, and where it failed.
@@ -138,7 +143,7 @@ class Sandbox:
             self._launch()
         except SandboxError:  # of no use, and the next call is to fail of the same
             self._process = None
-            _kill(process)
+            process.end()
             raise
 
     def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
@@ -169,56 +174,46 @@ class Sandbox:
         self._closed = True
         process = self._process
         if process is not None:
-            _kill(process)
+            process.kill()
+            with self._working:  # whoever works with it notices
+                process.end()
 
-    def _launch(self) -> subprocess.Popen[bytes]:
+    def _launch(self) -> _Process:
         if self._closed:
             raise ClosedError
-        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({os.getpid()})"
-        self._process = process = subprocess.Popen(
-            [sys.executable, "-c", code],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=os.environ | dict.fromkeys(_THREADS, "1") | {_MARK: uuid.uuid4().hex},
-            start_new_session=True,
-        )
-        threading.Thread(target=_pass_on, args=(process.stderr,), daemon=True).start()
-        if self._closed:  # closed by another thread meanwhile, which may not have seen this process
-            process.kill()
-        _send(process, pickle.dumps(self.context))
+        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
+        self._process = process = _Process(code)
+        with self._working:
+            if self._closed:  # by another thread meanwhile, which may not have seen this process
+                process.end()
+                raise ClosedError
+            process.send(pickle.dumps(self.context), time.monotonic() + self._prepare_timeout)
         return process
 
     def _answer(
-        self, process: subprocess.Popen[bytes], function: Callable[..., Any], arguments: tuple, timeout: float
+        self, process: _Process, function: Callable[..., Any], arguments: tuple, timeout: float
     ) -> Any:
-        late = threading.Event()
-
-        def end() -> None:
-            late.set()
-            _kill_group(process)
-
-        timer = threading.Timer(timeout, end)
-        timer.daemon = True
-        timer.start()
+        until = time.monotonic() + timeout
         asked, number = pickle.dumps((function, arguments)), next(self._requests)
-        try:
-            _send(process, (number, asked))
-            done, value = _answer_to(process, number, asked, self._readable)
-        except _NoAnswerError as error:
-            reason = _end_of(process, error.grace) or str(error)
-            self._process = None
+        with self._working:
             if self._closed:
-                raise ClosedError from None
-            if late.is_set():
-                reason = f"no answer within {timeout:g} s; its process was ended"
-                raise FaultError("timeout", reason) from None
-            raise FaultError("crashed", reason) from None
-        finally:
-            timer.cancel()
+                raise ClosedError
+            try:
+                process.send((number, asked), until)
+                done, value = process.answer_to(number, asked, self._readable, until)
+            except (_NoAnswerError, TimeoutError) as error:
+                self._process = None
+                reason = process.cause(error.grace) if isinstance(error, _NoAnswerError) else None
+                process.end()
+                if self._closed:
+                    raise ClosedError from None
+                if isinstance(error, TimeoutError):
+                    reason = f"no answer within {timeout:g} s; its process was ended"
+                    raise FaultError("timeout", reason) from None
+                raise FaultError("crashed", reason or str(error)) from None
         if not done and self._readable is not None:  # its interpreter may not be what it was
             self._process = None
-            _kill(process)
+            process.end()
             raise FaultError("crashed", f"in its process: {last_line(str(value))}")
         if not done:
             raise SandboxError(value)
@@ -307,19 +302,132 @@ class _NoAnswerError(Exception):
         self.grace = grace
 
 
-def _send(process: subprocess.Popen[bytes], value: Any) -> None:
-    assert process.stdin is not None
-    with contextlib.suppress(BrokenPipeError, ValueError):  # a death is noticed by whoever reads
-        pickle.dump(value, process.stdin)
-        process.stdin.flush()
+class _Process:
+    """A process that serves (`serve`), and our ends of its pipes: used while it lives, and until a time."""
+
+    def __init__(self, code: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            bufsize=0,
+            env=os.environ | dict.fromkeys(_THREADS, "1") | {_MARK: uuid.uuid4().hex},
+            start_new_session=True,
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self.requests, self.answers = self._process.stdin, self._process.stdout
+        self._until, self._left = math.inf, 0
+        os.set_blocking(self.requests.fileno(), False)
+        threading.Thread(target=_pass_on, args=(self._process.stderr,), daemon=True).start()
+
+    def send(self, value: Any, until: float) -> None:
+        """Send a value; that it was not taken is noticed by whoever reads."""
+        left, self._until = memoryview(pickle.dumps(value)), until
+        with contextlib.suppress(OSError, EOFError):
+            while left:
+                self._await(self.requests, select.POLLOUT)
+                left = left[self.requests.write(left) or 0 :]
+
+    def answer_to(
+        self, number: int, asked: bytes, readable: Set[tuple[str, str]] | None, until: float
+    ) -> tuple[bool, Any]:
+        """Read the answer to a request: whether it was done, and the value or the traceback.
+
+        Raises
+        ------
+        TimeoutError
+        _NoAnswerError
+        """
+        self._until, self._left = until, _LARGEST
+        try:
+            answered, identity, done, value = _Reader(self, readable).load()
+        except TimeoutError:
+            raise
+        except EOFError:
+            raise _NoAnswerError("it closed its pipe", _TO_EXIT) from None
+        except Exception as error:  # it is gone in mid-sentence, or another process wrote between
+            raise _NoAnswerError(f"its answer cannot be read: {type(error).__name__}") from None
+        if (answered, identity) != (number, _identity(asked)):
+            raise _NoAnswerError("it gave the answer to another request; its process was ended")
+        return done, value
+
+    def read(self, n: int) -> bytes:
+        """Read n bytes of its answer; less where it ends."""
+        found = bytearray()
+        self._left -= n
+        if self._left < 0:
+            raise OverflowError
+        while len(found) < n:
+            self._await(self.answers, select.POLLIN)
+            if not (piece := self.answers.read(min(n - len(found), _PIECE))):
+                break
+            found += piece
+        return bytes(found)
+
+    def readline(self) -> bytes:
+        """Read a line of its answer, which only one by another pickler has."""
+        line = b""
+        while not line.endswith(b"\n") and (byte := self.read(1)):
+            line += byte
+        return line
+
+    def _await(self, pipe: IO[bytes], event: int) -> None:
+        """Wait until a pipe can be used; `EOFError` when the process is over."""
+        ready = select.poll()
+        ready.register(pipe, event)
+        while time.monotonic() < self._until:
+            if ready.poll(1000 * _LOOK):
+                return
+            if self._is_over() and not ready.poll(0):
+                raise EOFError
+        raise TimeoutError
+
+    def _is_over(self) -> bool:
+        """Whether it has ended; its number stays its own, since it is not waited for. Halted, it is sent on."""
+        if not hasattr(os, "waitid"):
+            return self._process.poll() is not None
+        try:
+            state = os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WSTOPPED | os.WNOWAIT | os.WNOHANG)
+        except ChildProcessError:  # another thread has waited for it
+            return True
+        if state is not None and state.si_code == os.CLD_STOPPED:
+            os.kill(self._process.pid, signal.SIGCONT)
+            return False
+        return state is not None
+
+    def cause(self, grace: float) -> str | None:
+        """Give it time to end by itself; say of what it did."""
+        until = time.monotonic() + grace
+        while not (alone := self._is_over()) and time.monotonic() < until:
+            time.sleep(_LOOK / 10)
+        code = self.end()
+        return f"its process died: {_cause(code)}" if alone else None
+
+    def kill(self) -> None:
+        """Kill it, if it has not ended, and all in its session: its guard may be gone."""
+        if self._process.returncode is None:
+            with contextlib.suppress(OSError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.kill()
+
+    def end(self) -> int:
+        """Kill it and put it away; its exit code."""
+        self.kill()
+        code = self._process.wait()
+        for pipe in (self.requests, self.answers):
+            with contextlib.suppress(OSError):
+                pipe.close()
+        return code
 
 
-def _pass_on(said: IO[bytes]) -> None:
+def _pass_on(said: io.RawIOBase) -> None:
     """Write what a process says to our standard error, as nothing a terminal obeys: the beginning, and the end."""
     from impact_xval.compliant_baselines.contract.visible import visible  # most processes say nothing
 
     left, last = _SHOWN, collections.deque[str](maxlen=_LAST)
-    with io.TextIOWrapper(said, "utf-8", "backslashreplace", newline="\n") as lines:
+    with io.TextIOWrapper(io.BufferedReader(said), "utf-8", "backslashreplace", newline="\n") as lines:
         while line := lines.readline(_LINE):
             if left > 0:
                 _write(visible(line))
@@ -338,30 +446,14 @@ def _write(text: str) -> None:
 class _Reader(pickle.Unpickler):
     """Reads plain values, and what is named beside them; by default anything."""
 
-    def __init__(self, file: IO[bytes], readable: Set[tuple[str, str]] | None) -> None:
-        super().__init__(file)
+    def __init__(self, process: _Process, readable: Set[tuple[str, str]] | None) -> None:
+        super().__init__(process)
         self._readable = readable
 
     def find_class(self, module_name: str, global_name: str, /) -> Any:
         if self._readable is not None and (module_name, global_name) not in self._readable:
             raise pickle.UnpicklingError(f"{module_name}.{global_name} is no part of an answer")
         return super().find_class(module_name, global_name)
-
-
-def _answer_to(
-    process: subprocess.Popen[bytes], number: int, asked: bytes, readable: Set[tuple[str, str]] | None
-) -> tuple[bool, Any]:
-    """Read the answer to a request: whether it was done, and the value or the traceback."""
-    assert process.stdout is not None
-    try:
-        answered, identity, done, value = _Reader(process.stdout, readable).load()
-    except EOFError:
-        raise _NoAnswerError("it closed its pipe", _TO_EXIT) from None
-    except Exception as error:  # it is gone in mid-sentence, or another process wrote between
-        raise _NoAnswerError(f"its answer cannot be read: {type(error).__name__}") from None
-    if (answered, identity) != (number, _identity(asked)):
-        raise _NoAnswerError("it gave the answer to another request; its process was ended")
-    return done, value
 
 
 def last_line(said: str) -> str:
@@ -376,43 +468,6 @@ def _identity(asked: bytes) -> str:
     return hashlib.sha256(asked).hexdigest()
 
 
-def _end_of(process: subprocess.Popen[bytes], grace: float) -> str | None:
-    """End a process; say of what it died, if by itself."""
-    until = time.monotonic() + grace
-    while not (alone := _is_over(process)) and time.monotonic() < until:
-        time.sleep(_LOOK / 10)
-    code = _kill(process)
-    return f"its process died: {_cause(code)}" if alone else None
-
-
-def _is_over(process: subprocess.Popen[bytes]) -> bool:
-    """Whether a process has ended; its number stays its own, since it is not waited for."""
-    if not hasattr(os, "waitid"):
-        return process.poll() is not None
-    try:
-        return os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None
-    except ChildProcessError:  # another thread has waited for it
-        return True
-
-
-def _kill_group(process: subprocess.Popen[bytes]) -> None:
-    """Kill a process, if it has not ended, and all in its session: its guard may be gone."""
-    if process.returncode is None and hasattr(os, "killpg"):
-        with contextlib.suppress(OSError):
-            os.killpg(process.pid, signal.SIGKILL)
-    process.kill()
-
-
-def _kill(process: subprocess.Popen[bytes]) -> int:
-    _kill_group(process)
-    code = process.wait()
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            with contextlib.suppress(OSError):
-                pipe.close()
-    return code
-
-
 def _cause(code: int) -> str:
     if code >= 0:
         return f"exit code {code}"
@@ -421,12 +476,12 @@ def _cause(code: int) -> str:
     return f"{name} (out of memory, or killed)" if name == "SIGKILL" else name
 
 
-def serve(caller: int) -> None:
+def serve() -> None:
     """Work for the process at the other end of standard input, until it is gone; the life of a sandbox."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(_OOM_SCORE)
-    _post_guard(caller)
+    _post_guard()
     requests, answers, null = os.dup(0), os.dup(1), os.open(os.devnull, os.O_RDWR)
     os.dup2(null, 0)  # what a solver starts reads no requests
     os.dup2(null, 1)  # engines print there
@@ -444,33 +499,40 @@ def serve(caller: int) -> None:
                 if sent is not None:
                     context, sent = pickle.loads(sent), None
                 function, arguments = pickle.loads(asked)
-                answer = True, function(context, *arguments)
+                answer = pickle.dumps((number, _identity(asked), True, function(context, *arguments)))
             except Exception:
-                answer = False, traceback.format_exc()
-            out.write(pickle.dumps((number, _identity(asked), *answer)))
+                answer = pickle.dumps((number, _identity(asked), False, traceback.format_exc()))
+            out.write(answer)
             out.flush()
 
 
-def _post_guard(caller: int) -> None:
-    """Have a process, or where none can be forked a thread, end what is left when sandbox or caller is gone."""
-    if not hasattr(os, "fork"):
-        threading.Thread(target=_follow, args=(caller,), daemon=True).start()
-        return
+def _post_guard() -> None:
+    """Have a process end what is left when this one or its caller is gone.
+
+    It is nobody's child here: a solver that looks for its own, or waits for any, does not find it.
+    """
     sandbox = os.getpid()
-    if os.fork() == 0:
-        try:
-            os.setsid()
+    ends = select.poll()
+    ends.register(0, 0)  # reads nothing: reports that the other end of the pipe is closed
+    with contextlib.suppress(AttributeError, OSError):  # of Linux, since 5.3
+        ends.register(os.pidfd_open(sandbox), select.POLLIN)
+    between = os.fork()
+    if between:
+        with contextlib.suppress(ChildProcessError):  # our caller has its children waited for
+            os.waitpid(between, 0)
+        return
+    try:
+        os.setsid()
+        if os.fork() == 0:
             os.closerange(1, 3)  # the caller reads until nobody holds the other end
-            _guard(sandbox)
-        finally:
-            os._exit(0)
+            _guard(sandbox, ends)
+    finally:
+        os._exit(0)
 
 
-def _guard(sandbox: int) -> None:
+def _guard(sandbox: int, ends: select.poll) -> None:
     """Wait until a sandbox or its caller is gone, then end the sandbox and all that it started."""
-    caller_gone = select.poll()
-    caller_gone.register(0, 0)  # reads nothing: reports that the other end of the pipe is closed
-    while os.getppid() == sandbox and not caller_gone.poll(1000 * _LOOK):
+    while _exists(sandbox) and not ends.poll(1000 * _LOOK):
         pass
     with contextlib.suppress(OSError):  # none is left
         os.killpg(sandbox, signal.SIGKILL)
@@ -480,6 +542,14 @@ def _guard(sandbox: int) -> None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
         time.sleep(_LOOK)
+
+
+def _exists(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def _others() -> list[int]:
@@ -493,10 +563,3 @@ def _environment(process: int) -> list[bytes]:
         return Path(f"/proc/{process}/environ").read_bytes().split(b"\0")
     except OSError:
         return []
-
-
-def _follow(caller: int) -> None:
-    """End this process when its caller is gone: killed, it tells nobody, and work may go on for long."""
-    while os.getppid() == caller:
-        time.sleep(_LOOK)
-    os._exit(1)

@@ -10,13 +10,15 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-from impact_xval.experiments.config.configuration import Config, parse_config
+from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.sweep.executors import open_executor
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
 from impact_xval.experiments.sweep.third_party import contained, longest
 from impact_xval.model.collision import Outcome
+
+_Answer = TypeVar("_Answer")
 
 #: Seconds that kernels may take to be compiled, which no limit of a solver covers.
 _TO_COMPILE = 1800.0
@@ -60,16 +62,20 @@ class SolversApart:
         """
         if not self._executor.submit(_is_compiled).result():
             say("")
-            self._executor.submit(_compile, config, names, resolve).result()
-        return {name: self._solved(config, name, resolve, say) for name in names}
+            self._wait(
+                say, f"compiling has taken {{:.0f}} s; it is ended after {_TO_COMPILE:g} s", _compile, names
+            )
+        at_work = f" has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
+        return {name: self._wait(say, name + at_work, _solve, config, name, resolve) for name in names}
 
-    def _solved(self, config: Config, name: str, resolve: Any, say: Callable[[str], None]) -> Solved:
-        start = time.monotonic()
-        solved = self._executor.submit(_solve, config, name, resolve)
-        while not wait([solved], _SAY).done:
-            seconds = time.monotonic() - start
-            say(f"{name} has worked for {seconds:.0f} s; it is ended after {config.cell_timeout:g} s")
-        return solved.result()
+    def _wait(
+        self, say: Callable[[str], None], line: str, function: Callable[..., _Answer], *asked: Any
+    ) -> _Answer:
+        """Call in the sandbox, and say a line every `_SAY` s, into which the seconds are put."""
+        start, called = time.monotonic(), self._executor.submit(function, *asked)
+        while not wait([called], _SAY).done:
+            say(line.format(time.monotonic() - start))
+        return called.result()
 
 
 @contextlib.contextmanager
@@ -89,13 +95,13 @@ def _import(names: Sequence[str]) -> bool:
     """Import solvers; return whether the kernels are compiled."""
     from impact_xval.compliant_baselines.contract.registry import get_solver, is_ours, solver_names
     from impact_xval.experiments.sweep import solving  # noqa: F401
+    from impact_xval.experiments.sweep.kernels import kernels_of
     from impact_xval.model.compiled import is_compiled
-    from impact_xval.model.diagram import collide
 
-    for name in set(names).intersection(solver_names(on_request=True)) or solver_names():
-        if is_ours(name):
-            get_solver(name).unavailable()
-    return is_compiled(collide)
+    legal = set(names).intersection(solver_names(on_request=True)) or solver_names()
+    for name in filter(is_ours, legal):
+        get_solver(name).unavailable()
+    return all(is_compiled(some.last) for some in kernels_of(legal))
 
 
 def _is_compiled(sandbox: Sandbox) -> bool:
@@ -103,12 +109,15 @@ def _is_compiled(sandbox: Sandbox) -> bool:
     return sandbox.prepared is not False
 
 
-def _compile(sandbox: Sandbox, config: Config, names: Sequence[str], resolve: Any) -> None:
-    """Have every solver solve an ordinary collision."""
-    ordinary = config.model_copy(update={"figure_cell": parse_config({}, "").figure_cell})
-    for name in names:
-        with contextlib.suppress(FaultError):
-            sandbox.call(_answer, ordinary, name, resolve, timeout=_TO_COMPILE)
+def _compile(sandbox: Sandbox, names: Sequence[str]) -> None:
+    with contextlib.suppress(FaultError):
+        sandbox.call(_kernels, names, timeout=_TO_COMPILE)
+
+
+def _kernels(_: object, names: Sequence[str]) -> None:
+    from impact_xval.experiments.sweep.kernels import compile_once, kernels_of
+
+    compile_once(kernels_of(names))
 
 
 def _solve(sandbox: Sandbox, config: Config, name: str, resolve: Any) -> Solved:

@@ -182,8 +182,8 @@ class _Chunk:
 
 def prepare(experiment: Experiment) -> Versions:
     """Make a process ready: solve a cell by every solver, so that all is imported and compiled."""
-    versions = solver_versions(experiment)
     compile_once(kernels_of(experiment.config.solvers))
+    versions = solver_versions(experiment)
     solve_all(
         experiment, [GridCell(0, 1.0, 1.0, collision_of(experiment.config, experiment.config.figure_cell))]
     )

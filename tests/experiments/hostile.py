@@ -16,6 +16,7 @@ import numpy as np
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.model import Outcome
+from impact_xval.model.collision import Event
 from tests.experiments.fakes import Shifted
 
 _MEGABYTE = "\x1b[31mred " * 125_000
@@ -201,6 +202,16 @@ OUTCOMES = {
         _diagnostics(step=threading.Lock()),
         "crashed",
         "diagnostics['step'] is of type lock",
+    ),
+    "events of texts": (
+        _changed(events=(Event("return", 1, "S1", "soon", 0.0, 0.0, 0.0, 0.0),)),
+        "crashed",
+        "events.time is of type str; legal: a number",
+    ),
+    "events that cannot be sent": (
+        _changed(events=(Event("return", threading.Lock(), "S1", *5 * [0.0]),)),
+        "crashed",
+        "events.contact is of type lock; legal: a whole number",
     ),
     "events none": (_changed(events=[None]), "crashed", "events; legal: a tuple of Event"),
     "path a list": (_changed(path=[0.0]), "crashed", "path is of type list; legal: ImpulseCurve or None"),

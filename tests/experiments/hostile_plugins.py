@@ -123,13 +123,17 @@ LEAVING = {
         "crashed",
         says="it changed the collision it was given to Collision(m1=1.0, m2=9.0,",
     ),
+    "waiting": _changing("while True: os.wait()", "crashed", says="ChildProcessError: "),
     "noise": _changing("os.write(2, b'\\x1b[31mred\\x07' * 1_000_000)"),
     "once-dead": _changing("os.abort()", "crashed", says="its process died: SIGABRT"),
     "once-hanging": _changing("time.sleep(1e6)", "timeout", says="no answer within 10 s"),
 }
 
-#: A solver that kills the process that called its own.
+#: Solvers that kill or halt the process that called their own.
 KILLING = {
+    "parent-halter": _changing(
+        "os.kill(os.getppid(), signal.SIGSTOP); time.sleep(1e6)", "timeout", says="no answer within 10 s"
+    ),
     "parent-killer": _changing(
         "os.kill(os.getppid(), signal.SIGKILL)",
         "crashed",

@@ -151,6 +151,12 @@ def test_an_entry_point_file_that_is_no_such_file_breaks_nothing(site):
         get_solver(name)
 
 
+def test_one_whose_distribution_says_nothing_of_itself_is_of_an_unknown_one(site):
+    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
+    (site / "tiny_engine-1.2.dist-info" / "METADATA").unlink()
+    assert origins()["tiny"] == "an unknown distribution"
+
+
 @pytest.mark.parametrize("line", [b"bad", b"bad = a:\xff"])
 def test_one_that_cannot_be_read_hides_no_other(site, line):
     install(site, "odd", {})

@@ -1,6 +1,10 @@
 """What is seen of work that goes on, on a terminal and in a log, and at the end of a run."""
 
+import errno
 import io
+import os
+import subprocess
+import sys
 import time
 
 import pytest
@@ -45,6 +49,54 @@ def test_a_log_has_a_line_after_a_while_and_takes_a_hundredth_of_the_time_for_me
         time.sleep(0.5)
         progress(1, 100, "")
     assert console.file.getvalue().splitlines()[-1].startswith("1 of 100 cells")
+
+
+def test_a_log_has_lines_while_nobody_reports(monkeypatch):
+    for name, seconds in (("_SAY", 0.1), ("_LOOK", 0.02)):
+        monkeypatch.setattr(f"impact_xval.experiments.presentation.terminal.{name}", seconds)
+    console = Console(file=io.StringIO(), width=150)
+
+    def lines():
+        before = len(console.file.getvalue().splitlines())
+        time.sleep(0.5)
+        return console.file.getvalue().splitlines()[before:]
+
+    with show_progress(console) as progress:
+        assert set(lines()) == {"at work on what comes before the first cells after 0 s"}
+        progress(1, 2, "")
+        assert {line.split(" after ")[0] for line in lines()} == {"1 of 2 cells"}
+        progress(2, 2, "")
+        assert {line.split(" after ")[0] for line in lines()} == {
+            "all 2 cells are done, and what is made of them is at work"
+        }
+    assert lines() == []
+
+
+@pytest.mark.parametrize("output", ["/dev/full", "pipe"])
+def test_an_output_that_takes_nothing_is_an_error_that_names_it(output):
+    if output == "pipe":
+        read, write = os.pipe()
+        os.close(read)
+    else:
+        write = os.open(output, os.O_WRONLY)
+    script = (
+        "from impact_xval.experiments.presentation.terminal import make_console\n"
+        "try:\n    make_console().print('a line')\nexcept OSError as error:\n    raise SystemExit(f'{error.filename}')"
+    )
+    done = subprocess.run([sys.executable, "-c", script], stdout=write, stderr=subprocess.PIPE, check=False)
+    os.close(write)
+    assert done.stderr.decode().splitlines()[0] == "standard output"
+
+
+def test_an_output_that_breaks_while_nobody_reports_ends_the_work(monkeypatch):
+    for name in ("_SAY", "_LOOK"):
+        monkeypatch.setattr(f"impact_xval.experiments.presentation.terminal.{name}", 0.01)
+    full = io.StringIO()
+    full.write = lambda text: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left on device"))
+    with show_progress(Console(file=full)) as progress:
+        time.sleep(0.3)
+        with pytest.raises(OSError, match="No space left"):
+            progress(0, 0, "")
 
 
 def test_a_log_without_medians_counts_only():

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from filelock import FileLock
 
 from impact_xval.experiments.sweep import kernels
 from impact_xval.experiments.sweep.kernels import Kernels, compile_once, kernels_of
@@ -98,6 +99,16 @@ def test_a_cache_without_space_costs_the_cache_only(tmp_path, monkeypatch):
 
     compile_once([Kernels("some", None, use)])
     assert tries == [0, 1, 2, 3]
+
+
+def test_a_process_that_is_halted_while_it_compiles_is_not_waited_for_for_ever(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernels, "is_compiled", lambda kernel: False)
+    monkeypatch.setattr(kernels, "cache_folder", lambda kernel: tmp_path)
+    monkeypatch.setattr(kernels, "_PATIENCE", 0.2)
+    used = []
+    with FileLock(tmp_path / "compiling-some.lock"):
+        compile_once([Kernels("some", None, lambda: used.append(1))])
+    assert used == [1]
 
 
 def test_without_a_compiler_nothing_is_missing(monkeypatch):

@@ -17,6 +17,7 @@ from impact_xval.experiments.sweep.sandbox import (
     FaultError,
     Sandbox,
     SandboxError,
+    _Process,
     in_halves,
 )
 from tests.experiments import sandbox_work as work
@@ -173,7 +174,10 @@ def test_an_answer_has_to_name_what_was_requested_not_its_number_alone(sandbox):
     first, second = Sandbox("one", work.prepare), Sandbox("two", work.prepare)
     for each in (first, second):
         each.start()
-    first._process.stdout, second._process.stdout = second._process.stdout, first._process.stdout
+    one, two = first._process, second._process
+    assert one is not None
+    assert two is not None
+    one.answers, two.answers = two.answers, one.answers
     second_asked = threading.Thread(target=_call, args=(second, work.echo, 2))
     second_asked.start()
     with pytest.raises(FaultError, match="the answer to another request"):
@@ -204,7 +208,8 @@ def test_what_a_solver_started_ends_with_its_sandbox(sandbox, how, end):
 
 @pytest.mark.parametrize("end", ["closed", "late", "died"])
 def test_what_a_solver_started_ends_with_its_sandbox_though_it_killed_the_guard(sandbox, end):
-    left = sandbox.call(work.kill_the_guard_and_leave_behind, timeout=20)
+    sandbox.call(work.kill_the_guard, timeout=20)
+    left = sandbox.call(work.leave_behind, "child", timeout=20)
     assert psutil.pid_exists(left)
     if end == "closed":
         sandbox.close()
@@ -214,6 +219,56 @@ def test_what_a_solver_started_ends_with_its_sandbox_though_it_killed_the_guard(
         with pytest.raises(FaultError, match=r"no answer within 0\.2 s"):
             sandbox.call(work.slow, 60, timeout=0.2)
     assert _gone(left)
+
+
+def test_a_solver_finds_no_child_that_it_did_not_start(sandbox):
+    assert sandbox.call(work.children, timeout=20) == ([], None)
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        (work.hold_the_pipes_and_hang, "no answer within 1 s; its process was ended"),
+        (work.hold_the_pipes_and_die, "its process died: SIGABRT"),
+    ],
+)
+def test_nobody_waits_for_a_process_that_holds_the_pipes(tmp_path, how, reason):
+    sandbox, holder, start = Sandbox(tmp_path / "holder", work.prepare), tmp_path / "holder", time.monotonic()
+    try:
+        with pytest.raises(FaultError) as caught:
+            sandbox.call(how, timeout=1 if how is work.hold_the_pipes_and_hang else 50)
+        assert caught.value.reason == reason
+        assert time.monotonic() - start < 15
+    finally:
+        sandbox.close()
+        os.kill(int(holder.read_text()), signal.SIGKILL)
+
+
+def test_a_process_that_was_halted_is_sent_on(sandbox):
+    assert sandbox.call(work.halt, timeout=20) == "sent on"
+
+
+def test_an_answer_without_end_is_not_read_to_its_end(sandbox, monkeypatch):
+    monkeypatch.setattr("impact_xval.experiments.sweep.sandbox._LARGEST", 10_000)
+    with pytest.raises(FaultError, match="its answer cannot be read: OverflowError"):
+        sandbox.call(work.echo, bytes(20_000), timeout=20)
+    assert sandbox.call(work.echo, 1, timeout=20) == ("a context", (1,))
+
+
+def test_what_cannot_be_sent_back_is_a_bug_and_no_death(sandbox):
+    first = sandbox.call(work.pid, timeout=20)
+    with pytest.raises(SandboxError, match="pickle"):
+        sandbox.call(work.unsendable, timeout=20)
+    assert sandbox.call(work.pid, timeout=20) == first
+
+
+def test_a_process_that_reads_no_request_is_not_waited_for():
+    process, start = _Process("import time; time.sleep(60)"), time.monotonic()
+    process.send(bytes(1 << 22), start + 0.3)
+    with pytest.raises(TimeoutError):
+        process.answer_to(0, b"", None, start + 0.3)
+    process.end()
+    assert time.monotonic() - start < 5
 
 
 def test_a_crash_is_told_at_once_though_a_forked_process_goes_on(sandbox):
