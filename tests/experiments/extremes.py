@@ -193,7 +193,7 @@ def configuration(rng: Rng) -> dict[str, Any]:
         "scenario": rng.choice(["impact", "drop"]),
         "solvers": solvers,
         "max_steps": rng.choice([1, 1000, 100_000, 2_000_000]),
-        "cell_timeout": rng.choice([0.5, 20]),
+        "cell_timeout": rng.choice([0.5, 5]),
     }
     optional = {
         "gravity": (5e-324, 1e-300, 1e-30, 1e-3, 1e3, 1e30, 1e300),
@@ -266,7 +266,7 @@ def _solve(rng: Rng, folders: list[Path], out: Path) -> list[str]:
     words += _options(
         rng, _SCALES | {"--step-fraction": (1e-12, 0.1), "--cutoff": (1, 1e5, "inf", "exact")}, 0.2
     )
-    return [*words, "--cell-timeout", "20", *_options(rng, {"--mapping": ("naive",)}, 0.2)]
+    return [*words, "--cell-timeout", "5", *_options(rng, {"--mapping": ("naive",)}, 0.2)]
 
 
 def _contact(rng: Rng, folders: list[Path], out: Path) -> list[str]:
@@ -315,7 +315,7 @@ def _hypothesis(rng: Rng, folders: list[Path], out: Path) -> list[str]:
         "plastic_contrast": [contrast[0], rng.choice([1e12, 1e16])],
         "per_decade": 4,
         "fit_decades": rng.choice([1.0, 8.0]),
-        "cell_timeout": 20,
+        "cell_timeout": 5,
         "map": {"size": 4, "engine_size": 3, "mass_ratio": sorted(rng.sample((1e-300, 1e-3, 1.0, 1e12), 2))},
     }
     config.write_text("".join(f"{key} = {_toml(value)}\n" for key, value in drawn.items()), encoding="utf-8")
