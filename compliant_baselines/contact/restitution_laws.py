@@ -29,13 +29,14 @@ from math import asinh, atan2, exp, hypot, inf, log, log1p, pi, sqrt
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.optimize import root_scalar
 
 Floats = NDArray[np.float64]
 
 
 def root_between(function: Callable[[float], float], low: float, high: float) -> float:
     """Find the root of a function between two values of opposite sign, to rounding."""
+    from scipy.optimize import root_scalar  # takes half a second, which a main process does without
+
     return float(root_scalar(function, bracket=(low, high), method="brentq", xtol=1e-300, rtol=1e-15).root)
 
 

@@ -21,7 +21,7 @@ from impact_xval.compliant_baselines.contact.column import shorter_period
 from impact_xval.compliant_baselines.contract.answers import answer, said, stated_version, why_unavailable
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings, Solver
 from impact_xval.compliant_baselines.contract.state_runs import compared_states
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
 from impact_xval.experiments.sweep.executors import in_flight, in_this_process
@@ -181,12 +181,13 @@ class _Chunk:
 
 
 def prepare(experiment: Experiment) -> Versions:
-    """Make a process ready: solve a cell by every solver, so that all is imported and compiled."""
+    """Make a process ready: solve an ordinary cell by every solver, so that all is imported and compiled."""
     compile_once(kernels_of(experiment.config.solvers))
     versions = solver_versions(experiment)
-    solve_all(
-        experiment, [GridCell(0, 1.0, 1.0, collision_of(experiment.config, experiment.config.figure_cell))]
-    )
+    # No cell of the experiment, which may take as long as it is let.
+    ordinary = parse_config({}).model_copy(update={"solvers": experiment.config.solvers})
+    cell = GridCell(0, 1.0, 1.0, collision_of(ordinary, ordinary.figure_cell))
+    solve_all(Experiment(ordinary, experiment.resolve), [cell])
     return versions
 
 

@@ -29,20 +29,20 @@ from impact_xval.experiments.tables.store import TABLES
 from tests.compliant_baselines.third_party import install
 
 ROOT = Path(__file__).parents[2]
-CELLS, CHUNK = 48, 6
+CELLS, CHUNK = 24, 3
 CONFIG = f"""
 scenario = "impact"
-solvers = ["kelvin-voigt", "mujoco", "hostile"]
+solvers = ["mujoco", "hostile"]
 step_fraction = 0.005
 chunk_size = {CHUNK}
 cell_timeout = 20
 [convergence]
 enabled = false
 [grid]
-stiffness_ratio = {{log = [0.02, 50, 12]}}
-mass_ratio = [1.0, 2.0]
+stiffness_ratio = {{log = [0.02, 30, {CELLS}]}}
+mass_ratio = [1.0]
 e1 = [0.7]
-e2 = [0.6, 0.8]
+e2 = [0.6]
 """
 
 HOSTILE = """
@@ -69,7 +69,7 @@ class Hostile(SolverBase):
 
     def solve_many(self, collisions, settings):
         numbers = (round(1000 * c.k2 / c.k1 + 10 * c.m2 / c.m1 + 100 * c.e2) for c in collisions)
-        kinds = (WRONG.get(number % 47, lambda o: o) for number in numbers)
+        kinds = (WRONG.get(number % 27, lambda o: o) for number in numbers)
         return [kind(replace(solve(c), solver=self.name)) for kind, c in zip(kinds, collisions)]
 """
 
@@ -282,7 +282,7 @@ def chaos(
     problems = session(undisturbed, None, 0.0, rng)
     length, whole = time.monotonic() - start, tables(work / "whole")
     rows = pq.read_table(work / "whole/cells.parquet", columns=["cell", "solver", "status"]).to_pylist()
-    problems += [] if len(rows) == 4 * CELLS else [f"{len(rows)} rows"]
+    problems += [] if len(rows) == 3 * CELLS else [f"{len(rows)} rows"]
     crashed = sum(row["status"] == "crashed" for row in rows if row["solver"] == "hostile")
     say(f"undisturbed: {length:.0f} s, {crashed} cells crash the hostile solver")
     drawn: Counter[str] = Counter()

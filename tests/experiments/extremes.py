@@ -342,9 +342,11 @@ CALLS: dict[str, tuple[Callable[[Rng, list[Path], Path], list[str]], int, tuple[
 
 
 def extremes(
-    work: Path, configurations: int, calls: int, seed: int, say: Callable[[str], None] = print
+    work: Path, configurations: int, calls: int, seed: int, say: Callable[[str], None] = print, first: int = 0
 ) -> tuple[Counter[str], list[str]]:
     """Draw configurations, run them, and call commands; those of a folder get one of these runs.
+
+    What has one number and seed is the same whatever is drawn before: from `first` on, numbers go on.
 
     Returns
     -------
@@ -366,13 +368,13 @@ def extremes(
         return ended.code
 
     folders = []
-    for number in range(configurations):
+    for number in range(first, first + configurations):
         rng, path = random.Random(f"{seed} configuration {number}"), work / f"c{number:03d}.toml"
         text = legal_configuration(rng, path)
         if one(path.stem, ["run", str(path), "--out", str(work / path.stem)], (0,), text) == 0:
             folders.append(work / path.stem)
     names, shares = list(CALLS), [share for _, share, _ in CALLS.values()]
-    for number in range(calls):
+    for number in range(first, first + calls):
         rng = random.Random(f"{seed} call {number}")
         draw, _, legal = CALLS[rng.choices(names, shares)[0]]
         one(f"call {number}", draw(rng, folders, work / f"o{number:03d}"), (0, *legal))
@@ -384,12 +386,13 @@ if __name__ == "__main__":
     parser.add_argument("--configurations", type=int, default=300)
     parser.add_argument("--calls", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="number of the first configuration and call")
     parser.add_argument("--keep", type=Path, help="folder of the runs; by default it is removed at the end")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         counts, wrong = extremes(
             asked.keep or Path(temporary), asked.configurations, asked.calls, asked.seed,
-            lambda line: print(line, flush=True),
+            lambda line: print(line, flush=True), asked.first,
         )  # fmt: skip
     print(f"{counts.total()} commands {dict(sorted(counts.items()))}: {len(wrong)} problems")
     print("\n".join(wrong))

@@ -1,5 +1,6 @@
 """Ladders in sandboxes: a cell without one costs its own rows, and extreme cells neither hours nor silence."""
 
+import re
 import shutil
 from concurrent.futures import Future, ThreadPoolExecutor
 
@@ -100,7 +101,7 @@ def test_pieces_and_workers_make_no_difference_and_slow_ones_are_told(root, run,
         write_ladder(root, executor, say=said.append)
     for name in ("ladder.parquet", "ladder.csv"):
         assert (root / name).read_bytes() == (run.root / name).read_bytes()
-    assert "ladders of 0 cells are made" in said
+    assert any(re.fullmatch(r"ladders of \d+ cells are made", line) for line in said)
 
 
 EXTREME = [np.array([x, y]) for x, y in ((1e300, 2.0), (1.0, 1.0), (0.5, 0.5), (0.5, 0.5))]

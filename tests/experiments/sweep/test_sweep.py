@@ -8,6 +8,7 @@ import pytest
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.solving import Experiment, prepare
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, MEASURES
 from impact_xval.experiments.tables.store import TABLES
 from tests.experiments import fakes
@@ -197,3 +198,19 @@ def test_the_lightest_ball_there_is_ends_no_run(tmp_path):
     rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
     assert [row["solver"] for row in rows] == ["state-transition", "bistiffness"]
     assert all(row["status"] != "ok" and row["reason"] for row in rows)
+
+
+def test_a_process_is_made_ready_by_an_ordinary_cell_whatever_the_experiment(monkeypatch):
+    solved = []
+
+    def resolve(name):
+        solver = fakes.Shifted()
+        monkeypatch.setattr(solver, "solve_many", lambda cells, settings: solved.extend(cells) or 1 / 0)
+        return solver
+
+    extreme = {"stiffness_ratio": 7e90, "mass_ratio": 1e-30, "e1": 1e-300, "e2": 1e-17}
+    config = parse_config(SMALL | {"k1": 1e30, "v0": -1e100, "figure_cell": extreme})
+    prepare(Experiment(config, resolve))
+    assert {(c.k1, c.v0, c.mass_ratio) for c in solved} == {
+        (1e8, -1.0, parse_config({}).figure_cell.mass_ratio)
+    }
