@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.tables.streams import replacing
-
-#: What every figure is saved as.
-FORMATS = ("png", "pdf")
 
 #: Okabe and Ito's palette; the model is black.
 _PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
@@ -67,7 +66,10 @@ def drawing(width: float, height: float) -> Iterator[Figure]:
 
 def save(figure: Figure, folder: Path, name: str, dpi: int = 160) -> None:
     """Write a figure as ``NAME.png`` and ``NAME.pdf``: a figure that is drawn again gives the same files."""
-    for extension in FORMATS:
-        with replacing(folder / f"{name}.{extension}") as temporary:
-            metadata = {"CreationDate": None} if extension == "pdf" else None
-            figure.savefig(temporary, format=extension, dpi=dpi, metadata=metadata)
+    # Not `savefig`, which lays out and draws twice for each format.
+    figure.dpi = dpi
+    with replacing(folder / f"{name}.png") as temporary, temporary.open("wb") as file:
+        FigureCanvasAgg(figure).print_png(file)
+    figure.set_layout_engine("none")  # it is laid out
+    with replacing(folder / f"{name}.pdf") as temporary, temporary.open("wb") as file:
+        FigureCanvasPdf(figure).print_pdf(file, metadata={"CreationDate": None})
