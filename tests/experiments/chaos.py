@@ -80,6 +80,16 @@ MARK = "IMPACT_XVAL_CHAOS"
 Rng = random.Random
 
 
+def marked(variable: str, mark: str) -> list[psutil.Process]:
+    """Processes that live and have a mark in their environment: whatever was started with it."""
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, OSError):
+            if process.environ().get(variable) == mark and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process)
+    return found
+
+
 class Run:
     """A run in a folder, begun again and again; `said` is all that it wrote to standard error."""
 
@@ -102,13 +112,8 @@ class Run:
 
     def processes(self) -> list[psutil.Process]:
         """Whatever runs with the mark of this run, children of children among them; the main process first."""
-        found = []
-        for process in psutil.process_iter():
-            with contextlib.suppress(psutil.Error, OSError):
-                if process.environ().get(MARK) == self._mark and process.status() != psutil.STATUS_ZOMBIE:
-                    found.append(process)
         main = self.process.pid if self.process is not None else 0
-        return sorted(found, key=lambda p: (p.pid != main, p.pid))
+        return sorted(marked(MARK, self._mark), key=lambda p: (p.pid != main, p.pid))
 
     def listening(self) -> set[str]:
         """Addresses beyond loopback on which any process of the run listens."""

@@ -26,10 +26,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import psutil
-
 from impact_xval.experiments.config.configuration import load_config
 from impact_xval.experiments.config.errors import UserError
+from tests.experiments.chaos import marked
 
 ROOT = Path(__file__).parents[2]
 MARK = "IMPACT_XVAL_EXTREMES"
@@ -122,18 +121,9 @@ def call(words: list[str], work: Path) -> Ended:
 def _left(mark: str) -> list[str]:
     """Processes of a command that are there `GONE` seconds after its end."""
     until = time.monotonic() + GONE
-    while (found := _marked(mark)) and time.monotonic() < until:
+    while (found := marked(MARK, mark)) and time.monotonic() < until:
         time.sleep(0.05)
-    return found
-
-
-def _marked(mark: str) -> list[str]:
-    found = []
-    for process in psutil.process_iter():
-        with contextlib.suppress(psutil.Error, OSError):
-            if process.environ().get(MARK) == mark and process.status() != psutil.STATUS_ZOMBIE:
-                found.append(f"{process.pid} {process.cmdline()[:4]}")
-    return found
+    return list(map(str, found))
 
 
 # Configurations.
