@@ -201,23 +201,20 @@ class Sandbox:
             try:
                 process.send((number, asked), until)
                 done, value = process.answer_to(number, asked, self._readable, until)
-            except (_NoAnswerError, TimeoutError) as error:
-                self._process = None
-                reason = process.cause(error.grace) if isinstance(error, _NoAnswerError) else None
-                process.end()
-                if self._closed:
-                    raise ClosedError from None
-                if isinstance(error, TimeoutError):
-                    reason = f"no answer within {timeout:g} s; its process was ended"
-                    raise FaultError("timeout", reason) from None
-                raise FaultError("crashed", reason or str(error)) from None
-        if not done and self._readable is not None:  # its interpreter may not be what it was
+            except TimeoutError:
+                fault = FaultError("timeout", f"no answer within {timeout:g} s; its process was ended")
+            except _NoAnswerError as error:
+                fault = FaultError("crashed", process.cause(error.grace) or str(error))
+            else:
+                if done:
+                    return value
+                if self._readable is None:
+                    raise SandboxError(value)
+                # Its interpreter may not be what it was.
+                fault = FaultError("crashed", f"in its process: {last_line(str(value))}")
             self._process = None
             process.end()
-            raise FaultError("crashed", f"in its process: {last_line(str(value))}")
-        if not done:
-            raise SandboxError(value)
-        return value
+        raise ClosedError if self._closed else fault
 
 
 class SandboxExecutor(ThreadPoolExecutor):
