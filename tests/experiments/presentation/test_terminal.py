@@ -56,20 +56,18 @@ def test_a_log_has_lines_while_nobody_reports(monkeypatch):
         monkeypatch.setattr(f"impact_xval.experiments.presentation.terminal.{name}", seconds)
     console = Console(file=io.StringIO(), width=150)
 
-    def lines():
+    def said():
         before = len(console.file.getvalue().splitlines())
         time.sleep(0.5)
-        return console.file.getvalue().splitlines()[before:]
+        return {line.split(" after ")[0] for line in console.file.getvalue().splitlines()[before:]}
 
     with show_progress(console) as progress:
-        assert set(lines()) == {"at work on what comes before the first cells after 0 s"}
+        assert said() == {"no cells yet, at work on what comes before"}
         progress(1, 2, "")
-        assert {line.split(" after ")[0] for line in lines()} == {"1 of 2 cells"}
+        assert said() == {"1 of 2 cells"}
         progress(2, 2, "")
-        assert {line.split(" after ")[0] for line in lines()} == {
-            "all 2 cells are done, and what is made of them is at work"
-        }
-    assert lines() == []
+        assert said() == {"all 2 cells are done, at work on what is made of them"}
+    assert said() == set()
 
 
 @pytest.mark.parametrize("output", ["/dev/full", "pipe"])
