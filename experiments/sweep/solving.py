@@ -5,6 +5,7 @@ What crashes or hangs is found by halving (`sandbox.in_halves`), and becomes row
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import time
@@ -19,6 +20,7 @@ import pyarrow as pa
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import shorter_period
 from impact_xval.compliant_baselines.contract.answers import answer, said, stated_version, why_unavailable
+from impact_xval.compliant_baselines.contract.registry import kind_of
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings, Solver
 from impact_xval.compliant_baselines.contract.state_runs import compared_states
 from impact_xval.experiments.config.configuration import REFERENCE, Config
@@ -45,6 +47,9 @@ Versions = dict[str, str]
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).
 VELOCITIES = frozenset({"v1_limit", "v2_limit", "limit_error", "regularisation", "rest_speed"})
 
+#: Seconds for an engine to be made ready, its kernels compiled.
+_TO_MAKE_READY = 900.0
+
 #: Largest measure, and number of a certificate; the square of a larger one leaves double precision.
 _LARGEST = 1e150
 
@@ -59,10 +64,13 @@ class Experiment:
         The experiment; its first solver is the reference.
     resolve : callable
         Finds a solver by its name.
+    ready : set of str
+        The engines that `make_ready` has made ready in this process.
     """
 
     config: Config
     resolve: Resolve = get_solver
+    ready: set[str] = field(default_factory=set, init=False, repr=False)
     _models: tuple[Any, list[Outcome]] = field(default=(None, []), init=False, repr=False)
 
     def outcomes(self, name: str, cells: Sequence[GridCell], lost: Lost) -> list[Outcome]:
@@ -160,6 +168,9 @@ class _Chunk:
 
     def _rows(self, name: str, place: slice) -> pa.Table:
         self._sandbox.start()
+        if kind_of(name) == "engine":
+            with contextlib.suppress(FaultError):  # its cells are to say so
+                self._sandbox.call(make_ready, name, timeout=_TO_MAKE_READY)
         start, cells = time.perf_counter(), self._cells[place]
         limit = longest(name, len(cells), self._timeout)
         try:
@@ -181,13 +192,30 @@ class _Chunk:
 
 
 def prepare(experiment: Experiment) -> Versions:
-    """Make a process ready: solve a cell by every solver, so that all is imported and compiled."""
+    """Make a process ready: solve a cell by every solver that needs no engine, so that all is imported and compiled.
+
+    The first rows are theirs, and wait for no engine. What engines need is compiled while other processes are at the
+    rest.
+    """
+    solvers = experiment.config.solvers
+    engine_free = [name for name in solvers if kind_of(name) != "engine"]
     versions = solver_versions(experiment)
-    compile_once(kernels_of(experiment.config.solvers))
-    solve_all(
-        experiment, [GridCell(0, 1.0, 1.0, collision_of(experiment.config, experiment.config.figure_cell))]
-    )
+    compile_once(kernels_of(engine_free), meanwhile=kernels_of(solvers))
+    for name in engine_free:
+        solve_by(experiment, name, _figure_cell(experiment.config), {})
     return versions
+
+
+def make_ready(experiment: Experiment, name: str) -> None:
+    """Make a process ready for an engine, or a solver of another distribution, unless it is; as `prepare` does."""
+    if name not in experiment.ready:
+        experiment.ready.add(name)
+        compile_once(kernels_of([name]))
+        solve_by(experiment, name, _figure_cell(experiment.config), {})
+
+
+def _figure_cell(config: Config) -> list[GridCell]:
+    return [GridCell(0, 1.0, 1.0, collision_of(config, config.figure_cell))]
 
 
 def solve_all(experiment: Experiment, cells: Sequence[GridCell]) -> pa.Table:
