@@ -254,15 +254,16 @@ def end_of_segment(table, degree, x, law, mode1, mode2, mu, k1, k2, c1, c2, r2, 
     `spent` is the contact whose force is zero by the event that just happened. In a drop, B2 at rest counts once B1 no
     longer approaches: then neither contact and `RATE`.
     """
-    x, what = first_event(table, degree, x, 1, law, mode1, k1, c1, 0.0, frozen, spent == 1)
+    # Contacts and row are no literals: for each of them numba would compile a function of its own.
+    x, what = first_event(table, degree, x, np.int64(1), law, mode1, k1, c1, 0.0, frozen, spent == 1)
     contact = 1 if what != NOTHING else 0
-    x, what2 = first_event(table, degree, x, 2, law, mode2, k2, c2, r2, frozen, spent == 2)
+    x, what2 = first_event(table, degree, x, np.int64(2), law, mode2, k2, c2, r2, frozen, spent == 2)
     if what2 != NOTHING:
         contact, what = 2, what2
     if g > 0 and mode1 == OPEN and mode2 != OPEN and not frozen:
         d1 = table[D1, 0]
         sign = 1.0 if d1 > 0 or (d1 == 0 and table[D1, 1] > 0) else -1.0
-        root = first_root(table, D1, sign, sign * d1, degree, x)
+        root = first_root(table, np.int64(D1), sign, sign * d1, degree, x)
         if root < x:
             x, contact, what = root, 0, RATE
     if g > 0 and x > 0 and law != BISTIFFNESS:

@@ -43,15 +43,18 @@ PHASE = np.array([0, 0, -1, 1, 2])
 def _sample(log, law, mu, c1, c2, points):
     """Fill in p1, d1, q2, v2 at `points` instants of each segment; shape (segments, points, 4)."""
     table = np.zeros((4, ORDER + 1))
+    degree = (
+        table.shape[1] - 1
+    )  # no literal, for which numba would compile once more what fills in the motion
     out = np.empty((log.shape[0] - 1, points, 4))
     for n in range(log.shape[0] - 1):
         for i in range(4):
             table[i, 0] = log[n, 1 + i]
         on1, on2 = carries(log[n, 8]), carries(log[n, 9])
         k1, k2, g = log[n, 6], log[n, 7], log[n, 11]
-        fill_motion(table, ORDER, log[n, 5], law, on1, on2, mu, k1, k2, c1, c2, mu * g / k2, g)
+        fill_motion(table, degree, log[n, 5], law, on1, on2, mu, k1, k2, c1, c2, mu * g / k2, g)
         for j in range(points):
-            at = evaluate(table, ORDER, j / (points - 1))
+            at = evaluate(table, degree, j / (points - 1))
             for i in range(4):
                 out[n, j, i] = at[i]
     return out

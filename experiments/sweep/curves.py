@@ -15,7 +15,7 @@ from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.sandbox import Sandbox, in_halves
-from impact_xval.experiments.sweep.solving import Experiment
+from impact_xval.experiments.sweep.solving import Experiment, make_ready
 from impact_xval.experiments.sweep.third_party import longest
 from impact_xval.experiments.tables.schema import schema
 from impact_xval.experiments.tables.store import RunFolder
@@ -69,6 +69,7 @@ def write_curves(config: Config, folder: RunFolder, executor: Any) -> None:
 
 def _solve(sandbox: Sandbox, label: str, cell: Cell, name: str, timeout: float) -> pa.Table | None:
     def call(_: slice) -> pa.Table | None:
+        make_ready(sandbox, name)
         return sandbox.call(_curve, label, cell, name, timeout=longest(name, 1, timeout))
 
     return in_halves(call, 1, lambda _, fault: None)[0]

@@ -7,13 +7,16 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from filelock import FileLock, Timeout
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.registry import engine_names
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.compliant_baselines.contract.trajectory import scan
-from impact_xval.compliant_baselines.references.driver import follow_all
+from impact_xval.compliant_baselines.engines.quiet import between
+from impact_xval.compliant_baselines.references.contact_law import KELVIN_VOIGT, LOADED
+from impact_xval.compliant_baselines.references.driver import N_ROWS, end_of_segment, follow_all, how_ended
+from impact_xval.compliant_baselines.references.taylor import ORDER
 from impact_xval.experiments.measures.hausdorff import directed, hausdorff
 from impact_xval.model.collision import Collision
 from impact_xval.model.compiled import cache_folder, is_compiled
@@ -25,7 +28,8 @@ _LOOK, _PATIENCE = 0.05, 300.0
 #: Kernels at most that are compiled by one use of one, with all that they call.
 _TRIES = 100
 
-_ORDINARY = Collision.from_ratios(stiffness_ratio=1.0, mass_ratio=1.0, e1=0.9, e2=0.7)
+#: Stiff enough for an engine to be left alone between events, whose path is interpolated then.
+_ORDINARY = Collision(m1=1.0, m2=1.0, k1=1e8, k2=1e8, e1=0.9, e2=0.7)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +52,10 @@ class Kernels:
 
 
 def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
-    """List the kernels that a run with some solvers needs; those that take longest come first."""
+    """List the kernels that a run with some solvers needs, in the order in which they had best be compiled.
+
+    Two parts of the references come first: with them two processes have all of it in little more than half the time.
+    """
     engines = [name for name in solvers if name in engine_names(on_request=True)]
     settings = Settings(scenario="drop", record_path=True)
     bare = replace(settings, mark=False)  # an engine's marks need the kernels of the references
@@ -59,29 +66,37 @@ def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
                 solver.solve_many([_ORDINARY], settings)
 
     line = [[0.0, 0.0], [1.0, 1.0]]
+    table, column = np.zeros((N_ROWS, ORDER + 1)), (KELVIN_VOIGT, LOADED, LOADED, 1.0)
+    one = *column, 1.0, 1.0, 0.1, 0.1, 1.0, 1.0, False, 0
+    state = *column, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.1, 0.1, 1.0, 0, 1
     return [
-        Kernels("references", follow_all, lambda: solve_by(["kelvin-voigt"], settings)),
+        Kernels("events", end_of_segment, lambda: end_of_segment(table, ORDER, 1.0, *one)),
+        Kernels("ends", how_ended, lambda: how_ended(*state)),
         Kernels("model", collide, lambda: solve_by(["state-transition"], settings)),
-        *([Kernels("engines", scan, lambda: solve_by(engines, bare))] if engines else []),
+        Kernels("references", follow_all, lambda: solve_by(["kelvin-voigt"], settings)),
         Kernels("distance", directed, lambda: hausdorff(line, line)),
+        *([Kernels("engines", between, lambda: solve_by(engines, bare))] if engines else []),
     ]
 
 
-def compile_once(kernels: Iterable[Kernels]) -> None:
+def compile_once(kernels: Iterable[Kernels], meanwhile: Iterable[Kernels] = ()) -> None:
     """Have kernels compiled that are not in the cache: first those that no other process is at.
 
     Parameters
     ----------
     kernels : iterable of Kernels
         In the order in which they are tried.
+    meanwhile : iterable of Kernels
+        Tried while other processes are at all that are left of these.
     """
-    left, until = list(kernels), time.monotonic() + _PATIENCE
+    left, others, until = list(kernels), list(meanwhile), time.monotonic() + _PATIENCE
     while left:
-        done = next((some for some in left if _compiled(some, alone=time.monotonic() > until)), None)
+        alone = time.monotonic() > until
+        done = next((some for some in (*left, *others) if _compiled(some, alone=alone)), None)
         if done is None:
             time.sleep(_LOOK)
         else:
-            left.remove(done)
+            (left if done in left else others).remove(done)
 
 
 def _compiled(some: Kernels, *, alone: bool) -> bool:

@@ -36,6 +36,7 @@ from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
 from impact_xval.experiments.sweep.solving import (
     Experiment,
     Resolve,
+    make_ready,
     prepare,
     solve_all,
     solve_chunks,
@@ -255,8 +256,8 @@ class _Evolution:
 
     def _again(self, cell: GridCell, factor: float) -> dict[str, Any]:
         fraction = self._config.step_fraction * factor
-        limit = longest(self._search.solver, 1, self._config.cell_timeout)
-        row = self._executor.submit(_confirm, cell, fraction, limit).result()
+        name, timeout = self._search.solver, self._config.cell_timeout
+        row = self._executor.submit(_confirm, cell, fraction, name, timeout).result()
         value = row.get(self._search.measure)
         return {
             "step_fraction": fraction,
@@ -265,9 +266,10 @@ class _Evolution:
         }
 
 
-def _confirm(sandbox: Sandbox, cell: GridCell, fraction: float, timeout: float) -> dict[str, Any]:
+def _confirm(sandbox: Sandbox, cell: GridCell, fraction: float, name: str, timeout: float) -> dict[str, Any]:
+    make_ready(sandbox, name)
     try:
-        return sandbox.call(_with_step, cell, fraction, timeout=timeout)
+        return sandbox.call(_with_step, cell, fraction, timeout=longest(name, 1, timeout))
     except FaultError as fault:
         return {"status": fault.status}
 

@@ -5,6 +5,7 @@ What crashes or hangs is found by halving (`sandbox.in_halves`), and becomes row
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import time
@@ -19,6 +20,7 @@ import pyarrow as pa
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import shorter_period
 from impact_xval.compliant_baselines.contract.answers import answer, said, stated_version, why_unavailable
+from impact_xval.compliant_baselines.contract.registry import kind_of
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings, Solver
 from impact_xval.compliant_baselines.contract.state_runs import compared_states
 from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
@@ -45,6 +47,9 @@ Versions = dict[str, str]
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).
 VELOCITIES = frozenset({"v1_limit", "v2_limit", "limit_error", "regularisation", "rest_speed"})
 
+#: Seconds for an engine to be made ready, its kernels compiled.
+_TO_MAKE_READY = 900.0
+
 #: Largest measure, and number of a certificate; the square of a larger one leaves double precision.
 _LARGEST = 1e150
 
@@ -59,10 +64,13 @@ class Experiment:
         The experiment; its first solver is the reference.
     resolve : callable
         Finds a solver by its name.
+    ready : set of str
+        The engines, and solvers of other distributions, that this process is ready for (`make_ready`).
     """
 
     config: Config
     resolve: Resolve = get_solver
+    ready: set[str] = field(default_factory=set, init=False, repr=False)
     _models: tuple[Any, list[Outcome]] = field(default=(None, []), init=False, repr=False)
 
     def outcomes(self, name: str, cells: Sequence[GridCell], lost: Lost) -> list[Outcome]:
@@ -159,7 +167,7 @@ class _Chunk:
         return in_halves(rows, len(self._cells), failed)
 
     def _rows(self, name: str, place: slice) -> pa.Table:
-        self._sandbox.start()
+        make_ready(self._sandbox, name)
         start, cells = time.perf_counter(), self._cells[place]
         limit = longest(name, len(cells), self._timeout)
         try:
@@ -181,14 +189,40 @@ class _Chunk:
 
 
 def prepare(experiment: Experiment) -> Versions:
-    """Make a process ready: solve an ordinary cell by every solver, so that all is imported and compiled."""
-    compile_once(kernels_of(experiment.config.solvers))
+    """Make a process ready: solve a cell by every solver that needs no engine, so that all is imported and compiled.
+
+    The first rows are theirs, and wait for no engine. What engines need is compiled while other processes are at the
+    rest.
+    """
+    solvers = experiment.config.solvers
+    engine_free = [name for name in solvers if kind_of(name) != "engine"]
+    compile_once(kernels_of(engine_free), meanwhile=kernels_of(solvers))
     versions = solver_versions(experiment)
-    # No cell of the experiment, which may take as long as it is let.
-    ordinary = parse_config({}).model_copy(update={"solvers": experiment.config.solvers})
-    cell = GridCell(0, 1.0, 1.0, collision_of(ordinary, ordinary.figure_cell))
-    solve_all(Experiment(ordinary, experiment.resolve), [cell])
+    for name in engine_free:
+        _try_out(experiment, name)
     return versions
+
+
+def make_ready(sandbox: Sandbox, name: str) -> None:
+    """Make a sandbox ready for a solver, so that no limit of a call covers what is imported and compiled."""
+    sandbox.start()
+    if kind_of(name) == "engine":
+        with contextlib.suppress(FaultError):  # its cells are to say so
+            sandbox.call(_ready_for, name, timeout=_TO_MAKE_READY)
+
+
+def _ready_for(experiment: Experiment, name: str) -> None:
+    if name not in experiment.ready:
+        experiment.ready.add(name)
+        compile_once(kernels_of([name]))
+        _try_out(experiment, name)
+
+
+def _try_out(experiment: Experiment, name: str) -> None:
+    """Solve an ordinary cell; one of the experiment may take as long as it is let."""
+    ordinary = parse_config({})
+    cell = GridCell(0, 1.0, 1.0, collision_of(ordinary, ordinary.figure_cell))
+    solve_by(Experiment(ordinary, experiment.resolve), name, [cell], {})
 
 
 def solve_all(experiment: Experiment, cells: Sequence[GridCell]) -> pa.Table:

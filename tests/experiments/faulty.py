@@ -43,3 +43,19 @@ class FaultyModel(Faulty):
 
 def faulty_model(name):
     return FaultyModel() if name == "state-transition" else get_solver(name)
+
+
+class SlowToStart(Shifted):
+    """Takes two seconds to answer the first time, as one does whose kernels are to be compiled."""
+
+    started = False
+
+    def solve_many(self, collisions, settings):
+        if not SlowToStart.started:
+            time.sleep(2)
+        SlowToStart.started = True
+        return super().solve_many(collisions, settings)
+
+
+def slow_to_start(name):
+    return SlowToStart() if name == "mujoco" else get_solver(name)

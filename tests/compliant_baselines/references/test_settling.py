@@ -5,7 +5,7 @@ from scipy.linalg import expm
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.compliant_baselines.references.ending import settled
+from impact_xval.compliant_baselines.references.ending import eliminate, settled
 from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, kelvin_voigt_batch
 from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import random_cells
@@ -70,3 +70,16 @@ def test_columns_that_ring_for_ever_are_stuck_at_once():
 def test_an_elastic_column_that_cannot_part_is_stuck():
     start = kernel_state(np.array([5.0, 5.0, 0.01, 0.0]), 0.05)
     assert settled(1.0, 0.05, 0.0, 0.0, G, *start)
+
+
+def test_elimination_solves_and_gives_the_determinant():
+    rng = np.random.default_rng(2)
+    for _ in range(50):
+        real, imaginary = rng.normal(size=(2, 4, 5))
+        A, b = (real + 1j * imaginary)[:, :4].copy(), (real + 1j * imaginary)[:, 4].copy()
+        A[0, 0] *= rng.integers(2)  # a pivot of zero is no end
+        x = b.copy()
+        assert np.isclose(eliminate(A.copy(), x), abs(np.linalg.det(A)))
+        np.testing.assert_allclose(A @ x, b, atol=1e-12)
+    A[1] = A[3] = 0
+    assert eliminate(A, b) == 0

@@ -1,5 +1,7 @@
 """A solver that crashes or hangs costs its cells, and nothing else."""
 
+import time
+
 import pyarrow.parquet as pq
 import pytest
 
@@ -58,6 +60,20 @@ def test_a_reference_that_dies_leaves_the_others_a_result_without_a_comparison(t
     assert divergence[1]["velocity_divergence"] is None
     assert divergence[1]["model_status"] == "crashed"
     assert divergence[0]["velocity_divergence"] is not None
+
+
+def test_the_first_rows_wait_for_no_engine_and_its_first_call_has_no_limit(tmp_path):
+    config = _config(tmp_path, 2, {}, solvers=["bistiffness", "mujoco"])
+    seen = []
+
+    def on_rows(rows):
+        seen.append((rows["solver"][0].as_py(), time.monotonic()))
+
+    run_sweep(config, tmp_path / "a", workers=1, resolve=faulty.slow_to_start, on_rows=on_rows)
+    assert [row["status"] for row in _rows(tmp_path / "a")] == ["ok"] * 6
+    (first, since), (last, until) = seen
+    assert (first, last) == ("bistiffness", "mujoco")
+    assert until - since > 1.5
 
 
 @pytest.mark.slow
