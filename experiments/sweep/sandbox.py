@@ -58,6 +58,8 @@ _OOM_SCORE = "600"
 _TO_EXIT, _GRACE = 10.0, 1.0
 #: Seconds between two looks at whether sandbox and caller are there and at work.
 _LOOK = 0.1
+#: Seconds between two looks from which on this process was halted meanwhile, or the machine.
+_HALTED = 1.0
 #: Of a process's standard error, the characters shown as they come and the lines kept for its end; a longer line is
 #: taken as several.
 _SHOWN, _LAST, _LINE = 65536, 20, 4096
@@ -181,7 +183,8 @@ class Sandbox:
     def _launch(self) -> _Process:
         if self._closed:
             raise ClosedError
-        code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
+        places = [place for place in sys.path if isinstance(place, str)]  # no import heeds another
+        code = f"import sys; sys.path[:] = {places!r}; from {__name__} import serve; serve({os.getpid()})"
         self._process = process = _Process(code)
         with self._working:
             if self._closed:  # by another thread meanwhile, which may not have seen this process
@@ -205,6 +208,10 @@ class Sandbox:
                 fault = FaultError("timeout", f"no answer within {timeout:g} s; its process was ended")
             except _NoAnswerError as error:
                 fault = FaultError("crashed", process.cause(error.grace) or str(error))
+            except BaseException:  # Ctrl-C: its answer may come later, and is to nothing then
+                self._process = None
+                process.end()
+                raise
             else:
                 if done:
                     return value
@@ -309,7 +316,7 @@ class _Process:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             bufsize=0,
-            env=os.environ | dict.fromkeys(_THREADS, "1") | {_MARK: uuid.uuid4().hex},
+            env=os.environ | dict.fromkeys(_THREADS, "1") | {_MARK: _new_mark()},
             start_new_session=True,
         )
         assert self._process.stdin is not None
@@ -371,14 +378,20 @@ class _Process:
         return line
 
     def _await(self, pipe: IO[bytes], event: int) -> None:
-        """Wait until a pipe can be used; `EOFError` when the process is over."""
-        ready = select.poll()
+        """Wait until a pipe can be used; `EOFError` when the process is over.
+
+        Time in which this process was halted does not count: the answer may have come meanwhile.
+        """
+        ready, start = select.poll(), time.monotonic()
         ready.register(pipe, event)
-        while time.monotonic() < self._until:
-            if ready.poll(1000 * _LOOK):
+        while start < self._until:
+            usable, now = ready.poll(1000 * _LOOK), time.monotonic()
+            self._until += max(0.0, now - start - _HALTED)
+            if usable:
                 return
             if self._is_over() and not ready.poll(0):
                 raise EOFError
+            start = now
         raise TimeoutError
 
     def _is_over(self) -> bool:
@@ -426,18 +439,25 @@ def _pass_on(said: io.RawIOBase) -> None:
     left, last = _SHOWN, collections.deque[str](maxlen=_LAST)
     with io.TextIOWrapper(io.BufferedReader(said), "utf-8", "backslashreplace", newline="\n") as lines:
         while line := lines.readline(_LINE):
-            if left > 0:
-                _write(visible(line))
-            else:
+            if left > 0 and not _write(visible(line)):
+                left = 0
+            if left <= 0:
                 last.append(line)
             left -= len(line)
     if last:
         _write(f"\n... {-left} characters more, of which the last are:\n{visible(''.join(last))}\n")
 
 
-def _write(text: str) -> None:
+def _write(text: str) -> bool:
+    """Write to standard error, if it takes that soon: no solver is to wait for whoever reads it."""
+    said, taken = text.encode(), select.poll()
+    taken.register(2, select.POLLOUT)
     with contextlib.suppress(OSError):  # unbuffered: no lock is held when the interpreter ends
-        os.write(2, text.encode())
+        for start in range(0, len(said), select.PIPE_BUF):
+            if not taken.poll(1000 * _LOOK):
+                return False
+            os.write(2, said[start : start + select.PIPE_BUF])
+    return True
 
 
 class _Reader(pickle.Unpickler):
@@ -473,12 +493,13 @@ def _cause(code: int) -> str:
     return f"{name} (out of memory, or killed)" if name == "SIGKILL" else name
 
 
-def serve() -> None:
+def serve(caller: int) -> None:
     """Work for the process at the other end of standard input, until it is gone; the life of a sandbox."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # where it is ignored, a solver learns no exit code
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(_OOM_SCORE)
-    _post_guard()
+    _post_guard(caller)
     requests, answers, null = os.dup(0), os.dup(1), os.open(os.devnull, os.O_RDWR)
     os.dup2(null, 0)  # what a solver starts reads no requests
     os.dup2(null, 1)  # engines print there
@@ -503,7 +524,7 @@ def serve() -> None:
             out.flush()
 
 
-def _post_guard() -> None:
+def _post_guard(caller: int) -> None:
     """Have a process end what is left when this one or its caller is gone.
 
     It is nobody's child here: a solver that looks for its own, or waits for any, does not find it.
@@ -512,7 +533,8 @@ def _post_guard() -> None:
     ends = select.poll()
     ends.register(0, 0)  # reads nothing: reports that the other end of the pipe is closed
     with contextlib.suppress(AttributeError, OSError):  # of Linux, since 5.3
-        ends.register(os.pidfd_open(sandbox), select.POLLIN)
+        for process in (sandbox, caller):  # what the caller forked may hold that end
+            ends.register(os.pidfd_open(process), select.POLLIN)
     between = os.fork()
     if between:
         with contextlib.suppress(ChildProcessError):  # our caller has its children waited for
@@ -534,7 +556,7 @@ def _guard(sandbox: int, ends: select.poll) -> None:
     with contextlib.suppress(OSError):  # none is left
         os.killpg(sandbox, signal.SIGKILL)
     mark = f"{_MARK}={os.environ[_MARK]}".encode()
-    while left := [process for process in _others() if mark in _environment(process)]:
+    while left := [process for process in _others() if _has(process, mark)]:
         for process in left:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process, signal.SIGKILL)
@@ -554,9 +576,15 @@ def _others() -> list[int]:
     return [int(path.name) for path in Path("/proc").glob("[0-9]*") if path.name != str(os.getpid())]
 
 
-def _environment(process: int) -> list[bytes]:
-    """Environment of a process; nothing for one that is gone, or another user's."""
+def _has(process: int, mark: bytes) -> bool:
+    """Whether the environment of a process has a mark, or one below it; not of one that is gone, or another user's."""
     try:
-        return Path(f"/proc/{process}/environ").read_bytes().split(b"\0")
+        environment = Path(f"/proc/{process}/environ").read_bytes()
     except OSError:
-        return []
+        return False
+    return any(each == mark or each.startswith(mark + b"/") for each in environment.split(b"\0"))
+
+
+def _new_mark() -> str:
+    """Mark a sandbox; one that is started in another has that one's mark before its own."""
+    return "/".join([*filter(None, [os.environ.get(_MARK)]), uuid.uuid4().hex])

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import psutil
 
+from impact_xval.experiments.sweep.sandbox import Sandbox
+
 
 def prepare(context):
     if context == "dies at once" and not os.environ.get("NEVER"):
@@ -102,6 +104,26 @@ def hold_the_pipes_and_die(context):
     while not Path(context).exists():
         time.sleep(0.01)
     os.abort()
+
+
+def start_another_and_kill_the_guard(context):
+    """Start a sandbox in this one, then end what stands beside this one; give the number of the other's process."""
+    context.append(Sandbox(None, prepare))
+    number = context[-1].call(pid, timeout=20)
+    kill_the_guard(context)
+    return number
+
+
+def halt_the_caller(context, seconds):
+    """Answer while the caller is halted, for a while."""
+    caller = os.getppid()
+    os.kill(caller, signal.SIGSTOP)
+    subprocess.Popen([sys.executable, "-c", f"import os, time; time.sleep({seconds}); os.kill({caller}, 18)"])
+    return "answered"
+
+
+def exit_code(context):
+    return subprocess.run(["false"], check=False).returncode
 
 
 def halt(context):

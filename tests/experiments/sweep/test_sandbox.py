@@ -248,6 +248,85 @@ def test_a_process_that_was_halted_is_sent_on(sandbox):
     assert sandbox.call(work.halt, timeout=20) == "sent on"
 
 
+def _script(*lines):
+    """Run a script that has a sandbox `s`, in a process of its own, since what is tried is done to the caller."""
+    start = (
+        "import os, pathlib, signal, sys, threading, time\n"
+        "from impact_xval.experiments.sweep.sandbox import Sandbox\n"
+        "from tests.experiments import sandbox_work as w\n"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", start + "\n".join(lines)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+def test_time_in_which_the_caller_is_halted_is_no_time_of_the_solver():
+    done = _script(
+        "s = Sandbox(None, w.prepare); s.start()",
+        "print(s.call(w.halt_the_caller, 3, timeout=2)); s.close()",
+    )
+    assert done.stdout == "answered\n", done.stderr
+
+
+def test_a_request_that_was_interrupted_leaves_no_answer_behind():
+    done = _script(
+        "s = Sandbox(None, w.prepare); s.start()",
+        "threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT)).start()",
+        "try:\n    s.call(w.slow, 1, timeout=20)",
+        "except KeyboardInterrupt:\n    print(s.call(w.echo, 1, timeout=20)); s.close()",
+    )
+    assert done.stdout == "(None, (1,))\n", done.stderr
+
+
+def test_a_sandbox_in_another_ends_with_it_though_its_guard_was_killed():
+    sandbox = Sandbox([], work.prepare)
+    inner = sandbox.call(work.start_another_and_kill_the_guard, timeout=20)
+    assert psutil.pid_exists(inner)
+    sandbox.close()
+    assert _gone(inner)
+
+
+def test_it_does_not_outlive_a_killed_parent_whose_child_holds_the_pipe():
+    done = _script(
+        "s = Sandbox(None, w.prepare); print(s.call(w.pid, timeout=20), flush=True)",
+        "if os.fork() == 0:\n    [os.close(end) for end in (1, 2)]\n    time.sleep(20)\n    os._exit(0)",
+        "os.kill(os.getpid(), signal.SIGKILL)",
+    )
+    assert _gone(int(done.stdout))
+
+
+def test_a_caller_without_children_to_wait_for_and_with_odd_places_of_modules_has_sandboxes_like_any():
+    done = _script(
+        "signal.signal(signal.SIGCHLD, signal.SIG_IGN); sys.path.append(pathlib.Path('.'))",
+        "s = Sandbox(None, w.prepare); print(s.call(w.exit_code, timeout=20)); s.close()",
+    )
+    assert done.stdout == "1\n", done.stderr
+
+
+def test_nobody_waits_for_whoever_does_not_read_standard_error():
+    read, write = os.pipe()
+    script = (
+        "from impact_xval.experiments.sweep.sandbox import Sandbox\n"
+        "from tests.experiments import sandbox_work as w; s = Sandbox(None, w.prepare); s.start()\n"
+        "s.call(w.complain, 10_000, timeout=15); print('answered'); s.close()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        stdout=subprocess.PIPE,
+        stderr=write,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    os.close(read)
+    os.close(write)
+    assert done.stdout == "answered\n"
+
+
 def test_an_answer_without_end_is_not_read_to_its_end(sandbox, monkeypatch):
     monkeypatch.setattr("impact_xval.experiments.sweep.sandbox._LARGEST", 10_000)
     with pytest.raises(FaultError, match="its answer cannot be read: OverflowError"):
