@@ -22,15 +22,16 @@ def solvers() -> None:
     from impact_xval.compliant_baselines.contract.answers import stated_version, why_unavailable
     from impact_xval.compliant_baselines.contract.registry import get_solver, law_of, origins
     from impact_xval.experiments.presentation.pages import render
-    from impact_xval.experiments.presentation.terminal import make_console, show
+    from impact_xval.experiments.presentation.terminal import at_work, make_console, show
     from impact_xval.experiments.sweep.third_party import contained
 
     rows, find = [], contained(get_solver, _LONGEST)
     for name, origin in origins().items():
         solver = find(name)
-        reason = why_unavailable(solver)
+        with at_work(f"asking {name} what it is"):
+            reason, version = why_unavailable(solver), stated_version(solver)
         why = "" if reason is None else f"unavailable: {reason}"
-        rows.append((name, law_of(name), stated_version(solver) or "-", origin, why))
+        rows.append((name, law_of(name), version or "-", origin, why))
     show(make_console(), render("solvers.md.j2", rows=rows))
 
 
@@ -49,16 +50,16 @@ def conform(
     from impact_xval.compliant_baselines.contract.answers import why_unavailable
     from impact_xval.compliant_baselines.contract.registry import get_solver
     from impact_xval.experiments.config.configuration import solvers_problem
-    from impact_xval.experiments.presentation.terminal import make_console, print_line
-    from impact_xval.experiments.sweep.third_party import contained, end_contained
+    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
+    from impact_xval.experiments.sweep.third_party import contained
 
     problem = solvers_problem([name])
     if problem:
         raise UserError(f"SOLVER {problem}")
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
-    reason = why_unavailable(contained(get_solver, _LONGEST)(name))
-    end_contained()
+    with at_work(f"asking {name} what it is"):
+        reason = why_unavailable(contained(get_solver, _LONGEST)(name))
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
     console, failed = make_console(), 0
@@ -76,14 +77,17 @@ def conform(
 def _checked(name: str, law: Law) -> Iterator[tuple[Check, str]]:
     """Check a solver in a process of its own; each check, and what it found."""
     from impact_xval.compliant_baselines.contract.conformance import checks
+    from impact_xval.experiments.presentation.terminal import at_work
     from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
 
     with contextlib.closing(Sandbox((name, law), _ready, readable=frozenset())) as sandbox:
         for number, check in enumerate(checks(law)):
             try:
-                yield check, sandbox.call(_found, number, timeout=_LONGEST)
+                with at_work(f"checking {name}"):
+                    found = sandbox.call(_found, number, timeout=_LONGEST)
             except FaultError as fault:
-                yield check, fault.reason
+                found = fault.reason
+            yield check, found
 
 
 def _ready(context: tuple[str, Law]) -> None:

@@ -35,7 +35,7 @@ from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Resolve
-from impact_xval.experiments.sweep.third_party import contained, end_contained, longest
+from impact_xval.experiments.sweep.third_party import contained, longest
 
 Floats = NDArray[np.float64]
 
@@ -150,7 +150,6 @@ def run_hypothesis(
     for name, reason in unavailable.items():
         progress(0, 0, f"{name} is left out: {reason}")
     solvers = tuple(under_test(name, config.steps, resolve) for name in reasons if name not in unavailable)
-    end_contained()
     points = {case.key: (*draw(case, config.points, config.seed), *config.given(case.key)) for case in CASES}
     again = {case.key: tuple(draw(case, config.points, config.seed + 1)) for case in CASES}
     series, maps = _series(config, solvers, points), _maps(config, solvers)

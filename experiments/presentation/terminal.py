@@ -199,6 +199,24 @@ class _Console(Console):
             raise
 
 
+@contextmanager
+def at_work(what: str) -> Iterator[None]:
+    """Say every `_SAY` s on standard error what is waited for."""
+    start, ended = time.perf_counter(), threading.Event()
+
+    def say() -> None:
+        while not ended.wait(_SAY):
+            error_line(f"{what} has taken {time.perf_counter() - start:.0f} s")
+
+    saying = threading.Thread(target=say, daemon=True)
+    saying.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        saying.join()
+
+
 def make_console() -> Console:
     """Return the console of standard output; a log gets wide lines."""
     console = _Console()

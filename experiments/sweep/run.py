@@ -37,7 +37,7 @@ from impact_xval.experiments.sweep.solving import (
     solver_versions,
 )
 from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS
-from impact_xval.experiments.sweep.third_party import contained, end_contained
+from impact_xval.experiments.sweep.third_party import contained
 from impact_xval.experiments.tables.folders import discard, missing, open_folder
 from impact_xval.experiments.tables.lock import check_free, holding
 from impact_xval.experiments.tables.schema import COLUMNS, ROW_SCHEMA
@@ -202,7 +202,6 @@ class _Run:
         """Compute the parts that are not there, and the curves."""
         config, cells = self._experiment.config, self._cells
         self._versions = solver_versions(self._experiment)
-        end_contained()
         self._identities = _identities(config, cells, self._versions)
         self._check_damage()
         self._parts, findings = self._folder.find_parts(self._identities, self._rows_of)

@@ -585,6 +585,11 @@ def _has(process: int, mark: bytes) -> bool:
     return any(each == mark or each.startswith(mark + b"/") for each in environment.split(b"\0"))
 
 
+def is_sandbox() -> bool:
+    """Whether this process is a sandbox, or was started in one."""
+    return _MARK in os.environ
+
+
 def _new_mark() -> str:
     """Mark a sandbox; one that is started in another has that one's mark before its own."""
     return "/".join([*filter(None, [os.environ.get(_MARK)]), uuid.uuid4().hex])

@@ -42,7 +42,7 @@ from impact_xval.experiments.sweep.solving import (
     solve_chunks,
     solver_versions,
 )
-from impact_xval.experiments.sweep.third_party import contained, end_contained, longest
+from impact_xval.experiments.sweep.third_party import contained, longest
 from impact_xval.experiments.tables.schema import COLUMNS, DIVERGENCE_SCHEMA
 from impact_xval.experiments.tables.store import (
     MANIFEST,
@@ -140,7 +140,6 @@ def search_worst(
             "configuration": config.canonical(),
             "versions": solver_versions(experiment),
         }
-        end_contained()
         _check_same(folder, continued, manifest["configuration"], progress)
         identity, say = _identity(config, search, manifest["versions"]), functools.partial(progress, 0, 0)
         with open_executor(

@@ -1,12 +1,14 @@
 """Solvers of other distributions, each in a sandbox of its own: whatever one does costs its own cells.
 
-Their sandboxes are started by the process that calls them, which is a sandbox of a run as a rule, when one is first
-called, and end with it. What such a process answers is read as plain outcomes only, and is checked by its caller
+Their sandboxes are started by the process that calls them, when one is first called, and end with it. That process is a
+sandbox itself, for what a solver does to its caller: of a run, or one for the question what the solver is. What such a
+process answers is read as plain outcomes only, and is checked by its caller
 (`contract.answers`): nothing is left to an interpreter that a solver may have changed.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,7 +16,7 @@ from typing import Any
 from impact_xval.compliant_baselines.contract.answers import answer, stated_version, why_unavailable
 from impact_xval.compliant_baselines.contract.registry import is_ours
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves, is_sandbox
 from impact_xval.model.collision import Collision, Outcome
 
 #: Seconds for a solver to be imported, and to say its version and whether it can run.
@@ -45,8 +47,8 @@ class ContainedSolver(SolverBase):
     """
 
     def __init__(self, resolve: Callable[[str], Solver], timeout: float, name: str) -> None:
-        self.name, self._timeout, self._context = name, timeout, (resolve, name)
-        self._sandbox = self._new()
+        self.name, self._timeout, self._resolve = name, timeout, resolve
+        self._sandbox = Sandbox((resolve, name), _stated, self._to_state, readable=_PLAIN)
         self._known: tuple[str, str | None] | None = None
 
     def version(self) -> str:
@@ -68,29 +70,25 @@ class ContainedSolver(SolverBase):
 
         return [outcome for piece in in_halves(call, len(collisions), lost) for outcome in piece]
 
-    def end(self) -> None:
-        """End its process; one that is called again starts another."""
-        self._sandbox.close()
-        self._sandbox = self._new()
-
-    def _new(self) -> Sandbox:
-        return Sandbox(self._context, _stated, self._to_state, readable=_PLAIN)
-
     @property
     def _to_state(self) -> float:
         return min(_TO_STATE, self._timeout)
 
     def _stated(self) -> tuple[str, str | None]:
         if self._known is None:
-            self._known = self._ask()
+            try:
+                self._known = self._ask() if is_sandbox() else self._ask_apart()
+            except FaultError as fault:
+                self._known = "", f"asked what it is, it gave no answer: {fault.reason}"
         return self._known
 
     def _ask(self) -> tuple[str, str | None]:
-        try:
-            self._sandbox.start()
-            return self._sandbox.prepared or self._sandbox.call(_stated, timeout=self._to_state)
-        except FaultError as fault:
-            return "", f"asked what it is, it gave no answer: {fault.reason}"
+        self._sandbox.start()
+        return self._sandbox.prepared or self._sandbox.call(_stated, timeout=self._to_state)
+
+    def _ask_apart(self) -> tuple[str, str | None]:
+        with contextlib.closing(Sandbox((self._resolve, self._timeout, self.name), _nothing)) as between:
+            return between.call(_asked, timeout=3 * _TO_STATE)
 
 
 def contained(resolve: Callable[[str], Solver], timeout: float) -> Callable[[str], Solver]:
@@ -119,12 +117,6 @@ def longest(name: str, n: int, timeout: float) -> float:
     return timeout if is_ours(name) else 3 * max(1, n) * (timeout + 2 * _TO_STATE)
 
 
-def end_contained() -> None:
-    """End the processes of all contained solvers that this process has called; they start again when called."""
-    for solver in _contained.values():
-        solver.end()
-
-
 #: The contained solvers of this process.
 _contained: dict[tuple[Any, ...], ContainedSolver] = {}
 
@@ -136,6 +128,16 @@ def _find(resolve: Callable[[str], Solver], timeout: float, name: str) -> Solver
     if key not in _contained:
         _contained[key] = ContainedSolver(*key)
     return _contained[key]
+
+
+def _nothing(_: object) -> None:
+    """Prepare a process for nothing."""
+
+
+def _asked(context: tuple[Callable[[str], Solver], float, str]) -> tuple[str, str | None]:
+    """In a process between: what a solver says it is."""
+    solver = _find(*context)
+    return solver.version(), solver.unavailable()
 
 
 def _stated(context: tuple[Callable[[str], Solver], str]) -> tuple[str, str | None]:

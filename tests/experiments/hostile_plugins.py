@@ -110,7 +110,7 @@ LEAVING = {
         *_EITHER,
     ),
     "pickle-noise": _changing(
-        "import pickle; pickle.dumps = lambda *a: b'noise'", "crashed", says="cannot be read"
+        "import pickle; pickle.dumps = lambda *a: b'noise'", *_EITHER, says="cannot be read"
     ),
     "pickle-hang": _changing(
         "import pickle; dumps = pickle.dumps; slow = lambda self: (time.sleep, (1e6,)); "
@@ -139,6 +139,11 @@ KILLING = {
         "crashed",
         says="its process died: SIGKILL",
     ),
+}
+
+#: A solver that kills the process that asks what it is.
+SECRETIVE = {
+    "asker-killer": _dead("at_import", "os.kill(os.getppid(), signal.SIGKILL)", "its process died: SIGKILL")
 }
 
 #: The solver that does no harm.

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.measures.summary import summarise
-from impact_xval.experiments.presentation.terminal import show, show_progress
+from impact_xval.experiments.presentation.terminal import at_work, show, show_progress
 from impact_xval.experiments.presentation.views import show_end
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
@@ -84,6 +84,16 @@ def test_an_output_that_takes_nothing_is_an_error_that_names_it(output):
     done = subprocess.run([sys.executable, "-c", script], stdout=write, stderr=subprocess.PIPE, check=False)
     os.close(write)
     assert done.stderr.decode().splitlines()[0] == "standard output"
+
+
+def test_what_is_waited_for_is_said(monkeypatch, capsys):
+    monkeypatch.setattr("impact_xval.experiments.presentation.terminal._SAY", 0.05)
+    with at_work("asking somebody"):
+        time.sleep(0.3)
+    first, *_ = capsys.readouterr().err.splitlines()
+    assert first == "impact-xval: asking somebody has taken 0 s"
+    time.sleep(0.2)
+    assert capsys.readouterr().err == ""
 
 
 def test_an_output_that_breaks_while_nobody_reports_ends_the_work(monkeypatch):

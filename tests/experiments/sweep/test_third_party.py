@@ -115,6 +115,21 @@ def test_one_that_kills_its_caller_costs_its_cell(tmp_path, alone):
     _contained(tmp_path, plugins.KILLING, 10, alone, "--workers", "1")
 
 
+def test_one_that_kills_whoever_asks_what_it_is_does_not_kill_the_main_process(tmp_path):
+    plugins.lay_down(tmp_path, plugins.SECRETIVE)
+    code = (
+        "from impact_xval.compliant_baselines import get_solver\n"
+        "from impact_xval.experiments.sweep.third_party import contained\n"
+        "print(contained(get_solver, 30)('asker-killer').unavailable())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=_environment(tmp_path), capture_output=True, text=True, check=False
+    )
+    assert done.stdout.startswith("asked what it is, it gave no answer: its process died: SIGKILL"), (
+        done.stderr
+    )
+
+
 @pytest.mark.slow
 def test_its_process_does_not_outlive_a_killed_run(tmp_path):
     site, run = _laid_down(tmp_path, {}, 60)
