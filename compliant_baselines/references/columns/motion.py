@@ -36,6 +36,9 @@ from impact_xval.model.columns.series import ANGLE, ORDER, largest
 from impact_xval.model.compiled import compiled, inlined
 from impact_xval.model.law import INACTIVE
 
+#: Last step of Newton's iteration, as a share of the step, that rounding may leave.
+RESOLVED = 1e-6
+
 #: Degree of the polynomials through the ends of a step.
 ORDER_OF_STEP = 5
 
@@ -241,5 +244,5 @@ def settle(law, c, b, n, h, x, i, what, sign, work):
             value, slope = before_cut(law, c, b, i, c.delta[i], c.w[i], slope)
         change = -value / (slope * h) if slope != 0 else 0.0
         if abs(change) <= CONVERGED or again == 0:
-            return x, sign * value <= 0 or (sign * slope < 0 and again > 0)
+            return x, sign * value <= 0 or (sign * slope < 0 and abs(change) <= RESOLVED)
         x, again = max(0.0, x + max(-LARGEST, min(change, LARGEST))), again - 1
