@@ -38,10 +38,13 @@ from contextlib import contextmanager
 import numpy as np
 
 from impact_xval.compliant_baselines.contact.column import Column, radius_of
+from impact_xval.compliant_baselines.contact.line import Line
 from impact_xval.compliant_baselines.contact.mapping import PybulletBody, pybullet_bodies
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING, Floats
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.lines import LineRun
 from impact_xval.compliant_baselines.engines.packages import import_pybullet, why_not
+from impact_xval.compliant_baselines.engines.pybullet_lines import depth_of_line, run_line
 from impact_xval.compliant_baselines.engines.quiet import EngineContacts
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
 
@@ -96,21 +99,20 @@ class PybulletSolver(EngineSolver):
 
     def refusal(self, column: Column) -> str | None:
         """Why PyBullet cannot take a column: one of its absolute numbers would replace what was asked."""
-        if column.step <= SHORTEST_STEP:
+        return _beyond(column, depth_of(column))
+
+    def line_refusal(self, line: Line) -> str | None:
+        """Why PyBullet cannot take a line: as for two balls, and the naive mapping, which is of two balls."""
+        if line.mapping != "calibrated":
             return (
-                f"step = {column.step:.3g} s: PyBullet takes a step of {SHORTEST_STEP:.1e} s or less for none"
+                f"mapping = {line.mapping!r}: PyBullet's is that of two balls on a table; legal: 'calibrated'"
             )
-        largest = max(abs(column.v1), abs(column.v2)) * (column.m1 + column.m2)
-        if largest > LARGEST_IMPULSE:
-            return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
-        radius = radius_of(depth_of(column))
-        if 2 * math.sqrt(3) * radius > LARGEST_BODY:
-            return (
-                f"penetrations of up to {depth_of(column):.3g} m ask for balls of radius {radius:.3g} m: "
-                f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; "
-                "scale stiffnesses, masses or v0 (Theorem 5)"
-            )
-        return None
+        return _beyond(line, depth_of_line(line))
+
+    def run_lines(self, lines: Sequence[Line], max_steps: int) -> list[LineRun]:
+        """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order."""
+        with connected() as client:
+            return [run_line(client, line, BREAKING_OVER_RADIUS, ZERO, max_steps) for line in lines]
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` steps are taken; in order."""
@@ -128,6 +130,23 @@ class NaivePybulletSolver(PybulletSolver):
     """PyBullet with the stiffness and damping of the ball-ball contact on both balls, zeta from the textbook."""
 
     name = "pybullet-naive"
+
+
+def _beyond(column: Column | Line, depth: float) -> str | None:
+    """Which of the engine's absolute numbers a column with penetrations of up to a depth in m exceeds, if any."""
+    if column.step <= SHORTEST_STEP:
+        return f"step = {column.step:.3g} s: PyBullet takes a step of {SHORTEST_STEP:.1e} s or less for none"
+    largest = column.fastest * sum(column.masses)
+    if largest > LARGEST_IMPULSE:
+        return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
+    radius = radius_of(depth)
+    if 2 * math.sqrt(3) * radius > LARGEST_BODY:
+        return (
+            f"penetrations of up to {depth:.3g} m ask for balls of radius {radius:.3g} m: "
+            f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; "
+            "scale stiffnesses, masses or v0 (Theorem 5)"
+        )
+    return None
 
 
 @contextmanager

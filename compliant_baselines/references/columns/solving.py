@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, nan, sqrt
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,12 @@ def solve_column(
             return ColumnOutcome.failure(law, column, "unrepresentable", reason)
     scaled, units = scaled_column(column, p)
     length = units.speed * units.time
-    problem = LAWS[law], scaled, np.array(column.gaps) / length, _coefficients(column, law, p), p
+    b = coefficients_of(column, law, p)
+    if LAWS[law] == HUNT_CROSSLEY:
+        b = b * units.speed
+    else:
+        b = b / math.sqrt(column.masses[0]) / math.sqrt(column.stiffnesses[0])
+    problem = LAWS[law], scaled, np.array(column.gaps) / length, b, p
     balls, contacts = len(column.masses), len(column.stiffnesses)
     points = POINTS if path else 1
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
@@ -116,7 +121,7 @@ def solve_column(
     diagnostics = {"duration": time * units.time}
     if p != 1 or LAWS[law] == HUNT_CROSSLEY:
         looser, code2, *_ = collide(*problem, LOOSER * TOLERANCE, max_steps, 1, np.empty((0, log.shape[1])))
-        moved = nan if code2 & TOO_MANY_EVENTS else float(np.abs(looser - velocities).max())
+        moved = math.nan if code2 & TOO_MANY_EVENTS else float(np.abs(looser - velocities).max())
         diagnostics["error"] = moved * units.speed
     velocities = velocities * units.speed
     return ColumnOutcome(
@@ -133,15 +138,14 @@ def solve_column(
     )
 
 
-def _coefficients(column: Column, law: str, p: float) -> NDArray[np.float64]:
-    """Give c or a of each contact in the units of `scaled_column`; 0 where the law has none."""
+def coefficients_of(column: Column, law: str, p: float) -> NDArray[np.float64]:
+    """Give c or a of each contact of a column under a law of exponent p, in SI units; 0 where the law has none."""
     e, rates = np.array(column.restitutions), np.array(column.compression_rates)
     if LAWS[law] == BISTIFFNESS:
         return np.zeros(e.size)
     if LAWS[law] == HUNT_CROSSLEY:
-        return hunt_crossley_coefficients(e) * (np.abs(rates).max() / rates.max())
+        return hunt_crossley_coefficients(e) / rates.max()
     zeta = textbook_damping_ratios(e) if law == "kelvin-voigt-textbook" else damping_ratios(e)
-    inverse = 1 / np.array([*column.masses, *([inf] if column.table else [])])
+    inverse = 1 / np.array([*column.masses, *([math.inf] if column.table else [])])
     mass = 1 / (inverse[1:] + inverse[:-1])
-    k, m0, k0 = np.array(column.stiffnesses), column.masses[0], column.stiffnesses[0]
-    return 2 * zeta * sqrt(0.5 * (p + 1)) * np.sqrt(k / k0) * np.sqrt(mass / m0)
+    return 2 * zeta * math.sqrt(0.5 * (p + 1)) * np.sqrt(column.stiffnesses) * np.sqrt(mass)
