@@ -1,10 +1,10 @@
 """References and engines for N balls: how well they hold, and how fast they are.
 
 ``python -m benchmarks.columns_in_time references`` compares the references with an independent integration in time
-(tests/compliant_baselines/column_in_time.py) on random columns, N from 2 to 10, half of them with gaps, and counts columns
-a second. ``... engines`` compares engines at their limit dt -> 0 with Kelvin-Voigt, N from 3 to 10: how far the limit is
-off, and in how many columns by more than once and three times the error that was estimated. ``... gaps`` shows a cradle
-of steel balls whose gaps grow.
+(tests/compliant_baselines/column_in_time.py) on random columns, N from 2 to 10, half of them with gaps, and counts
+columns a second. ``... engines`` compares engines at their limit dt -> 0 with Kelvin-Voigt, N from 3 to 10: how far the
+limit is off, and in how many columns by more than once and three times the error that was estimated. ``... gaps``
+shows a cradle of steel balls whose gaps grow.
 """
 
 from __future__ import annotations
@@ -101,14 +101,13 @@ def engines(console: Console, names: list[str], count: int, seed: int) -> None:
         spent = time.perf_counter() - start
         off, ratio = [], []
         for i, (ours, theirs) in enumerate(zip(outcomes, exact, strict=True)):
-            limit = [
-                ours.diagnostics.get(f"v{ball + 1}_limit", math.nan) for ball in range(len(theirs.velocities))
-            ]
+            balls = range(1, len(theirs.velocities) + 1)
+            limit = [ours.diagnostics.get(f"v{ball}_limit", math.nan) for ball in balls]
             off.append(float(np.abs(np.subtract(limit, theirs.velocities)).max()))
             ratio.append(off[-1] / ours.diagnostics.get("limit_error", math.nan))
             if ours.status != "ok" or not ratio[-1] <= 1:
-                console.print(f"{name}, {i}: off by {off[-1]:.1e}, {ratio[-1]:.1f} times the estimate, {ours.status} {ours.reason}",
-                    highlight=False)  # fmt: skip
+                text = f"{name}, {i}: off by {off[-1]:.1e}, {ratio[-1]:.1f} times the estimate"
+                console.print(text, ours.status, ours.reason, highlight=False)
         table.add_row(
             name,
             str(count),
@@ -129,9 +128,9 @@ def gaps(console: Console) -> None:
     stiffness = 4 / 3 * YOUNG / (2 * (1 - POISSON**2)) * math.sqrt(radius / 2)
     table = Table("gap, diameters", "gap, um", *(f"v{i}" for i in range(1, 6)))
     for gap in GAPS:
-        column = Column(
-            (mass,) * 5, (stiffness,) * 4, (1.0,) * 4, (-1.0, -1.0, 0, 0, 0), gaps=(0, *[gap * DIAMETER] * 3)
-        )
+        distances = (0, *[gap * DIAMETER] * 3)
+        velocities = (-1.0, -1.0, 0, 0, 0)
+        column = Column((mass,) * 5, (stiffness,) * 4, (1.0,) * 4, velocities, gaps=distances)
         outcome = solve_column(column, exponent=1.5)
         table.add_row(f"{gap:g}", f"{gap * DIAMETER * 1e6:g}", *(f"{v:.4f}" for v in outcome.velocities))
     console.print(table)
