@@ -187,6 +187,25 @@ class LineRecorder:
             self.n_steps += n
         return self.end
 
+    def flight_steps(self, x: Floats) -> int:
+        """Count the next steps in which all balls fly, two less than their time has; 0 if any contact carries force.
+
+        Heights in m, shape (N,), after the last step taken.
+        """
+        if self._last_code != 0:
+            return 0
+        line, v = self.column, self._v
+        gaps, rates = (-np.diff([*values, *([0.0] if line.table else [])]) for values in (x, -v))
+        closing = rates > 0
+        if not closing.any() or (gaps[closing] <= 0).any():
+            return 0
+        return max(0, int(min(float((gaps[closing] / rates[closing]).min()) / line.step, 1e6)) - 2)
+
+    def skip(self, n: int, x: Floats) -> Floats:
+        """Take n steps of flight from these heights in m, in which velocities stay; the heights after them."""
+        self.n_steps += n
+        return x + n * self.column.step * self._v
+
     def finish(self, failure: str = "") -> LineRun:
         """Close the record; `failure` is what the engine complained of, if it did."""
         none = [np.zeros(0, np.int64)]

@@ -32,8 +32,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -45,23 +44,22 @@ from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.engines.lines import LineRun
 from impact_xval.compliant_baselines.engines.packages import import_pybullet, why_not
 from impact_xval.compliant_baselines.engines.pybullet_lines import depth_of_line, run_line
+from impact_xval.compliant_baselines.engines.pybullet_setup import (
+    BREAKING_OVER_RADIUS,
+    LEAST_STRIDE,
+    STRIDE,
+    ZERO,
+    connected,
+    exact,
+)
 from impact_xval.compliant_baselines.engines.quiet import EngineContacts
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
 
 #: Single steps between two looks at what comes next: the first time, and most.
 SHORT_WINDOW, WINDOW = 8, 256
 
-#: Most sub-steps of one call.
-STRIDE = 256
-
-#: The same for a run that records its path, which is interpolated in between (`Recorder.skip`).
+#: `STRIDE` for a run that records its path, which is interpolated in between (`Recorder.skip`).
 PATH_STRIDE = 32
-
-#: Fewest sub-steps that pay for the reads about them.
-LEAST_STRIDE = 8
-
-#: Gap at which the engine forgets a contact point, over the balls' radius; see the module.
-BREAKING_OVER_RADIUS = 2e-7
 
 #: The engine takes a step for none below the rounding of 1.0 (SIMD_EPSILON of btScalar.h).
 SHORTEST_STEP = sys.float_info.epsilon
@@ -73,12 +71,6 @@ LARGEST_IMPULSE = 1e10
 #: Diagonal in m of the box around a body at which the engine takes it out of the simulation, without a status
 #: (btCollisionWorld.cpp, updateSingleAabb).
 LARGEST_BODY = 1e6
-
-#: What a body must not do on the engine's own account, as `changeDynamics` has it.
-ZERO = (
-    *("restitution", "lateralFriction", "spinningFriction", "rollingFriction"),
-    *("linearDamping", "angularDamping", "contactProcessingThreshold"),
-)
 
 
 class PybulletSolver(EngineSolver):
@@ -112,7 +104,7 @@ class PybulletSolver(EngineSolver):
     def run_lines(self, lines: Sequence[Line], max_steps: int) -> list[LineRun]:
         """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order."""
         with connected() as client:
-            return [run_line(client, line, BREAKING_OVER_RADIUS, ZERO, max_steps) for line in lines]
+            return [run_line(client, line, max_steps) for line in lines]
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` steps are taken; in order."""
@@ -147,19 +139,6 @@ def _beyond(column: Column | Line, depth: float) -> str | None:
             "scale stiffnesses, masses or v0 (Theorem 5)"
         )
     return None
-
-
-@contextmanager
-def connected() -> Iterator[int]:
-    """Connect a client without a window, and disconnect it afterwards."""
-    p = import_pybullet()
-    client = p.connect(p.DIRECT)
-    if client < 0:
-        raise RuntimeError("PyBullet gave no client: more than 1024 are connected in this process")
-    try:
-        yield client
-    finally:
-        p.disconnect(physicsClientId=client)
 
 
 def pairs_of(column: Column) -> tuple[PybulletBody, PybulletBody]:
@@ -318,17 +297,6 @@ class World:
                 fixedTimeStep=max(1, n) * self._h, numSubSteps=n, physicsClientId=self._client
             )
             self._stride = n
-
-
-def exact(n: int, h: float) -> int:
-    """Give the largest number up to n of sub-steps that the engine makes of their time as they are meant.
-
-    It divides the time n h of a call by n, and counts how often what comes out goes into it
-    (btDiscreteDynamicsWorld.cpp, stepSimulation); rounding spoils that for some n. Powers of two are safe.
-    """
-    while n * h / n != h or int(n * h / h) != n:
-        n -= 1
-    return n
 
 
 def run(world: World, column: Column, max_steps: int, record_path: bool) -> Run:

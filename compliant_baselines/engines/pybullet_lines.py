@@ -6,15 +6,17 @@ multibody without joints: its base, which meets the ball below, and a massless l
 which meets the ball above. The base carries the contact, the link is rigid and undamped, and filters let only these
 pairs meet. A fixed link has no degree of freedom: nothing is added to the motion.
 
-Else the set-up is that of `engines.pybullet_engine`, for its reasons. Every step is read; heights are those of the
-engine's update, x += h v with the new v.
+Else the set-up is that of `engines.pybullet_engine`, for its reasons. Every step is read, but in flight, where the
+engine takes up to `STRIDE` sub-steps in a call; heights are those of the engine's update, x += h v with the new v.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contact.column import radius_of
 from impact_xval.compliant_baselines.contact.line import Line
@@ -22,6 +24,13 @@ from impact_xval.compliant_baselines.contact.mapping import PYBULLET_RIGID
 from impact_xval.compliant_baselines.contract.trajectory import GOING
 from impact_xval.compliant_baselines.engines.lines import LineRecorder, LineRun
 from impact_xval.compliant_baselines.engines.packages import import_pybullet
+from impact_xval.compliant_baselines.engines.pybullet_setup import (
+    BREAKING_OVER_RADIUS,
+    LEAST_STRIDE,
+    STRIDE,
+    ZERO,
+    exact,
+)
 
 #: Steps between two looks at whether the collision is over.
 WINDOW = 256
@@ -58,9 +67,7 @@ def _iterations(line: Line) -> int:
     return 2 + min(1000, max(2, math.ceil(36.7 / -math.log(shrink))))
 
 
-def run_line(
-    client: int, line: Line, breaking_over_radius: float, zero: tuple[str, ...], max_steps: int
-) -> LineRun:
+def run_line(client: int, line: Line, max_steps: int) -> LineRun:
     """Run one line until its collision is over or `max_steps` steps are taken.
 
     Parameters
@@ -68,8 +75,6 @@ def run_line(
     client : int
         A PyBullet client, whose bodies are removed.
     line : Line
-    breaking_over_radius, zero
-        `pybullet_engine.BREAKING_OVER_RADIUS` and `ZERO`.
     max_steps : int
     """
     p, h = import_pybullet(), line.step
@@ -81,19 +86,28 @@ def run_line(
         numSolverIterations=_iterations(line),
         solverResidualThreshold=0,
         contactSlop=0,
-        contactBreakingThreshold=breaking_over_radius * radius,
+        contactBreakingThreshold=BREAKING_OVER_RADIUS * radius,
         restitutionVelocityThreshold=0,
         useSplitImpulse=0,
         physicsClientId=client,
     )
     p.setGravity(0, 0, 0, physicsClientId=client)
     x = line.heights(radius)
-    balls = _make(p, client, line, radius, x, zero)
+    balls = _make(p, client, line, radius, x)
     recorder = LineRecorder(line, max_steps)
     step, read, end = p.stepSimulation, p.getBaseVelocity, GOING
     while end == GOING and recorder.n_steps < max_steps:
+        left = max_steps - recorder.n_steps
+        n = min(recorder.flight_steps(x), left, STRIDE)
+        if n >= LEAST_STRIDE:
+            n = exact(n, h)
+            p.setPhysicsEngineParameter(fixedTimeStep=n * h, numSubSteps=n, physicsClientId=client)
+            step(client)
+            p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, physicsClientId=client)
+            x = recorder.skip(n, x)
+            continue
         rows = []
-        for _ in range(min(WINDOW, max_steps - recorder.n_steps)):
+        for _ in range(min(WINDOW, left)):
             step(client)
             rows.append([read(ball, client)[0][2] for ball in balls])
         v = np.array(rows)
@@ -102,7 +116,7 @@ def run_line(
     return recorder.finish()
 
 
-def _make(p, client: int, line: Line, radius: float, x, zero: tuple[str, ...]) -> list[int]:
+def _make(p: Any, client: int, line: Line, radius: float, x: NDArray[np.float64]) -> list[int]:
     """Make table and balls, at these heights in m; the balls, the upper one first."""
     n = len(line.masses)
     sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=radius, physicsClientId=client)
@@ -137,7 +151,7 @@ def _make(p, client: int, line: Line, radius: float, x, zero: tuple[str, ...]) -
         p.changeDynamics(
             body,
             part,
-            **dict.fromkeys(zero, 0),
+            **dict.fromkeys(ZERO, 0),
             maxJointVelocity=LARGEST_SPEED,
             activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
             physicsClientId=client,
@@ -150,5 +164,5 @@ def _make(p, client: int, line: Line, radius: float, x, zero: tuple[str, ...]) -
     return balls
 
 
-def _set_contact(p, client: int, body: int, part: int, stiffness: float, damping: float) -> None:
+def _set_contact(p: Any, client: int, body: int, part: int, stiffness: float, damping: float) -> None:
     p.changeDynamics(body, part, contactStiffness=stiffness, contactDamping=damping, physicsClientId=client)
