@@ -1,9 +1,9 @@
 """References and engines for N balls: how well they hold, and how fast they are.
 
 ``python -m benchmarks.columns_in_time references`` compares the references with an independent integration in time
-(tests/compliant_baselines/column_in_time.py) on random columns, N from 2 to 10, half of them with gaps, and counts
-columns a second. ``... engines`` compares engines at their limit dt -> 0 with Kelvin-Voigt, N from 3 to 10: how far the
-limit is off, and in how many columns by more than once and three times the error that was estimated. ``... gaps``
+(tests/compliant_baselines/column_in_time.py) on random columns, N from 2 to 10, and counts columns a second. ``...
+engines`` compares engines at their limit dt -> 0 with Kelvin-Voigt, N from 3 to 10: how far the limit is off, and in how
+many columns by more than once and three times the error that was estimated. Half of the columns have gaps. ``... gaps``
 shows a cradle of steel balls whose gaps grow.
 """
 
@@ -92,7 +92,7 @@ def engines(console: Console, names: list[str], count: int, seed: int) -> None:
         "engine", "columns", "converged", "worst", "beyond the estimate", "beyond 3 times", "states equal", "s a column"
     )  # fmt: skip
     rng = np.random.default_rng(seed)
-    columns = [random_column(rng, int(rng.integers(3, 11))) for _ in range(count)]
+    columns = [with_gaps(rng, random_column(rng, int(rng.integers(3, 11)))) for _ in range(count)]
     settings = Settings(convergence=Convergence())
     exact = get_solver("kelvin-voigt").solve_columns(columns, settings)
     for name in names:

@@ -84,7 +84,8 @@ class EngineSolver(SolverBase):
                 lines.pop(i, None)
                 status = "unavailable" if missing else "unrepresentable"
                 outcomes[i] = ColumnOutcome.failure(self.name, column, status, missing or refused or "")
-        runs = dict(zip(lines, self.run_lines(list(lines.values()), settings.max_steps), strict=True))
+        done = self.run_lines(list(lines.values()), settings.max_steps) if lines else []
+        runs = dict(zip(lines, done, strict=True))
         for i, run in runs.items():
             outcome = outcome_of_line(self.name, columns[i], run, settings)
             reason = too_much_energy(outcome.diagnostics.get("energy_gain", 0.0))

@@ -113,8 +113,8 @@ def scan(v, x, before, masses, table, h, left, codes, memory):  # pragma: no cov
     codes : ndarray of int64, shape (n,)
         Filled with the state of each step, as bits.
     memory : ndarray of int64, shape (2,), and of float64, shape (1,)
-        Contacts that carry force, and that have ceased to; what contacts that began again did in their first step,
-        as a change of the relative velocity of their pair. Zeros at first.
+        Contacts that carry force, and those that are met at a speed if they begin to: they have ceased to, or were open
+        at first. What contacts so met did in their first step, as a change of the relative velocity of their pair.
 
     Returns
     -------
@@ -168,7 +168,7 @@ class LineRecorder:
         self.end, self.n_steps = GOING, 0
         self._v = np.array(line.velocities)
         self._masses = np.array(line.masses)
-        self._memory = np.zeros(2, np.int64), np.zeros(1)
+        self._memory = np.array([0, sum(1 << i for i, gap in enumerate(line.gaps) if gap > 0)]), np.zeros(1)
         self._codes: list[NDArray[np.int64]] = []
         self._starts: list[NDArray[np.int64]] = []
         self._last_code = -1
