@@ -1,10 +1,10 @@
 """References and engines for N balls: how well they hold, and how fast they are.
 
 ``python -m benchmarks.columns_in_time references`` compares the references with an independent integration in time
-(tests/compliant_baselines/column_in_time.py) on random columns, N from 2 to 10, and counts columns a second. ``...
-engines`` compares engines at their limit dt -> 0 with Kelvin-Voigt, N from 3 to 10: how far the limit is off, and in how
-many columns by more than once and three times the error that was estimated. Half of the columns have gaps. ``... gaps``
-shows a cradle of steel balls whose gaps grow.
+(tests/compliant_baselines/column_in_time.py) on random columns, N from 2 to 10, half of them with gaps, and counts
+columns a second. ``... engines`` compares engines at their limit dt -> 0 with Kelvin-Voigt, N from 3 to 10: how far the
+limit is off, and in how many columns by more than once and three times the error that was estimated; without gaps unless
+``--with-gaps``. ``... gaps`` shows a cradle of steel balls whose gaps grow.
 """
 
 from __future__ import annotations
@@ -87,12 +87,14 @@ def references(console: Console, count: int, seed: int) -> None:
     console.print(table)
 
 
-def engines(console: Console, names: list[str], count: int, seed: int) -> None:
+def engines(console: Console, names: list[str], count: int, seed: int, some_gaps: bool) -> None:
     table = Table(
         "engine", "columns", "converged", "worst", "beyond the estimate", "beyond 3 times", "states equal", "s a column"
     )  # fmt: skip
     rng = np.random.default_rng(seed)
-    columns = [with_gaps(rng, random_column(rng, int(rng.integers(3, 11)))) for _ in range(count)]
+    columns = [random_column(rng, int(rng.integers(3, 11))) for _ in range(count)]
+    if some_gaps:
+        columns = [with_gaps(rng, column) for column in columns]
     settings = Settings(convergence=Convergence())
     exact = get_solver("kelvin-voigt").solve_columns(columns, settings)
     for name in names:
@@ -142,13 +144,14 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=60, help="columns (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument("--engine", nargs="+", default=["mujoco", "pybullet"], help="(default: %(default)s)")
+    parser.add_argument("--with-gaps", action="store_true", help="open contacts of about half of the columns")
     options = parser.parse_args()
     console = Console(width=max(110, Console().width))
     console.print(machine(), highlight=False)
     if options.what == "references":
         references(console, options.count, options.seed)
     elif options.what == "engines":
-        engines(console, options.engine, options.count, options.seed)
+        engines(console, options.engine, options.count, options.seed, options.with_gaps)
     else:
         gaps(console)
     return 0

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import groupby
-from typing import ClassVar
 
 import numba
 import numpy as np
@@ -48,6 +47,8 @@ class LineRun(Ended):
         As of `recording.Run`.
     max_steps : int
         Steps it was allowed.
+    fall : None
+        There is no gravity that a first flight would end.
     """
 
     column: Line
@@ -57,7 +58,7 @@ class LineRun(Ended):
     failure: str
     starts: float
     max_steps: int
-    fall: ClassVar[None] = None
+    fall: None = None
 
     def state_names(self, shortest_state: float) -> tuple[tuple[int, ...], ...]:
         """List the sets of contacts that carry force, as the numbers of contacts from 1; the last one empty."""

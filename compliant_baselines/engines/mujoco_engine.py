@@ -161,9 +161,9 @@ class MujocoSolver(EngineSolver):
         return [runs[i] for i in range(len(lines))]
 
     @staticmethod
-    def _follow(batch: Batch, recorders: Sequence[Any], max_steps: int) -> list[Any]:
+    def _follow(batch: Batch, recorders: Any, max_steps: int) -> list[Any]:
         """Step simulations until all are over."""
-        failures = [""] * len(recorders)
+        failures: Any = [""] * len(recorders)
         going = np.arange(len(recorders))
         while going.size:
             n = min(WINDOW, max_steps - max(recorders[i].n_steps for i in going))
