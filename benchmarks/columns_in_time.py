@@ -3,8 +3,8 @@
 ``python -m benchmarks.columns_in_time references`` compares the references with an independent integration in time
 (tests/compliant_baselines/column_in_time.py) on random columns, N from 2 to 10, half of them with gaps, and counts
 columns a second. ``... engines`` compares engines at their limit dt -> 0 with Kelvin-Voigt, N from 3 to 10: how far the
-limit is off, and in how many columns by more than once and three times the error that was estimated; without gaps unless
-``--with-gaps``. ``... gaps`` shows a cradle of steel balls whose gaps grow.
+limit is off, and in how many columns by more than once and three times the error that was estimated; without gaps
+unless ``--with-gaps``. ``... gaps`` shows a cradle of steel balls whose gaps grow.
 """
 
 from __future__ import annotations
@@ -92,9 +92,10 @@ def engines(console: Console, names: list[str], count: int, seed: int, some_gaps
         "engine", "columns", "converged", "worst", "beyond the estimate", "beyond 3 times", "states equal", "s a column"
     )  # fmt: skip
     rng = np.random.default_rng(seed)
-    columns = [random_column(rng, int(rng.integers(3, 11))) for _ in range(count)]
-    if some_gaps:
-        columns = [with_gaps(rng, column) for column in columns]
+    columns = []
+    for _ in range(count):
+        column = random_column(rng, int(rng.integers(3, 11)))
+        columns.append(with_gaps(rng, column) if some_gaps else column)
     settings = Settings(convergence=Convergence())
     exact = get_solver("kelvin-voigt").solve_columns(columns, settings)
     for name in names:

@@ -12,8 +12,10 @@ one after the other; each changes only its own contact, and no rate.
 from __future__ import annotations
 
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.references import dashpot_law
 from impact_xval.compliant_baselines.references.columns.motion import (
@@ -78,22 +80,36 @@ def touch(c, n, gaps):
             c.phase[i] = COMPRESSION
 
 
-@compiled
-def first_event(law, c, b, n, h, modes, cut, left_out, work):
-    """First event of a piece: the contact (-1: none), what, its sign, and the time per h.
+class Marks(NamedTuple):
+    """What is noted of each contact.
 
-    `modes` are those at the start of the piece, `cut` tells whose force is zero then by an event of this instant, and
-    `left_out` what of which contact is not looked at.
+    Attributes
+    ----------
+    modes : ndarray of int, shape (C,)
+        Modes at the start of a piece.
+    cut : ndarray of bool, shape (C,)
+        Whose force is zero by an event of this instant.
+    left_out : ndarray of bool, shape (C, 3)
+        What is not looked at, since it was seen not to happen in this piece.
     """
+
+    modes: NDArray[np.int64]
+    cut: NDArray[np.bool_]
+    left_out: NDArray[np.bool_]
+
+
+@compiled
+def first_event(law, c, b, n, h, marks, work):
+    """Find the first event of a piece: the contact (-1: none), what, its sign, and the time per h."""
     first, which, happens, its_sign = inf, -1, FORCE, 0.0
     for i in range(n):
         for what in (FORCE, GAP, RATE):
-            sign = WATCHED[law, modes[i], what]
-            if sign == 0 or left_out[i, what]:
+            sign = WATCHED[law, marks.modes[i], what]
+            if sign == 0 or marks.left_out[i, what]:
                 continue
             order = watch(law, c, b, i, what, h, work)
             f = work.watched
-            if what == FORCE and cut[i]:
+            if what == FORCE and marks.cut[i]:
                 f[0] = 0.0
             if order == ORDER_OF_STEP and f[0] == 0 and f[1] == 0:
                 # At rest and not yet pressed: a cubic knows nothing of how it begins, but it can only be pressed.
@@ -106,7 +122,7 @@ def first_event(law, c, b, n, h, modes, cut, left_out, work):
 
 
 @compiled
-def dashpot_event(c, b, i, mode, what, law):
+def dashpot_event(law, c, b, i, mode, what):
     """Apply an event of a contact of spring and dashpot."""
     after = dashpot_law.change(mode, what, law == KELVIN_VOIGT and b[i] == 0)
     if what == GAP or after == OPEN:
@@ -124,6 +140,52 @@ def flight(c, n):
         if c.w[i] > 0 and max(0.0, -c.delta[i] / c.w[i]) < first:
             first, which = max(0.0, -c.delta[i] / c.w[i]), i
     return first, which
+
+
+@compiled
+def follow(law, c, b, n, h_next, tolerance, marks, work):
+    """Follow a piece up to its first event.
+
+    Returns
+    -------
+    h, h_next : float
+        Length of the piece, and of the step to try next.
+    which, what : int
+        The contact whose event it was (-1: none), and what.
+    x : float
+        When, per h; 1 without an event.
+    """
+    if is_linear(law, c):
+        h = expand(c, b, n, work)
+    else:
+        h, h_next = advance(law, c, b, n, h_next, tolerance, work)
+    marks.left_out[:] = False
+    which, what, sign, x = first_event(law, c, b, n, h, marks, work)
+    if is_linear(law, c):
+        evaluate(work.rates, ORDER, n, min(x, 1.0), c.w)
+        evaluate(work.deltas, ORDER, n, min(x, 1.0), c.delta)
+        return h, h_next, which, what, min(x, 1.0)
+    while which >= 0:
+        x, happened = settle(law, c, b, n, h, x, which, what, sign, work)
+        if happened:
+            break
+        marks.left_out[which, what] = True
+        step(law, c, b, n, h, work)
+        which, what, sign, x = first_event(law, c, b, n, h, marks, work)
+    return h, h_next, which, what, min(x, 1.0)
+
+
+@compiled
+def apply_law(law, c, b, n, which, what, marks, nothing, code):
+    """Apply the law to a contact at an event: contacts left, code."""
+    if law != BISTIFFNESS:
+        dashpot_event(law, c, b, which, marks.modes[which], what)
+        marks.cut[which] = what == FORCE
+    elif marks.modes[which] == OPEN:
+        c.phase[which], c.delta[which] = COMPRESSION, 0.0
+    else:
+        n, _, code = apply_event(c, n, which, what == GAP, True, nothing, 0.0, code)
+    return n, code
 
 
 @compiled
@@ -161,62 +223,36 @@ def collide(law, scaled, gaps, b, p, tolerance, max_steps, points, log):
     """
     c, energy = chain_of(scaled, p)
     n, drift = gaps.size, scaled[-1]
-    linear = is_linear(law, c)
-    order = ORDER if linear else ORDER_OF_STEP
-    nothing = (NOTHING if linear else NOTHING_OF_STEPS) * energy
-    work, modes, cut = new_workspace(n), np.zeros(n, np.int64), np.zeros(n, np.bool_)
-    left_out = np.zeros((n, 3), np.bool_)
-    code, events, rows, time, h_next, loss, margin = 0, 0, 0, 0.0, FIRST_STEP, 0.0, inf
+    nothing = (NOTHING if is_linear(law, c) else NOTHING_OF_STEPS) * energy
+    work = new_workspace(n)
+    marks = Marks(np.zeros(n, np.int64), np.zeros(n, np.bool_), np.zeros((n, 3), np.bool_))
+    velocities = np.empty(c.body.size)
+    code, events, rows, time, h_next, margin = 0, 0, 0, 0.0, FIRST_STEP, inf
     touch(c, n, gaps)
     for _ in range(max_steps):
         h, which = flight(c, n)
         if which < 0:
-            velocities = np.empty(c.body.size)
             ball_values(c, n, c.w, drift, velocities)
             return velocities, code, events, margin, time, rows
         for i in range(n):
-            modes[i] = mode_of(law, c, i)
-        what, sign, x, degree = GAP, 0.0, 1.0, order
+            marks.modes[i] = mode_of(law, c, i)
+        what, x, order = GAP, 1.0, 0
         if which < n:
-            degree = 0
             for i in range(n):
                 work.rates[0, i] = c.w[i]
                 c.delta[i] += h * c.w[i]
         else:
-            if linear:
-                h = expand(c, b, n, work)
-            else:
-                h, h_next = advance(law, c, b, n, h_next, tolerance, work)
-            left_out[:] = False
-            which, what, sign, x = first_event(law, c, b, n, h, modes, cut, left_out, work)
-            if linear:
-                x = min(x, 1.0)
-                evaluate(work.rates, order, n, x, c.w)
-                evaluate(work.deltas, order, n, x, c.delta)
-            while not linear and which >= 0:
-                x, happened = settle(law, c, b, n, h, x, which, what, sign, work)
-                if happened:
-                    break
-                left_out[which, what] = True
-                step(law, c, b, n, h, work)
-                which, what, sign, x = first_event(law, c, b, n, h, modes, cut, left_out, work)
-            x = min(x, 1.0)
+            order = ORDER if is_linear(law, c) else ORDER_OF_STEP
+            h, h_next, which, what, x = follow(law, c, b, n, h_next, tolerance, marks, work)
             if law == BISTIFFNESS:
                 margin = near_misses(c, n, order, work.rates, x, energy, margin)
         if x > 0:
-            cut[:] = False
-            rows = write_path(c, n, degree, work.rates, x, h, time, drift, points, log, rows)
+            marks.cut[:] = False
+            rows = write_path(c, n, order, work.rates, x, h, time, drift, points, log, rows)
         time += x * h
         if which >= 0:
             events += 1
-            if law != BISTIFFNESS:
-                dashpot_event(c, b, which, modes[which], what, law)
-                cut[which] = what == FORCE
-            elif modes[which] == OPEN:
-                c.phase[which], c.delta[which] = COMPRESSION, 0.0
-            else:
-                n, loss, code = apply_event(c, n, which, what == GAP, True, nothing, loss, code)
+            n, code = apply_law(law, c, b, n, which, what, marks, nothing, code)
         if law == BISTIFFNESS:
             still(c, n, nothing)
-    velocities = np.empty(c.body.size)
     return velocities, code | TOO_MANY_EVENTS, events, margin, time, rows
