@@ -116,8 +116,8 @@ def engines(console: Console, names: list[str], count: int, seed: int, some_gaps
             str(count),
             str(sum(outcome.status == "ok" for outcome in outcomes)),
             f"{np.nanmax(off):.1e}",
-            str(np.sum(~(np.array(ratio) <= 1))),
-            str(np.sum(~(np.array(ratio) <= 3))),
+            str(np.sum(np.array(ratio) > 1)),
+            str(np.sum(np.array(ratio) > 3)),
             str(sum(a.states == b.states for a, b in zip(outcomes, exact, strict=True))),
             f"{spent / count:.2f}",
         )
