@@ -143,7 +143,7 @@ def mjcf(column: Column) -> str:
 
     batch: Any = Batch(mujoco_engine.scene_model(), 1, 1)
     mujoco_engine.load(batch, [column], 1, False)
-    model, root = batch.model, ElementTree.fromstring(mujoco_engine.SCENE)
+    model, root = batch.model, ElementTree.fromstring(mujoco_engine.scene())
 
     def loaded(field: str, row: int | None = None) -> Any:
         values = batch.expanded(field)[0]

@@ -59,6 +59,36 @@ class Column:
     regularisation: float = 1.0
 
     @property
+    def masses(self) -> tuple[float, float]:
+        """Masses of B1 and B2 in kg."""
+        return self.m1, self.m2
+
+    @property
+    def contacts(self) -> tuple[Contact, Contact]:
+        """Both contacts, the upper one first."""
+        return self.contact1, self.contact2
+
+    @property
+    def speed(self) -> float:
+        """Speed of impact in m/s: what errors are relative to."""
+        return abs(self.v1)
+
+    @property
+    def fastest(self) -> float:
+        """Larger of the speeds at t = 0, in m/s."""
+        return max(abs(self.v1), abs(self.v2))
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Masses over that of the first ball."""
+        return 1.0, self.m2 / self.m1
+
+    @property
+    def table(self) -> bool:
+        """Whether there is a table; as of `contact.line.Line`."""
+        return True
+
+    @property
     def period(self) -> float:
         """Shorter of the contact periods asked for, in s; that of `shorter_period`."""
         return min(self.contact1.period, self.contact2.period)

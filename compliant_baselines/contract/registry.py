@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import Literal
 
 from impact_xval.compliant_baselines.contract import plugins
-from impact_xval.compliant_baselines.contract.solver import Solver
+from impact_xval.compliant_baselines.contract.solver import SolverBase
 
 Kind = Literal["model", "reference", "engine"]
 
@@ -145,7 +145,7 @@ def is_naive(name: str) -> bool:
     return _ENTRIES.get(name, _UNKNOWN).naive
 
 
-def get_solver(name: str) -> Solver:
+def get_solver(name: str) -> SolverBase:
     """Construct a solver by its name.
 
     Raises

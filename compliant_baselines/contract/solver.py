@@ -30,6 +30,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Status
+from impact_xval.model.columns.column import Column, ColumnOutcome
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
 
 Scenario = Literal["impact", "drop"]
@@ -178,7 +179,7 @@ class Solver(Protocol):
 
 
 class SolverBase(Solver):
-    """What most solvers share: `solve` in terms of `solve_many`, and, from `Solver`, being available."""
+    """What most solvers share: one in terms of many, columns refused, and, from `Solver`, being available."""
 
     def solve(self, collision: Collision, settings: Settings | None = None) -> Outcome:
         """Answer one collision.
@@ -192,3 +193,41 @@ class SolverBase(Solver):
         if outcome.status not in RESULT_STATUSES:
             raise SolverError(self.name, outcome.status, outcome.reason)
         return outcome
+
+    def solve_columns(
+        self, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
+    ) -> list[ColumnOutcome]:
+        """Answer every column of N balls, in order; failures are outcomes with a status (rule 2).
+
+        Parameters
+        ----------
+        columns : sequence of Column
+        settings : Settings
+            References and engines know the scenario `impact` only.
+        exponent : float
+            p of the springs' forces k delta^p.
+        """
+        reason = f"{self.name} does not solve columns of N balls"
+        return [ColumnOutcome.failure(self.name, column, "unrepresentable", reason) for column in columns]
+
+    def solve_column(
+        self, column: Column, settings: Settings | None = None, exponent: float = 1.0
+    ) -> ColumnOutcome:
+        """Answer one column of N balls.
+
+        Raises
+        ------
+        SolverError
+            If the outcome's status is neither ``ok`` nor ``limit``.
+        """
+        outcome = self.solve_columns([column], settings or Settings(), exponent)[0]
+        if outcome.status not in RESULT_STATUSES:
+            raise SolverError(self.name, outcome.status, outcome.reason)
+        return outcome
+
+
+def no_gravity(settings: Settings) -> str | None:
+    """Why columns are not solved under these settings; None if they are."""
+    if settings.scenario == "impact":
+        return None
+    return f"scenario = {settings.scenario!r}: columns of N balls are solved without gravity; legal: 'impact'"

@@ -11,7 +11,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase
-from impact_xval.model import Collision, Outcome, solve
+from impact_xval.model import Collision, Column, ColumnOutcome, Outcome, solve, solve_column
 from impact_xval.model.compiled import OPTIONS
 from impact_xval.model.diagram import LOG_WIDTH, collide
 from impact_xval.model.inputs import Cutoff
@@ -53,6 +53,25 @@ class StateTransitionSolver(SolverBase):
             )
             for c in collisions
         ]
+
+    def solve_columns(
+        self, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
+    ) -> list[ColumnOutcome]:
+        """Answer every column of N balls, in order; gaps are ``unrepresentable``."""
+        return [self._column(column, settings, exponent) for column in columns]
+
+    def _column(self, column: Column, settings: Settings, exponent: float) -> ColumnOutcome:
+        try:
+            outcome = solve_column(
+                column,
+                law=self.impact_law,
+                exponent=exponent,
+                path=settings.record_path,
+                grazing_threshold=settings.grazing_threshold,
+            )
+        except ValueError as refusal:
+            return ColumnOutcome.failure(self.name, column, "unrepresentable", str(refusal))
+        return replace(outcome, solver=self.name)
 
 
 class LiuZhaoBrogliatoSolver(StateTransitionSolver):

@@ -51,14 +51,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from impact_xval.compliant_baselines.contact.column import Column
+from impact_xval.compliant_baselines.contact.line import Line
 from impact_xval.compliant_baselines.contract.solver import Convergence
 from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
 from impact_xval.compliant_baselines.contract.trajectory import Floats
-from impact_xval.compliant_baselines.engines.recording import Run, states_of
+from impact_xval.compliant_baselines.engines.lines import LineRun
+from impact_xval.compliant_baselines.engines.recording import Run
 
 #: Share of the last correction that is doubted whatever the differences say.
 DOUBT = 0.1
@@ -76,10 +79,10 @@ class Limit:
 
     Attributes
     ----------
-    v1, v2 : float
-        Velocities in m/s.
+    velocities : tuple of float
+        In m/s, the upper ball's first.
     step_error : float
-        Estimated error of both, in m/s, as the engine's own limit.
+        Estimated error of all of them, in m/s, as the engine's own limit.
     regularisation : float
         By how much the engine's regularisation moves them, in m/s; 0 for an engine without.
     order : float
@@ -90,8 +93,7 @@ class Limit:
         Whether gravity ended in a first flight at that step.
     """
 
-    v1: float
-    v2: float
+    velocities: tuple[float, ...]
     step_error: float
     regularisation: float
     order: float
@@ -100,15 +102,34 @@ class Limit:
 
     @property
     def error(self) -> float:
-        """By how much v1 and v2 may differ from what the contacts asked for do, in m/s."""
+        """By how much velocities may differ from what the contacts asked for do, in m/s."""
         return self.step_error + self.regularisation
 
+    @property
+    def stated(self) -> dict[str, float]:
+        """The numbers that are known, as `diagnostics` of an outcome name them."""
+        numbers = {f"v{i}_limit": v for i, v in enumerate(self.velocities, 1)} | {
+            "limit_error": self.error,
+            "regularisation": self.regularisation,
+            "finest_step": self.step,
+            "order": self.order,
+        }
+        return {key: value for key, value in numbers.items() if not math.isnan(value)}
 
-def parted(v1: float, v2: float, mass_ratio: float) -> tuple[float, float]:
-    """Nearest velocities with v1 >= v2 >= 0, in the kinetic norm; mass_ratio is m2/m1."""
-    if v2 > v1:
-        v1 = v2 = (v1 + mass_ratio * v2) / (1 + mass_ratio)
-    return max(v1, 0.0), max(v2, 0.0)
+
+def parted(velocities: Sequence[float], weights: Sequence[float], table: bool = True) -> tuple[float, ...]:
+    """Nearest velocities with v1 >= v2 >= ..., and >= 0 on a table, in the kinetic norm; `weights` are masses.
+
+    Neighbours in the wrong order are pooled until none are (isotonic regression).
+    """
+    pools: list[tuple[float, float, int]] = []
+    for velocity, weight in zip(velocities, weights, strict=True):
+        v, w, n = velocity, weight, 1
+        while pools and v > pools[-1][0]:
+            above, mass, count = pools.pop()
+            v, w, n = (mass * above + w * v) / (mass + w), mass + w, n + count
+        pools.append((v, w, n))
+    return tuple(max(v, 0.0) if table else v for v, _, n in pools for _ in range(n))
 
 
 def extrapolated(values: Floats) -> Floats:
@@ -131,9 +152,10 @@ def limit_of(
     velocities: Floats,
     starts: float,
     step: float,
-    mass_ratio: float,
+    weights: Sequence[float],
     regularisation: float = 0.0,
     *,
+    table: bool = True,
     alike: bool = True,
     gravity_doubt: float = 0.0,
 ) -> Limit:
@@ -141,16 +163,18 @@ def limit_of(
 
     Parameters
     ----------
-    velocities : ndarray, shape (n, 2), n >= 3
-        Final velocities of B1 and B2 in m/s at steps each half of the one before.
+    velocities : ndarray, shape (n, balls), n >= 3
+        Final velocities in m/s at steps each half of the one before.
     starts : float
         `Run.starts` of the last run, in m/s.
     step : float
         The last step, in s.
-    mass_ratio : float
-        m2/m1.
+    weights : sequence of float
+        Masses over that of the first ball.
     regularisation : float
         What regularisation does, in m/s.
+    table : bool
+        Whether the last ball is above a table.
     alike : bool
         Whether the last two runs pass through the same states, to the same end.
     gravity_doubt : float
@@ -158,16 +182,15 @@ def limit_of(
     """
     differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
     limits = extrapolated(velocities)
-    outside1, outside2 = map(float, limits[-1])
-    v1, v2 = parted(outside1, outside2, mass_ratio)
+    inside = parted(limits[-1].tolist(), weights, table)
     error = max(
         float(np.abs(limits[-1] - limits[-2]).max()),
         (DOUBT if alike else 1.0) * float(differences[-1]),
         CHANCE * abs(starts),
-        max(abs(v1 - outside1), abs(v2 - outside2)),
+        float(np.abs(limits[-1] - inside).max()),
         gravity_doubt,
     )
-    return Limit(v1, v2, error, regularisation, fitted_order(differences), step)
+    return Limit(inside, error, regularisation, fitted_order(differences), step)
 
 
 def fitted_order(errors: Floats) -> float:
@@ -183,8 +206,8 @@ class _Case:
     """A column on its way to its limit: its runs, from the longest step to the shortest."""
 
     #: At the step h.
-    column: Column
-    runs: list[Run]
+    column: Column | Line
+    runs: list[Any]
     halvings: int
     #: Largest error, in m/s.
     tolerance: float
@@ -194,7 +217,7 @@ class _Case:
     regularisation: list[float] = field(default_factory=list)
     failure: str = ""
 
-    def at(self, times: float) -> Column:
+    def at(self, times: float) -> Column | Line:
         """Return the column at a multiple of the step h."""
         return replace(self.column, step=self.column.step * times)
 
@@ -207,13 +230,14 @@ class _Case:
         if len(self.runs) < 3:
             return None
         last = self.runs[-1]
-        paths = {(states_of(run, SHORTEST_STATE).names, run.fall is None, run.end) for run in self.runs[-2:]}
+        paths = {(run.state_names(SHORTEST_STATE), run.fall is None, run.end) for run in self.runs[-2:]}
         limit = limit_of(
             np.array([run.reported for run in self.runs]),
             last.starts,
             last.column.step,
-            self.column.m2 / self.column.m1,
+            self.column.weights,
             *self.regularisation[-1:],
+            table=self.column.table,
             alike=len(paths) == 1,
             gravity_doubt=max(self.flight_doubt(), self.column.gravity * last.column.step),
         )
@@ -225,8 +249,10 @@ class _Case:
         Its lead is extrapolated as velocities are. Where it changes its sign on the way to a step of zero, or is too
         short to tell, the flight is in doubt, and gravity acts in the contact that decides on it or does not.
         """
+        if not isinstance(self.column, Column) or not self.column.gravity:
+            return 0.0
         (before, _), (now, contact) = (run.lead for run in self.runs[-2:])
-        if not math.isfinite(now) or not self.column.gravity:
+        if not math.isfinite(now):
             return 0.0
         (limit,) = extrapolated(np.array([before, now]))
         if now * before > 0 and now * limit > 0 and abs(now) > 2 * self.runs[-1].column.step:
@@ -238,19 +264,19 @@ class _Case:
         """Steps that a run at a longer step may take: those of the run at the shortest."""
         return self.runs[-1].raw.n_steps
 
-    def precede(self, run: Run) -> None:
+    def precede(self, run: Run | LineRun) -> None:
         """Put the run at the next longer step before the others, if there is none longer that was left out."""
         if run.over and run.raw.n_steps <= self.longest and run.column.step == 2 * self.runs[0].column.step:
             self.runs.insert(0, run)
 
-    def take(self, run: Run) -> None:
+    def take(self, run: Run | LineRun) -> None:
         """Take the run at the next shorter step; one that came to no end ends the halving."""
         if run.over and not self.failure:
             self.runs.append(run)
         else:
             self.failure = self.failure or f"at a step of {run.column.step:.3g} s: {run.problem()}"
 
-    def probe(self, run: Run, own: Run, factor: float) -> None:
+    def probe(self, run: Run | LineRun, own: Run | LineRun, factor: float) -> None:
         """Take a run with more regularisation, if there is one of the same step with the engine's own."""
         if run.over and run.column.step == own.column.step:
             moved = np.abs(np.subtract(run.reported, own.reported)).max()
@@ -277,7 +303,7 @@ class _Case:
 
     def problem(self) -> str:
         """Why the limit does not satisfy; nothing if it does."""
-        limit, speed = self.limit(), abs(self.column.v1)
+        limit, speed = self.limit(), self.column.speed
         if limit is None:
             return f"no limit dt -> 0: {self.failure or 'longer steps come to no end'}"
         if limit.error <= self.tolerance:
@@ -295,9 +321,9 @@ class _Case:
 
 
 def estimate_limits(
-    run_columns: Callable[[Sequence[Column], int], list[Run]],
+    run_columns: Callable[[Sequence[Any], int], Sequence[Any]],
     probe: float | None,
-    runs: Sequence[Run],
+    runs: Sequence[Run] | Sequence[LineRun],
     convergence: Convergence,
     max_steps: int,
 ) -> list[tuple[Limit | None, str]]:
@@ -306,7 +332,7 @@ def estimate_limits(
     Parameters
     ----------
     run_columns : callable
-        The engine's, of `engines.engine.EngineSolver`.
+        The engine's, of `engines.engine.EngineSolver`; its `run_lines` where the runs are those of lines.
     probe : float or None
         Its `regularisation_probe`.
     runs : sequence of Run
@@ -327,7 +353,7 @@ def estimate_limits(
             run.column,
             [run],
             convergence.halvings,
-            convergence.tolerance * abs(run.column.v1),
+            convergence.tolerance * run.column.speed,
             probe is not None and run.column.mapping == "calibrated",
         )
         for run in runs

@@ -5,18 +5,24 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from math import isnan
+from typing import TypeVar
 
 from impact_xval.compliant_baselines.contact.column import Column, column_of, unrepresentable
+from impact_xval.compliant_baselines.contact.line import Line, line_of, unrepresentable_column
 from impact_xval.compliant_baselines.contract import registry
-from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase
+from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, no_gravity
 from impact_xval.compliant_baselines.contract.trajectory import REST, STUCK
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
+from impact_xval.compliant_baselines.engines.lines import LineRun, outcome_of_line
 from impact_xval.compliant_baselines.engines.packages import version_of
 from impact_xval.compliant_baselines.engines.recording import Run, states_of
 from impact_xval.compliant_baselines.references.jumps import mark
 from impact_xval.compliant_baselines.references.solver import ReferenceSolver
 from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.columns.column import Column as ColumnOfBalls
+from impact_xval.model.columns.column import ColumnOutcome
+
+Answer = TypeVar("Answer", Outcome, ColumnOutcome)
 
 #: Energy an engine may create, over that of B1 before the collision, before its answer counts as
 #: `unconverged`. Contacts of springs and dashpots create none; an explicit step of 1/1000 of a period creates
@@ -51,6 +57,46 @@ class EngineSolver(SolverBase):
     def refusal(self, column: Column) -> str | None:
         """Why this engine in particular cannot take a column, in one sentence; None if it can."""
         return None
+
+    def run_lines(self, lines: Sequence[Line], max_steps: int) -> list[LineRun]:
+        """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order."""
+        raise NotImplementedError
+
+    def line_refusal(self, line: Line) -> str | None:
+        """Why this engine cannot take a line of N balls, in one sentence; None if it can."""
+        return f"{self.name} has no adapter for columns of N balls"
+
+    def solve_columns(
+        self, columns: Sequence[ColumnOfBalls], settings: Settings, exponent: float = 1.0
+    ) -> list[ColumnOutcome]:
+        """Answer every column of N balls, in order; failures are outcomes with a status."""
+        if registry.is_naive(self.name):
+            settings = replace(settings, mapping="naive")
+        missing = self.unavailable()
+        outcomes: dict[int, ColumnOutcome] = {}
+        lines: dict[int, Line] = {}
+        for i, column in enumerate(columns):
+            refused = no_gravity(settings) or unrepresentable_column(column, exponent)
+            if not missing and not refused:
+                lines[i] = line_of(column, settings)
+                refused = self.line_refusal(lines[i])
+            if missing or refused:
+                lines.pop(i, None)
+                status = "unavailable" if missing else "unrepresentable"
+                outcomes[i] = ColumnOutcome.failure(self.name, column, status, missing or refused or "")
+        done = self.run_lines(list(lines.values()), settings.max_steps) if lines else []
+        runs = dict(zip(lines, done, strict=True))
+        for i, run in runs.items():
+            outcome = outcome_of_line(self.name, columns[i], run, settings)
+            reason = too_much_energy(outcome.diagnostics.get("energy_gain", 0.0))
+            outcomes[i] = replace(outcome, status="unconverged", reason=reason) if reason else outcome
+        over = {i: run for i, run in runs.items() if run.over}
+        if settings.convergence is not None:
+            probe, most = self.regularisation_probe, settings.max_steps
+            limits = estimate_limits(self.run_lines, probe, list(over.values()), settings.convergence, most)
+            for i, (limit, reason) in zip(over, limits, strict=True):
+                outcomes[i] = with_limit(outcomes[i], limit, reason)
+        return [outcomes[i] for i in range(len(columns))]
 
     def _column_or_refusal(self, collision: Collision, settings: Settings) -> Column | str:
         refused = unrepresentable(collision)
@@ -100,6 +146,13 @@ class EngineSolver(SolverBase):
         return mark(answered, collisions, settings, law, exact.batch, flights)
 
 
+def too_much_energy(gain: float) -> str:
+    """Why an outcome is not converged that gained so much of its energy; empty if it did not."""
+    if gain <= ENERGY_GAIN_ALLOWED:
+        return ""
+    return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
+
+
 def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     """Turn a finished run into an outcome.
 
@@ -129,9 +182,7 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     if run.end in (REST, STUCK):
         diagnostics["rest_speed"] = run.v2
     impulse1, impulse2 = run.impulses(v1, v2, run.duration)
-    reason = ""
-    if gain > ENERGY_GAIN_ALLOWED:
-        reason = f"it ended with {gain:.1%} more energy than it began with: the step is too long"
+    reason = too_much_energy(gain)
     return Outcome(
         solver=solver,
         v1=v1,
@@ -147,10 +198,10 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     )
 
 
-def with_limit(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
+def with_limit(outcome: Answer, limit: Limit | None, reason: str) -> Answer:
     """Add to an outcome the limit dt -> 0, and why it is not converged, if it is not.
 
-    `diagnostics` gains `v1_limit`, `v2_limit`, `limit_error` and the part of it that is `regularisation` (all
+    `diagnostics` gains `v1_limit`, `v2_limit`, ..., `limit_error` and the part of it that is `regularisation` (all
     in m/s), `order` and `finest_step` (s), see `engines.convergence`. The outcome's own numbers
     stay those of the step it was asked for.
     """
@@ -158,13 +209,4 @@ def with_limit(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
         outcome = replace(outcome, status="unconverged", reason=reason)
     if limit is None:
         return outcome
-    stated = {
-        "v1_limit": limit.v1,
-        "v2_limit": limit.v2,
-        "limit_error": limit.error,
-        "regularisation": limit.regularisation,
-        "finest_step": limit.step,
-        "order": limit.order,
-    }
-    known = {key: value for key, value in stated.items() if not isnan(value)}
-    return replace(outcome, diagnostics={**outcome.diagnostics, **known})
+    return replace(outcome, diagnostics={**outcome.diagnostics, **limit.stated})

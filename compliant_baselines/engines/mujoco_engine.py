@@ -22,16 +22,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, lru_cache
 from importlib import import_module
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from impact_xval.compliant_baselines.contact.column import Column, radius_of
+from impact_xval.compliant_baselines.contact.line import Line
 from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, MujocoContact, mujoco_contact
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.lines import LineRecorder, LineRun
 from impact_xval.compliant_baselines.engines.packages import why_not
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
 
@@ -47,37 +50,57 @@ CHUNK = 64
 #: Steps between two looks at which simulations are over.
 WINDOW = 256
 
-#: B1 is the first joint: velocities and heights come in the order B1, B2.
+#: Balls are the joints in their order, B1 first: so come velocities and heights.
 SCENE = """
 <mujoco model="column">
   <option integrator="Euler" solver="Newton" iterations="100" gravity="0 0 0">
     <flag autoreset="disable" island="disable"/>
   </option>
   <worldbody>
-    <geom name="table" type="plane" size="0 0 1" contype="0" conaffinity="0"/>
-    <body name="B1" pos="0 0 3">
-      <joint name="B1" type="slide" axis="0 0 1"/>
-      <geom name="B1" type="sphere" size="1" mass="1" contype="0" conaffinity="0"/>
-    </body>
-    <body name="B2" pos="0 0 1">
-      <joint name="B2" type="slide" axis="0 0 1"/>
-      <geom name="B2" type="sphere" size="1" mass="1" contype="0" conaffinity="0"/>
-    </body>
+    <geom name="table" type="plane" size="0 0 1" contype="0" conaffinity="0"/>{bodies}
   </worldbody>
-  <contact>
-    <pair name="ball-ball" geom1="B1" geom2="B2" condim="1" solref="-1 -0"/>
-    <pair name="ball-table" geom1="B2" geom2="table" condim="1" solref="-1 -0"/>
+  <contact>{pairs}
   </contact>
 </mujoco>
 """
 
+BODY = """
+    <body name="B{i}" pos="0 0 {z}">
+      <joint name="B{i}" type="slide" axis="0 0 1"/>
+      <geom name="B{i}" type="sphere" size="1" mass="1" contype="0" conaffinity="0"/>
+    </body>"""
+
+PAIR = """
+    <pair name="{name}" geom1="{upper}" geom2="{lower}" condim="1" solref="-1 -0"/>"""
+
+#: The contacts of two balls above a table.
+PAIRS = ("ball-ball", "ball-table")
+
+
+def scene(balls: int = 2, table: bool = True, names: Sequence[str] = PAIRS) -> str:
+    """Write the scene of a column, its contacts so named; by default that of two balls above a table."""
+    geoms = [*(f"B{i}" for i in range(1, balls + 1)), *(["table"] if table else [])]
+    bodies = "".join(BODY.format(i=i, z=2 * (balls - i) + 1) for i in range(1, balls + 1))
+    pairs = "".join(
+        PAIR.format(name=name, upper=upper, lower=lower)
+        for name, (upper, lower) in zip(names, pairwise(geoms), strict=True)
+    )
+    return SCENE.format(bodies=bodies, pairs=pairs)
+
 
 @cache
 def scene_model() -> Any:
-    """Give `SCENE` as the engine compiles it."""
+    """Give the scene of two balls above a table as the engine compiles it."""
     # The names of the compiled module are invisible to a type checker, here and below.
     mujoco: Any = import_module("mujoco")
-    return mujoco.MjModel.from_xml_string(SCENE)
+    return mujoco.MjModel.from_xml_string(scene())
+
+
+@lru_cache(maxsize=16)
+def line_model(balls: int, table: bool) -> Any:
+    """Give the scene of N balls as the engine compiles it."""
+    mujoco: Any = import_module("mujoco")
+    return mujoco.MjModel.from_xml_string(scene(balls, table, [str(i) for i in range(1, balls + table)]))
 
 
 class MujocoSolver(EngineSolver):
@@ -92,7 +115,7 @@ class MujocoSolver(EngineSolver):
         way_out = "run pip install 'mujoco>=4.0'"
         return why_not("MuJoCo", self.distribution, lambda: import_module("mujoco.batch"), way_out)
 
-    def refusal(self, column: Column) -> str | None:
+    def refusal(self, column: Column | Line) -> str | None:
         """Why MuJoCo cannot take a column: accelerations beyond what it accepts."""
         largest = _acceleration(column)
         if largest > LARGEST_VALUE:
@@ -114,9 +137,34 @@ class MujocoSolver(EngineSolver):
         from mujoco.batch import Batch
 
         batch = Batch(scene_model(), len(columns), 1)
-        recorders = load(batch, columns, max_steps, record_path)
-        failures = [""] * len(columns)
-        going = np.arange(len(columns))
+        return self._follow(batch, load(batch, columns, max_steps, record_path), max_steps)
+
+    def line_refusal(self, line: Line) -> str | None:
+        """Why MuJoCo cannot take a line: as for two balls."""
+        return self.refusal(line)
+
+    def run_lines(self, lines: Sequence[Line], max_steps: int) -> list[LineRun]:
+        """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order."""
+        from mujoco.batch import Batch
+
+        runs: dict[int, LineRun] = {}
+        # One compiled model serves all lines of as many balls.
+        sizes = {(len(line.masses), line.table) for line in lines}
+        with _warnings_kept():
+            for balls, table in sorted(sizes):
+                alike = [i for i, c in enumerate(lines) if (len(c.masses), c.table) == (balls, table)]
+                for first in range(0, len(alike), CHUNK):
+                    chunk = alike[first : first + CHUNK]
+                    batch = Batch(line_model(balls, table), len(chunk), 1)
+                    recorders = load_lines(batch, [lines[i] for i in chunk], max_steps)
+                    runs |= zip(chunk, self._follow(batch, recorders, max_steps), strict=True)
+        return [runs[i] for i in range(len(lines))]
+
+    @staticmethod
+    def _follow(batch: Batch, recorders: Any, max_steps: int) -> list[Any]:
+        """Step simulations until all are over."""
+        failures: Any = [""] * len(recorders)
+        going = np.arange(len(recorders))
         while going.size:
             n = min(WINDOW, max_steps - max(recorders[i].n_steps for i in going))
             record = batch.rollout(n, record=("qvel", "qpos"), ids=going)
@@ -160,27 +208,25 @@ def _warnings_kept() -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def _pairs(column: Column) -> tuple[MujocoContact, MujocoContact]:
-    """Map contacts 1 and 2 to the engine's parameters."""
-    mapping, impedance = column.mapping, column.regularisation * MUJOCO_IMPEDANCE
-    one, two = column.contact1, column.contact2
-    return mujoco_contact(one, mapping, impedance), mujoco_contact(two, mapping, impedance)
+def _pairs(column: Column | Line) -> list[MujocoContact]:
+    """Map the contacts to the engine's parameters."""
+    impedance = column.regularisation * MUJOCO_IMPEDANCE
+    return [mujoco_contact(contact, column.mapping, impedance) for contact in column.contacts]
 
 
-def _radius(column: Column) -> float:
-    """Radius of both balls in m."""
-    pair1, pair2 = _pairs(column)
-    return radius_of(column.depth(pair1.stiffness(column.contact1.mass), pair2.stiffness(column.m2)))
+def _radius(column: Column | Line) -> float:
+    """Radius of the balls in m."""
+    pairs = zip(_pairs(column), column.contacts, strict=True)
+    return radius_of(column.depth(*(pair.stiffness(contact.mass) for pair, contact in pairs)))
 
 
-def _acceleration(column: Column) -> float:
+def _acceleration(column: Column | Line) -> float:
     """Scale of the accelerations of a column in m/s^2: of each contact when its pair meets at full speed."""
-    speed = max(abs(column.v1), abs(column.v2))
     omega = math.sqrt(max(-pair.solref[0] for pair in _pairs(column)))
-    return speed * omega + column.gravity
+    return column.fastest * omega + column.gravity
 
 
-def _tolerance(column: Column) -> float:
+def _tolerance(column: Column | Line) -> float:
     """Tolerance at which the solver's forces are converged to rounding.
 
     The engine holds one number against two measures: the decrease of its cost, a squared acceleration, and
@@ -192,32 +238,47 @@ def _tolerance(column: Column) -> float:
     return 1e-14 * min(acceleration, acceleration**2)
 
 
-def load(batch: Batch, columns: Sequence[Column], max_steps: int, record_path: bool) -> list[Recorder]:
-    """Write the columns' parameters and initial states into a batch; give what will follow each."""
-    model = batch.model
-    b1, b2 = model.body("B1").id, model.body("B2").id
-    pair1, pair2 = model.pair("ball-ball").id, model.pair("ball-table").id
-    balls = [model.geom("B1").id, model.geom("B2").id]
+def _write(
+    batch: Batch, columns: Sequence[Column] | Sequence[Line], pair_names: Sequence[str]
+) -> list[float]:
+    """Write the columns' parameters into a batch; the radius of the balls of each, in m."""
+    model, balls = batch.model, range(1, len(columns[0].masses) + 1)
+    bodies = [model.body(f"B{i}").id for i in balls]
+    geoms = [model.geom(f"B{i}").id for i in balls]
     radius = np.array([_radius(c) for c in columns])
-    batch.expand("geom_size")[:, balls, 0] = radius[:, None]
-    batch.expand("geom_rbound")[:, balls] = radius[:, None]
-    batch.expand("body_pos")[:, b1, 2] = 3 * radius
-    batch.expand("body_pos")[:, b2, 2] = radius
-    batch.expand("body_mass")[:, [b1, b2]] = [(c.m1, c.m2) for c in columns]
+    batch.expand("geom_size")[:, geoms, 0] = radius[:, None]
+    batch.expand("geom_rbound")[:, geoms] = radius[:, None]
+    for i, body in enumerate(reversed(bodies)):
+        batch.expand("body_pos")[:, body, 2] = (2 * i + 1) * radius
+    batch.expand("body_mass")[:, bodies] = [c.masses for c in columns]
     batch.expand("opt.timestep")[:] = [c.step for c in columns]
     batch.expand("opt.tolerance")[:] = [_tolerance(c) for c in columns]
     batch.expand("opt.gravity")[:, 2] = [-c.gravity for c in columns]
     pairs = [_pairs(c) for c in columns]
-    for pair, which in ((pair1, 0), (pair2, 1)):
+    for which, name in enumerate(pair_names):
+        pair = model.pair(name).id
         batch.expand("pair_solref")[:, pair] = [p[which].solref for p in pairs]
         batch.expand("pair_solimp")[:, pair] = [p[which].solimp for p in pairs]
     batch.set_const()  # the inverse weights follow the masses
+    return radius.tolist()
 
+
+def load(batch: Batch, columns: Sequence[Column], max_steps: int, record_path: bool) -> list[Recorder]:
+    """Write the columns' parameters and initial states into a batch; give what will follow each."""
     recorders = []
-    for i, (c, (_, table)) in enumerate(zip(columns, pairs, strict=True)):
+    for i, (c, radius) in enumerate(zip(columns, _write(batch, columns, PAIRS), strict=True)):
+        table = _pairs(c)[1]
         rest = table.rest_penetration(c.gravity) if c.settled else 0.0
-        x1, x2 = c.start(rest, float(radius[i]))
+        x1, x2 = c.start(rest, radius)
         batch.qpos[i], batch.qvel[i] = (x1, x2), (c.v1, c.v2)
         k2 = c.m2 * c.gravity / rest if rest else c.contact2.k
         recorders.append(Recorder(c, x1, x2, k2, max_steps, record_path))
     return recorders
+
+
+def load_lines(batch: Batch, lines: Sequence[Line], max_steps: int) -> list[LineRecorder]:
+    """Write the parameters and initial states of lines into a batch; give what will follow each."""
+    names = [str(i) for i in range(1, len(lines[0].contacts) + 1)]
+    for i, (line, radius) in enumerate(zip(lines, _write(batch, lines, names), strict=True)):
+        batch.qpos[i], batch.qvel[i] = line.heights(radius), line.velocities
+    return [LineRecorder(line, max_steps) for line in lines]

@@ -32,33 +32,34 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import numpy as np
 
 from impact_xval.compliant_baselines.contact.column import Column, radius_of
+from impact_xval.compliant_baselines.contact.line import Line
 from impact_xval.compliant_baselines.contact.mapping import PybulletBody, pybullet_bodies
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING, Floats
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.lines import LineRun
 from impact_xval.compliant_baselines.engines.packages import import_pybullet, why_not
+from impact_xval.compliant_baselines.engines.pybullet_lines import depth_of_line, run_line
+from impact_xval.compliant_baselines.engines.pybullet_setup import (
+    BREAKING_OVER_RADIUS,
+    LEAST_STRIDE,
+    STRIDE,
+    ZERO,
+    connected,
+    exact,
+)
 from impact_xval.compliant_baselines.engines.quiet import EngineContacts
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
 
 #: Single steps between two looks at what comes next: the first time, and most.
 SHORT_WINDOW, WINDOW = 8, 256
 
-#: Most sub-steps of one call.
-STRIDE = 256
-
-#: The same for a run that records its path, which is interpolated in between (`Recorder.skip`).
+#: `STRIDE` for a run that records its path, which is interpolated in between (`Recorder.skip`).
 PATH_STRIDE = 32
-
-#: Fewest sub-steps that pay for the reads about them.
-LEAST_STRIDE = 8
-
-#: Gap at which the engine forgets a contact point, over the balls' radius; see the module.
-BREAKING_OVER_RADIUS = 2e-7
 
 #: The engine takes a step for none below the rounding of 1.0 (SIMD_EPSILON of btScalar.h).
 SHORTEST_STEP = sys.float_info.epsilon
@@ -70,12 +71,6 @@ LARGEST_IMPULSE = 1e10
 #: Diagonal in m of the box around a body at which the engine takes it out of the simulation, without a status
 #: (btCollisionWorld.cpp, updateSingleAabb).
 LARGEST_BODY = 1e6
-
-#: What a body must not do on the engine's own account, as `changeDynamics` has it.
-ZERO = (
-    *("restitution", "lateralFriction", "spinningFriction", "rollingFriction"),
-    *("linearDamping", "angularDamping", "contactProcessingThreshold"),
-)
 
 
 class PybulletSolver(EngineSolver):
@@ -96,21 +91,20 @@ class PybulletSolver(EngineSolver):
 
     def refusal(self, column: Column) -> str | None:
         """Why PyBullet cannot take a column: one of its absolute numbers would replace what was asked."""
-        if column.step <= SHORTEST_STEP:
+        return _beyond(column, depth_of(column))
+
+    def line_refusal(self, line: Line) -> str | None:
+        """Why PyBullet cannot take a line: as for two balls, and the naive mapping, which is of two balls."""
+        if line.mapping != "calibrated":
             return (
-                f"step = {column.step:.3g} s: PyBullet takes a step of {SHORTEST_STEP:.1e} s or less for none"
+                f"mapping = {line.mapping!r}: PyBullet's is that of two balls on a table; legal: 'calibrated'"
             )
-        largest = max(abs(column.v1), abs(column.v2)) * (column.m1 + column.m2)
-        if largest > LARGEST_IMPULSE:
-            return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
-        radius = radius_of(depth_of(column))
-        if 2 * math.sqrt(3) * radius > LARGEST_BODY:
-            return (
-                f"penetrations of up to {depth_of(column):.3g} m ask for balls of radius {radius:.3g} m: "
-                f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; "
-                "scale stiffnesses, masses or v0 (Theorem 5)"
-            )
-        return None
+        return _beyond(line, depth_of_line(line))
+
+    def run_lines(self, lines: Sequence[Line], max_steps: int) -> list[LineRun]:
+        """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order."""
+        with connected() as client:
+            return [run_line(client, line, max_steps) for line in lines]
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` steps are taken; in order."""
@@ -130,17 +124,21 @@ class NaivePybulletSolver(PybulletSolver):
     name = "pybullet-naive"
 
 
-@contextmanager
-def connected() -> Iterator[int]:
-    """Connect a client without a window, and disconnect it afterwards."""
-    p = import_pybullet()
-    client = p.connect(p.DIRECT)
-    if client < 0:
-        raise RuntimeError("PyBullet gave no client: more than 1024 are connected in this process")
-    try:
-        yield client
-    finally:
-        p.disconnect(physicsClientId=client)
+def _beyond(column: Column | Line, depth: float) -> str | None:
+    """Which of the engine's absolute numbers a column with penetrations of up to a depth in m exceeds, if any."""
+    if column.step <= SHORTEST_STEP:
+        return f"step = {column.step:.3g} s: PyBullet takes a step of {SHORTEST_STEP:.1e} s or less for none"
+    largest = column.fastest * sum(column.masses)
+    if largest > LARGEST_IMPULSE:
+        return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
+    radius = radius_of(depth)
+    if 2 * math.sqrt(3) * radius > LARGEST_BODY:
+        return (
+            f"penetrations of up to {depth:.3g} m ask for balls of radius {radius:.3g} m: "
+            f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; "
+            "scale stiffnesses, masses or v0 (Theorem 5)"
+        )
+    return None
 
 
 def pairs_of(column: Column) -> tuple[PybulletBody, PybulletBody]:
@@ -299,17 +297,6 @@ class World:
                 fixedTimeStep=max(1, n) * self._h, numSubSteps=n, physicsClientId=self._client
             )
             self._stride = n
-
-
-def exact(n: int, h: float) -> int:
-    """Give the largest number up to n of sub-steps that the engine makes of their time as they are meant.
-
-    It divides the time n h of a call by n, and counts how often what comes out goes into it
-    (btDiscreteDynamicsWorld.cpp, stepSimulation); rounding spoils that for some n. Powers of two are safe.
-    """
-    while n * h / n != h or int(n * h / h) != n:
-        n -= 1
-    return n
 
 
 def run(world: World, column: Column, max_steps: int, record_path: bool) -> Run:

@@ -31,8 +31,51 @@ from impact_xval.model.collision import ImpulseCurve, Status
 PATH_POINTS = 2000
 
 
+class Ended:
+    """What runs have in common: how they ended."""
+
+    __slots__ = ()
+    column: Any
+    end: int
+    raw: Runs
+    failure: str
+    max_steps: int
+    fall: Any
+
+    @property
+    def duration(self) -> float:
+        """Time the run took, in s."""
+        return self.raw.n_steps * self.column.step
+
+    @property
+    def over(self) -> bool:
+        """Whether the collision came to its end."""
+        return self.end in (FREE, REST, STUCK)
+
+    @property
+    def status(self) -> Status:
+        """``ok`` if the collision came to its end; ``crashed`` if the engine broke; else ``timeout``."""
+        return "ok" if self.over else "crashed" if self.end == BROKEN else "timeout"
+
+    def problem(self) -> str:
+        """Why the collision is not over, in words; empty if it is."""
+        if self.over:
+            return ""
+        if self.end == BROKEN:
+            why = self.failure or "velocities are no longer finite"
+            return f"after {self.raw.n_steps} steps of {self.column.step:.3g} s: {why}"
+        if self.fall is not None and self.fall[0] == self.raw.n_steps < self.max_steps:
+            return "it ended with the first flight: its adapter has to go on from Recorder.state, without gravity"
+        reason = f"not over after max_steps = {self.max_steps} steps of {self.column.step:.3g} s"
+        if self.end == ALOFT:
+            reason += (
+                f" (after {self.raw.n_steps} all balls are in flight, and meet again only after the last)"
+            )
+        return reason
+
+
 @dataclass(frozen=True, slots=True)
-class Run:
+class Run(Ended):
     """What an engine made of a column.
 
     Attributes
@@ -83,40 +126,9 @@ class Run:
     lead: tuple[float, int] = (inf, 0)
 
     @property
-    def duration(self) -> float:
-        """Time the run took, in s."""
-        return self.raw.n_steps * self.column.step
-
-    @property
-    def over(self) -> bool:
-        """Whether the collision came to its end."""
-        return self.end in (FREE, REST, STUCK)
-
-    @property
-    def status(self) -> Status:
-        """``ok`` if the collision came to its end; ``crashed`` if the engine broke; else ``timeout``."""
-        return "ok" if self.over else "crashed" if self.end == BROKEN else "timeout"
-
-    @property
     def reported(self) -> tuple[float, float]:
         """Velocities in m/s as an outcome states them: those of balls at rest are 0 (`trajectory`)."""
         return 0.0 if self.end == STUCK else self.v1, 0.0 if self.end in (REST, STUCK) else self.v2
-
-    def problem(self) -> str:
-        """Why the collision is not over, in words; empty if it is."""
-        if self.over:
-            return ""
-        if self.end == BROKEN:
-            why = self.failure or "velocities are no longer finite"
-            return f"after {self.raw.n_steps} steps of {self.column.step:.3g} s: {why}"
-        if self.fall is not None and self.fall[0] == self.raw.n_steps < self.max_steps:
-            return "it ended with the first flight: its adapter has to go on from Recorder.state, without gravity"
-        reason = f"not over after max_steps = {self.max_steps} steps of {self.column.step:.3g} s"
-        if self.end == ALOFT:
-            reason += (
-                f" (after {self.raw.n_steps} both balls are in flight, and meet again only after the last)"
-            )
-        return reason
 
     def impulses(self, v1: Any, v2: Any, time: Any) -> tuple[Any, Any]:
         """Impulses of both contacts up to a time in s, in N s, from the velocities then in m/s; gravity put back.
@@ -128,6 +140,10 @@ class Run:
         fallen = c.gravity * falling
         impulse1 = c.m1 * (v1 - c.v1 + fallen)
         return impulse1, impulse1 + c.m2 * (v2 - c.v2 + fallen)
+
+    def state_names(self, shortest_state: float) -> tuple[str, ...]:
+        """State sequence as an outcome lists it; `shortest_state` as in `contract.solver.Settings`."""
+        return states_of(self, shortest_state).names
 
     def energy_gain(self) -> float:
         """Give the energy gained over the kinetic energy at the start, without what springs hold at the end.

@@ -14,14 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contact.column import unrepresentable
-from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase
+from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, no_gravity
 from impact_xval.compliant_baselines.contract.trajectory import FREE, STUCK
 from impact_xval.compliant_baselines.references.batch import Floats, ReferenceBatch
+from impact_xval.compliant_baselines.references.columns.solving import LAWS, solve_column
 from impact_xval.compliant_baselines.references.driver import LOG_WIDTH, Followed, Law, collide
 from impact_xval.compliant_baselines.references.ending import TOO_LONG
 from impact_xval.compliant_baselines.references.jumps import mark
 from impact_xval.compliant_baselines.references.path import curve_of, events_of, state_names
 from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.columns.column import Column, ColumnOutcome
 
 #: Rows of the first try at a log; a collision that needs more is run once more.
 LOG_ROWS = 512
@@ -50,6 +52,26 @@ class ReferenceSolver(SolverBase):
         """Answer every collision, in order."""
         outcomes = [self._one(c, settings) for c in collisions]
         return mark(outcomes, collisions, settings, self.name, self.batch)
+
+    def solve_columns(
+        self, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
+    ) -> list[ColumnOutcome]:
+        """Answer every column of N balls, in order."""
+        reason = no_gravity(settings)
+        if self.name not in LAWS:
+            reason = f"{self.name} is a law of two balls on a table; legal for columns: {', '.join(LAWS)}"
+        if reason is not None:
+            return [ColumnOutcome.failure(self.name, column, "unrepresentable", reason) for column in columns]
+        return [
+            solve_column(
+                column,
+                self.name,
+                exponent=exponent,
+                path=settings.record_path,
+                max_steps=settings.max_steps,
+            )
+            for column in columns
+        ]
 
     def _one(self, c: Collision, settings: Settings) -> Outcome:
         reason = unrepresentable(c)

@@ -71,8 +71,8 @@ def power_force(k, delta, p):
 
 @inlined
 def force(c, n, i):
-    """Force of contact i; 0 beyond the ends of a chain of n contacts."""
-    return power_force(c.k[i], c.delta[i], c.p) if 0 <= i < n else 0.0
+    """Force of contact i; 0 of one that does not act, and beyond the ends of a chain of n contacts."""
+    return power_force(c.k[i], c.delta[i], c.p) if 0 <= i < n and c.phase[i] != INACTIVE else 0.0
 
 
 @inlined

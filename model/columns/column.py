@@ -24,6 +24,7 @@ _MASSES = Legal("masses", _LEAST, _LARGEST, "finite numbers > 0 (kg)")
 _STIFFNESSES = Legal("stiffnesses", _LEAST, _LARGEST, "finite numbers > 0 (N/m)")
 _RESTITUTIONS = Legal("restitutions", 0.0, 1.0, "from 0 to 1")
 _VELOCITIES = Legal("velocities", -_LARGEST, _LARGEST, "finite numbers (m/s, up is positive)")
+_GAPS = Legal("gaps", 0.0, _LARGEST, "finite numbers >= 0 (m)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,9 @@ class Column:
         At first touch, in m/s; finite. At least one ball approaches the next, or ball N the table.
     table : bool
         Whether there is a fixed table below ball N.
+    gaps : sequence of float, one a contact
+        Distances of the bodies of each contact at first, in m; not negative. None by default. Only solvers with
+        positions know them.
 
     Raises
     ------
@@ -56,17 +60,21 @@ class Column:
     restitutions: tuple[float, ...]
     velocities: tuple[float, ...]
     table: bool = False
+    gaps: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.table, bool):
             raise ValueError(f"table = {self.table!r}; legal: True or False")
-        for legal in (_MASSES, _STIFFNESSES, _RESTITUTIONS, _VELOCITIES):
+        for legal in (_MASSES, _STIFFNESSES, _RESTITUTIONS, _VELOCITIES, _GAPS):
             object.__setattr__(self, legal.name, _numbers(legal, getattr(self, legal.name)))
         balls = len(self.masses)
         if not 1 <= balls <= MAX_BALLS:
             raise ValueError(f"masses: {balls} balls; legal: from 1 to {MAX_BALLS}")
         contacts = balls - 1 + self.table
-        for name, length in (("velocities", balls), ("stiffnesses", contacts), ("restitutions", contacts)):
+        if not self.gaps:
+            object.__setattr__(self, "gaps", (0.0,) * contacts)
+        lengths = {"velocities": balls, "stiffnesses": contacts, "restitutions": contacts, "gaps": contacts}
+        for name, length in lengths.items():
             given = len(getattr(self, name))
             if given != length:
                 on = "on a table" if self.table else "without a table"
@@ -97,6 +105,7 @@ class Column:
             self.stiffnesses[::-1],
             self.restitutions[::-1],
             tuple(-v for v in reversed(self.velocities)),
+            gaps=self.gaps[::-1],
         )
 
 

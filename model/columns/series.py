@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from impact_xval.model.compiled import compiled
+from impact_xval.model.compiled import compiled, inlined
 from impact_xval.model.law import INACTIVE
 
 #: Highest power of the series, and the largest frequency times the time it is used for: 2.8^29/29! is 1e-18.
@@ -19,19 +19,26 @@ ORDER = 28
 ANGLE = 2.8
 
 
-@compiled
-def horizon(c, n):
-    """Time over which the series is summed: the largest frequency is bounded by row sums (Gershgorin)."""
+@inlined
+def largest(c, n, k):
+    """Bound the largest eigenvalue of the contacts that act, with these stiffnesses, by row sums (Gershgorin)."""
     most = 0.0
     for i in range(n):
         if c.phase[i] == INACTIVE:
             continue
-        row = (c.a[i] + c.a[i + 1]) * c.k[i]
+        row = (c.a[i] + c.a[i + 1]) * k[i]
         if i > 0 and c.phase[i - 1] != INACTIVE:
-            row += c.a[i] * c.k[i - 1]
+            row += c.a[i] * k[i - 1]
         if i + 1 < n and c.phase[i + 1] != INACTIVE:
-            row += c.a[i + 1] * c.k[i + 1]
+            row += c.a[i + 1] * k[i + 1]
         most = max(most, row)
+    return most
+
+
+@compiled
+def horizon(c, n):
+    """Time over which the series is summed."""
+    most = largest(c, n, c.k)
     return ANGLE / sqrt(most) if most > 0 else inf
 
 

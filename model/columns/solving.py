@@ -77,8 +77,9 @@ def solve_column(
         For an unknown law or an illegal exponent.
     """
     rules, p = check_law(law, "law"), EXPONENT.number(exponent)
+    _check_touching(column)
     balls, contacts = len(column.masses), len(column.stiffnesses)
-    scaled, units = _scaled(column, p)
+    scaled, units = scaled_column(column, p)
     points = POINTS if path else 1
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
     result = _solve_one(scaled, p, rules.stiffens, max_events, points, log)
@@ -89,11 +90,8 @@ def solve_column(
         log = np.empty((result[-1], log.shape[1]))
         result = _solve_one(scaled, p, rules.stiffens, max_events, points, log)
     log = log[: result[-1]]
-    acting = log[:, 1 + 2 * balls :] != INACTIVE
-    sets = [tuple((np.flatnonzero(row) + 1).tolist()) for row in acting]
-    states = (*(states for states, _ in groupby(sets)), ())
-    trail = _path(column, log, result, units) if path else None
-    return replace(outcome, states=states, path=trail)
+    trail = path_of(column, log, result[0], result[5], units) if path else None
+    return replace(outcome, states=states_of(column, log), path=trail)
 
 
 def solve_columns(
@@ -126,7 +124,9 @@ def solve_columns(
     columns = list(columns)
     if not columns:
         return []
-    scaled, units = zip(*(_scaled(column, p) for column in columns), strict=True)
+    for column in columns:
+        _check_touching(column)
+    scaled, units = zip(*(scaled_column(column, p) for column in columns), strict=True)
     *flat, drifts = (list(values) for values in zip(*scaled, strict=True))
     of_balls = np.cumsum([0, *(len(column.masses) for column in columns)])
     of_contacts = np.cumsum([0, *(len(column.stiffnesses) for column in columns)])
@@ -151,7 +151,15 @@ def solve_columns(
     return outcomes
 
 
-class _Units(NamedTuple):
+def _check_touching(column: Column) -> None:
+    """Refuse a gap: positions are frozen."""
+    if any(column.gaps):
+        raise ValueError(
+            f"gaps = {column.gaps!r}: the model has no positions; legal: 0 (the references know gaps)"
+        )
+
+
+class Units(NamedTuple):
     """Units in which a column has the first mass and stiffness 1, and 1 as its largest compression rate."""
 
     mass: float
@@ -159,7 +167,7 @@ class _Units(NamedTuple):
     time: float
 
 
-def _scaled(column: Column, p: float) -> tuple[tuple[Any, ...], _Units]:
+def scaled_column(column: Column, p: float) -> tuple[tuple[Any, ...], Units]:
     """Masses, stiffnesses, restitutions, compression rates and mean velocity in the column's own units (Theorem 5)."""
     masses, stiffnesses = np.array(column.masses), np.array(column.stiffnesses)
     rates = np.array(column.compression_rates)
@@ -167,24 +175,23 @@ def _scaled(column: Column, p: float) -> tuple[tuple[Any, ...], _Units]:
     drift = 0.0 if column.table else column.mean_velocity / speed
     time = float((mass / stiffness * speed ** (1 - p)) ** (1 / (p + 1)))
     scaled = (masses / mass, stiffnesses / stiffness, np.array(column.restitutions), rates / speed, drift)
-    return scaled, _Units(float(mass), float(speed), time)
+    return scaled, Units(float(mass), float(speed), time)
 
 
 @compiled
-def _solve_one(scaled, p, stiffens, max_events, points, log):
-    """Solve a column of `_scaled`: velocities, code, events, margin, residual, time, rows of the log."""
+def chain_of(scaled, p):
+    """Chain of a column of `scaled_column`, and its kinetic energy relative to the centre of mass or the table."""
     masses, stiffnesses, restitutions, rates, drift = scaled
     balls, contacts = masses.size, stiffnesses.size
     inverse = np.zeros(contacts + 1)
     inverse[:balls] = 1 / masses
-    zero = np.zeros(contacts)
     chain = Chain(
         inverse,
         stiffnesses.copy(),
         stiffnesses.copy(),
         restitutions.copy(),
         rates.copy(),
-        zero,
+        np.zeros(contacts),
         np.zeros(contacts, np.int64),
         np.arange(contacts),
         np.empty(contacts),
@@ -195,6 +202,15 @@ def _solve_one(scaled, p, stiffens, max_events, points, log):
     ball_values(chain, contacts, rates, drift, velocities)
     energy = 0.5 * (masses * (velocities - drift) ** 2).sum()
     chain.length[:] = (energy * (p + 1) / stiffnesses) ** (1 / (p + 1))
+    return chain, energy
+
+
+@compiled
+def _solve_one(scaled, p, stiffens, max_events, points, log):
+    """Solve a column of `scaled_column`: velocities, code, events, margin, residual, time, rows of the log."""
+    masses, drift = scaled[0], scaled[-1]
+    chain, energy = chain_of(scaled, p)
+    velocities = np.empty(masses.size)
     n, code, events, margin, loss, time, rows = collide(
         chain, energy, drift, stiffens, max_events, points, log
     )
@@ -219,7 +235,7 @@ def _solve_all(
 
 
 def _outcome(
-    column: Column, result: tuple[Any, ...], units: _Units, law: ImpactLaw, threshold: float, max_events: int
+    column: Column, result: tuple[Any, ...], units: Units, law: ImpactLaw, threshold: float, max_events: int
 ) -> ColumnOutcome:
     """Outcome of a kernel's result, without states and path."""
     velocities, code, events, margin, residual, _, _ = result
@@ -232,7 +248,7 @@ def _outcome(
     return ColumnOutcome(
         solver=NAME,
         velocities=tuple(velocities.tolist()),
-        impulses=tuple(_impulses(column, velocities).tolist()),
+        impulses=tuple(impulses_of(column, velocities).tolist()),
         status="limit" if code else "ok",
         reason="; ".join(text for bit, text in _REASONS.items() if code & bit),
         grazing_margin=margin,
@@ -242,23 +258,32 @@ def _outcome(
     )
 
 
-def _impulses(column: Column, velocities: NDArray[np.float64]) -> NDArray[np.float64]:
+def impulses_of(column: Column, velocities: NDArray[np.float64]) -> NDArray[np.float64]:
     """Impulses of the contacts that have given the balls these velocities: arrays of shape (..., N) to (..., C)."""
     changes = np.array(column.masses) * (velocities - np.array(column.velocities))
     return np.cumsum(changes, axis=-1)[..., : len(column.stiffnesses)]
 
 
-def _path(column: Column, log: NDArray[np.float64], result: tuple[Any, ...], units: _Units) -> ColumnPath:
-    """Path of a complete log; its last point is the end."""
+def states_of(column: Column, log: NDArray[np.float64]) -> tuple[tuple[int, ...], ...]:
+    """List the sets of acting contacts of a complete log, the last one empty."""
+    acting = log[:, 1 + 2 * len(column.masses) :] != INACTIVE
+    sets = [tuple((np.flatnonzero(row) + 1).tolist()) for row in acting]
+    return (*(states for states, _ in groupby(sets)), ())
+
+
+def path_of(
+    column: Column, log: NDArray[np.float64], velocities: NDArray[np.float64], time: float, units: Units
+) -> ColumnPath:
+    """Path of a complete log, and the end with its scaled velocities and time."""
     balls, masses = len(column.masses), np.array(column.masses)
-    velocities = np.vstack([log[:, 1 : 1 + balls], result[0]]) * units.speed
+    velocities = np.vstack([log[:, 1 : 1 + balls], velocities]) * units.speed
     forces = np.cumsum(masses * log[:, 1 + balls : 1 + 2 * balls], axis=-1) * (units.speed / units.time)
     acting = log[:, 1 + 2 * balls :] != INACTIVE
     contacts = acting.shape[1]
     return ColumnPath(
-        time=np.append(log[:, 0], result[5]) * units.time,
+        time=np.append(log[:, 0], time) * units.time,
         velocities=velocities,
-        impulses=_impulses(column, velocities),
+        impulses=impulses_of(column, velocities),
         forces=np.vstack([forces[:, :contacts], np.zeros(contacts)]),
         acting=np.vstack([acting, np.zeros(contacts, bool)]),
     )

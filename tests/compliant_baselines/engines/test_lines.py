@@ -1,0 +1,130 @@
+"""Engines for N balls: two balls, the limit dt -> 0 against Kelvin-Voigt, states, and what is refused."""
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines import Settings, SolverError, get_solver
+from impact_xval.compliant_baselines.contact.line import Line
+from impact_xval.compliant_baselines.contact.mapping import Contact
+from impact_xval.compliant_baselines.contract.solver import Convergence
+from impact_xval.compliant_baselines.contract.state_runs import Runs
+from impact_xval.compliant_baselines.engines.convergence import parted
+from impact_xval.compliant_baselines.engines.lines import LineRecorder, LineRun
+from impact_xval.model import Collision, Column
+from tests.model.test_columns import random_column
+
+CHAIN = Column((1, 1, 1), (1, 1), (1, 0.9), (-1, 0, 0))
+SETTINGS = Settings(step_fraction=4e-3, convergence=Convergence())
+
+
+def line(contacts=2, gaps=None):
+    contact = Contact.from_restitution(1.0, 1.0, 0.5)
+    balls = contacts + 1
+    return Line((1.0,) * balls, (contact,) * contacts, (-1.0,) + (0.0,) * contacts, gaps or (0.0,) * contacts,
+        False, "calibrated", contact.period / 100)  # fmt: skip
+
+
+def limits(outcome):
+    return [outcome.diagnostics[f"v{i}_limit"] for i in range(1, len(outcome.velocities) + 1)]
+
+
+def test_two_balls_on_a_table_are_those_of_the_two_ball_adapter(engine):
+    settings = Settings(step_fraction=5e-3, mark=False)
+    for k2, m2, e1, e2 in ((1, 2, 0.9, 0.7), (40, 0.5, 1, 0.8), (0.05, 1.2, 0.6, 1)):
+        one = engine.solve(Collision(1, m2, 1e4, k2 * 1e4, e1, e2, -3), settings)
+        column = Column((1, m2), (1e4, k2 * 1e4), (e1, e2), (-3, 0), table=True)
+        other = engine.solve_column(column, settings)
+        # PyBullet's multibodies are solved by another code of the engine.
+        assert other.velocities == pytest.approx((one.v1, one.v2), abs=1e-9)
+        assert other.impulses == pytest.approx((one.impulse1, one.impulse2), abs=1e-9)
+        assert other.diagnostics["n_steps"] == one.diagnostics["n_steps"]
+
+
+def test_a_chain_has_the_limit_of_kelvin_voigt(engine):
+    exact = get_solver("kelvin-voigt").solve_column(CHAIN)
+    outcome = engine.solve_column(CHAIN, SETTINGS)
+    assert limits(outcome) == pytest.approx(exact.velocities, abs=outcome.diagnostics["limit_error"])
+    assert outcome.diagnostics["limit_error"] < 1e-3
+    assert outcome.states == exact.states
+    assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
+
+
+def test_gaps_and_speeds_beyond_a_hundred(engine):
+    """Balls that are apart meet one after the other; PyBullet's multibodies are capped at 100 m/s by default."""
+    column = Column((1, 1, 1), (1e4, 1e4), (1, 0.8), (-500, 0, 0), gaps=(0, 40.0))
+    exact = get_solver("kelvin-voigt").solve_column(column)
+    outcome = engine.solve_column(column, SETTINGS)
+    assert exact.velocities == pytest.approx([0, -50, -450], abs=1e-9)
+    assert outcome.states == exact.states == ((1,), (), (2,), ())
+    assert limits(outcome) == pytest.approx(exact.velocities, abs=3 * outcome.diagnostics["limit_error"])
+
+
+@pytest.mark.slow
+def test_random_columns_have_the_limit_of_kelvin_voigt(engine):
+    rng = np.random.default_rng(22)
+    columns = [random_column(rng, balls, least=0.6) for balls in (3, 4, 5, 6)]
+    settings = Settings(convergence=Convergence())
+    exact = get_solver("kelvin-voigt").solve_columns(columns, settings)
+    for ours, theirs in zip(engine.solve_columns(columns, settings), exact, strict=True):
+        assert ours.status == "ok", ours.reason
+        off = np.abs(np.subtract(limits(ours), theirs.velocities)).max()
+        assert off < 2e-3
+        assert off < 3 * ours.diagnostics["limit_error"]
+
+
+def test_a_column_alone_is_the_column_among_others():
+    columns = [CHAIN, Column((1, 2), (1,), (0.5,), (-1, 0)), CHAIN.reversed()]
+    many = get_solver("mujoco").solve_columns(columns, Settings())
+    assert many[2].velocities == get_solver("mujoco").solve_column(columns[2]).velocities
+    assert many[1].velocities == get_solver("mujoco").solve_column(columns[1]).velocities
+
+
+@pytest.mark.parametrize(
+    ("solver", "column", "says"),
+    [
+        ("mujoco", Column((1, 1), (1,), (0,), (-1, 0)), r"restitutions\[1\] = 0\.0: no finite damping"),
+        ("mujoco", Column((1,) * 62, (1,) * 61, (1,) * 61, (-1,) + (0,) * 61), "61 contacts: .* up to 60"),
+        ("mujoco", Column((1, 1), (1e30,), (1,), (-1, 0)), "MuJoCo accepts 1e"),
+        ("pybullet", Column((1, 1), (1e-30,), (1,), (-1, 0)), "PyBullet drops bodies larger"),
+        ("pybullet-naive", CHAIN, "mapping = 'naive': PyBullet's is that of two balls"),
+    ],
+)
+def test_what_an_engine_refuses(solver, column, says):
+    if get_solver(solver).unavailable():
+        pytest.skip("not installed")
+    with pytest.raises(SolverError, match=says):
+        get_solver(solver).solve_column(column)
+
+
+def test_a_column_that_is_not_over_is_a_timeout(engine):
+    (outcome,) = engine.solve_columns([CHAIN], Settings(max_steps=50))
+    assert outcome.status == "timeout"
+    assert np.isnan(outcome.velocities).all()
+
+
+def test_velocities_in_the_wrong_order_are_pooled():
+    assert parted([1.0, 2.0, 0.5], [1.0, 3.0, 1.0]) == (1.75, 1.75, 0.5)
+    assert parted([1.0, 0.0, 2.0, -1.0], [1.0] * 4, table=False) == (1.0, 1.0, 1.0, -1.0)
+    assert parted([1.0, 0.0, 2.0, -1.0], [1.0] * 4) == (1.0, 1.0, 1.0, 0.0)
+
+
+def run_of(states, lengths, gaps):
+    start = np.cumsum([0, *lengths])
+    raw = Runs(start[:-1], np.array(states), int(start[-1]))
+    return LineRun(line(3, gaps), 1, (0.0,) * 4, raw, "", 0.0, 1000)
+
+
+def test_states_are_read_by_the_rules_of_two_balls():
+    # Contacts 1 and 2 are closed and show one after the other; 3 is open at first. A state of two steps is merged away.
+    run = run_of([1, 3, 2, 6, 4, 5, 4, 0], [5, 20, 20, 20, 20, 2, 20, 1], (0.0, 0.0, 0.1))
+    assert run.state_names(0.03) == ((1, 2), (2,), (2, 3), (3,), ())
+    assert run.state_names(0.0) == ((1, 2), (2,), (2, 3), (3,), (1, 3), (3,), ())
+
+
+def test_balls_that_meet_only_after_the_last_step_are_given_up():
+    recorder = LineRecorder(line(2, (0.0, 5.0)), 100)
+    v = np.tile([0.0, -1.0, 0.0], (10, 1))
+    x = np.tile([5.0, 5.0, 0.0], (10, 1))
+    v[0] = [-0.5, -0.5, 0.0]
+    recorder.feed(v, x)
+    assert "all balls are in flight" in recorder.finish().problem()

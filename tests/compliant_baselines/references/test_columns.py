@@ -1,0 +1,208 @@
+"""The references for N balls: two balls, an independent integration, invariances, gaps, and what is refused."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines import Settings, SolverError, get_solver
+from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.compliant_baselines.references.columns.solving import LAWS, coefficients_of, solve_column
+from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
+from impact_xval.model import Column
+from impact_xval.model import solve_column as solve_by_the_model
+from tests.compliant_baselines.column_in_time import integrate
+from tests.model.test_columns import random_column
+
+BATCHES = {
+    "bistiffness": bistiffness_batch,
+    "kelvin-voigt": kelvin_voigt_batch,
+    "kelvin-voigt-textbook": lambda *cells: kelvin_voigt_batch(*cells, damping="textbook"),
+    "hunt-crossley": lambda *cells: kelvin_voigt_batch(*cells, damping="hunt-crossley"),
+}
+NAMES = {(1, 2): "S1", (2,): "S2", (1,): "S3", (): "S4"}
+
+
+def cradle(balls, struck, gap=0.0, e=1.0):
+    velocities = [-1.0] * struck + [0.0] * (balls - struck)
+    contacts = balls - 1
+    return Column((1,) * balls, (1,) * contacts, (e,) * contacts, velocities, gaps=(gap,) * contacts)
+
+
+def with_gaps(rng, column):
+    contacts = len(column.stiffnesses)
+    return replace(column, gaps=tuple(10 ** rng.uniform(-4, 0, contacts) * rng.integers(2, size=contacts)))
+
+
+@pytest.mark.parametrize(("law", "count"), [(law, 60 if law == "hunt-crossley" else 300) for law in LAWS])
+def test_two_balls_on_a_table_are_the_two_ball_references(law, count):
+    rng = np.random.default_rng(1)
+    k, m = 10 ** rng.uniform(-2, 2, count), 10 ** rng.uniform(-1, 1, count)
+    e1, e2 = rng.uniform(0.05, 1, (2, count))
+    batch = BATCHES[law](k, m, e1, e2)
+    # In SI units of no particular size.
+    for i in range(count):
+        column = Column((0.3, 0.3 * m[i]), (2e4, 2e4 * k[i]), (e1[i], e2[i]), (-2.5, 0), table=True)
+        outcome = solve_column(column, law)
+        expected = 2.5 * batch.v1[i], 2.5 * batch.v2[i]
+        assert outcome.velocities == pytest.approx(expected, abs=1e-10, rel=0)
+        assert outcome.status == batch.status[i]
+        if law != "bistiffness":
+            assert tuple(NAMES[states] for states in outcome.states) == batch.states(i)
+
+
+def compare(seed, count, law, exponent, most):
+    rng = np.random.default_rng(seed)
+    compared = 0
+    while compared < count:
+        column = random_column(rng, int(rng.integers(2, most + 1)), least=0.6)
+        column = with_gaps(rng, column) if rng.integers(2) else column
+        ours = solve_column(column, law, exponent=exponent)
+        if ours.status == "limit" or (ours.grazing_margin or 1) < 1e-3:
+            continue  # the integration follows no contact that becomes rigid, and nothing beside a jump
+        compared += 1
+        theirs = integrate(column, law, exponent, coefficients_of(column, law, exponent))
+        assert ours.velocities == pytest.approx(theirs, abs=1e-8, rel=0), column
+        assert ours.diagnostics.get("error", 0) < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("law", "exponent", "count", "most"),
+    [
+        ("kelvin-voigt", 1, 8, 7),
+        ("bistiffness", 1, 4, 4),
+        ("kelvin-voigt", 1.5, 3, 4),
+        ("hunt-crossley", 1, 3, 4),
+        ("hunt-crossley", 1.5, 3, 4),
+        ("bistiffness", 1.5, 2, 3),
+    ],
+)
+def test_an_integration_in_time_agrees(law, exponent, count, most):
+    compare(2, count, law, exponent, most)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "exponent"), [("kelvin-voigt", 1), ("kelvin-voigt", 1.5)])
+def test_an_integration_in_time_agrees_on_long_columns(law, exponent):
+    compare(3, 6, law, exponent, 10)
+
+
+@pytest.mark.parametrize("exponent", [1, 1.5])
+@pytest.mark.parametrize("law", LAWS)
+def test_invariants(law, exponent):
+    rng = np.random.default_rng(4)
+    for _ in range(4):
+        column = with_gaps(rng, random_column(rng, 4))
+        outcome = solve_column(column, law, exponent=exponent)
+        masses, v = np.array(column.masses), np.array(outcome.velocities)
+        assert (np.diff(v) <= 1e-12).all()
+        assert masses @ v**2 <= masses @ np.square(column.velocities) * (1 + 1e-12)
+        if column.table:
+            assert v[-1] >= -1e-12
+            continue
+        assert masses @ v == pytest.approx(masses @ column.velocities, abs=1e-12)
+        back = solve_column(column.reversed(), law, exponent=exponent)
+        assert back.velocities == pytest.approx(-v[::-1], abs=1e-9)
+        moving = solve_column(
+            replace(column, velocities=np.array(column.velocities) + 3), law, exponent=exponent
+        )
+        assert moving.velocities == pytest.approx(v + 3, abs=1e-9)
+
+
+@pytest.mark.parametrize("exponent", [1, 1.5, 2])
+@pytest.mark.parametrize("speed", [0.01, 100])
+@pytest.mark.parametrize("law", ["bistiffness", "kelvin-voigt", "hunt-crossley"])
+def test_a_pair_alone_has_its_restitution_at_any_speed(law, speed, exponent):
+    for e in (0.3, 0.9, 1):
+        pair = Column((2, 3), (1e3,), (e,), (-speed, 0))
+        v1, v2 = solve_column(pair, law, exponent=exponent).velocities
+        assert (v1 - v2) / speed == pytest.approx(e, abs=1e-10)
+
+
+@pytest.mark.parametrize("law", ["bistiffness", "kelvin-voigt", "hunt-crossley"])
+@pytest.mark.parametrize("exponent", [1, 1.5])
+def test_elastic_balls_that_touch_are_those_of_the_model(law, exponent):
+    # No contact of these returns before the balls part for good, so that positions do not matter.
+    column = cradle(3, 1)
+    expected = solve_by_the_model(column, exponent=exponent).velocities
+    assert solve_column(column, law, exponent=exponent).velocities == pytest.approx(expected, abs=1e-10)
+
+
+def test_gaps_make_another_collision():
+    """Gaps as long as a collision is deep turn it into single impacts: the textbook's cradle."""
+    touching, hardly, wide = (np.array(solve_column(cradle(5, 2, gap)).velocities) for gap in (0, 1e-3, 20))
+    assert np.abs(touching - hardly).max() < 0.01
+    assert wide == pytest.approx([0, 0, 0, -1, -1], abs=1e-12)
+    assert np.abs(touching - wide).max() > 0.3
+
+
+def test_gaps_of_a_hundred_thousandth_of_a_diameter_change_a_cradle_of_steel():
+    mass, stiffness, diameter = 0.0638, 1.2165e10, 0.025  # Hertz contacts of steel balls of this diameter
+    velocities = []
+    for gap in (0, 1e-5 * diameter, 1e-2 * diameter):
+        column = Column((mass,) * 5, (stiffness,) * 4, (1,) * 4, (-1, 0, 0, 0, 0), gaps=(gap,) * 4)
+        velocities.append(solve_column(column, exponent=1.5).velocities)
+    touching, close, apart = np.array(velocities)
+    assert np.abs(touching - close).max() > 3e-3
+    assert apart == pytest.approx([0, 0, 0, 0, -1], abs=1e-9)
+
+
+def test_a_touching_pair_beyond_a_gap_waits():
+    column = Column((1, 1, 1, 1), (1, 1, 1), (1, 1, 1), (-1, 0, 0, 0), gaps=(0, 3.0, 0))
+    outcome = solve_column(column, path=True)
+    # Ball 2 comes back, and sends ball 1 off again.
+    assert outcome.states == ((1,), (), (2, 3), (3,), (), (1,), ())
+    path = outcome.path
+    assert path.velocities[-1] == pytest.approx(outcome.velocities)
+    assert path.impulses[-1] == pytest.approx(outcome.impulses)
+    assert path.forces.max() > 0.4
+
+
+def test_a_long_chain():
+    outcome = solve_column(cradle(60, 1, e=0.95))
+    assert outcome.status == "ok"
+    assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
+
+
+def test_what_is_refused():
+    column = cradle(3, 1)
+    with pytest.raises(ValueError, match=r"law = 'hertz'; legal: bistiffness, kelvin-voigt"):
+        solve_column(column, "hertz")
+    with pytest.raises(ValueError, match=r"exponent = 0\.5; legal: from 1"):
+        solve_column(column, exponent=0.5)
+    with pytest.raises(ValueError, match=r"gaps\[2\] = -1\.0; legal: finite numbers >= 0"):
+        replace(column, gaps=(0, -1))
+    with pytest.raises(ValueError, match=r"gaps: 1 values; legal: 2, for 3 balls without a table"):
+        replace(column, gaps=(0,))
+    with pytest.raises(ValueError, match=r"gaps = \(0\.1, 0\.1\): the model has no positions; legal: 0"):
+        solve_by_the_model(cradle(3, 1, 0.1))
+    plastic = solve_column(replace(column, restitutions=(1, 0)))
+    assert (plastic.status, plastic.reason[:24]) == ("unrepresentable", "restitutions[2] = 0.0: n")
+    assert solve_column(column, max_steps=1).status == "timeout"
+
+
+@pytest.mark.parametrize(
+    ("solver", "settings", "exponent", "says"),
+    [
+        ("kelvin-voigt-anchored", Settings(), 1, "kelvin-voigt-anchored is a law of two balls on a table"),
+        ("bistiffness", Settings(scenario="drop"), 1, "scenario = 'drop'"),
+        ("oracle", Settings(), 1, "oracle does not solve columns of N balls"),
+        ("mujoco", Settings(), 1.5, "exponent = 1.5: the contacts of an engine are linear"),
+        ("drake", Settings(), 1, "drake has no adapter for columns of N balls|Drake is not installed"),
+    ],
+)
+def test_a_solver_refuses_by_name_what_it_cannot_represent(solver, settings, exponent, says):
+    with pytest.raises(SolverError, match=says):
+        get_solver(solver).solve_column(cradle(3, 1), settings, exponent)
+
+
+def test_every_solver_gives_the_same_kind_of_outcome():
+    column = cradle(3, 1, e=0.9)
+    names = ("state-transition", "liu-zhao-brogliato", *LAWS)
+    for name in names:
+        outcome = get_solver(name).solve_column(column, Settings(record_path=True))
+        assert outcome.solver == name
+        assert outcome.states[-1] == ()
+        assert outcome.path is not None
+        assert math.isclose(sum(outcome.velocities), -1)
