@@ -79,7 +79,7 @@ def solve_column(
     ColumnOutcome
         Status ``ok``, ``limit`` (only bistiffness: bodies were united by a closed form), ``timeout``, or
         ``unrepresentable`` for e_i = 0. Exact to rounding where the forces are linear; else ``diagnostics`` hold
-        ``error``, a bound of the error of the velocities in m/s: by how much a run at a tolerance of 100 times as much
+        ``error``, an estimate of the error of the velocities in m/s: by how much a run at 100 times the tolerance
         differs. ``duration`` is in s.
 
     Raises

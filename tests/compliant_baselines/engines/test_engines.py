@@ -111,6 +111,7 @@ def test_what_no_dashpot_represents_is_refused(engine, kwargs, says):
             {"k1": 1e22, "k2": 1e22},
             r"accelerations about .* = 1\.\d+e\+11 m/s\^2: MuJoCo accepts 1e\+10",
         ),
+        ("mujoco", {"v0": -5e-324}, r"penetrations below what double precision has numbers for"),
         (
             "pybullet",
             {"k1": 1.0, "k2": 1.0, "v0": -1e6},
