@@ -52,8 +52,11 @@ def _points() -> list[EntryPoint]:
 
 def origin(point: EntryPoint) -> str:
     """Name and version of the distribution an entry point belongs to."""
-    name = point.dist.name if point.dist is not None else None  # without metadata it has none
-    return f"{name} {point.dist.version}" if point.dist is not None and name else "an unknown distribution"
+    name = version = None
+    if point.dist is not None:
+        with contextlib.suppress(Exception):  # what there is without metadata is the finder's to say
+            name, version = point.dist.name, point.dist.version
+    return f"{name} {version}" if name else "an unknown distribution"
 
 
 class ThirdPartySolver(SolverBase):

@@ -53,7 +53,7 @@ def contact(
     from impact_xval.compliant_baselines.calibration.pair import drops, largest_step
     from impact_xval.compliant_baselines.calibration.scene_text import ENGINES, paste
     from impact_xval.compliant_baselines.engines.engine import EngineSolver
-    from impact_xval.experiments.presentation.terminal import error_line
+    from impact_xval.experiments.presentation.terminal import at_work, error_line
 
     if engine not in ENGINES:
         raise UserError(f"--engine = {engine!r:.60}; legal: {', '.join(ENGINES)}")
@@ -71,9 +71,10 @@ def contact(
     if not json:
         error_line(f"trying steps in {engine} ...")
     try:
-        found = largest_step(solver, pair, allowed)
-        parameters, text = paste(engine, pair.contact, found.step)
-        fine = drops(solver, pair, found.step / 10, [0.0])
+        with at_work(f"trying steps in {engine}"):
+            found = largest_step(solver, pair, allowed)
+            parameters, text = paste(engine, pair.contact, found.step)
+            fine = drops(solver, pair, found.step / 10, [0.0])
     except SolverError as error:
         raise UserError(_why(solver, pair, error)) from None
     heavy = _under_gravity(solver, pair, found.step, g) if g else None

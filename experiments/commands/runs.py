@@ -149,11 +149,12 @@ def status(
 def table(folder: Folder) -> None:
     """Write the summary of a finished run again, and show it."""
     from impact_xval.experiments.presentation.report import write_tables
-    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.presentation.views import show_summary
     from impact_xval.experiments.tables.folders import finished
 
-    summary = write_tables(finished(folder))
+    with at_work("writing the summary"):
+        summary = write_tables(finished(folder))
     console = make_console()
     show_summary(console, summary)
     print_line(console, f"summary.md, summary.csv and summary.tex are in {folder}")
@@ -162,21 +163,25 @@ def table(folder: Folder) -> None:
 def figures(folder: Folder) -> None:
     """Draw the figures of a finished run again."""
     from impact_xval.experiments.presentation.figures import write_figures
-    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.tables.folders import finished
 
     console = make_console()
-    for drawn, caption in write_figures(finished(folder)):
+    with at_work("drawing the figures"):
+        there = write_figures(finished(folder))
+    for drawn, caption in there:
         print_line(console, f"{drawn}: {caption}")
 
 
 def report(folder: Folder) -> None:
     """Write the report of a finished run again."""
     from impact_xval.experiments.presentation.report import write_report
-    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.tables.folders import finished
 
-    print_line(make_console(), str(write_report(finished(folder))))
+    with at_work("writing the report"):
+        page = write_report(finished(folder))
+    print_line(make_console(), str(page))
 
 
 #: What is said before.

@@ -29,7 +29,8 @@ from impact_xval.experiments.tables.store import TABLES
 from tests.compliant_baselines.third_party import install
 
 ROOT = Path(__file__).parents[2]
-CELLS, CHUNK = 24, 3
+#: Cells of a run, of its chunks, and faults of it at most.
+CELLS, CHUNK, FAULTS = 24, 3, 10
 CONFIG = f"""
 scenario = "impact"
 solvers = ["mujoco", "hostile"]
@@ -294,7 +295,7 @@ def chaos(
     while drawn.total() < faults:
         run = Run(config, work / f"run{drawn.total():03d}", env)
         history = []
-        for _ in range(min(5, faults - drawn.total())):
+        for _ in range(min(FAULTS, faults - drawn.total())):
             at_rest = run.root.is_dir() and rng.random() < 0.5
             fault = rng.choice(AT_REST if at_rest else AT_WORK)
             instant = rng.uniform(0, length)

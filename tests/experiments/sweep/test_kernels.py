@@ -45,38 +45,6 @@ compile_once([Kernels(name, kernel := getattr(kernels, name), lambda k=kernel: u
 """
 
 
-CACHED = """
-from impact_xval.compliant_baselines.references import driver, ending, first_root, taylor
-from impact_xval.experiments.sweep.kernels import kernels_of
-from impact_xval.model.compiled import is_compiled
-
-every = kernels_of(["mujoco", "pybullet"])
-assert not any(is_compiled(some.last) for some in every)
-for some in every:
-    some.use()
-    print(some.name, is_compiled(some.last))
-for module in (driver, ending, first_root, taylor):
-    for name, kernel in vars(module).items():
-        if len(getattr(kernel, "signatures", ())) > 1:
-            print(name, len(kernel.signatures))
-"""
-
-
-@pytest.mark.slow
-def test_no_part_of_the_references_is_compiled_twice_and_every_group_leaves_its_last(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", CACHED],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-    )
-    assert done.returncode == 0, done.stderr
-    said = [line for line in done.stdout.splitlines() if "build time" not in line]
-    groups = ["events", "ends", "model", "references", "distance", "engines"]
-    # of numbers and of modes from a log; and little ones
-    assert said == [*(f"{name} True" for name in groups), "carries 2", "write_row 3"]
-
-
 def test_a_process_that_has_to_wait_compiles_what_comes_next(monkeypatch):
     done = []
 
