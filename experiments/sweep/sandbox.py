@@ -203,7 +203,7 @@ class Sandbox:
                 raise ClosedError
             try:
                 process.send((number, asked), until)
-                done, value = process.answer_to(number, asked, self._readable, until)
+                done, value = process.answer_to(number, asked, self._readable)
             except TimeoutError:
                 fault = FaultError("timeout", f"no answer within {timeout:g} s; its process was ended")
             except _NoAnswerError as error:
@@ -322,21 +322,19 @@ class _Process:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self.requests, self.answers = self._process.stdin, self._process.stdout
-        self._until, self._left = math.inf, 0
+        self._seen, self._until, self._left = 0.0, math.inf, 0
         os.set_blocking(self.requests.fileno(), False)
         threading.Thread(target=_pass_on, args=(self._process.stderr,), daemon=True).start()
 
     def send(self, value: Any, until: float) -> None:
-        """Send a value; that it was not taken is noticed by whoever reads."""
-        left, self._until = memoryview(pickle.dumps(value)), until
+        """Send a value, and have until a time for this and the answer; that it was not taken is noticed there."""
+        left, self._seen, self._until = memoryview(pickle.dumps(value)), time.monotonic(), until
         with contextlib.suppress(OSError, EOFError):
             while left:
                 self._await(self.requests, select.POLLOUT)
                 left = left[self.requests.write(left) or 0 :]
 
-    def answer_to(
-        self, number: int, asked: bytes, readable: Set[tuple[str, str]] | None, until: float
-    ) -> tuple[bool, Any]:
+    def answer_to(self, number: int, asked: bytes, readable: Set[tuple[str, str]] | None) -> tuple[bool, Any]:
         """Read the answer to a request: whether it was done, and the value or the traceback.
 
         Raises
@@ -344,7 +342,7 @@ class _Process:
         TimeoutError
         _NoAnswerError
         """
-        self._until, self._left = until, _LARGEST
+        self._left = _LARGEST
         try:
             answered, identity, done, value = _Reader(self, readable).load()
         except TimeoutError:
@@ -382,16 +380,16 @@ class _Process:
 
         Time in which this process was halted does not count: the answer may have come meanwhile.
         """
-        ready, start = select.poll(), time.monotonic()
+        ready = select.poll()
         ready.register(pipe, event)
-        while start < self._until:
+        while self._seen < self._until:
             usable, now = ready.poll(1000 * _LOOK), time.monotonic()
-            self._until += max(0.0, now - start - _HALTED)
+            self._until += max(0.0, now - self._seen - _HALTED)
+            self._seen = now
             if usable:
                 return
             if self._is_over() and not ready.poll(0):
                 raise EOFError
-            start = now
         raise TimeoutError
 
     def _is_over(self) -> bool:

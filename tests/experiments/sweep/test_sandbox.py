@@ -345,7 +345,7 @@ def test_a_process_that_reads_no_request_is_not_waited_for():
     process, start = _Process("import time; time.sleep(60)"), time.monotonic()
     process.send(bytes(1 << 22), start + 0.3)
     with pytest.raises(TimeoutError):
-        process.answer_to(0, b"", None, start + 0.3)
+        process.answer_to(0, b"", None)
     process.end()
     assert time.monotonic() - start < 5
 
