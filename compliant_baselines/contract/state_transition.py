@@ -11,7 +11,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase
-from impact_xval.model import Collision, Column, ColumnOutcome, Outcome, solve, solve_column
+from impact_xval.model import Collision, Column, ColumnOutcome, Outcome, solve
 from impact_xval.model.compiled import OPTIONS
 from impact_xval.model.diagram import LOG_WIDTH, collide
 from impact_xval.model.inputs import Cutoff
@@ -61,6 +61,8 @@ class StateTransitionSolver(SolverBase):
         return [self._column(column, settings, exponent) for column in columns]
 
     def _column(self, column: Column, settings: Settings, exponent: float) -> ColumnOutcome:
+        from impact_xval.model import solve_column  # with scipy's integrators, which nobody else here needs
+
         try:
             outcome = solve_column(
                 column,

@@ -17,7 +17,6 @@ from impact_xval.compliant_baselines.contact.column import unrepresentable
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, no_gravity
 from impact_xval.compliant_baselines.contract.trajectory import FREE, STUCK
 from impact_xval.compliant_baselines.references.batch import Floats, ReferenceBatch
-from impact_xval.compliant_baselines.references.columns.solving import LAWS, solve_column
 from impact_xval.compliant_baselines.references.driver import LOG_WIDTH, Followed, Law, collide
 from impact_xval.compliant_baselines.references.ending import TOO_LONG
 from impact_xval.compliant_baselines.references.jumps import mark
@@ -57,6 +56,9 @@ class ReferenceSolver(SolverBase):
         self, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
     ) -> list[ColumnOutcome]:
         """Answer every column of N balls, in order."""
+        # With scipy's integrators, which nobody else here needs.
+        from impact_xval.compliant_baselines.references.columns.solving import LAWS, solve_column
+
         reason = no_gravity(settings)
         if self.name not in LAWS:
             reason = f"{self.name} is a law of two balls on a table; legal for columns: {', '.join(LAWS)}"
