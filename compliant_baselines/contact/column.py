@@ -127,13 +127,6 @@ def radius_of(depth: float) -> float:
     return 2.0 ** math.ceil(math.log2(RADIUS_OVER_DEPTH * depth))
 
 
-def too_shallow(depth: float) -> str | None:
-    """Why no ball of an engine has a contact of this depth in m, in one sentence; None if one has."""
-    if depth > 0:
-        return None
-    return "penetrations below what double precision has numbers for; scale stiffnesses, masses or v0 (Theorem 5)"
-
-
 def unrepresentable(collision: Collision) -> str | None:
     """Why no contact of spring and dashpot represents this collision, in one sentence; None if one does."""
     for i, k, e in ((1, collision.k1, collision.e1), (2, collision.k2, collision.e2)):

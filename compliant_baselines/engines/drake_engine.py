@@ -89,7 +89,7 @@ class DrakeSolver(EngineSolver):
         way_out = "run pip install 'impact-xval[drake]' (Linux and macOS only)"
         return why_not("Drake", self.distribution, lambda: import_module("pydrake"), way_out)
 
-    def refusal(self, column: Column) -> str | None:
+    def own_refusal(self, column: Column) -> str | None:
         """Why a column cannot be taken: a step so short that the engine neglects a contact."""
         slow = min(column.contact1.omega, column.contact2.omega)
         # k delta h = k v t h reaches SAP_TOLERANCE m v at the phase omega t = SAP_TOLERANCE/(omega h).
@@ -118,7 +118,7 @@ class DrakeHuntCrossleySolver(DrakeSolver):
 
     name = "drake-hunt-crossley"
 
-    def refusal(self, column: Column) -> str | None:
+    def own_refusal(self, column: Column) -> str | None:
         """Why a column cannot be taken: there is no naive mapping to this law. No step is too short."""
         if column.mapping == "naive":
             return "mapping = 'naive': a Hunt-Crossley contact has no naive mapping; take 'calibrated'"

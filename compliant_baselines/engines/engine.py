@@ -55,7 +55,11 @@ class EngineSolver(SolverBase):
         """Run every column until its collision is over or `max_steps` steps are taken; in order."""
 
     def refusal(self, column: Column) -> str | None:
-        """Why this engine in particular cannot take a column, in one sentence; None if it can."""
+        """Why this engine cannot take a column, in one sentence; None if it can."""
+        return _too_shallow(column) or self.own_refusal(column)
+
+    def own_refusal(self, column: Column) -> str | None:
+        """Why this engine in particular cannot, as `refusal`."""
         return None
 
     def run_lines(self, lines: Sequence[Line], max_steps: int) -> list[LineRun]:
@@ -79,7 +83,7 @@ class EngineSolver(SolverBase):
             refused = no_gravity(settings) or unrepresentable_column(column, exponent)
             if not missing and not refused:
                 lines[i] = line_of(column, settings)
-                refused = self.line_refusal(lines[i])
+                refused = _too_shallow(lines[i]) or self.line_refusal(lines[i])
             if missing or refused:
                 lines.pop(i, None)
                 status = "unavailable" if missing else "unrepresentable"
@@ -98,7 +102,8 @@ class EngineSolver(SolverBase):
                 outcomes[i] = with_limit(outcomes[i], limit, reason)
         return [outcomes[i] for i in range(len(columns))]
 
-    def _column_or_refusal(self, collision: Collision, settings: Settings) -> Column | str:
+    def column_or_refusal(self, collision: Collision, settings: Settings) -> Column | str:
+        """Set a collision up as a column that this engine takes, or say in one sentence why it takes none."""
         refused = unrepresentable(collision)
         if refused is not None:
             return refused
@@ -115,7 +120,7 @@ class EngineSolver(SolverBase):
         outcomes: dict[int, Outcome] = {}
         columns: dict[int, Column] = {}
         for i, collision in enumerate(collisions):
-            column = self._column_or_refusal(collision, settings)
+            column = self.column_or_refusal(collision, settings)
             if isinstance(column, str):
                 outcomes[i] = Outcome.failure(self.name, "unrepresentable", column)
             else:
@@ -144,6 +149,13 @@ class EngineSolver(SolverBase):
         exact = registry.get_solver(law)
         assert isinstance(exact, ReferenceSolver)
         return mark(answered, collisions, settings, law, exact.batch, flights)
+
+
+def _too_shallow(column: Column | Line) -> str | None:
+    """Why no ball of any engine has these contacts, if none has: its radius follows from how deep they go."""
+    if column.depth(*(contact.k for contact in column.contacts)) > 0:
+        return None
+    return "penetrations below what double precision has numbers for; scale stiffnesses, masses or v0 (Theorem 5)"
 
 
 def too_much_energy(gain: float) -> str:

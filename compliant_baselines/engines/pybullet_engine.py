@@ -45,12 +45,12 @@ from impact_xval.compliant_baselines.engines.lines import LineRun
 from impact_xval.compliant_baselines.engines.packages import import_pybullet, why_not
 from impact_xval.compliant_baselines.engines.pybullet_lines import depth_of_line, run_line
 from impact_xval.compliant_baselines.engines.pybullet_setup import (
-    BREAKING_OVER_RADIUS,
     LEAST_STRIDE,
     STRIDE,
     ZERO,
     connected,
     exact,
+    exact_contacts,
 )
 from impact_xval.compliant_baselines.engines.quiet import EngineContacts
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
@@ -89,7 +89,7 @@ class PybulletSolver(EngineSolver):
             )
         return why_not("PyBullet", self.distribution, import_pybullet, way_out)
 
-    def refusal(self, column: Column) -> str | None:
+    def own_refusal(self, column: Column) -> str | None:
         """Why PyBullet cannot take a column: one of its absolute numbers would replace what was asked."""
         return _beyond(column, depth_of(column))
 
@@ -224,14 +224,7 @@ class World:
     def _make(self, radius: float) -> None:
         p, client = self._p, self._client
         p.resetSimulation(physicsClientId=client)
-        p.setPhysicsEngineParameter(
-            solverResidualThreshold=0,
-            contactSlop=0,
-            contactBreakingThreshold=BREAKING_OVER_RADIUS * radius,
-            restitutionVelocityThreshold=0,
-            useSplitImpulse=0,
-            physicsClientId=client,
-        )
+        p.setPhysicsEngineParameter(**exact_contacts(radius), physicsClientId=client)
         plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
         sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=radius, physicsClientId=client)
         bodies = []

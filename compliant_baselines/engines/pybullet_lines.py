@@ -25,11 +25,11 @@ from impact_xval.compliant_baselines.contract.trajectory import GOING
 from impact_xval.compliant_baselines.engines.lines import LineRecorder, LineRun
 from impact_xval.compliant_baselines.engines.packages import import_pybullet
 from impact_xval.compliant_baselines.engines.pybullet_setup import (
-    BREAKING_OVER_RADIUS,
     LEAST_STRIDE,
     STRIDE,
     ZERO,
     exact,
+    exact_contacts,
 )
 
 #: Steps between two looks at whether the collision is over.
@@ -84,11 +84,7 @@ def run_line(client: int, line: Line, max_steps: int) -> LineRun:
         fixedTimeStep=h,
         numSubSteps=0,
         numSolverIterations=_iterations(line),
-        solverResidualThreshold=0,
-        contactSlop=0,
-        contactBreakingThreshold=BREAKING_OVER_RADIUS * radius,
-        restitutionVelocityThreshold=0,
-        useSplitImpulse=0,
+        **exact_contacts(radius),
         physicsClientId=client,
     )
     p.setGravity(0, 0, 0, physicsClientId=client)

@@ -23,6 +23,17 @@ ZERO = (
 )
 
 
+def exact_contacts(radius: float) -> dict[str, float]:
+    """Give the engine's parameters with which contacts of balls of a radius in m do what was asked for."""
+    return {
+        "solverResidualThreshold": 0,
+        "contactSlop": 0,
+        "contactBreakingThreshold": BREAKING_OVER_RADIUS * radius,
+        "restitutionVelocityThreshold": 0,
+        "useSplitImpulse": 0,
+    }
+
+
 @contextmanager
 def connected() -> Iterator[int]:
     """Connect a client without a window, and disconnect it afterwards."""

@@ -269,7 +269,6 @@ def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Any
     """Run a collision by an engine: the run, its outcome, and the files to run it without this package."""
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.compliant_baselines.calibration.scene_text import scene_files
-    from impact_xval.compliant_baselines.contact.column import column_of, unrepresentable
     from impact_xval.compliant_baselines.engines.engine import EngineSolver, outcome_of
 
     solver = get_solver(name)
@@ -277,10 +276,10 @@ def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Any
     reason = solver.unavailable()
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
-    refused = unrepresentable(collision) or solver.refusal(column_of(collision, settings))
-    if refused:
-        raise UserError(f"{name}: unrepresentable: {refused}")
-    run, files = scene_files(solver, column_of(collision, settings), settings.max_steps)
+    column = solver.column_or_refusal(collision, settings)
+    if isinstance(column, str):
+        raise UserError(f"{name}: unrepresentable: {column}")
+    run, files = scene_files(solver, column, settings.max_steps)
     outcome = outcome_of(name, run, settings)
     if math.isnan(outcome.v1):
         raise UserError(f"{name}: {outcome.status}: {outcome.reason}")

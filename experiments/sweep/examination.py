@@ -7,7 +7,6 @@ from importlib import import_module
 from typing import Any
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contact.column import column_of, unrepresentable
 from impact_xval.compliant_baselines.contract.registry import exportable_names
 from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
@@ -58,13 +57,11 @@ def experiment_findings(
         seen: dict[str, Finding] = {}
         counts: Counter[str] = Counter()
         for index in indices:
-            collision = grid[index].collision
-            if unrepresentable(collision) is None:
-                column = column_of(collision, settings)
-                if solver.refusal(column) is None:
-                    found = {f.trap: f for f in column_findings(solver, column)}
-                    seen = {**found, **seen}
-                    counts.update(found.keys())
+            column = solver.column_or_refusal(grid[index].collision, settings)
+            if not isinstance(column, str):
+                found = {f.trap: f for f in column_findings(solver, column)}
+                seen = {**found, **seen}
+                counts.update(found.keys())
         findings += [
             Finding(
                 trap,

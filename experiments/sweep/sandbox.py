@@ -51,6 +51,8 @@ _THREADS = (
     "MKL_NUM_THREADS",
     "ARROW_NUM_THREADS",
 )
+#: Seconds for a process to be made ready: what it needs is imported, and compiled once an installation.
+TO_PREPARE = 900.0
 #: Linux ends the process with the highest score first when memory runs out: the sandbox, not the main process.
 _OOM_SCORE = "600"
 #: Seconds for a process that gave no answer to end by itself, since its exit code is of interest: one that has closed
@@ -115,7 +117,7 @@ class Sandbox:
         self,
         context: Any,
         prepare: Callable[..., Any],
-        prepare_timeout: float = 900.0,
+        prepare_timeout: float = TO_PREPARE,
         *,
         readable: Set[tuple[str, str]] | None = None,
     ) -> None:

@@ -92,8 +92,9 @@ def solvers_apart(names: Sequence[str]) -> Iterator[SolversApart]:
 
 
 def _import(names: Sequence[str]) -> bool:
-    """Import solvers; return whether the kernels are compiled."""
-    from impact_xval.compliant_baselines.contract.registry import get_solver, is_ours, solver_names
+    """Import solvers, and what their contacts are solved with; return whether the kernels are compiled."""
+    from impact_xval.compliant_baselines.contact.restitution_laws import damping_ratio
+    from impact_xval.compliant_baselines.contract.registry import get_solver, is_ours, kind_of, solver_names
     from impact_xval.experiments.sweep import solving  # noqa: F401
     from impact_xval.experiments.sweep.kernels import kernels_of
     from impact_xval.model.compiled import is_compiled
@@ -101,6 +102,8 @@ def _import(names: Sequence[str]) -> bool:
     legal = set(names).intersection(solver_names(on_request=True)) or solver_names()
     for name in filter(is_ours, legal):
         get_solver(name).unavailable()
+    if any(kind_of(name) != "model" for name in legal):
+        damping_ratio(0.5)
     return all(is_compiled(some.last) for some in kernels_of(legal))
 
 

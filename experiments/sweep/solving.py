@@ -28,7 +28,7 @@ from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
 from impact_xval.experiments.sweep.executors import in_flight, in_this_process
 from impact_xval.experiments.sweep.kernels import compile_once, kernels_of
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves
+from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox, SandboxError, in_halves
 from impact_xval.experiments.sweep.third_party import longest
 from impact_xval.experiments.tables.schema import CERTIFICATE, MEASURES, ROW_SCHEMA
 from impact_xval.experiments.tables.store import part_bytes, read_part
@@ -46,9 +46,6 @@ Versions = dict[str, str]
 
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).
 VELOCITIES = frozenset({"v1_limit", "v2_limit", "limit_error", "regularisation", "rest_speed"})
-
-#: Seconds for an engine to be made ready, its kernels compiled.
-_TO_MAKE_READY = 900.0
 
 #: Largest measure, and number of a certificate; the square of a larger one leaves double precision.
 _LARGEST = 1e150
@@ -208,7 +205,7 @@ def make_ready(sandbox: Sandbox, name: str) -> None:
     sandbox.start()
     if kind_of(name) == "engine":
         with contextlib.suppress(FaultError):  # its cells are to say so
-            sandbox.call(_ready_for, name, timeout=_TO_MAKE_READY)
+            sandbox.call(_ready_for, name, timeout=TO_PREPARE)
 
 
 def _ready_for(experiment: Experiment, name: str) -> None:

@@ -67,17 +67,20 @@ def slopes(c, n, stage, work):
 
 
 @compiled
-def step(c, n, h, work):
-    """Carry the state of `work` over a time h into `c`; the estimated error per tolerance."""
-    for stage in range(STAGES + 1):
-        weights = A[stage] if stage < STAGES else B
-        for i in range(n):
-            w, delta = 0.0, 0.0
-            for j in range(min(stage, STAGES)):
-                w += weights[j] * work.kw[j, i]
-                delta += weights[j] * work.kd[j, i]
-            c.w[i], c.delta[i] = work.w[i] + h * w, work.delta[i] + h * delta
-        slopes(c, n, stage, work)
+def to_stage(c, n, stage, h, work):
+    """Carry the state of `work` into `c`, as far as a stage of a step of length h goes; the last one to its end."""
+    weights = A[stage] if stage < STAGES else B
+    for i in range(n):
+        w, delta = 0.0, 0.0
+        for j in range(min(stage, STAGES)):
+            w += weights[j] * work.kw[j, i]
+            delta += weights[j] * work.kd[j, i]
+        c.w[i], c.delta[i] = work.w[i] + h * w, work.delta[i] + h * delta
+
+
+@compiled
+def error_of_step(c, n, h, work):
+    """Estimate the error of a step of length h from the derivatives at its stages; as of `TOLERANCE`."""
     fifth, third = 0.0, 0.0
     for i in range(n):
         w5, w3, d5, d3 = 0.0, 0.0, 0.0, 0.0
@@ -89,9 +92,16 @@ def step(c, n, h, work):
         length = c.length[i] * (c.original[i] / c.k[i]) ** (1 / (c.p + 1))
         fifth += w5 * w5 + (d5 / length) ** 2
         third += w3 * w3 + (d3 / length) ** 2
-    if fifth == 0 and third == 0:
-        return 0.0
-    return h * fifth / sqrt((fifth + 0.01 * third) * 2 * n) / TOLERANCE
+    return h * fifth / sqrt((fifth + 0.01 * third) * 2 * n) if fifth > 0 else 0.0
+
+
+@compiled
+def step(c, n, h, work):
+    """Carry the state of `work` over a time h into `c`; the estimated error per tolerance."""
+    for stage in range(STAGES + 1):
+        to_stage(c, n, stage, h, work)
+        slopes(c, n, stage, work)
+    return error_of_step(c, n, h, work) / TOLERANCE
 
 
 @inlined

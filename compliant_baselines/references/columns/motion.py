@@ -31,7 +31,15 @@ from impact_xval.compliant_baselines.references.contact_law import (
     KELVIN_VOIGT,
 )
 from impact_xval.model.columns.chain import power_force
-from impact_xval.model.columns.power_law import CONVERGED, E3, E5, LARGEST, REFINEMENTS, STAGES, A, B
+from impact_xval.model.columns.power_law import (
+    CONVERGED,
+    LARGEST,
+    REFINEMENTS,
+    STAGES,
+    error_of_step,
+    quintic,
+    to_stage,
+)
 from impact_xval.model.columns.series import ANGLE, ORDER, largest
 from impact_xval.model.compiled import compiled, inlined
 from impact_xval.model.law import INACTIVE
@@ -140,26 +148,9 @@ def _slopes(law, c, b, n, stage, work):
 def step(law, c, b, n, h, work):
     """Carry the state of `work` over a time h into `c`; the estimated error."""
     for stage in range(STAGES + 1):
-        weights = A[stage] if stage < STAGES else B
-        for i in range(n):
-            w, delta = 0.0, 0.0
-            for j in range(min(stage, STAGES)):
-                w += weights[j] * work.kw[j, i]
-                delta += weights[j] * work.kd[j, i]
-            c.w[i], c.delta[i] = work.w[i] + h * w, work.delta[i] + h * delta
+        to_stage(c, n, stage, h, work)
         _slopes(law, c, b, n, stage, work)
-    fifth, third = 0.0, 0.0
-    for i in range(n):
-        w5, w3, d5, d3 = 0.0, 0.0, 0.0, 0.0
-        for j in range(STAGES + 1):
-            w5 += E5[j] * work.kw[j, i]
-            w3 += E3[j] * work.kw[j, i]
-            d5 += E5[j] * work.kd[j, i]
-            d3 += E3[j] * work.kd[j, i]
-        length = c.length[i] * (c.original[i] / c.k[i]) ** (1 / (c.p + 1))
-        fifth += w5 * w5 + (d5 / length) ** 2
-        third += w3 * w3 + (d3 / length) ** 2
-    return h * fifth / sqrt((fifth + 0.01 * third) * 2 * n) if fifth > 0 else 0.0
+    return error_of_step(c, n, h, work)
 
 
 @inlined
@@ -184,11 +175,7 @@ def advance(law, c, b, n, h, tolerance, work):
         w0, w1 = h * work.kw[0, i], h * work.kw[STAGES, i]
         d0, d1 = h * work.w[i], h * c.w[i]
         cubic(work.rates[:, i], work.w[i], w0, c.w[i], w1)
-        r = c.delta[i] - work.delta[i] - d0 - 0.5 * h * w0, d1 - d0 - h * w0, 0.5 * h * (w1 - w0)
-        work.deltas[0, i], work.deltas[1, i], work.deltas[2, i] = work.delta[i], d0, 0.5 * h * w0
-        work.deltas[3, i] = 10 * r[0] - 4 * r[1] + r[2]
-        work.deltas[4, i] = -15 * r[0] + 7 * r[1] - 2 * r[2]
-        work.deltas[5, i] = 6 * r[0] - 3 * r[1] + r[2]
+        quintic(work.deltas, i, work.delta[i], d0, h * w0, c.delta[i], d1, h * w1)
     return h, h * factor
 
 
