@@ -112,7 +112,8 @@ def curve_of(collision: Collision, log: Floats, law: Law) -> ImpulseCurve:
     k1, k2, mode1, mode2, g = log[rows][:, [6, 7, 8, 9, 11]].T
     with np.errstate(over="ignore"):
         energies = [
-            in_unit(np.where(mode > SLACK, 0.5 * k * p**2, 0.0), unit.energy)
+            # Not in units of energy: it may leave double precision where v0^2 does.
+            np.where(mode > SLACK, 0.5 * k * (p * unit.velocity) ** 2 * collision.m1, 0.0)
             for mode, k, p in ((mode1, k1, p1), (mode2, k2, q2 + mu * g / k2))
         ]
     phases = [

@@ -93,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except UserError as error:
         return _fail(str(error), 2)
     except (typer.Abort, KeyboardInterrupt):
-        result = _CTRL_C
+        return _fail("interrupted", 1)
     except BrokenPipeError:
         return 1
     except OSError as error:
@@ -104,5 +104,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str, code: int) -> int:
-    print(f"impact-xval: {UserError(message)}", file=sys.stderr)
+    print(f"impact-xval: {UserError(message)}\n", end="", file=sys.stderr)  # in one piece, or not at all
     return code

@@ -162,7 +162,7 @@ def _quiet(unraisable: Any) -> None:
 
 
 def _ended(how: str) -> int:
-    print(f"impact-xval: {how}", file=sys.stderr)
+    print(f"impact-xval: {how}\n", end="", file=sys.stderr)
     return 1
 
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import logging
 import signal
-import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from typing import Any
 
 from dask import config as dask_config
@@ -138,19 +138,7 @@ def dask_executor(
 @contextmanager
 def _client(scheduler: str, workers: int) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
     if scheduler == LOCAL:
-        with (
-            dask_config.set(_LOCAL_SETTINGS),
-            _local_cluster(
-                host=_LOOPBACK,
-                n_workers=workers,
-                threads_per_worker=1,
-                # Dask has a server of pages in any case: here on loopback, on any port, and without a page.
-                dashboard_address=f"{_LOOPBACK}:0",
-                scheduler_kwargs={"dashboard": False},
-                silence_logs=logging.ERROR,
-            ) as cluster,
-            Client(cluster) as client,
-        ):
+        with _local_client(workers) as client:
             yield client
         return
     try:
@@ -167,15 +155,40 @@ def _client(scheduler: str, workers: int) -> Iterator[Any]:  # a Client; its cal
         client.close(timeout=2)
 
 
-def _local_cluster(**settings: Any) -> LocalCluster:
-    """Start a cluster whose processes leave Ctrl-C to this one: they inherit that it is ignored."""
-    if threading.current_thread() is not threading.main_thread():
-        return LocalCluster(**settings)
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        return LocalCluster(**settings)
-    finally:
-        signal.signal(signal.SIGINT, before)
+@contextmanager
+def _local_client(workers: int) -> Iterator[Any]:
+    """Start a cluster on this machine, in a thread: its start is not to be interrupted, and its end is ours."""
+    with dask_config.set(_LOCAL_SETTINGS), ThreadPoolExecutor(1, initializer=_block_signals) as thread:
+        start = thread.submit(_start, workers)
+        try:
+            yield start.result()
+        finally:
+            client = start.result()
+            client.close()
+            client.cluster.close()
+
+
+def _start(workers: int) -> Any:
+    return Client(
+        LocalCluster(
+            host=_LOOPBACK,
+            n_workers=workers,
+            threads_per_worker=1,
+            # Dask has a server of pages in any case: here on loopback, on any port, and without a page.
+            dashboard_address=f"{_LOOPBACK}:0",
+            scheduler_kwargs={"dashboard": False},
+            silence_logs=logging.CRITICAL,  # among errors are those of its end
+        )
+    )
+
+
+def _block_signals() -> None:
+    """Have what this thread starts leave the signals to a whole process group (Ctrl-C) to this process."""
+    if hasattr(signal, "pthread_sigmask"):
+        ends = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+        signal.pthread_sigmask(signal.SIG_BLOCK, ends)
+        resource_tracker.ensure_running()  # which unblocks two of them
+        signal.pthread_sigmask(signal.SIG_BLOCK, ends)
 
 
 def _wait_for_worker(client: Any, say: Callable[[str], None]) -> None:

@@ -101,6 +101,14 @@ def test_energy_falls_along_the_path(name, settings):
         assert np.abs(momentum).max() < 1e-12
 
 
+def test_energies_are_finite_where_the_square_of_the_velocity_is_not():
+    """A drop so slow that v0^2 underflows: the table's contact carries the lower ball's weight to begin with."""
+    c = Collision(1.0, 1.5, 1e8, 1e8, 0.9, 0.7, -1e-300)
+    path = get_solver("kelvin-voigt").solve(c, Settings("drop", 9.81, record_path=True)).path
+    assert path.energy2[0] == pytest.approx((c.m2 * 9.81) ** 2 / (2 * c.k2), rel=1e-12)
+    assert np.isfinite([path.energy1, path.energy2]).all()
+
+
 @pytest.mark.parametrize("name", BATCHES)
 def test_the_record_is_consistent(name):
     for cell in CELLS:

@@ -78,13 +78,14 @@ def cluster(tmp_path_factory):
     made.stop()
 
 
-def _start(*command):
+def _start(*command, **how):
     return subprocess.Popen(
         [sys.executable, "-m", *map(str, command)],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        **how,
     )
 
 
@@ -228,6 +229,27 @@ def test_a_cluster_of_its_own_listens_on_loopback_only(tmp_path, config):
     _, error = process.communicate()
     assert process.returncode == 0, error
     assert heard == {"127.0.0.1"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_while_a_cluster_of_its_own_starts_is_one_line(tmp_path, config, number):
+    """To the whole group, as of a terminal: to the run, the workers and what else Dask has started."""
+    command = "impact_xval", "run", config, "--out", tmp_path / "a", "--scheduler", "local", "--workers", "2"
+    process = _start(*command, start_new_session=True)
+    while process.poll() is None and len(psutil.Process(process.pid).children(recursive=True)) < 4:
+        time.sleep(0.02)  # the command, its resource tracker, two workers
+    os.killpg(process.pid, number)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 1
+    (line,) = error.splitlines()
+    assert line.startswith("impact-xval: interrupted; ")
+    assert f"to continue: impact-xval run {config} --out {tmp_path / 'a'} --resume" in line
+    until = time.monotonic() + 10
+    with pytest.raises(ProcessLookupError):
+        while time.monotonic() < until:
+            os.killpg(process.pid, 0)
+            time.sleep(0.05)
 
 
 def _certificates(folder):

@@ -39,6 +39,8 @@ def test_it_answers_with_its_context_and_is_prepared_once(sandbox):
     assert sandbox.call(work.threads, timeout=20) == ("1", "1")
     assert sandbox.call(work.chatter, timeout=20) == "still understood"
     assert sandbox.call(work.ctrl_c, timeout=20) == "unmoved"
+    pytest.importorskip("mujoco")
+    assert not sandbox.call(work.window_system, timeout=20)
 
 
 @pytest.mark.parametrize(
