@@ -323,7 +323,7 @@ class _Case:
 def estimate_limits(
     run_columns: Callable[[Sequence[Any], int], Sequence[Any]],
     probe: float | None,
-    runs: Sequence[Run] | Sequence[LineRun],
+    runs: Sequence[Run | LineRun],
     convergence: Convergence,
     max_steps: int,
 ) -> list[tuple[Limit | None, str]]:

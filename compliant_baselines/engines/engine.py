@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from impact_xval.compliant_baselines.contact.column import Column, column_of, unrepresentable
 from impact_xval.compliant_baselines.contact.line import Line, line_of, unrepresentable_column
@@ -23,11 +23,6 @@ from impact_xval.model.columns.column import Column as ColumnOfBalls
 from impact_xval.model.columns.column import ColumnOutcome
 
 Answer = TypeVar("Answer", Outcome, ColumnOutcome)
-
-#: Energy an engine may create, over that of B1 before the collision, before its answer counts as
-#: `unconverged`. Contacts of springs and dashpots create none; an explicit step of 1/1000 of a period creates
-#: 1e-4 of it at most.
-ENERGY_GAIN_ALLOWED = 0.01
 
 
 class EngineSolver(SolverBase):
@@ -90,16 +85,8 @@ class EngineSolver(SolverBase):
                 outcomes[i] = ColumnOutcome.failure(self.name, column, status, missing or refused or "")
         done = self.run_lines(list(lines.values()), settings.max_steps) if lines else []
         runs = dict(zip(lines, done, strict=True))
-        for i, run in runs.items():
-            outcome = outcome_of_line(self.name, columns[i], run, settings)
-            reason = too_much_energy(outcome.diagnostics.get("energy_gain", 0.0))
-            outcomes[i] = replace(outcome, status="unconverged", reason=reason) if reason else outcome
-        over = {i: run for i, run in runs.items() if run.over}
-        if settings.convergence is not None:
-            probe, most = self.regularisation_probe, settings.max_steps
-            limits = estimate_limits(self.run_lines, probe, list(over.values()), settings.convergence, most)
-            for i, (limit, reason) in zip(over, limits, strict=True):
-                outcomes[i] = with_limit(outcomes[i], limit, reason)
+        outcomes |= {i: outcome_of_line(self.name, columns[i], run, settings) for i, run in runs.items()}
+        self._add_limits(outcomes, self.run_lines, runs, settings)
         return [outcomes[i] for i in range(len(columns))]
 
     def column_or_refusal(self, collision: Collision, settings: Settings) -> Column | str:
@@ -128,20 +115,7 @@ class EngineSolver(SolverBase):
         done = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
         runs = dict(zip(columns, done, strict=True))
         outcomes |= {i: outcome_of(self.name, run, settings) for i, run in runs.items()}
-        flights: dict[int, bool] = {}
-        if settings.convergence is not None:
-            over = {i: run for i, run in runs.items() if run.over}
-            limits = estimate_limits(
-                self.run_columns,
-                self.regularisation_probe,
-                list(over.values()),
-                settings.convergence,
-                settings.max_steps,
-            )
-            for i, (limit, reason) in zip(over, limits, strict=True):
-                outcomes[i] = with_limit(outcomes[i], limit, reason)
-                if limit is not None:
-                    flights[i] = limit.flight
+        flights = self._add_limits(outcomes, self.run_columns, runs, settings)
         answered = [outcomes[i] for i in range(len(collisions))]
         if settings.mapping == "naive":
             return answered  # its contacts are not those of the law
@@ -150,19 +124,34 @@ class EngineSolver(SolverBase):
         assert isinstance(exact, ReferenceSolver)
         return mark(answered, collisions, settings, law, exact.batch, flights)
 
+    def _add_limits(
+        self,
+        outcomes: dict[int, Answer],
+        run_again: Callable[[Sequence[Any], int], Sequence[Any]],
+        runs: Mapping[int, Run] | Mapping[int, LineRun],
+        settings: Settings,
+    ) -> dict[int, bool]:
+        """Add the limits dt -> 0 to outcomes, if they are asked for; whether a limit ended in a flight, where known."""
+        over = {i: run for i, run in runs.items() if run.over}
+        if settings.convergence is None:
+            return {}
+        limits = estimate_limits(
+            run_again,
+            self.regularisation_probe,
+            list(over.values()),
+            settings.convergence,
+            settings.max_steps,
+        )
+        for i, (limit, reason) in zip(over, limits, strict=True):
+            outcomes[i] = with_limit(outcomes[i], limit, reason)
+        return {i: limit.flight for i, (limit, _) in zip(over, limits, strict=True) if limit is not None}
+
 
 def _too_shallow(column: Column | Line) -> str | None:
     """Why no ball of any engine has these contacts, if none has: its radius follows from how deep they go."""
     if column.depth(*(contact.k for contact in column.contacts)) > 0:
         return None
     return "penetrations below what double precision has numbers for; scale stiffnesses, masses or v0 (Theorem 5)"
-
-
-def too_much_energy(gain: float) -> str:
-    """Why an outcome is not converged that gained so much of its energy; empty if it did not."""
-    if gain <= ENERGY_GAIN_ALLOWED:
-        return ""
-    return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
 
 
 def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
@@ -179,12 +168,11 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
         advice = "; a smaller step may help" if run.status == "crashed" else ""
         return Outcome.failure(solver, run.status, run.problem() + advice)
     runs = states_of(run, settings.shortest_state)
-    gain = run.energy_gain()
     diagnostics = {
         "step": column.step,
         "n_steps": float(run.raw.n_steps),
         "duration": run.duration,
-        "energy_gain": gain,
+        "energy_gain": run.energy_gain(),
     }
     if column.gravity:
         diagnostics["gravity_number"] = column.gravity / (abs(column.v1) * column.contact1.omega)
@@ -194,7 +182,7 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     if run.end in (REST, STUCK):
         diagnostics["rest_speed"] = run.v2
     impulse1, impulse2 = run.impulses(v1, v2, run.duration)
-    reason = too_much_energy(gain)
+    reason = run.too_much_energy()
     return Outcome(
         solver=solver,
         v1=v1,

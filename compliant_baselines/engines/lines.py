@@ -228,11 +228,14 @@ def outcome_of_line(solver: str, column: Column, run: LineRun, settings: Setting
         return ColumnOutcome.failure(solver, column, run.status, run.problem())
     changes = np.array(column.masses) * np.subtract(run.reported, column.velocities)
     states = run.state_names(settings.shortest_state)
+    reason = run.too_much_energy()
     return ColumnOutcome(
         solver=solver,
         velocities=run.reported,
         impulses=tuple(np.cumsum(changes)[: len(column.stiffnesses)].tolist()),
         states=states,
+        status="unconverged" if reason else "ok",
+        reason=reason,
         n_events=len(states) - 1,
         diagnostics={
             "step": run.column.step,

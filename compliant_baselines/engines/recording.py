@@ -30,6 +30,11 @@ from impact_xval.model.collision import ImpulseCurve, Status
 #: A recorded path has about as many points as this between the borders of its states.
 PATH_POINTS = 2000
 
+#: Energy an engine may create, over that of B1 before the collision, before its answer counts as
+#: `unconverged`. Contacts of springs and dashpots create none; an explicit step of 1/1000 of a period creates
+#: 1e-4 of it at most.
+ENERGY_GAIN_ALLOWED = 0.01
+
 
 class Ended:
     """What runs have in common: how they ended."""
@@ -72,6 +77,17 @@ class Ended:
                 f" (after {self.raw.n_steps} all balls are in flight, and meet again only after the last)"
             )
         return reason
+
+    def energy_gain(self) -> float:
+        """Give the energy gained, over that at the start."""
+        raise NotImplementedError
+
+    def too_much_energy(self) -> str:
+        """Why the result is not converged, if it gained so much energy; else empty."""
+        gain = self.energy_gain()
+        if gain <= ENERGY_GAIN_ALLOWED:
+            return ""
+        return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
 
 
 @dataclass(frozen=True, slots=True)
