@@ -56,11 +56,12 @@ def run(
 
     def present(folder: RunFolder) -> None:
         # Imported when the cells are done: matplotlib takes a second that the first cells would have to wait for.
-        from impact_xval.experiments.presentation.figures import write_figures
+        from impact_xval.experiments.presentation.figures import tables_drawn_apart, write_figures
         from impact_xval.experiments.presentation.report import write_report, write_tables
 
-        summaries.append(write_tables(folder))
-        write_figures(folder, summaries[-1].ladder)
+        with tables_drawn_apart(folder) as tables:
+            summaries.append(write_tables(folder))
+            write_figures(folder, summaries[-1].ladder, tables)
         write_report(folder, summaries[-1])
 
     with _writing(root, "parts", words, console, medians.rows) as progress:

@@ -50,7 +50,7 @@ _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
 _WORST = 5
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Summary:
     """Statistics of a run.
 

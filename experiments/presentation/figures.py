@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, load_divergence
@@ -21,10 +22,15 @@ from impact_xval.experiments.presentation.ladder_figures import draw_ladders
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import Look, drawing, look, save
 from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL, SUPPLEMENT
+from impact_xval.experiments.sweep.executors import open_executor
+from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_json
 
 CAPTIONS = "captions.json"
+
+#: Captions by name, of the figures of the divergence table and of those of the curves.
+Tables = tuple[dict[str, str], dict[str, str]]
 
 #: D below this is drawn at this height on logarithmic axes: about the rounding of the solvers.
 _FLOOR = 1e-6
@@ -54,7 +60,9 @@ class Data:
             yield name, look(name, position), self.regular[self.regular.solver == name]
 
 
-def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> list[tuple[Path, str]]:
+def write_figures(
+    folder: RunFolder, ladder: LadderSummary | None = None, tables: Callable[[], Tables] | None = None
+) -> list[tuple[Path, str]]:
     """Draw every figure of a finished run into ``figures/``.
 
     Parameters
@@ -62,28 +70,70 @@ def write_figures(folder: RunFolder, ladder: LadderSummary | None = None) -> lis
     folder : RunFolder
     ladder : LadderSummary, optional
         That of the run, where it is known; by default it is computed.
+    tables : callable, optional
+        Waits for `draw_tables` (`tables_drawn_apart`); by default it is called here.
 
     Returns
     -------
     list of (Path, str)
         The PNG of each figure, and its caption; a figure that has nothing to show is left out.
     """
-    config = folder.config()
     # All that is drawn is read first: of a damaged folder nothing is drawn.
+    ladder = summarise_ladder(folder, folder.config()) if ladder is None else ladder
+    divergences, curves = draw_tables(folder) if tables is None else tables()
+    captions = {**divergences, **_saved(folder, draw_ladders(ladder)), **curves}
+    target = folder.root / "figures"
+    write_json(target / CAPTIONS, captions)
+    return [(target / f"{name}.png", caption) for name, caption in captions.items()]
+
+
+def draw_tables(folder: RunFolder) -> Tables:
+    """Draw what the tables of divergence and of curves hold: their figures' captions by name."""
+    config = folder.config()
     data, curves = _divergences(folder, config), folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
-    drawn = chain(
-        _draw_divergences(data),
-        draw_ladders(summarise_ladder(folder, config) if ladder is None else ladder),
-        _draw_curves(curves, config),
-    )
+    return _saved(folder, _draw_divergences(data)), _saved(folder, _draw_curves(curves, config))
+
+
+@contextmanager
+def tables_drawn_apart(folder: RunFolder) -> Iterator[Callable[[], Tables]]:
+    """Have a process call `draw_tables` while the block goes on; what is given waits for it."""
+    with open_executor(folder, _ready, 1) as executor:
+        drawn = executor.submit(_draw_apart)
+
+        def wait() -> Tables:
+            answer = drawn.result()
+            if isinstance(answer, Exception):
+                raise answer
+            return answer or draw_tables(folder)  # it died; whatever of
+
+        yield wait
+
+
+def _ready(folder: RunFolder) -> None:
+    """Have what this module needs imported."""
+
+
+def _draw_apart(sandbox: Sandbox) -> Tables | Exception | None:
+    with suppress(FaultError):
+        return sandbox.call(_drawn_or_why_not, timeout=TO_PREPARE)
+
+
+def _drawn_or_why_not(folder: RunFolder) -> Tables | Exception:
+    try:
+        return draw_tables(folder)
+    except (OSError, UserError) as error:
+        return error
+
+
+def _saved(folder: RunFolder, drawn: Iterable[tuple[str, Figure, str]]) -> dict[str, str]:
+    """Save figures; their captions by name."""
     target = folder.root / "figures"
     target.mkdir(exist_ok=True)
     captions = {}
     for name, figure, caption in drawn:
         save(figure, target, name)
         captions[name] = caption
-    write_json(target / CAPTIONS, captions)
-    return [(target / f"{name}.png", caption) for name, caption in captions.items()]
+    return captions
 
 
 def _divergences(folder: RunFolder, config: Config) -> Data:

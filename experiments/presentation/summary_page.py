@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
@@ -18,6 +19,7 @@ _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
 _REASONS = 10
 
 
+@lru_cache(maxsize=1)  # the summary, the report and the terminal ask one after the other
 def summary_facts(summary: Summary) -> dict[str, Any]:
     """Collect what ``summary.md.j2`` and the templates that share its macros show.
 

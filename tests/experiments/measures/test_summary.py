@@ -1,6 +1,7 @@
 import json
 import math
 import re
+import shutil
 from html.parser import HTMLParser
 
 import numpy as np
@@ -10,11 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.aggregates import between
 from impact_xval.experiments.measures.summary import SUMMARISED, summarise
-from impact_xval.experiments.presentation.figures import write_figures
+from impact_xval.experiments.presentation.figures import tables_drawn_apart, write_figures
 from impact_xval.experiments.presentation.report import write_report, write_tables
+from impact_xval.experiments.sweep.curves import CURVES
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
 from impact_xval.experiments.tables.numbers import number
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
@@ -139,6 +143,34 @@ def test_a_report_of_a_known_summary_is_the_same(hostile):
     write_figures(hostile)
     alone = write_report(hostile).read_bytes()
     assert write_report(hostile, summarise(hostile)).read_bytes() == alone
+
+
+@pytest.mark.slow
+def test_figures_drawn_by_a_process_of_its_own_are_the_same(hostile, monkeypatch):
+    def drawn():
+        return {path.name: path.read_bytes() for path in (hostile.root / "figures").glob("*[!f]")}
+
+    def apart():
+        shutil.rmtree(hostile.root / "figures")
+        with tables_drawn_apart(hostile) as drawn_apart:
+            write_figures(hostile, tables=drawn_apart)
+        return drawn()
+
+    write_figures(hostile)
+    here = drawn()
+    assert len(here) > 5
+    assert apart() == here
+
+    def dies(*arguments, **others):
+        raise FaultError("crashed", "of nothing")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Sandbox, "call", dies)
+        assert apart() == here
+    (hostile.root / CURVES).rename(hostile.root / "elsewhere")
+    with pytest.raises(UserError, match=CURVES):
+        apart()
+    (hostile.root / "elsewhere").rename(hostile.root / CURVES)
 
 
 @pytest.mark.slow
