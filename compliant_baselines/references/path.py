@@ -81,6 +81,11 @@ def _impulses(log: Floats, mu: float, time: Floats, v1: Floats, v2: Floats) -> t
     return first, first + mu * (v2 + fallen)
 
 
+#: What leaves double precision is said where an outcome is checked (`contract.answers`).
+_beyond = np.errstate(over="ignore", invalid="ignore")
+
+
+@_beyond
 def events_of(collision: Collision, log: Floats) -> tuple[Event, ...]:
     """Events of a log, in the collision's units."""
     unit, state = collision.units, states_of(log)
@@ -96,6 +101,7 @@ def events_of(collision: Collision, log: Floats) -> tuple[Event, ...]:
     return tuple(events)
 
 
+@_beyond
 def curve_of(collision: Collision, log: Floats, law: Law) -> ImpulseCurve:
     """Impulse curve of a log, in the collision's units. Of a closed-form limit only the ends are known."""
     mu, unit = collision.mass_ratio, collision.units
@@ -110,12 +116,11 @@ def curve_of(collision: Collision, log: Floats, law: Law) -> ImpulseCurve:
     time, v1 = np.append(time.ravel(), log[-1, 0]), v2 - d1
     rows = np.append(np.repeat(np.arange(len(log) - 1), POINTS), len(log) - 1)
     k1, k2, mode1, mode2, g = log[rows][:, [6, 7, 8, 9, 11]].T
-    with np.errstate(over="ignore"):
-        energies = [
-            # Not in units of energy: it may leave double precision where v0^2 does.
-            np.where(mode > SLACK, 0.5 * k * (p * unit.velocity) ** 2 * collision.m1, 0.0)
-            for mode, k, p in ((mode1, k1, p1), (mode2, k2, q2 + mu * g / k2))
-        ]
+    energies = [
+        # Not in units of energy: it may leave double precision where v0^2 does.
+        np.where(mode > SLACK, 0.5 * k * (p * unit.velocity) ** 2 * collision.m1, 0.0)
+        for mode, k, p in ((mode1, k1, p1), (mode2, k2, q2 + mu * g / k2))
+    ]
     phases = [
         np.where(mode == LOADED, np.where(rate > 0, 1, 2), PHASE[mode.astype(int)])
         for mode, rate in ((mode1, d1), (mode2, -v2))

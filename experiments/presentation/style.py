@@ -64,8 +64,17 @@ def drawing(width: float, height: float) -> Iterator[Figure]:
         yield Figure(figsize=(width, height), layout="constrained")
 
 
+def _apart(low: float, high: float) -> tuple[float, float]:
+    """Keep the limits of an axis apart, where its values differ by rounding: it has no ticks there."""
+    reach = 1e-9 * max(abs(low), abs(high))
+    return (low, high) if abs(high - low) > reach else (low - reach, high + reach)
+
+
 def save(figure: Figure, folder: Path, name: str, dpi: int = 160) -> None:
     """Write a figure as ``NAME.png`` and ``NAME.pdf``: a figure that is drawn again gives the same files."""
+    for ax in figure.axes:
+        ax.set_xlim(_apart(*ax.get_xlim()), auto=None)
+        ax.set_ylim(_apart(*ax.get_ylim()), auto=None)
     # Not `savefig`, which lays out and draws twice for each format.
     figure.dpi = dpi
     with replacing(folder / f"{name}.png") as temporary, temporary.open("wb") as file:
