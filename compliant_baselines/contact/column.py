@@ -127,6 +127,10 @@ def radius_of(depth: float) -> float:
     return 2.0 ** math.ceil(math.log2(RADIUS_OVER_DEPTH * depth))
 
 
+#: Why an engine cannot take what double precision has no numbers for.
+BEYOND = "periods or penetrations beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
+
+
 def unrepresentable(collision: Collision) -> str | None:
     """Why no contact of spring and dashpot represents this collision, in one sentence; None if one does."""
     for i, k, e in ((1, collision.k1, collision.e1), (2, collision.k2, collision.e2)):

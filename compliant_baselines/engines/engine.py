@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from impact_xval.compliant_baselines.contact.column import Column, column_of, unrepresentable
+from impact_xval.compliant_baselines.contact.column import BEYOND, Column, column_of, unrepresentable
 from impact_xval.compliant_baselines.contact.line import Line, line_of, unrepresentable_column
 from impact_xval.compliant_baselines.contract import registry
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, no_gravity
@@ -94,8 +94,11 @@ class EngineSolver(SolverBase):
         refused = unrepresentable(collision)
         if refused is not None:
             return refused
-        column = column_of(collision, settings)
-        return self.refusal(column) or column
+        try:
+            column = column_of(collision, settings)
+            return self.refusal(column) or column
+        except ArithmeticError:
+            return BEYOND
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every collision, in order; failures are outcomes with a status."""
@@ -151,7 +154,7 @@ def _too_shallow(column: Column | Line) -> str | None:
     """Why no ball of any engine has these contacts, if none has: its radius follows from how deep they go."""
     if column.depth(*(contact.k for contact in column.contacts)) > 0:
         return None
-    return "penetrations below what double precision has numbers for; scale stiffnesses, masses or v0 (Theorem 5)"
+    return BEYOND
 
 
 def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:

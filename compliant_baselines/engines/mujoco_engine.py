@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contact.column import Column, radius_of
+from impact_xval.compliant_baselines.contact.column import BEYOND, Column, radius_of
 from impact_xval.compliant_baselines.contact.line import Line
 from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, MujocoContact, mujoco_contact
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING
@@ -123,7 +123,7 @@ class MujocoSolver(EngineSolver):
                 f"accelerations about |v0| sqrt(k/M) = {largest:.3g} m/s^2: "
                 f"MuJoCo accepts {LARGEST_VALUE:.0e}; scale stiffnesses, masses or v0 (Theorem 5)"
             )
-        return None
+        return None if _depth(column) > 0 else BEYOND  # by the stiffness of its own pair
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` steps are taken; in order."""
@@ -214,10 +214,10 @@ def _pairs(column: Column | Line) -> list[MujocoContact]:
     return [mujoco_contact(contact, column.mapping, impedance) for contact in column.contacts]
 
 
-def _radius(column: Column | Line) -> float:
-    """Radius of the balls in m."""
+def _depth(column: Column | Line) -> float:
+    """How deep the contacts go in m, at most."""
     pairs = zip(_pairs(column), column.contacts, strict=True)
-    return radius_of(column.depth(*(pair.stiffness(contact.mass) for pair, contact in pairs)))
+    return column.depth(*(pair.stiffness(contact.mass) for pair, contact in pairs))
 
 
 def _acceleration(column: Column | Line) -> float:
@@ -245,7 +245,7 @@ def _write(
     model, balls = batch.model, range(1, len(columns[0].masses) + 1)
     bodies = [model.body(f"B{i}").id for i in balls]
     geoms = [model.geom(f"B{i}").id for i in balls]
-    radius = np.array([_radius(c) for c in columns])
+    radius = np.array([radius_of(_depth(c)) for c in columns])
     batch.expand("geom_size")[:, geoms, 0] = radius[:, None]
     batch.expand("geom_rbound")[:, geoms] = radius[:, None]
     for i, body in enumerate(reversed(bodies)):

@@ -63,7 +63,9 @@ def dampings(
         return HUNT_CROSSLEY, hunt_crossley_coefficients(e1), hunt_crossley_coefficients(e2)
     ratios = textbook_damping_ratios if damping == "textbook" else damping_ratios
     mass1 = np.ones_like(mu) if damping == "anchored" else 1 / (1 + 1 / mu)
-    with np.errstate(over="ignore", invalid="ignore"):  # NaN, refused, for an infinite stiffness without damping
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # NaN, refused, for an infinite stiffness without damping
         root = np.sqrt(kappa * mu)
         root = np.where(np.isinf(root), np.sqrt(kappa) * np.sqrt(mu), root)
         return KELVIN_VOIGT, 2 * ratios(e1) * np.sqrt(mass1), 2 * ratios(e2) * root

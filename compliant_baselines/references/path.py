@@ -117,8 +117,8 @@ def curve_of(collision: Collision, log: Floats, law: Law) -> ImpulseCurve:
     rows = np.append(np.repeat(np.arange(len(log) - 1), POINTS), len(log) - 1)
     k1, k2, mode1, mode2, g = log[rows][:, [6, 7, 8, 9, 11]].T
     energies = [
-        # Not in units of energy: it may leave double precision where v0^2 does.
-        np.where(mode > SLACK, 0.5 * k * (p * unit.velocity) ** 2 * collision.m1, 0.0)
+        # Neither the unit of energy nor the square of a velocity, which may leave double precision.
+        np.where(mode > SLACK, 0.5 * (k * (collision.m1 * p * unit.velocity)) * (p * unit.velocity), 0.0)
         for mode, k, p in ((mode1, k1, p1), (mode2, k2, q2 + mu * g / k2))
     ]
     phases = [

@@ -35,6 +35,7 @@ from impact_xval.experiments.measures.ladder import (
 )
 from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
 from impact_xval.experiments.measures.levels import levels_of
+from impact_xval.experiments.tables.schema import CELLS_SCHEMA
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import codes, column, present
 from impact_xval.model.kinetic import kinetic_norm
@@ -238,7 +239,7 @@ def _by_region(values: Frame, region: Floats) -> Frame:
 def _alternatives(folder: RunFolder, config: Config) -> Frame:
     """Ask every law what it would do, over the cells of a run."""
     columns = ["law", "value", "n", "median", "p95", "closer", "dissipation"]
-    path = folder.root / "cells.parquet"
+    path = folder.table_path("cells.parquet", CELLS_SCHEMA)
     if pq.read_metadata(path).num_rows > MOST_ALTERNATIVES * len(config.solvers):
         return pd.DataFrame(columns=columns)
     read = (*AXES, "v0", "v1", "v2")

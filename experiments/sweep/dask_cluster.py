@@ -9,11 +9,12 @@ project installed in the same versions, but none of the run's files: parts are w
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import signal
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from typing import Any
@@ -39,6 +40,9 @@ _LOCAL_SETTINGS = {
 #: Seconds to wait for a scheduler to answer, and between two lines that say that no worker has come yet.
 _ANSWER = 10
 _WAIT = 30
+#: Seconds for a cluster of our own to start, and for a start that is not wanted any more to be through.
+_START = 120
+_END = 10
 #: Seconds for which the number of workers is taken as known.
 _KNOWN = 5.0
 
@@ -117,12 +121,12 @@ def dask_executor(
     """
     with _client(scheduler, workers) as client:
         name = f"impact-xval-{uuid.uuid4().hex[:8]}"
-        client.register_plugin(SandboxPlugin(name, make_sandbox))
         executor = DaskExecutor(client, name)
-        say(f"Dask cluster at {client.scheduler.address}: {executor.workers} worker threads")
-        while not executor.workers:
-            _wait_for_worker(client, say)
         try:
+            client.register_plugin(SandboxPlugin(name, make_sandbox))
+            say(f"Dask cluster at {client.scheduler.address}: {executor.workers} worker threads")
+            while not executor.workers:
+                _wait_for_worker(client, say)
             yield executor
         except KilledWorker as error:
             raise InterruptedRunError(f"too many workers of the cluster died: {_short(error)}") from None
@@ -161,11 +165,25 @@ def _local_client(workers: int) -> Iterator[Any]:
     with dask_config.set(_LOCAL_SETTINGS), ThreadPoolExecutor(1, initializer=_block_signals) as thread:
         start = thread.submit(_start, workers)
         try:
-            yield start.result()
+            yield _started(start)
         finally:
-            client = start.result()
-            client.close()
-            client.cluster.close()
+            while not wait([start], _END).done:  # the run is interrupted, or a worker hangs
+                for worker in multiprocessing.active_children():
+                    worker.kill()
+            if start.exception() is None:
+                client = start.result()
+                client.close()
+                client.cluster.close()
+
+
+def _started(start: Future[Any]) -> Any:
+    try:
+        return start.result(_START)
+    except TimeoutError:
+        why = f"it has not answered for {_START} s"
+    except Exception as error:  # a worker died, whatever Dask makes of that
+        why = _short(error)
+    raise InterruptedRunError(f"no Dask cluster has started: {why}") from None
 
 
 def _start(workers: int) -> Any:

@@ -497,6 +497,8 @@ def _cause(code: int) -> str:
 
 def serve(caller: int) -> None:
     """Work for the process at the other end of standard input, until it is gone; the life of a sandbox."""
+    if hasattr(signal, "pthread_sigmask"):  # a cluster starts its processes with signals blocked
+        signal.pthread_sigmask(signal.SIG_SETMASK, [])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # where it is ignored, a solver learns no exit code
     with contextlib.suppress(OSError):

@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait
 from typing import Any, NamedTuple, TypeVar
 
-from impact_xval.experiments.config.configuration import Config
+from impact_xval.compliant_baselines.contract.registry import is_ours
+from impact_xval.experiments.config.configuration import Config, parse_config
 from impact_xval.experiments.sweep.executors import open_executor
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
+from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox
 from impact_xval.experiments.sweep.third_party import contained, longest
 from impact_xval.model.collision import Outcome
 
@@ -92,9 +93,8 @@ def solvers_apart(names: Sequence[str]) -> Iterator[SolversApart]:
 
 
 def _import(names: Sequence[str]) -> bool:
-    """Import solvers, and what their contacts are solved with; return whether the kernels are compiled."""
-    from impact_xval.compliant_baselines.contact.restitution_laws import damping_ratio
-    from impact_xval.compliant_baselines.contract.registry import get_solver, is_ours, kind_of, solver_names
+    """Import solvers; return whether the kernels are compiled."""
+    from impact_xval.compliant_baselines.contract.registry import get_solver, is_ours, solver_names
     from impact_xval.experiments.sweep import solving  # noqa: F401
     from impact_xval.experiments.sweep.kernels import kernels_of
     from impact_xval.model.compiled import is_compiled
@@ -102,8 +102,6 @@ def _import(names: Sequence[str]) -> bool:
     legal = set(names).intersection(solver_names(on_request=True)) or solver_names()
     for name in filter(is_ours, legal):
         get_solver(name).unavailable()
-    if any(kind_of(name) != "model" for name in legal):
-        damping_ratio(0.5)
     return all(is_compiled(some.last) for some in kernels_of(legal))
 
 
@@ -125,6 +123,9 @@ def _kernels(_: object, names: Sequence[str]) -> None:
 
 def _solve(sandbox: Sandbox, config: Config, name: str, resolve: Any) -> Solved:
     sandbox.start()
+    if is_ours(name):
+        with contextlib.suppress(FaultError):  # it is to say so of the collision
+            sandbox.call(_answer, parse_config({}), name, resolve, timeout=TO_PREPARE)
     try:
         limit = longest(name, 1, config.cell_timeout)
         return sandbox.call(_answer, config, name, resolve, timeout=limit)

@@ -167,6 +167,10 @@ def threads(context):
     return os.environ["NUMBA_NUM_THREADS"], os.environ["OMP_NUM_THREADS"]
 
 
+def masked(context):
+    return [int(number) for number in signal.pthread_sigmask(signal.SIG_BLOCK, [])]
+
+
 def ctrl_c(context):
     os.kill(os.getpid(), signal.SIGINT)
     return "unmoved"

@@ -109,6 +109,17 @@ def test_energies_are_finite_where_the_square_of_the_velocity_is_not():
     assert np.isfinite([path.energy1, path.energy2]).all()
 
 
+@pytest.mark.parametrize(("m1", "v0"), [(1e300, -1e-170), (1e-300, -1e160)])
+def test_energies_scale_where_the_square_of_the_velocity_leaves_double_precision(m1, v0):
+    energies = []
+    for mass, speed in ((1.0, -1.0), (m1, v0)):
+        c = Collision(mass, 1.5 * mass, mass, 2 * mass, 0.9, 0.7, speed)
+        path = get_solver("kelvin-voigt").solve(c, Settings(record_path=True)).path
+        energies.append(np.array([path.energy1, path.energy2]) / (mass * abs(speed)) / abs(speed))
+    assert energies[0].max() > 0.1
+    np.testing.assert_allclose(energies[1], energies[0], rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", BATCHES)
 def test_the_record_is_consistent(name):
     for cell in CELLS:

@@ -251,6 +251,23 @@ def test_a_signal_while_a_cluster_of_its_own_starts_is_one_line(tmp_path, config
     assert not left
 
 
+@pytest.mark.slow
+def test_a_worker_that_dies_while_a_cluster_of_its_own_starts_is_one_line(tmp_path, config):
+    process = _start("impact_xval", "run", config, "--out", tmp_path / "a", "--scheduler", "local")
+    worker = None
+    while process.poll() is None and worker is None:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            for each in psutil.Process(process.pid).children(recursive=True):
+                if "spawn_main" in " ".join(each.cmdline()):
+                    worker = each
+    worker.kill()
+    _, error = process.communicate(timeout=120)
+    assert process.returncode == 1
+    (line,) = error.splitlines()
+    assert line.startswith("impact-xval: no Dask cluster has started: ")
+    assert "to continue: " in line
+
+
 def _of_group(number):
     found = []
     for process in psutil.process_iter():

@@ -59,6 +59,15 @@ def test_a_death_is_a_fault_that_says_of_what(sandbox, how, reason):
     assert sandbox.call(work.echo, 1, timeout=20) == ("a context", (1,))
 
 
+def test_signals_that_its_caller_blocks_reach_it(sandbox):
+    """As a worker of a cluster on this machine does: a solver ends what it starts by SIGTERM."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, signal.SIGHUP])
+    try:
+        assert sandbox.call(work.masked, timeout=20) == []
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def test_work_beyond_its_time_is_a_fault(sandbox):
     sandbox.start()
     assert sandbox.call(work.slow, 0.3, timeout=20) == "through"

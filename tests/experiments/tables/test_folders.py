@@ -222,6 +222,13 @@ def test_without_a_manifest_another_configuration_takes_no_part_away(run):
     assert _entries(run) == before
 
 
+def test_no_command_reads_a_table_that_was_cut(run, capsys):
+    (run / "cells.parquet").write_bytes((run / "cells.parquet").read_bytes()[:300])
+    for command in ("ladder", "figures", "table", "report"):
+        assert main([command, str(run)]) == 2, command
+        assert "cells.parquet: altered since it was written" in capsys.readouterr().err
+
+
 def test_a_table_without_a_digest_is_an_error(run, capsys):
     manifest = RunFolder(run).manifest()
     del manifest["files"]["divergence.parquet"]
