@@ -95,7 +95,7 @@ class EngineSolver(SolverBase):
             reason = too_much_energy(outcome.diagnostics.get("energy_gain", 0.0))
             outcomes[i] = replace(outcome, status="unconverged", reason=reason) if reason else outcome
         over = {i: run for i, run in runs.items() if run.over}
-        if settings.convergence is not None:
+        if over and settings.convergence is not None:
             probe, most = self.regularisation_probe, settings.max_steps
             limits = estimate_limits(self.run_lines, probe, list(over.values()), settings.convergence, most)
             for i, (limit, reason) in zip(over, limits, strict=True):

@@ -1,4 +1,4 @@
-"""Commands for one collision: solved by every solver, or written as files that an engine runs alone."""
+"""Commands for one collision, or one column: solved by every solver, or written as files that an engine runs alone."""
 
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ from impact_xval.experiments.commands.options import (
     E1,
     E2,
     GRAVITY,
+    JSON_LIST,
     K1,
     M1,
     MAPPING,
     MASS_RATIO,
     RATIOS,
     SCENARIO,
+    SOLVER,
     STEP_FRACTION,
     STIFFNESS_RATIO,
     V0,
     folder_to_write,
     one_cell,
+    one_column,
     path,
     typed,
     whole,
@@ -33,8 +36,10 @@ from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
+    from impact_xval.experiments.config.arrangements import Arranged
+    from impact_xval.experiments.measures.columns import ColumnMeasures
     from impact_xval.experiments.tables.store import RunFolder
-    from impact_xval.model import Collision, Outcome
+    from impact_xval.model import Collision, ColumnOutcome, Outcome
 
 #: Difference, per |v0|, above which a tabulated velocity is not the one that was run again.
 SAME = 1e-12
@@ -46,10 +51,8 @@ def solve(
     mass_ratio: Annotated[str, MASS_RATIO],
     e1: Annotated[str, E1],
     e2: Annotated[str, E2],
-    solver: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A solver; may be repeated. By default all.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print a JSON list, an object a solver.")] = False,
+    solver: Annotated[list[str] | None, SOLVER] = None,
+    json: Annotated[bool, JSON_LIST] = False,
     scenario: Annotated[str, SCENARIO] = "impact",
     gravity: Annotated[str, GRAVITY] = "9.81",
     m1: Annotated[str, M1] = "1",
@@ -70,25 +73,39 @@ def solve(
     from impact_xval.experiments.sweep.single import solvers_apart
 
     with solvers_apart(solver or ()) as apart:
-        from impact_xval.compliant_baselines.contract.registry import get_solver, solver_names
-        from impact_xval.experiments.commands.runs import COMPILING
-        from impact_xval.experiments.config.configuration import REFERENCE, solvers_problem
+        from impact_xval.compliant_baselines.contract.registry import get_solver
+        from impact_xval.experiments.config.configuration import REFERENCE
         from impact_xval.experiments.config.grid import collision_of
-        from impact_xval.experiments.presentation.terminal import error_line
 
         config = one_cell(context.params)
-        names = solver or list(solver_names())
-        problem = solvers_problem(names)
-        if problem:
-            raise UserError(f"--solver {problem}")
         collision = collision_of(config, config.figure_cell)
-        solved = apart.solve(config, names, get_solver, lambda line: error_line(line or COMPILING))
+        solved = apart.solve(config, _known(solver), get_solver, _say)
     if json:
         objects = [_object(name, collision, *each) for name, each in solved.items()]
         print(dumps(objects, indent=2, allow_nan=False))
         return
     outcomes = {name: each.outcome for name, each in solved.items()}
     _show(collision, outcomes, outcomes.get(REFERENCE))
+
+
+def _known(solvers: list[str] | None) -> list[str]:
+    """Check the names of solvers; without any, those that a run has by default."""
+    from impact_xval.compliant_baselines.contract.registry import solver_names
+    from impact_xval.experiments.config.configuration import solvers_problem
+
+    names = solvers or list(solver_names())
+    problem = solvers_problem(names)
+    if problem:
+        raise UserError(f"--solver {problem}")
+    return names
+
+
+def _say(line: str) -> None:
+    """Say what is waited for, on standard error."""
+    from impact_xval.experiments.commands.runs import COMPILING
+    from impact_xval.experiments.presentation.terminal import error_line
+
+    error_line(line or COMPILING)
 
 
 def _show(collision: Collision, outcomes: dict[str, Outcome], model: Outcome | None) -> None:
@@ -129,7 +146,6 @@ def _object(
     """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
     speed = abs(collision.v0)
     impulse = collision.m1 * speed
-    margin = outcome.grazing_margin
     return {
         "solver": name,
         "v1": _finite(outcome.v1 / speed),
@@ -137,16 +153,149 @@ def _object(
         "impulse1": _finite(outcome.impulse1 / impulse),
         "impulse2": _finite(outcome.impulse2 / impulse),
         "states": list(outcome.states),
-        "status": outcome.status,
-        "reason": outcome.reason,
-        "grazing_margin": None if margin is None else _finite(margin),
-        "marked": outcome.marked,
+        **_said(outcome),
         "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
     }
 
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
+
+
+def cradle(
+    context: typer.Context,
+    balls: Annotated[str, typer.Option(metavar="N", help="Number of balls, at most 1000.")] = "5",
+    strike: Annotated[
+        str | None, typer.Option(metavar="J", help="Balls of a cradle that strike the others; by default 1.")
+    ] = None,
+    e: Annotated[str, typer.Option(metavar="E", help="Restitution of every contact, from 0 to 1.")] = "0.95",
+    arrangement: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="'cradle'; 'chain' (one strikes a row), 'drop' (one falls on a stack that rests on a table) or "
+            "'stack' (all fall together onto a table).",
+        ),
+    ] = "cradle",
+    exponent: Annotated[
+        str, typer.Option(metavar="P", help="Of the springs' forces k delta^p, from 1; 1.5: Hertz.")
+    ] = "1",
+    gap: Annotated[
+        str, typer.Option(metavar="M", help="Gap of every contact but the one that is struck.")
+    ] = "0",
+    solver: Annotated[list[str] | None, SOLVER] = None,
+    json: Annotated[bool, JSON_LIST] = False,
+    m: Annotated[str, typer.Option(metavar="KG", help="Mass of the first ball.")] = "1",
+    mass_taper: Annotated[
+        str, typer.Option(metavar="R", help="Mass of every next ball over that of the one before.")
+    ] = "1",
+    k: Annotated[str, typer.Option(metavar="N/M^P", help="Stiffness of the first contact.")] = "1e8",
+    stiffness_taper: Annotated[
+        str, typer.Option(metavar="R", help="Stiffness of every next contact over that of the one before.")
+    ] = "1",
+    v0: Annotated[
+        str, typer.Option(metavar="M/S", help="Velocity of the balls that move, less than 0.")
+    ] = "-1",
+    step_fraction: Annotated[str, STEP_FRACTION] = "1e-3",
+    mapping: Annotated[str, MAPPING] = "calibrated",
+    cell_timeout: Annotated[str, CELL_TIMEOUT] = "300",
+) -> None:
+    """Solve one column of N balls, such as Newton's cradle, by every solver and show the results side by side.
+
+    Ball 1 is on top, or strikes; up is positive; there is no gravity. Velocities are per |v0|, those of the
+    diagnostics too, impulses per m |v0|, times in s.
+    """
+    from json import dumps
+
+    from impact_xval.experiments.sweep.single import solvers_apart
+
+    with solvers_apart(solver or (), columns=True) as apart:
+        from impact_xval.compliant_baselines.contract.registry import get_solver
+        from impact_xval.experiments.measures.columns import measures_of
+
+        arranged, config = one_column(context.params)
+        column = arranged.column()
+        solved = apart.solve_column(column, arranged.exponent, config, _known(solver), get_solver, _say)
+    outcomes = {name: each.outcome for name, each in solved.items()}
+    measures = measures_of(column, outcomes, config.mapping)
+    if json:
+        units = abs(config.v0), arranged.m * abs(config.v0)
+        objects = [_column_object(name, *each, measures[name], *units) for name, each in solved.items()]
+        print(dumps(objects, indent=2, allow_nan=False))
+    else:
+        _show_column(arranged, outcomes, measures)
+
+
+def _show_column(
+    arranged: Arranged, outcomes: dict[str, ColumnOutcome], measures: dict[str, ColumnMeasures]
+) -> None:
+    """Print one column by several solvers, grouped by law: velocities by ball, per abs(v0), then a row a solver."""
+    from impact_xval.experiments.measures.laws import by_law
+    from impact_xval.experiments.presentation.pages import render
+    from impact_xval.experiments.presentation.terminal import make_console, show
+    from impact_xval.model.collision import RESULT_STATUSES
+
+    names = [(law, name) for law, group in by_law(outcomes).items() for name in group]
+    shown = [name for _, name in names if outcomes[name].status in RESULT_STATUSES]
+    balls = zip(*(outcomes[name].velocities for name in shown), strict=True)
+    page = render(
+        "cradle.md.j2",
+        arranged=arranged,
+        shown=shown,
+        balls=[
+            (str(i), *(f"{v / abs(arranged.v0):.6f}" for v in velocities))
+            for i, velocities in enumerate(balls, 1)
+        ],
+        rows=[
+            (law, name, outcomes[name].status, *_kept(outcomes[name], measures[name])) for law, name in names
+        ],
+        solvers=list(outcomes),
+        reasons=[(name, outcome) for name, outcome in outcomes.items() if outcome.reason],
+    )
+    show(make_console(), page)
+
+
+def _kept(outcome: ColumnOutcome, measures: ColumnMeasures) -> list[str]:
+    from impact_xval.experiments.tables.numbers import number
+
+    m = measures
+    rough = [
+        number(math.nan if x is None else x, 3)
+        for x in (m.velocity_divergence, m.limit_distance, m.limit_error)
+    ]
+    kept = ["-" if x is None else f"{x:.6f}" for x in (m.retained_energy, m.retained_momentum)]
+    return [*rough, *kept, str(len(outcome.states)) if outcome.states else "-"]
+
+
+def _column_object(
+    name: str,
+    outcome: ColumnOutcome,
+    diagnostics: dict[str, float],
+    measures: ColumnMeasures,
+    speed: float,
+    impulse: float,
+) -> dict[str, Any]:
+    """Return the JSON object of an outcome of a column: velocities and impulses per those units, times in s."""
+    from dataclasses import asdict
+
+    return {
+        "solver": name,
+        "velocities": [_finite(v / speed) for v in outcome.velocities],
+        "impulses": [_finite(i / impulse) for i in outcome.impulses],
+        "states": outcome.states,
+        **_said(outcome),
+        **{key: _finite(value) for key, value in asdict(measures).items()},
+        "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
+    }
+
+
+def _said(outcome: Outcome | ColumnOutcome) -> dict[str, Any]:
+    return {
+        "status": outcome.status,
+        "reason": outcome.reason,
+        "grazing_margin": _finite(outcome.grazing_margin),
+        "marked": outcome.marked,
+    }
 
 
 def export_scene(
