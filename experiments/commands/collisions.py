@@ -229,42 +229,44 @@ def cradle(
 def _show_column(
     arranged: Arranged, outcomes: dict[str, ColumnOutcome], measures: dict[str, ColumnMeasures]
 ) -> None:
-    """Print one column by several solvers, grouped by law: velocities by ball, per abs(v0), then a row a solver."""
-    from impact_xval.experiments.measures.laws import by_law
+    """Print one column by several solvers, a column of the table each; those of one law stand together."""
+    from impact_xval.experiments.measures.laws import in_order_of_laws
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
     from impact_xval.model.collision import RESULT_STATUSES
 
-    names = [(law, name) for law, group in by_law(outcomes).items() for name in group]
-    shown = [name for _, name in names if outcomes[name].status in RESULT_STATUSES]
-    balls = zip(*(outcomes[name].velocities for name in shown), strict=True)
+    shown = [name for name in in_order_of_laws(outcomes) if outcomes[name].status in RESULT_STATUSES]
+    columns = [_facts(name, outcomes[name], measures[name], abs(arranged.v0)) for name in shown]
+    rows = [(fact, *(column[fact] for column in columns)) for fact in (columns[0] if columns else ())]
     page = render(
         "cradle.md.j2",
         arranged=arranged,
         shown=shown,
-        balls=[
-            (str(i), *(f"{v / abs(arranged.v0):.6f}" for v in velocities))
-            for i, velocities in enumerate(balls, 1)
-        ],
-        rows=[
-            (law, name, outcomes[name].status, *_kept(outcomes[name], measures[name])) for law, name in names
-        ],
+        rows=rows,
         solvers=list(outcomes),
-        reasons=[(name, outcome) for name, outcome in outcomes.items() if outcome.reason],
+        outcomes=outcomes,
     )
     show(make_console(), page)
 
 
-def _kept(outcome: ColumnOutcome, measures: ColumnMeasures) -> list[str]:
+def _facts(name: str, outcome: ColumnOutcome, measures: ColumnMeasures, speed: float) -> dict[str, str]:
+    from impact_xval.compliant_baselines.contract.registry import law_of
     from impact_xval.experiments.tables.numbers import number
 
-    m = measures
-    rough = [
-        number(math.nan if x is None else x, 3)
-        for x in (m.velocity_divergence, m.limit_distance, m.limit_error)
-    ]
-    kept = ["-" if x is None else f"{x:.6f}" for x in (m.retained_energy, m.retained_momentum)]
-    return [*rough, *kept, str(len(outcome.states)) if outcome.states else "-"]
+    def rough(value: float | None) -> str:
+        return number(math.nan if value is None else value, 2)
+
+    return {
+        "law": law_of(name),
+        "status": outcome.status,
+        **{f"v{i}": f"{v / speed:.6f}" for i, v in enumerate(outcome.velocities, 1)},
+        "D": rough(measures.velocity_divergence),
+        "limit": rough(measures.limit_distance),
+        "error": rough(measures.limit_error),
+        "E/E0": f"{measures.retained_energy:.6f}",
+        "p/p0": f"{measures.retained_momentum:.6f}",
+        "states": str(len(outcome.states)),
+    }
 
 
 def _column_object(
