@@ -259,7 +259,7 @@ def _facts(name: str, outcome: ColumnOutcome, measures: ColumnMeasures, speed: f
     return {
         "law": law_of(name),
         "status": outcome.status,
-        **{f"v{i}": f"{v / speed:.6f}" for i, v in enumerate(outcome.velocities, 1)},
+        **{f"v{i}": f"{round(v / speed, 6) + 0.0:.6f}" for i, v in enumerate(outcome.velocities, 1)},
         "D": rough(measures.velocity_divergence),
         "limit": rough(measures.limit_distance),
         "error": rough(measures.limit_error),

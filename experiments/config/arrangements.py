@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
-from impact_xval.experiments.config.axes import Strict, whole
+from impact_xval.experiments.config.axes import Strict
 from impact_xval.model.columns.column import MAX_BALLS, Column
 from impact_xval.model.inputs import E1, EXPONENT, V0
 
@@ -41,7 +41,7 @@ class Arranged(Strict):
     arrangement: Literal["chain", "cradle", "drop", "stack"] = Field(
         "cradle", description="'chain', 'cradle', 'drop' or 'stack'"
     )
-    balls: int = whole(5, 1, MAX_BALLS)
+    balls: int = Field(5, description=f"a whole number from 2 (a stack: 1) to {MAX_BALLS}")
     strike: int | None = Field(None, description="a whole number from 1 to balls - 1, of a cradle only")
     e: float = Field(0.95, ge=E1.low, le=E1.high, description=E1.text)
     exponent: float = Field(1.0, ge=EXPONENT.low, le=EXPONENT.high, description=EXPONENT.text)
@@ -57,7 +57,7 @@ class Arranged(Strict):
     def _something_meets(cls, balls: int, info: Any) -> int:
         name = info.data.get("arrangement", "stack")
         fewest = _FEWEST.get(name, 2)
-        if balls < fewest:
+        if not fewest <= balls <= MAX_BALLS:
             raise ValueError(f"{balls}; legal: a whole number from {fewest} to {MAX_BALLS}, for a {name}")
         return balls
 
