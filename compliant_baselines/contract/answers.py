@@ -38,7 +38,6 @@ from impact_xval.model.collision import (
     Status,
 )
 from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
-from impact_xval.model.kinetic import column_norm
 
 #: Characters of a sentence of a solver that are kept.
 LONGEST = 1000
@@ -217,7 +216,7 @@ def validated_column(outcome: Any, column: Column) -> ColumnOutcome:
     numbers = (*plain.velocities, *plain.impulses)
     if plain.status in RESULT_STATUSES and not all(map(math.isfinite, numbers)):
         raise IllegalOutcomeError(f"status {plain.status}, but velocities, impulses = {numbers}")
-    if math.isinf(column_norm(column.masses, plain.velocities)):
+    if all(map(math.isfinite, plain.velocities)) and not _has_energy(plain, column):
         raise IllegalOutcomeError(f"velocities = {plain.velocities} m/s: their energy overflows")
     return plain
 
@@ -442,8 +441,8 @@ def _array(name: str, values: Any) -> NDArray[Any] | Any:
     return array.astype(np.int64 if codes else np.float64, copy=False)
 
 
-def _has_energy(outcome: Outcome, collision: Collision) -> bool:
+def _has_energy(outcome: Any, problem: Any) -> bool:
     try:
-        return math.isfinite(outcome.retained_energy(collision))
+        return math.isfinite(outcome.retained_energy(problem))
     except OverflowError:
         return False

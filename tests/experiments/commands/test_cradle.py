@@ -110,11 +110,11 @@ def test_every_solver_stands_in_one_table(capsys):
 
 def test_gaps_are_refused_by_who_knows_none(capsys):
     names = ["state-transition", "bistiffness", "kelvin-voigt"]
-    found = _json(capsys, "cradle", "--balls", "3", "--gap", "1e-4", "--e", "1", *_asked(*names))
+    found = _json(capsys, "cradle", "--balls", "3", "--gap", "2e-4", "--e", "1", *_asked(*names))
     model, *others = found.values()
     assert (model["status"], model["velocities"]) == ("unrepresentable", [None] * 3)
-    assert "gaps = (0.0, 0.0001): the model has no positions" in model["reason"]
-    # Pressed in by less than the gap, the balls meet one after the other.
+    assert "gaps = (0.0, 0.0002): the model has no positions" in model["reason"]
+    # While a pair is in contact a ball at rest moves by pi/2 sqrt(M/k) v0 = 1.1e-4 m: the balls meet one by one.
     for other in others:
         assert other["velocities"] == pytest.approx([0, 0, -1], abs=1e-12)
         assert other["velocity_divergence"] is None
@@ -127,8 +127,11 @@ def test_no_number_depends_on_the_speed(capsys):
     )
     assert ("v3_limit" in plain["mujoco"]["diagnostics"]) == (plain["mujoco"]["status"] == "ok")
     for name in names:
-        for key in ("velocities", "impulses", "velocity_divergence", "limit_distance", "limit_error"):
-            assert fast[name][key] == pytest.approx(plain[name][key], rel=1e-3, abs=1e-7), key
+        for key in ("velocities", "impulses"):
+            assert fast[name][key] == pytest.approx(plain[name][key], rel=1e-6, abs=1e-9), key
+        for key in ("velocity_divergence", "limit_distance", "limit_error"):
+            if plain[name][key] is not None:
+                assert fast[name][key] == pytest.approx(plain[name][key], rel=1e-3, abs=1e-7), key
         for key, value in plain[name]["diagnostics"].items():
             assert fast[name]["diagnostics"][key] == pytest.approx(value, rel=1e-3, abs=1e-9), key
 
