@@ -81,7 +81,7 @@ def solve(
         collision = collision_of(config, config.figure_cell)
         solved = apart.solve(config, _known(solver), get_solver, _say)
     if json:
-        objects = [_object(name, collision, *each) for name, each in solved.items()]
+        objects = [_object(name, collision, each.outcome, each.diagnostics) for name, each in solved.items()]
         print(dumps(objects, indent=2, allow_nan=False))
         return
     outcomes = {name: each.outcome for name, each in solved.items()}
@@ -220,7 +220,10 @@ def cradle(
     measures = measures_of(column, outcomes, config.mapping)
     if json:
         units = abs(config.v0), arranged.m * abs(config.v0)
-        objects = [_column_object(name, *each, measures[name], *units) for name, each in solved.items()]
+        objects = [
+            _column_object(name, each.outcome, each.diagnostics, measures[name], *units)
+            for name, each in solved.items()
+        ]
         print(dumps(objects, indent=2, allow_nan=False))
     else:
         _show_column(arranged, outcomes, measures)

@@ -89,7 +89,7 @@ def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     from impact_xval.model.columns.solving import solve_scaled
 
     column = Column((1.0, 1.0), (1e8,), (0.9,), (-1.0, 0.0))
-    parts = {
+    parts: dict[str, tuple[str, Any]] = {
         "model": ("columns", solve_scaled),
         "reference": ("columns-in-time", driver.collide),
         "engine": ("lines", scan),
