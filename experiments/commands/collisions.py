@@ -9,22 +9,32 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from impact_xval.experiments.commands.options import (
+    ARRANGEMENT,
+    BALLS,
     CELL_TIMEOUT,
     CUTOFF,
     E1,
     E2,
+    EXPONENT,
+    GAP,
     GRAVITY,
     JSON_LIST,
     K1,
     M1,
     MAPPING,
     MASS_RATIO,
+    MASS_TAPER,
     RATIOS,
     SCENARIO,
     SOLVER,
     STEP_FRACTION,
     STIFFNESS_RATIO,
+    STIFFNESS_TAPER,
+    STRIKE,
     V0,
+    E,
+    K,
+    M,
     folder_to_write,
     one_cell,
     one_column,
@@ -164,38 +174,19 @@ def _finite(value: float | None) -> float | None:
 
 def cradle(
     context: typer.Context,
-    balls: Annotated[str, typer.Option(metavar="N", help="Number of balls, at most 1000.")] = "5",
-    strike: Annotated[
-        str | None, typer.Option(metavar="J", help="Balls of a cradle that strike the others; by default 1.")
-    ] = None,
-    e: Annotated[str, typer.Option(metavar="E", help="Restitution of every contact, from 0 to 1.")] = "0.95",
-    arrangement: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="'cradle'; 'chain' (one strikes a row), 'drop' (one falls on a stack that rests on a table) or "
-            "'stack' (all fall together onto a table).",
-        ),
-    ] = "cradle",
-    exponent: Annotated[
-        str, typer.Option(metavar="P", help="Of the springs' forces k delta^p, from 1; 1.5: Hertz.")
-    ] = "1",
-    gap: Annotated[
-        str, typer.Option(metavar="M", help="Gap of every contact but the one that is struck.")
-    ] = "0",
+    balls: Annotated[str, BALLS] = "5",
+    strike: Annotated[str | None, STRIKE] = None,
+    e: Annotated[str, E] = "0.95",
+    arrangement: Annotated[str, ARRANGEMENT] = "cradle",
+    exponent: Annotated[str, EXPONENT] = "1",
+    gap: Annotated[str, GAP] = "0",
     solver: Annotated[list[str] | None, SOLVER] = None,
     json: Annotated[bool, JSON_LIST] = False,
-    m: Annotated[str, typer.Option(metavar="KG", help="Mass of the first ball.")] = "1",
-    mass_taper: Annotated[
-        str, typer.Option(metavar="R", help="Mass of every next ball over that of the one before.")
-    ] = "1",
-    k: Annotated[str, typer.Option(metavar="N/M^P", help="Stiffness of the first contact.")] = "1e8",
-    stiffness_taper: Annotated[
-        str, typer.Option(metavar="R", help="Stiffness of every next contact over that of the one before.")
-    ] = "1",
-    v0: Annotated[
-        str, typer.Option(metavar="M/S", help="Velocity of the balls that move, less than 0.")
-    ] = "-1",
+    m: Annotated[str, M] = "1",
+    mass_taper: Annotated[str, MASS_TAPER] = "1",
+    k: Annotated[str, K] = "1e8",
+    stiffness_taper: Annotated[str, STIFFNESS_TAPER] = "1",
+    v0: Annotated[str, V0] = "-1",
     step_fraction: Annotated[str, STEP_FRACTION] = "1e-3",
     mapping: Annotated[str, MAPPING] = "calibrated",
     cell_timeout: Annotated[str, CELL_TIMEOUT] = "300",

@@ -215,9 +215,9 @@ SCENARIO: Any = typer.Option(metavar="NAME", help="'impact' (no gravity) or 'dro
 GRAVITY: Any = typer.Option(metavar="G", help="In m/s^2; for a drop.")
 M1: Any = typer.Option(metavar="KG", help="Mass of the upper ball.")
 K1: Any = typer.Option(metavar="N/M", help="Stiffness of ball on ball.")
-V0: Any = typer.Option(metavar="M/S", help="Velocity of the upper ball, less than 0.")
+V0: Any = typer.Option(metavar="M/S", help="Velocity of what falls or strikes, less than 0.")
 STEP_FRACTION: Any = typer.Option(
-    metavar="X", help="Time step over the period of the faster contact, at most 0.1."
+    metavar="X", help="Time step over the period of the fastest contact, at most 0.1."
 )
 SOLVER: Any = typer.Option(metavar="NAME", help="A solver; may be repeated. By default all.")
 JSON_LIST: Any = typer.Option("--json", help="Print a JSON list, an object a solver.")
@@ -227,4 +227,22 @@ CUTOFF: Any = typer.Option(
     metavar="X",
     help="Stiffness ratio beyond which the model takes a limit (the supplement: 1e5; inf: never), or "
     "'exact': as soon as it no longer matters.",
+)
+
+# Of one column.
+ARRANGEMENT: Any = typer.Option(
+    metavar="NAME",
+    help="'cradle'; 'chain' (one strikes a row), 'drop' (one falls on a stack that rests on a table) or 'stack' "
+    "(all fall together onto a table).",
+)
+BALLS: Any = typer.Option(metavar="N", help="Number of balls, at most 1000.")
+STRIKE: Any = typer.Option(metavar="J", help="Balls of a cradle that strike the others; by default 1.")
+E: Any = typer.Option(metavar="E", help="Restitution of every contact, from 0 to 1.")
+EXPONENT: Any = typer.Option(metavar="P", help="Of the springs' forces k delta^p, from 1 to 3; 1.5: Hertz.")
+GAP: Any = typer.Option(metavar="M", help="Gap of every contact but the one that is struck.")
+M: Any = typer.Option(metavar="KG", help="Mass of the first ball.")
+MASS_TAPER: Any = typer.Option(metavar="R", help="Mass of every next ball over that of the one before.")
+K: Any = typer.Option(metavar="N/M^P", help="Stiffness of the first contact.")
+STIFFNESS_TAPER: Any = typer.Option(
+    metavar="R", help="Stiffness of every next contact over that of the one before."
 )
