@@ -94,7 +94,7 @@ def test_two_balls_on_a_table_are_those_of_solve(capsys):
 def test_every_solver_stands_in_one_table(capsys):
     assert main(["cradle", "--balls", "3", "--e", "0.9"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "cradle: 1 of 3 balls strike the others, e = 0.9."
+    assert lines[0] == "cradle: 1 of 3 balls strikes the others, e = 0.9."
     rows = {line.split()[0]: line.split()[1:] for line in lines[2:14]}
     shown = rows["solver"]
     assert shown[:3] == ["state-transition", "bistiffness", "kelvin-voigt"]
