@@ -1,4 +1,4 @@
-"""What is legal: the parameters of a collision, the ratios that decide it (Theorem 5), the cut-off; checks of both."""
+"""What is legal: the parameters of a collision, the ratios that decide it (Theorem 5), the cut-off; checks of them."""
 
 from __future__ import annotations
 
@@ -48,6 +48,9 @@ E1, E2 = (Legal(name, 0.0, 1.0, "from 0 to 1") for name in ("e1", "e2"))
 V0 = Legal("v0", -_LARGEST, -_LEAST, "a finite number < 0 (m/s, up is positive)")
 STIFFNESS_RATIO = Legal("stiffness_ratio", 0.0, math.inf, "from 0 to inf (k2/k1)")
 MASS_RATIO = Legal("mass_ratio", _LEAST, _LARGEST, "a finite number > 0 (m2/m1)")
+
+#: p of the contacts of a column, F = k delta^p.
+EXPONENT = Legal("exponent", 1.0, 3.0, "from 1 (linear contacts; 1.5: Hertz) to 3")
 
 #: A cut-off of the running stiffness ratio: a number, or the rule that gives the outcome without one (`model.solve`).
 Cutoff = float | Literal["exact"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -27,3 +29,23 @@ def kinetic_norm(mass_ratio: ArrayLike, dv1: ArrayLike, dv2: ArrayLike) -> Any:
         In that unit.
     """
     return np.hypot(dv1, np.sqrt(mass_ratio) * np.asarray(dv2))
+
+
+def column_norm(masses: Sequence[float], velocities: Sequence[float]) -> float:
+    """Kinetic norm sqrt(sum m_i v_i^2) of velocities of N balls, per root of the largest mass.
+
+    Only quotients of it are of use: that of a difference and of the velocities at first touch is D of N balls.
+
+    Parameters
+    ----------
+    masses : sequence of float, length N
+        In kg, positive.
+    velocities : sequence of float, length N
+
+    Returns
+    -------
+    float
+        In the unit of the velocities.
+    """
+    largest = max(masses)
+    return math.hypot(*(math.sqrt(m / largest) * v for m, v in zip(masses, velocities, strict=True)))

@@ -1,8 +1,9 @@
 """Calling a solver, whatever it does: what leaves it is one legal outcome for each collision.
 
-Every command and every sweep calls solvers by `answer`, those of other distributions and those of this project alike.
-An exception, a wrong number of outcomes, or an outcome that is not what `model.collision.Outcome` says become outcomes
-with the status ``crashed`` and a reason. What is legal is said once, in `validated`. What a solver changes of its
+Every command and every sweep calls solvers by `answer`, columns of N balls by `answer_columns`, those of other
+distributions and those of this project alike. An exception, a wrong number of outcomes, or an outcome that is not what
+`model.collision.Outcome` says become outcomes with the status ``crashed`` and a reason. What is legal is said once, in
+`validated` and `validated_column`. What a solver changes of its
 process is put back (`undisturbed`); what no process survives is for `experiments.sweep.sandbox`.
 """
 
@@ -14,7 +15,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from numbers import Integral, Real
 from pathlib import Path
@@ -23,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.solver import Settings, Solver
+from impact_xval.compliant_baselines.contract.solver import Settings, Solver, no_columns
 from impact_xval.compliant_baselines.contract.visible import visible
 from impact_xval.model.collision import (
     PHASES,
@@ -34,7 +35,9 @@ from impact_xval.model.collision import (
     Event,
     ImpulseCurve,
     Outcome,
+    Status,
 )
+from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
 
 #: Characters of a sentence of a solver that are kept.
 LONGEST = 1000
@@ -65,24 +68,67 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
     list of Outcome
         One for each collision, in order; all of them legal.
     """
+
+    def failure(_: Collision, status: Status, reason: str) -> Outcome:
+        return Outcome.failure(solver.name, status, reason)
+
+    return _answers(solver, "solve_many", collisions, (settings,), validated, failure)
+
+
+def answer_columns(
+    solver: Solver, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
+) -> list[ColumnOutcome]:
+    """Call a solver for columns of N balls, as `answer` for collisions; one that solves none refuses them.
+
+    Parameters
+    ----------
+    solver : Solver
+    columns : sequence of Column
+    settings : Settings
+    exponent : float
+        p of the springs' forces k delta^p.
+
+    Returns
+    -------
+    list of ColumnOutcome
+        One for each column, in order; all of them legal.
+    """
+
+    def failure(column: Column, status: Status, reason: str) -> ColumnOutcome:
+        return ColumnOutcome.failure(solver.name, column, status, reason)
+
+    if not callable(getattr(type(solver), "solve_columns", None)):
+        return [failure(column, "unrepresentable", no_columns(solver.name)) for column in columns]
+    return _answers(solver, "solve_columns", columns, (settings, exponent), validated_column, failure)
+
+
+def _answers(
+    solver: Solver,
+    method: str,
+    problems: Sequence[Any],
+    more: tuple[Any, ...],
+    legal: Callable[[Any, Any], Any],
+    failure: Callable[[Any, Status, str], Any],
+) -> list[Any]:
+    """Call a method of a solver with problems and more; what `legal` or `failure` makes of what it gives."""
     reason = why_unavailable(solver)
     if reason is not None:
-        return [Outcome.failure(solver.name, "unavailable", reason)] * len(collisions)
-    given = list(map(copy.copy, collisions))
+        return [failure(problem, "unavailable", reason) for problem in problems]
+    given = list(map(copy.copy, problems))
     try:
         with undisturbed():
-            outcomes = solver.solve_many(given[:], settings)
+            outcomes = getattr(solver, method)(given[:], *more)
             if not isinstance(outcomes, (list, tuple)):
-                raise TypeError(f"solve_many gave {type(outcomes).__name__}; legal: list")
-        if len(outcomes) != len(collisions):
-            raise RuntimeError(f"{len(outcomes)} outcomes for {len(collisions)} collisions")
+                raise TypeError(f"{method} gave {type(outcomes).__name__}; legal: list")
+        if len(outcomes) != len(problems):
+            raise RuntimeError(f"{len(outcomes)} outcomes for {len(problems)} {_kind(problems[0])}s")
     except BaseException as error:  # a solver's bug must not end the sweep
         raise_ctrl_c(error)
-        if len(collisions) == 1:
-            return [Outcome.failure(solver.name, "crashed", said(error))]
-        return [outcome for one in collisions for outcome in answer(solver, [one], settings)]
-    answered = zip(outcomes, given, collisions, strict=True)
-    return [_validated_or_crashed(solver.name, *each) for each in answered]
+        if len(problems) == 1:
+            return [failure(problems[0], "crashed", said(error))]
+        return [found for one in problems for found in _answers(solver, method, [one], more, legal, failure)]
+    answered = zip(outcomes, given, problems, strict=True)
+    return [_legal_or_crashed(*each, legal, failure) for each in answered]
 
 
 def why_unavailable(solver: Solver) -> str | None:
@@ -128,30 +174,50 @@ def validated(outcome: Any, collision: Collision) -> Outcome:
     """
     if not isinstance(outcome, Outcome):
         raise IllegalOutcomeError(f"solve_many gave {type(outcome).__name__}; legal: Outcome")
-    status = _text("status", outcome.status)
-    if status not in STATUSES:
-        raise IllegalOutcomeError(f"status = {status!r}; legal: {', '.join(STATUSES)}")
-    margin, path = outcome.grazing_margin, outcome.path
+    path, common = outcome.path, _common(outcome)
     plain = Outcome(
-        _text("solver", outcome.solver),
-        *(float(_number(name, getattr(outcome, name))) for name in ("v1", "v2", "impulse1", "impulse2")),
+        v1=float(_number("v1", outcome.v1)),
+        v2=float(_number("v2", outcome.v2)),
+        impulse1=float(_number("impulse1", outcome.impulse1)),
+        impulse2=float(_number("impulse2", outcome.impulse2)),
         states=_states(outcome.states),
-        status=status,
-        reason=_text("reason", outcome.reason),
-        grazing_margin=None if margin is None else float(_number("grazing_margin", margin)),
-        marked=_text("marked", outcome.marked),
-        n_events=_whole("n_events", outcome.n_events),
-        diagnostics=_diagnostics(outcome.diagnostics),
         path=None if path is None else _path(path),
         events=_events(outcome.events),
+        **common,
     )
     numbers = (plain.v1, plain.v2, plain.impulse1, plain.impulse2)
-    if status in RESULT_STATUSES and not all(map(math.isfinite, numbers)):
-        raise IllegalOutcomeError(f"status {status}, but v1, v2, impulse1, impulse2 = {numbers}")
+    if plain.status in RESULT_STATUSES and not all(map(math.isfinite, numbers)):
+        raise IllegalOutcomeError(f"status {plain.status}, but v1, v2, impulse1, impulse2 = {numbers}")
     if math.isfinite(plain.v1) and math.isfinite(plain.v2) and not _has_energy(plain, collision):
         raise IllegalOutcomeError(
             f"v1, v2 = {numbers[:2]} m/s at v0 = {collision.v0!r} m/s: their energy overflows"
         )
+    return plain
+
+
+def validated_column(outcome: Any, column: Column) -> ColumnOutcome:
+    """Return an outcome of a column in plain values, as `validated` that of a collision.
+
+    Raises
+    ------
+    IllegalOutcomeError
+        If it is not what `ColumnOutcome` says.
+    """
+    if not isinstance(outcome, ColumnOutcome):
+        raise IllegalOutcomeError(f"solve_columns gave {type(outcome).__name__}; legal: ColumnOutcome")
+    balls, contacts, path = len(column.masses), len(column.stiffnesses), outcome.path
+    plain = ColumnOutcome(
+        velocities=_numbers("velocities", outcome.velocities, balls),
+        impulses=_numbers("impulses", outcome.impulses, contacts),
+        states=_sets(outcome.states, contacts),
+        path=None if path is None else _column_path(path, balls, contacts),
+        **_common(outcome),
+    )
+    numbers = (*plain.velocities, *plain.impulses)
+    if plain.status in RESULT_STATUSES and not all(map(math.isfinite, numbers)):
+        raise IllegalOutcomeError(f"status {plain.status}, but velocities, impulses = {numbers}")
+    if all(map(math.isfinite, plain.velocities)) and not _has_energy(plain, column):
+        raise IllegalOutcomeError(f"velocities = {plain.velocities} m/s: their energy overflows")
     return plain
 
 
@@ -207,16 +273,42 @@ def raise_ctrl_c(error: BaseException) -> None:
         raise error
 
 
-def _validated_or_crashed(name: str, outcome: Any, given: Collision, collision: Collision) -> Outcome:
+def _legal_or_crashed(
+    outcome: Any,
+    given: Any,
+    problem: Any,
+    legal: Callable[[Any, Any], Any],
+    failure: Callable[[Any, Status, str], Any],
+) -> Any:
     try:
-        if given != collision:
-            raise IllegalOutcomeError(f"it changed the collision it was given to {given!r}")
-        return validated(outcome, collision)
+        if given != problem:
+            raise IllegalOutcomeError(f"it changed the {_kind(problem)} it was given to {given!r}")
+        return legal(outcome, problem)
     except IllegalOutcomeError as error:
-        return Outcome.failure(name, "crashed", one_line(str(error)))
+        return failure(problem, "crashed", one_line(str(error)))
     except BaseException as error:  # a property that raises, a number that cannot be converted
         raise_ctrl_c(error)
-        return Outcome.failure(name, "crashed", f"reading its outcome: {said(error)}")
+        return failure(problem, "crashed", f"reading its outcome: {said(error)}")
+
+
+def _kind(problem: Collision | Column) -> str:
+    return "column" if isinstance(problem, Column) else "collision"
+
+
+def _common(outcome: Outcome | ColumnOutcome) -> dict[str, Any]:
+    """Return in plain values what outcomes of collisions and of columns have alike."""
+    status, margin = _text("status", outcome.status), outcome.grazing_margin
+    if status not in STATUSES:
+        raise IllegalOutcomeError(f"status = {status!r}; legal: {', '.join(STATUSES)}")
+    return {
+        "solver": _text("solver", outcome.solver),
+        "status": status,
+        "reason": _text("reason", outcome.reason),
+        "grazing_margin": None if margin is None else float(_number("grazing_margin", margin)),
+        "marked": _text("marked", outcome.marked),
+        "n_events": _whole("n_events", outcome.n_events),
+        "diagnostics": _diagnostics(outcome.diagnostics),
+    }
 
 
 def _text(name: str, value: Any) -> Any:
@@ -253,6 +345,41 @@ def _states(states: Any) -> tuple[str, ...]:
             f"states = {', '.join(sorted(set(states)))}; legal: {', '.join(STATES[1:])}"
         )
     return tuple(map(str.__str__, states))
+
+
+def _numbers(name: str, values: Any, length: int) -> tuple[float, ...]:
+    if not isinstance(values, (tuple, list, np.ndarray)) or len(values) != length:
+        raise IllegalOutcomeError(f"{name}; legal: a tuple of {length} numbers")
+    return tuple(float(_number(f"{name}[{i}]", value)) for i, value in enumerate(values, 1))
+
+
+def _sets(states: Any, contacts: int) -> tuple[tuple[int, ...], ...]:
+    if not isinstance(states, (tuple, list)) or not all(isinstance(state, (tuple, list)) for state in states):
+        raise IllegalOutcomeError("states; legal: a tuple of sets of contacts")
+    plain = tuple(tuple(_whole("states", contact) for contact in state) for state in states)
+    if not {contact for state in plain for contact in state} <= set(range(1, contacts + 1)):
+        raise IllegalOutcomeError(f"states hold another contact; legal: 1 to {contacts}")
+    return plain
+
+
+def _column_path(path: Any, balls: int, contacts: int) -> ColumnPath:
+    if not isinstance(path, ColumnPath):
+        raise IllegalOutcomeError(f"path is of type {type(path).__name__}; legal: ColumnPath or None")
+    arrays = {
+        name: _array(name, getattr(path, name)) for name in ("time", "velocities", "impulses", "forces")
+    }
+    acting, points = np.asarray(path.acting), arrays["time"].size
+    wide = {"time": (), "velocities": (balls,), "impulses": (contacts,), "forces": (contacts,)}
+    legal = {name: (points, *rest) for name, rest in wide.items()}
+    if {name: array.shape for name, array in arrays.items()} != legal or not points:
+        raise IllegalOutcomeError(
+            f"path; legal: arrays of n >= 1 rows, {balls} velocities, {contacts} forces"
+        )
+    if acting.dtype != bool or acting.shape != legal["forces"]:
+        raise IllegalOutcomeError(f"path.acting; legal: truth values, {contacts} a row")
+    if not all(np.isfinite(array).all() for array in arrays.values()):
+        raise IllegalOutcomeError("path holds a number that is not finite")
+    return ColumnPath(**arrays, acting=acting)
 
 
 def _diagnostics(diagnostics: Any) -> dict[str, Any]:
@@ -314,8 +441,8 @@ def _array(name: str, values: Any) -> NDArray[Any] | Any:
     return array.astype(np.int64 if codes else np.float64, copy=False)
 
 
-def _has_energy(outcome: Outcome, collision: Collision) -> bool:
+def _has_energy(outcome: Any, problem: Any) -> bool:
     try:
-        return math.isfinite(outcome.retained_energy(collision))
+        return math.isfinite(outcome.retained_energy(problem))
     except OverflowError:
         return False

@@ -18,6 +18,7 @@ from importlib.metadata import EntryPoint, distributions, entry_points
 
 from impact_xval.compliant_baselines.contract.answers import (
     answer,
+    answer_columns,
     raise_ctrl_c,
     said,
     stated_version,
@@ -26,6 +27,7 @@ from impact_xval.compliant_baselines.contract.answers import (
 )
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
 from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.columns.column import Column, ColumnOutcome
 
 GROUP = "impact_xval.solvers"
 
@@ -91,6 +93,14 @@ class ThirdPartySolver(SolverBase):
         if self.solver is None:
             return [Outcome.failure(self.name, "unavailable", self.problem) for _ in collisions]
         return answer(self.solver, collisions, settings)
+
+    def solve_columns(
+        self, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
+    ) -> list[ColumnOutcome]:
+        """Answer every column of N balls, in order; what goes wrong is an outcome with a status."""
+        if self.solver is None:
+            return [ColumnOutcome.failure(self.name, each, "unavailable", self.problem) for each in columns]
+        return answer_columns(self.solver, columns, settings, exponent)
 
 
 def _checked(point: EntryPoint) -> Solver:

@@ -207,8 +207,10 @@ class SolverBase(Solver):
         exponent : float
             p of the springs' forces k delta^p.
         """
-        reason = f"{self.name} does not solve columns of N balls"
-        return [ColumnOutcome.failure(self.name, column, "unrepresentable", reason) for column in columns]
+        return [
+            ColumnOutcome.failure(self.name, column, "unrepresentable", no_columns(self.name))
+            for column in columns
+        ]
 
     def solve_column(
         self, column: Column, settings: Settings | None = None, exponent: float = 1.0
@@ -224,6 +226,11 @@ class SolverBase(Solver):
         if outcome.status not in RESULT_STATUSES:
             raise SolverError(self.name, outcome.status, outcome.reason)
         return outcome
+
+
+def no_columns(name: str) -> str:
+    """Say that a solver solves no columns."""
+    return f"{name} does not solve columns of N balls"
 
 
 def no_gravity(settings: Settings) -> str | None:

@@ -77,8 +77,11 @@ class EngineSolver(SolverBase):
         for i, column in enumerate(columns):
             refused = no_gravity(settings) or unrepresentable_column(column, exponent)
             if not missing and not refused:
-                lines[i] = line_of(column, settings)
-                refused = _too_shallow(lines[i]) or self.line_refusal(lines[i])
+                try:
+                    lines[i] = line_of(column, settings)
+                    refused = _too_shallow(lines[i]) or self.line_refusal(lines[i])
+                except ArithmeticError:
+                    refused = BEYOND
             if missing or refused:
                 lines.pop(i, None)
                 status = "unavailable" if missing else "unrepresentable"
@@ -136,7 +139,7 @@ class EngineSolver(SolverBase):
     ) -> dict[int, bool]:
         """Add the limits dt -> 0 to outcomes, if they are asked for; whether a limit ended in a flight, where known."""
         over = {i: run for i, run in runs.items() if run.over}
-        if settings.convergence is None:
+        if settings.convergence is None or not over:
             return {}
         limits = estimate_limits(
             run_again,

@@ -45,6 +45,7 @@ for command in (
     runs.search,
     runs.status,
     collisions.solve,
+    collisions.cradle,
     hypothesis.hypothesis,
     calibrate.calibrate,
     collisions.export_scene,

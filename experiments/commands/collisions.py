@@ -1,4 +1,4 @@
-"""Commands for one collision: solved by every solver, or written as files that an engine runs alone."""
+"""Commands for one collision, or one column: solved by every solver, or written as files that an engine runs alone."""
 
 from __future__ import annotations
 
@@ -9,22 +9,35 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from impact_xval.experiments.commands.options import (
+    ARRANGEMENT,
+    BALLS,
     CELL_TIMEOUT,
     CUTOFF,
     E1,
     E2,
+    EXPONENT,
+    GAP,
     GRAVITY,
+    JSON_LIST,
     K1,
     M1,
     MAPPING,
     MASS_RATIO,
+    MASS_TAPER,
     RATIOS,
     SCENARIO,
+    SOLVER,
     STEP_FRACTION,
     STIFFNESS_RATIO,
+    STIFFNESS_TAPER,
+    STRIKE,
     V0,
+    E,
+    K,
+    M,
     folder_to_write,
     one_cell,
+    one_column,
     path,
     typed,
     whole,
@@ -33,8 +46,10 @@ from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
+    from impact_xval.experiments.config.arrangements import Arranged
+    from impact_xval.experiments.measures.columns import ColumnMeasures
     from impact_xval.experiments.tables.store import RunFolder
-    from impact_xval.model import Collision, Outcome
+    from impact_xval.model import Collision, ColumnOutcome, Outcome
 
 #: Difference, per |v0|, above which a tabulated velocity is not the one that was run again.
 SAME = 1e-12
@@ -46,10 +61,8 @@ def solve(
     mass_ratio: Annotated[str, MASS_RATIO],
     e1: Annotated[str, E1],
     e2: Annotated[str, E2],
-    solver: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="A solver; may be repeated. By default all.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print a JSON list, an object a solver.")] = False,
+    solver: Annotated[list[str] | None, SOLVER] = None,
+    json: Annotated[bool, JSON_LIST] = False,
     scenario: Annotated[str, SCENARIO] = "impact",
     gravity: Annotated[str, GRAVITY] = "9.81",
     m1: Annotated[str, M1] = "1",
@@ -70,25 +83,39 @@ def solve(
     from impact_xval.experiments.sweep.single import solvers_apart
 
     with solvers_apart(solver or ()) as apart:
-        from impact_xval.compliant_baselines.contract.registry import get_solver, solver_names
-        from impact_xval.experiments.commands.runs import COMPILING
-        from impact_xval.experiments.config.configuration import REFERENCE, solvers_problem
+        from impact_xval.compliant_baselines.contract.registry import get_solver
+        from impact_xval.experiments.config.configuration import REFERENCE
         from impact_xval.experiments.config.grid import collision_of
-        from impact_xval.experiments.presentation.terminal import error_line
 
         config = one_cell(context.params)
-        names = solver or list(solver_names())
-        problem = solvers_problem(names)
-        if problem:
-            raise UserError(f"--solver {problem}")
         collision = collision_of(config, config.figure_cell)
-        solved = apart.solve(config, names, get_solver, lambda line: error_line(line or COMPILING))
+        solved = apart.solve(config, _known(solver), get_solver, _say)
     if json:
-        objects = [_object(name, collision, *each) for name, each in solved.items()]
+        objects = [_object(name, collision, each.outcome, each.diagnostics) for name, each in solved.items()]
         print(dumps(objects, indent=2, allow_nan=False))
         return
     outcomes = {name: each.outcome for name, each in solved.items()}
     _show(collision, outcomes, outcomes.get(REFERENCE))
+
+
+def _known(solvers: list[str] | None) -> list[str]:
+    """Check the names of solvers; without any, those that a run has by default."""
+    from impact_xval.compliant_baselines.contract.registry import solver_names
+    from impact_xval.experiments.config.configuration import solvers_problem
+
+    names = solvers or list(solver_names())
+    problem = solvers_problem(names)
+    if problem:
+        raise UserError(f"--solver {problem}")
+    return names
+
+
+def _say(line: str) -> None:
+    """Say what is waited for, on standard error."""
+    from impact_xval.experiments.commands.runs import COMPILING
+    from impact_xval.experiments.presentation.terminal import error_line
+
+    error_line(line or COMPILING)
 
 
 def _show(collision: Collision, outcomes: dict[str, Outcome], model: Outcome | None) -> None:
@@ -129,7 +156,6 @@ def _object(
     """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
     speed = abs(collision.v0)
     impulse = collision.m1 * speed
-    margin = outcome.grazing_margin
     return {
         "solver": name,
         "v1": _finite(outcome.v1 / speed),
@@ -137,16 +163,135 @@ def _object(
         "impulse1": _finite(outcome.impulse1 / impulse),
         "impulse2": _finite(outcome.impulse2 / impulse),
         "states": list(outcome.states),
-        "status": outcome.status,
-        "reason": outcome.reason,
-        "grazing_margin": None if margin is None else _finite(margin),
-        "marked": outcome.marked,
+        **_said(outcome),
         "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
     }
 
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
+
+
+def cradle(
+    context: typer.Context,
+    balls: Annotated[str, BALLS] = "5",
+    strike: Annotated[str | None, STRIKE] = None,
+    e: Annotated[str, E] = "0.95",
+    arrangement: Annotated[str, ARRANGEMENT] = "cradle",
+    exponent: Annotated[str, EXPONENT] = "1",
+    gap: Annotated[str, GAP] = "0",
+    solver: Annotated[list[str] | None, SOLVER] = None,
+    json: Annotated[bool, JSON_LIST] = False,
+    m: Annotated[str, M] = "1",
+    mass_taper: Annotated[str, MASS_TAPER] = "1",
+    k: Annotated[str, K] = "1e8",
+    stiffness_taper: Annotated[str, STIFFNESS_TAPER] = "1",
+    v0: Annotated[str, V0] = "-1",
+    step_fraction: Annotated[str, STEP_FRACTION] = "1e-3",
+    mapping: Annotated[str, MAPPING] = "calibrated",
+    cell_timeout: Annotated[str, CELL_TIMEOUT] = "300",
+) -> None:
+    """Solve one column of N balls, such as Newton's cradle, by every solver and show the results side by side.
+
+    Ball 1 is on top, or strikes; up is positive; there is no gravity. Velocities are per |v0|, those of the
+    diagnostics too, impulses per m |v0|, times in s.
+    """
+    from json import dumps
+
+    from impact_xval.experiments.sweep.single import solvers_apart
+
+    with solvers_apart(solver or (), columns=True) as apart:
+        from impact_xval.compliant_baselines.contract.registry import get_solver
+        from impact_xval.experiments.measures.columns import measures_of
+
+        arranged, config = one_column(context.params)
+        column = arranged.column()
+        solved = apart.solve_column(column, arranged.exponent, config, _known(solver), get_solver, _say)
+    outcomes = {name: each.outcome for name, each in solved.items()}
+    measures = measures_of(column, outcomes, config.mapping)
+    if json:
+        units = abs(config.v0), arranged.m * abs(config.v0)
+        objects = [
+            _column_object(name, each.outcome, each.diagnostics, measures[name], *units)
+            for name, each in solved.items()
+        ]
+        print(dumps(objects, indent=2, allow_nan=False))
+    else:
+        _show_column(arranged, outcomes, measures)
+
+
+def _show_column(
+    arranged: Arranged, outcomes: dict[str, ColumnOutcome], measures: dict[str, ColumnMeasures]
+) -> None:
+    """Print one column by several solvers, a column of the table each; those of one law stand together."""
+    from impact_xval.experiments.measures.laws import in_order_of_laws
+    from impact_xval.experiments.presentation.pages import render
+    from impact_xval.experiments.presentation.terminal import make_console, show
+    from impact_xval.model.collision import RESULT_STATUSES
+
+    shown = [name for name in in_order_of_laws(outcomes) if outcomes[name].status in RESULT_STATUSES]
+    columns = [_facts(name, outcomes[name], measures[name], abs(arranged.v0)) for name in shown]
+    rows = [(fact, *(column[fact] for column in columns)) for fact in (columns[0] if columns else ())]
+    page = render(
+        "cradle.md.j2",
+        arranged=arranged,
+        shown=shown,
+        rows=rows,
+        solvers=list(outcomes),
+        outcomes=outcomes,
+    )
+    show(make_console(), page)
+
+
+def _facts(name: str, outcome: ColumnOutcome, measures: ColumnMeasures, speed: float) -> dict[str, str]:
+    from impact_xval.compliant_baselines.contract.registry import law_of
+    from impact_xval.experiments.tables.numbers import number
+
+    def rough(value: float | None) -> str:
+        return number(math.nan if value is None else value, 2)
+
+    return {
+        "law": law_of(name),
+        "status": outcome.status,
+        **{f"v{i}": f"{round(v / speed, 6) + 0.0:.6f}" for i, v in enumerate(outcome.velocities, 1)},
+        "D": rough(measures.velocity_divergence),
+        "limit": rough(measures.limit_distance),
+        "error": rough(measures.limit_error),
+        "E/E0": f"{measures.retained_energy:.6f}",
+        "p/p0": f"{measures.retained_momentum:.6f}",
+        "states": str(len(outcome.states)),
+    }
+
+
+def _column_object(
+    name: str,
+    outcome: ColumnOutcome,
+    diagnostics: dict[str, float],
+    measures: ColumnMeasures,
+    speed: float,
+    impulse: float,
+) -> dict[str, Any]:
+    """Return the JSON object of an outcome of a column: velocities and impulses per those units, times in s."""
+    from dataclasses import asdict
+
+    return {
+        "solver": name,
+        "velocities": [_finite(v / speed) for v in outcome.velocities],
+        "impulses": [_finite(i / impulse) for i in outcome.impulses],
+        "states": outcome.states,
+        **_said(outcome),
+        **{key: _finite(value) for key, value in asdict(measures).items()},
+        "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
+    }
+
+
+def _said(outcome: Outcome | ColumnOutcome) -> dict[str, Any]:
+    return {
+        "status": outcome.status,
+        "reason": outcome.reason,
+        "grazing_margin": _finite(outcome.grazing_margin),
+        "marked": outcome.marked,
+    }
 
 
 def export_scene(

@@ -16,12 +16,18 @@ import typer
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
+    from impact_xval.experiments.config.arrangements import Arranged
     from impact_xval.experiments.config.configuration import Config
 
 #: What decides an impact, what else a collision has, and a key of a configuration that its option spells otherwise.
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
 _SCALES = ("scenario", "gravity", "m1", "k1", "v0", "step_fraction", "mapping", "cell_timeout")
 _SPELT = {"stiffness_ratio_cutoff": "--cutoff"}
+
+#: What a column is made of beside its arrangement, and what else decides how it is solved.
+_COUNTS = ("balls", "strike")
+_OF_COLUMN = ("e", "exponent", "gap", "m", "mass_taper", "k", "stiffness_taper", "v0")
+_OF_SOLVING = ("v0", "step_fraction", "mapping", "cell_timeout")
 
 #: Options whose values may be legal one by one, and not together.
 _TOGETHER = "--stiffness-ratio, --mass-ratio, --gravity, --m1, --k1, --v0"
@@ -31,6 +37,14 @@ def number_or_text(text: str) -> float | str:
     """Read a number; a text that is none stays as it is, for a configuration to refuse."""
     try:
         return float(text)
+    except ValueError:
+        return text
+
+
+def whole_or_text(text: str) -> int | str:
+    """Read a whole number; a text that is none stays as it is, for a configuration to refuse."""
+    try:
+        return int(text)
     except ValueError:
         return text
 
@@ -128,6 +142,35 @@ def one_cell(parameters: Mapping[str, Any]) -> Config:
     return parse_config(data, where="", name=option)
 
 
+def one_column(parameters: Mapping[str, Any]) -> tuple[Arranged, Config]:
+    """Make an arrangement of what is typed for one column, and a configuration of how it is solved.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Of the command, as typer has read them.
+
+    Raises
+    ------
+    UserError
+        If anything is illegal; it names the option.
+    """
+    from impact_xval.experiments.config.arrangements import Arranged
+    from impact_xval.experiments.config.config_errors import validated
+    from impact_xval.experiments.config.configuration import parse_config
+
+    def option(location: Any) -> str:
+        return "--" + location[-1].replace("_", "-")
+
+    data: dict[str, Any] = {key: number_or_text(parameters[key]) for key in _OF_COLUMN}
+    counts = {key: parameters[key] for key in _COUNTS if parameters[key] is not None}
+    data |= {key: whole_or_text(text) for key, text in counts.items()}
+    data["arrangement"] = parameters["arrangement"]
+    arranged = validated(Arranged, data, "", option)
+    data = {key: number_or_text(parameters[key]) for key in _OF_SOLVING}
+    return arranged, parse_config({"scenario": "impact"} | data, where="", name=option)
+
+
 def config_file(what: str) -> Any:
     """Return the argument that names a file of TOML."""
     return typer.Argument(metavar="[CONFIG.toml]", parser=path("CONFIG.toml"), help=what)
@@ -172,14 +215,34 @@ SCENARIO: Any = typer.Option(metavar="NAME", help="'impact' (no gravity) or 'dro
 GRAVITY: Any = typer.Option(metavar="G", help="In m/s^2; for a drop.")
 M1: Any = typer.Option(metavar="KG", help="Mass of the upper ball.")
 K1: Any = typer.Option(metavar="N/M", help="Stiffness of ball on ball.")
-V0: Any = typer.Option(metavar="M/S", help="Velocity of the upper ball, less than 0.")
+V0: Any = typer.Option(metavar="M/S", help="Velocity of what falls or strikes, less than 0.")
 STEP_FRACTION: Any = typer.Option(
-    metavar="X", help="Time step over the period of the faster contact, at most 0.1."
+    metavar="X", help="Time step over the period of the fastest contact, at most 0.1."
 )
+SOLVER: Any = typer.Option(metavar="NAME", help="A solver; may be repeated. By default all.")
+JSON_LIST: Any = typer.Option("--json", help="Print a JSON list, an object a solver.")
 CELL_TIMEOUT: Any = typer.Option(metavar="S", help="Seconds after which a solver is ended.")
 MAPPING: Any = typer.Option(metavar="NAME", help="'calibrated' or 'naive'.")
 CUTOFF: Any = typer.Option(
     metavar="X",
     help="Stiffness ratio beyond which the model takes a limit (the supplement: 1e5; inf: never), or "
     "'exact': as soon as it no longer matters.",
+)
+
+# Of one column.
+ARRANGEMENT: Any = typer.Option(
+    metavar="NAME",
+    help="'cradle'; 'chain' (one strikes a row), 'drop' (one falls on a stack that rests on a table) or 'stack' "
+    "(all fall together onto a table).",
+)
+BALLS: Any = typer.Option(metavar="N", help="Number of balls, at most 1000.")
+STRIKE: Any = typer.Option(metavar="J", help="Balls of a cradle that strike the others; by default 1.")
+E: Any = typer.Option(metavar="E", help="Restitution of every contact, from 0 to 1.")
+EXPONENT: Any = typer.Option(metavar="P", help="Of the springs' forces k delta^p, from 1 to 3; 1.5: Hertz.")
+GAP: Any = typer.Option(metavar="M", help="Gap of every contact but the one that is struck.")
+M: Any = typer.Option(metavar="KG", help="Mass of the first ball.")
+MASS_TAPER: Any = typer.Option(metavar="R", help="Mass of every next ball over that of the one before.")
+K: Any = typer.Option(metavar="N/M^P", help="Stiffness of the first contact.")
+STIFFNESS_TAPER: Any = typer.Option(
+    metavar="R", help="Stiffness of every next contact over that of the one before."
 )

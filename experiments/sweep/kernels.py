@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from filelock import FileLock, Timeout
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.registry import engine_names
+from impact_xval.compliant_baselines.contract.registry import engine_names, is_ours, kind_of
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines.quiet import between
 from impact_xval.compliant_baselines.references.contact_law import KELVIN_VOIGT, LOADED
@@ -19,6 +20,7 @@ from impact_xval.compliant_baselines.references.driver import N_ROWS, end_of_seg
 from impact_xval.compliant_baselines.references.taylor import ORDER
 from impact_xval.experiments.measures.hausdorff import directed, hausdorff
 from impact_xval.model.collision import Collision
+from impact_xval.model.columns.column import Column
 from impact_xval.model.compiled import cache_folder, is_compiled
 from impact_xval.model.diagram import collide
 
@@ -77,6 +79,30 @@ def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
         Kernels("distance", directed, lambda: hausdorff(line, line)),
         *([Kernels("engines", between, lambda: solve_by(engines, bare))] if engines else []),
     ]
+
+
+def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
+    """List the kernels that columns of N balls need with some solvers."""
+    # With scipy's integrators, which two balls do not need.
+    from impact_xval.compliant_baselines.engines.lines import scan
+    from impact_xval.compliant_baselines.references.columns import driver
+    from impact_xval.model.columns.solving import solve_scaled
+
+    column = Column((1.0, 1.0), (1e8,), (0.9,), (-1.0, 0.0))
+    parts: dict[str, tuple[str, Any]] = {
+        "model": ("columns", solve_scaled),
+        "reference": ("columns-in-time", driver.collide),
+        "engine": ("lines", scan),
+    }
+
+    def solve_by(names: Iterable[str]) -> None:
+        for solver in map(get_solver, names):
+            if solver.unavailable() is None:
+                solver.solve_columns([column], Settings())
+
+    ours = [name for name in solvers if is_ours(name)]
+    by_kind = {kind: [name for name in ours if kind_of(name) == kind] for kind in parts}
+    return [Kernels(*parts[kind], partial(solve_by, names)) for kind, names in by_kind.items() if names]
 
 
 def compile_once(kernels: Iterable[Kernels], meanwhile: Iterable[Kernels] = ()) -> None:

@@ -1,36 +1,41 @@
-"""One collision by several solvers, each within a limit of time; they are imported, and run, in a sandbox only.
+"""One collision, or one column, by several solvers, each within a limit of time.
 
-The caller's process needs no engine and no compiled code: it can be interrupted at any time, and reads its input while
-the sandbox starts.
+They are imported, and run, in a sandbox only. The caller's process needs no engine and no compiled code: it can be
+interrupted at any time, and reads its input while the sandbox starts.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from impact_xval.compliant_baselines.contract.registry import is_ours
 from impact_xval.experiments.config.configuration import Config, parse_config
 from impact_xval.experiments.sweep.executors import open_executor
 from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox
 from impact_xval.experiments.sweep.third_party import contained, longest
-from impact_xval.model.collision import Outcome
+from impact_xval.model.collision import Outcome, Status
+from impact_xval.model.columns.column import Column, ColumnOutcome
 
 _Answer = TypeVar("_Answer")
+_Outcome = TypeVar("_Outcome", Outcome, ColumnOutcome)
 
 #: Seconds that kernels may take to be compiled, which no limit of a solver covers.
 _TO_COMPILE = 1800.0
 #: Seconds between two lines that say which solver is at work.
 _SAY = 20.0
+#: A column that every solver answers at once.
+_ORDINARY = Column((1.0, 1.0), (1.0,), (0.9,), (-1.0, 0.0))
 
 
-class Solved(NamedTuple):
-    """What a solver made of a collision: its outcome, and the diagnostics per abs(v0) (`scaled_diagnostics`)."""
+class Solved(NamedTuple, Generic[_Outcome]):
+    """What a solver made of a collision or column: its outcome, and diagnostics per abs(v0) (`scaled_diagnostics`)."""
 
-    outcome: Outcome
+    outcome: _Outcome
     diagnostics: dict[str, float]
 
 
@@ -42,7 +47,7 @@ class SolversApart:
 
     def solve(
         self, config: Config, names: Sequence[str], resolve: Callable[[str], Any], say: Callable[[str], None]
-    ) -> dict[str, Solved]:
+    ) -> dict[str, Solved[Outcome]]:
         """Solve the figure cell of a configuration.
 
         Parameters
@@ -61,13 +66,50 @@ class SolversApart:
         dict
             By solver; one that crashed or did not answer in time has an outcome that says so.
         """
+        return self._solve(config, names, resolve, say, _answer, Outcome.failure)
+
+    def solve_column(
+        self,
+        column: Column,
+        exponent: float,
+        config: Config,
+        names: Sequence[str],
+        resolve: Callable[[str], Any],
+        say: Callable[[str], None],
+    ) -> dict[str, Solved[ColumnOutcome]]:
+        """Solve a column of N balls with contacts of an exponent, as `solve` the figure cell of a configuration.
+
+        Diagnostics are per speed of the configuration's ``v0``.
+        """
+
+        def failure(name: str, status: Status, reason: str) -> ColumnOutcome:
+            return ColumnOutcome.failure(name, column, status, reason)
+
+        return self._solve(config, names, resolve, say, _answer_column, failure, column, exponent)
+
+    def _solve(
+        self,
+        config: Config,
+        names: Sequence[str],
+        resolve: Callable[[str], Any],
+        say: Callable[[str], None],
+        function: Callable[..., Any],
+        failure: Callable[[str, Status, str], Any],
+        *asked: Any,
+    ) -> dict[str, Any]:
+        """Call a function in the sandbox for each solver, each within its limit of time."""
         if not self._executor.submit(_is_compiled).result():
             say("")
-            self._wait(
-                say, f"compiling has taken {{:.0f}} s; it is ended after {_TO_COMPILE:g} s", _compile, names
-            )
+            self._wait(say, f"compiling has taken {{:.0f}} s; it is ended after {_TO_COMPILE:g} s", _compile)
         at_work = f" has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
-        return {name: self._wait(say, name + at_work, _solve, config, name, resolve) for name in names}
+        solved = {}
+        for name in names:
+            within = longest(name, 1, config.cell_timeout), function, name, config, resolve, *asked
+            try:
+                solved[name] = self._wait(say, name + at_work, _within, *within)
+            except FaultError as fault:
+                solved[name] = Solved(failure(name, fault.status, fault.reason), {})
+        return solved
 
     def _wait(
         self, say: Callable[[str], None], line: str, function: Callable[..., _Answer], *asked: Any
@@ -80,29 +122,41 @@ class SolversApart:
 
 
 @contextlib.contextmanager
-def solvers_apart(names: Sequence[str]) -> Iterator[SolversApart]:
+def solvers_apart(names: Sequence[str], *, columns: bool = False) -> Iterator[SolversApart]:
     """Start a sandbox, which imports solvers meanwhile; it is gone when the block ends.
 
     Parameters
     ----------
     names : sequence of str
         Of the solvers, legal or not; none for those that a run has by default.
+    columns : bool
+        Whether they are to solve columns of N balls.
     """
-    with open_executor(tuple(names), _import, 1) as executor:
+    with open_executor((tuple(names), columns), _import, 1) as executor:
         yield SolversApart(executor)
 
 
-def _import(names: Sequence[str]) -> bool:
+def _import(asked: tuple[Sequence[str], bool]) -> bool:
     """Import solvers; return whether the kernels are compiled."""
-    from impact_xval.compliant_baselines.contract.registry import get_solver, is_ours, solver_names
+    from impact_xval.compliant_baselines.contract.registry import get_solver
     from impact_xval.experiments.sweep import solving  # noqa: F401
-    from impact_xval.experiments.sweep.kernels import kernels_of
     from impact_xval.model.compiled import is_compiled
 
-    legal = set(names).intersection(solver_names(on_request=True)) or solver_names()
-    for name in filter(is_ours, legal):
+    for name in filter(is_ours, _legal(asked)):
         get_solver(name).unavailable()
-    return all(is_compiled(some.last) for some in kernels_of(legal))
+    return all(is_compiled(some.last) for some in _kernels_of(asked))
+
+
+def _legal(asked: tuple[Sequence[str], bool]) -> Sequence[str]:
+    from impact_xval.compliant_baselines.contract.registry import solver_names
+
+    return [name for name in solver_names(on_request=True) if name in asked[0]] or solver_names()
+
+
+def _kernels_of(asked: tuple[Sequence[str], bool]) -> list[Any]:
+    from impact_xval.experiments.sweep.kernels import column_kernels_of, kernels_of
+
+    return (column_kernels_of if asked[1] else kernels_of)(_legal(asked))
 
 
 def _is_compiled(sandbox: Sandbox) -> bool:
@@ -110,34 +164,53 @@ def _is_compiled(sandbox: Sandbox) -> bool:
     return sandbox.prepared is not False
 
 
-def _compile(sandbox: Sandbox, names: Sequence[str]) -> None:
+def _compile(sandbox: Sandbox) -> None:
     with contextlib.suppress(FaultError):
-        sandbox.call(_kernels, names, timeout=_TO_COMPILE)
+        sandbox.call(_kernels, timeout=_TO_COMPILE)
 
 
-def _kernels(_: object, names: Sequence[str]) -> None:
-    from impact_xval.experiments.sweep.kernels import compile_once, kernels_of
+def _kernels(asked: tuple[Sequence[str], bool]) -> None:
+    from impact_xval.experiments.sweep.kernels import compile_once
 
-    compile_once(kernels_of(names))
+    compile_once(_kernels_of(asked))
 
 
-def _solve(sandbox: Sandbox, config: Config, name: str, resolve: Any) -> Solved:
+def _within(
+    sandbox: Sandbox,
+    limit: float,
+    function: Callable[..., _Answer],
+    name: str,
+    config: Config,
+    resolve: Any,
+    *asked: Any,
+) -> _Answer:
+    """Call for a solver within its limit, after an ordinary call: what is imported and read first has no limit."""
     sandbox.start()
     if is_ours(name):
-        with contextlib.suppress(FaultError):  # it is to say so of the collision
-            sandbox.call(_answer, parse_config({}), name, resolve, timeout=TO_PREPARE)
-    try:
-        limit = longest(name, 1, config.cell_timeout)
-        return sandbox.call(_answer, config, name, resolve, timeout=limit)
-    except FaultError as fault:
-        return Solved(Outcome.failure(name, fault.status, fault.reason), {})
+        ordinary = [_ORDINARY, *asked[1:]] if asked else []
+        with contextlib.suppress(FaultError):  # the call that is asked for is to say so
+            impact = parse_config({"scenario": "impact"})
+            sandbox.call(function, name, impact, resolve, *ordinary, timeout=TO_PREPARE)
+    return sandbox.call(function, name, config, resolve, *asked, timeout=limit)
 
 
-def _answer(context: object, config: Config, name: str, resolve: Any) -> Solved:
+def _answer(context: object, name: str, config: Config, resolve: Any) -> Solved[Outcome]:
     from impact_xval.experiments.config.grid import collision_of
     from impact_xval.experiments.sweep.solving import answer, scaled_diagnostics, settings_of
 
     collision = collision_of(config, config.figure_cell)
     solver = contained(resolve, config.cell_timeout)(name)
     outcome = answer(solver, [collision], settings_of(config))[0]
-    return Solved(outcome, scaled_diagnostics(collision, outcome))
+    return Solved(outcome, scaled_diagnostics(outcome, abs(collision.v0)))
+
+
+def _answer_column(
+    context: object, name: str, config: Config, resolve: Any, column: Column, exponent: float
+) -> Solved[ColumnOutcome]:
+    from impact_xval.compliant_baselines.contract.answers import answer_columns
+    from impact_xval.experiments.sweep.solving import scaled_diagnostics, settings_of
+
+    solver = contained(resolve, config.cell_timeout)(name)
+    settings = dataclasses.replace(settings_of(config), record_path=False)
+    outcome = answer_columns(solver, [column], settings, exponent)[0]
+    return Solved(outcome, scaled_diagnostics(outcome, abs(config.v0)))

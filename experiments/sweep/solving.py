@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
+import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -32,7 +33,8 @@ from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbo
 from impact_xval.experiments.sweep.third_party import longest
 from impact_xval.experiments.tables.schema import CERTIFICATE, MEASURES, ROW_SCHEMA
 from impact_xval.experiments.tables.store import part_bytes, read_part
-from impact_xval.model.collision import Collision, Outcome, Status
+from impact_xval.model.collision import Outcome, Status
+from impact_xval.model.columns.column import ColumnOutcome
 
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
 Resolve = Callable[[str], Solver]
@@ -45,7 +47,7 @@ Lost = dict[tuple[str, int], tuple[Status, str]]
 Versions = dict[str, str]
 
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).
-VELOCITIES = frozenset({"v1_limit", "v2_limit", "limit_error", "regularisation", "rest_speed"})
+_VELOCITY = re.compile(r"v\d+_limit|limit_error|error|regularisation|rest_speed")
 
 #: Largest measure, and number of a certificate; the square of a larger one leaves double precision.
 _LARGEST = 1e150
@@ -278,11 +280,10 @@ def settings_of(config: Config) -> Settings:
     )
 
 
-def scaled_diagnostics(collision: Collision, outcome: Outcome) -> dict[str, float]:
-    """Return the diagnostics of an outcome with `VELOCITIES` per abs(v0); the others as they are, times in s."""
-    speed = abs(collision.v0)
+def scaled_diagnostics(outcome: Outcome | ColumnOutcome, speed: float) -> dict[str, float]:
+    """Return the diagnostics of an outcome with velocities per a speed in m/s; the others as they are, times in s."""
     return {
-        name: value / speed if name in VELOCITIES and value is not None else value
+        name: value / speed if _VELOCITY.fullmatch(name) and value is not None else value
         for name, value in outcome.diagnostics.items()
     }
 
@@ -309,7 +310,7 @@ def _guarded(config: Config, name: str, cell: GridCell, model: Outcome, outcome:
 
 def _facts(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome) -> dict[str, Any]:
     """Give what a row holds without being measured."""
-    c, diagnostics = cell.collision, scaled_diagnostics(cell.collision, outcome)
+    c, diagnostics = cell.collision, scaled_diagnostics(outcome, abs(cell.collision.v0))
     return {
         "cell": cell.index,
         "stiffness_ratio": cell.stiffness_ratio,

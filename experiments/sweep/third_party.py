@@ -13,11 +13,17 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from impact_xval.compliant_baselines.contract.answers import answer, stated_version, why_unavailable
+from impact_xval.compliant_baselines.contract.answers import (
+    answer,
+    answer_columns,
+    stated_version,
+    why_unavailable,
+)
 from impact_xval.compliant_baselines.contract.registry import is_ours
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves, is_sandbox
 from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.columns.column import Column, ColumnOutcome
 
 #: Seconds for a solver to be imported, and to say its version and whether it can run.
 _TO_STATE = 60.0
@@ -26,6 +32,7 @@ _TO_STATE = 60.0
 _PLAIN = frozenset(
     {
         *(("impact_xval.model.collision", name) for name in ("Outcome", "ImpulseCurve", "Event")),
+        *(("impact_xval.model.columns.column", name) for name in ("ColumnOutcome", "ColumnPath")),
         *(("numpy", name) for name in ("ndarray", "dtype")),
         ("numpy._core.multiarray", "_reconstruct"),
         ("numpy._core.numeric", "_frombuffer"),
@@ -69,6 +76,20 @@ class ContainedSolver(SolverBase):
             return [Outcome.failure(self.name, fault.status, fault.reason)]
 
         return [outcome for piece in in_halves(call, len(collisions), lost) for outcome in piece]
+
+    def solve_columns(
+        self, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
+    ) -> list[ColumnOutcome]:
+        """Answer every column of N balls, in order; one at which its process dies or hangs is a failure."""
+
+        def call(place: slice) -> list[ColumnOutcome]:
+            asked = list(columns[place]), settings, exponent
+            return self._sandbox.call(_solved_columns, *asked, timeout=self._timeout)
+
+        def lost(place: slice, fault: FaultError) -> list[ColumnOutcome]:
+            return [ColumnOutcome.failure(self.name, columns[place.start], fault.status, fault.reason)]
+
+        return [outcome for piece in in_halves(call, len(columns), lost) for outcome in piece]
 
     @property
     def _to_state(self) -> float:
@@ -153,3 +174,14 @@ def _solved(
     """In the process of a solver: its outcomes."""
     resolve, name = context
     return answer(resolve(name), collisions, settings)
+
+
+def _solved_columns(
+    context: tuple[Callable[[str], Solver], str],
+    columns: Sequence[Column],
+    settings: Settings,
+    exponent: float,
+) -> list[ColumnOutcome]:
+    """In the process of a solver: its outcomes of columns."""
+    resolve, name = context
+    return answer_columns(resolve(name), columns, settings, exponent)

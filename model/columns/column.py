@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from impact_xval.model.collision import Status
 from impact_xval.model.inputs import Legal
+from impact_xval.model.kinetic import column_norm
 
 #: Most balls of a column.
 MAX_BALLS = 1000
@@ -181,6 +182,16 @@ class ColumnOutcome:
     n_events: int = 0
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     path: ColumnPath | None = None
+
+    def retained_energy(self, column: Column) -> float:
+        """Kinetic energy after the collision over that before it, dimensionless."""
+        before, after = (column_norm(column.masses, each.velocities) for each in (column, self))
+        return (after / before) ** 2
+
+    def retained_momentum(self, column: Column) -> float:
+        """Momentum after the collision over that before it, dimensionless: 1 without a table."""
+        weights = np.array(column.masses) / max(column.masses)
+        return float(weights @ self.velocities / (weights @ column.velocities))
 
     @classmethod
     def failure(cls, solver: str, column: Column, status: Status, reason: str) -> ColumnOutcome:

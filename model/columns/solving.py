@@ -16,11 +16,9 @@ from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
 from impact_xval.model.columns.diagram import COLLAPSE, PLASTIC, RUNAWAY, TOO_MANY_EVENTS, collide
 from impact_xval.model.compiled import OPTIONS, compiled
 from impact_xval.model.grazing import MARKS, mark_codes
-from impact_xval.model.inputs import GRAZING_THRESHOLD, Legal
+from impact_xval.model.inputs import EXPONENT, GRAZING_THRESHOLD
 from impact_xval.model.law import INACTIVE, ImpactLaw
 from impact_xval.model.solving import NAME, check_law, nearest_jump
-
-EXPONENT = Legal("exponent", 1.0, 3.0, "from 1 (linear contacts; 1.5: Hertz) to 3")
 
 #: Pieces of segments after which a column is given up, some seconds for five balls.
 MAX_EVENTS = 1_000_000
@@ -82,13 +80,13 @@ def solve_column(
     scaled, units = scaled_column(column, p)
     points = POINTS if path else 1
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
-    result = _solve_one(scaled, p, rules.stiffens, max_events, points, log)
+    result = solve_scaled(scaled, p, rules.stiffens, max_events, points, log)
     outcome = _outcome(column, result, units, rules, grazing_threshold, max_events)
     if outcome.status == "unconverged":
         return outcome
     if result[-1] > LOG_ROWS:
         log = np.empty((result[-1], log.shape[1]))
-        result = _solve_one(scaled, p, rules.stiffens, max_events, points, log)
+        result = solve_scaled(scaled, p, rules.stiffens, max_events, points, log)
     log = log[: result[-1]]
     trail = path_of(column, log, result[0], result[5], units) if path else None
     return replace(outcome, states=states_of(column, log), path=trail)
@@ -206,7 +204,7 @@ def chain_of(scaled, p):
 
 
 @compiled
-def _solve_one(scaled, p, stiffens, max_events, points, log):
+def solve_scaled(scaled, p, stiffens, max_events, points, log):
     """Solve a column of `scaled_column`: velocities, code, events, margin, residual, time, rows of the log."""
     masses, drift = scaled[0], scaled[-1]
     chain, energy = chain_of(scaled, p)
@@ -228,7 +226,7 @@ def _solve_all(
     for i in prange(drifts.size):
         balls, contacts = slice(of_balls[i], of_balls[i + 1]), slice(of_contacts[i], of_contacts[i + 1])
         scaled = (masses[balls], stiffnesses[contacts], restitutions[contacts], rates[contacts], drifts[i])
-        v, code, events, margin, residual, _, _ = _solve_one(scaled, p, stiffens, max_events, 1, no_log)
+        v, code, events, margin, residual, _, _ = solve_scaled(scaled, p, stiffens, max_events, 1, no_log)
         velocities[balls] = v
         numbers[i, 0], numbers[i, 1], numbers[i, 2], numbers[i, 3] = code, events, margin, residual
     return velocities, numbers

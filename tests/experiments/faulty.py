@@ -12,23 +12,32 @@ from tests.experiments.fakes import Missing, Shifted
 SEGFAULT, HANG, ABORT, LEAVE, KILLED = 0.901, 0.902, 0.903, 0.904, 0.905
 
 
+def _harm(e1):
+    if e1 == SEGFAULT:
+        ctypes.string_at(0)
+    elif e1 == HANG:
+        while True:
+            time.sleep(1)
+    elif e1 == ABORT:
+        os.abort()
+    elif e1 == LEAVE:
+        os._exit(3)
+    elif e1 == KILLED:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
 class Faulty(Shifted):
     """The model's answer, 0.01 m/s faster, where it lives to give one."""
 
     def solve_many(self, collisions, settings):
         for c in collisions:
-            if c.e1 == SEGFAULT:
-                ctypes.string_at(0)
-            elif c.e1 == HANG:
-                while True:
-                    time.sleep(1)
-            elif c.e1 == ABORT:
-                os.abort()
-            elif c.e1 == LEAVE:
-                os._exit(3)
-            elif c.e1 == KILLED:
-                os.kill(os.getpid(), signal.SIGKILL)
+            _harm(c.e1)
         return super().solve_many(collisions, settings)
+
+    def solve_columns(self, columns, settings, exponent=1.0):
+        for column in columns:
+            _harm(column.restitutions[0])
+        return super().solve_columns(columns, settings, exponent)
 
 
 def faulty(name):

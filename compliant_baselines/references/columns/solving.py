@@ -18,7 +18,6 @@ from impact_xval.model.columns.column import Column, ColumnOutcome
 from impact_xval.model.columns.diagram import RUNAWAY, TOO_MANY_EVENTS
 from impact_xval.model.columns.power_law import TOLERANCE
 from impact_xval.model.columns.solving import (
-    EXPONENT,
     LOG_ROWS,
     POINTS,
     impulses_of,
@@ -26,6 +25,7 @@ from impact_xval.model.columns.solving import (
     scaled_column,
     states_of,
 )
+from impact_xval.model.inputs import EXPONENT
 
 #: Laws by name, as codes of the driver.
 LAWS = {

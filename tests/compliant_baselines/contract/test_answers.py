@@ -14,12 +14,15 @@ from impact_xval.compliant_baselines.contract.answers import (
     LONGEST,
     IllegalOutcomeError,
     answer,
+    answer_columns,
     one_line,
     undisturbed,
     validated,
+    validated_column,
 )
 from impact_xval.compliant_baselines.contract.solver import SolverBase
 from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.columns.column import Column, ColumnOutcome
 
 CELL = Collision(m1=1.0, m2=1.5, k1=1e6, k2=2e6, e1=0.9, e2=0.7)
 SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "hunt-crossley", "mujoco", "pybullet", "oracle")
@@ -155,3 +158,78 @@ def test_a_solver_that_changes_a_collision_changes_nobody_else_s(also_raises):
     assert unchanged.status == "ok"
     assert changed.status == "crashed"
     assert changed.reason.startswith("it changed the collision it was given to Collision(m1=1.0, ")
+
+
+COLUMN = Column((1.0, 1.0, 1.0), (1e6, 1e6), (0.9, 0.9), (-1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+def test_the_outcomes_of_columns_of_our_own_solvers_stay_what_they_are(name):
+    solver = get_solver(name)
+    if solver.unavailable() is not None:
+        pytest.skip(str(solver.unavailable()))
+    settings = Settings(record_path=True, step_fraction=1e-2)
+    (outcome,), (found,) = (solve([COLUMN], settings) for solve in (solver.solve_columns, _answering(solver)))
+    assert repr(dataclasses.replace(found, path=None)) == repr(dataclasses.replace(outcome, path=None))
+    assert (found.path is None) == (outcome.path is None) == (name not in ("state-transition", *SOLVERS[1:4]))
+    for field in dataclasses.fields(outcome.path) if outcome.path else ():
+        before, after = (getattr(one.path, field.name) for one in (outcome, found))
+        np.testing.assert_array_equal(before, after)
+
+
+def _answering(solver):
+    return lambda columns, settings: answer_columns(solver, columns, settings)
+
+
+GOOD = ColumnOutcome("x", (0.1, -0.2, -0.9), (1.0, 0.5), ((1, 2), ()))
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"velocities": (0.0, 0.0)}, "velocities; legal: a tuple of 3 numbers"),
+        ({"velocities": ("fast", 0.0, 0.0)}, r"velocities\[1\] is of type str; legal: a number"),
+        ({"velocities": (np.nan, 0.0, 0.0)}, "status ok, but velocities, impulses = "),
+        ({"velocities": (1e308, 1e308, 1e308)}, "their energy overflows"),
+        ({"impulses": None}, "impulses; legal: a tuple of 2 numbers"),
+        ({"states": ((1, 3), ())}, "another contact; legal: 1 to 2"),
+        ({"states": ("S1",)}, "states; legal: a tuple of sets of contacts"),
+        ({"status": "fine"}, "status = 'fine'; legal: ok"),
+        ({"path": 7}, "path is of type int; legal: ColumnPath or None"),
+    ],
+)
+def test_an_outcome_of_a_column_is_what_its_class_says(changes, says):
+    assert validated_column(GOOD, COLUMN) == GOOD
+    with pytest.raises(IllegalOutcomeError, match=says):
+        validated_column(dataclasses.replace(GOOD, **changes), COLUMN)
+
+
+class _OfColumns(SolverBase):
+    name = "mine"
+
+    def __init__(self, made):
+        self._made = made
+
+    def version(self):
+        return "1"
+
+    def solve_many(self, collisions, settings):
+        raise AssertionError("not asked for")
+
+    def solve_columns(self, columns, settings, exponent=1.0):
+        return self._made(columns)
+
+
+@pytest.mark.parametrize(
+    ("made", "says"),
+    [
+        (lambda columns: 1 / 0, "ZeroDivisionError: division by zero"),
+        (lambda columns: columns[1:], "RuntimeError: 0 outcomes for 1 columns"),
+        (lambda columns: None, "TypeError: solve_columns gave NoneType; legal: list"),
+        (lambda columns: [1] * len(columns), "solve_columns gave int; legal: ColumnOutcome"),
+    ],
+)
+def test_what_goes_wrong_with_columns_is_an_outcome_of_each(made, says):
+    for outcome in answer_columns(_OfColumns(made), [COLUMN, COLUMN], Settings()):
+        assert (outcome.status, outcome.reason) == ("crashed", says)
+        assert len(outcome.velocities) == 3

@@ -9,6 +9,7 @@ from impact_xval.compliant_baselines.contact.mapping import Contact
 from impact_xval.compliant_baselines.contract.solver import Convergence
 from impact_xval.compliant_baselines.contract.state_runs import Runs
 from impact_xval.compliant_baselines.engines.convergence import parted
+from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.engines.lines import LineRecorder, LineRun
 from impact_xval.model import Collision, Column
 from tests.model.test_columns import random_column
@@ -94,6 +95,18 @@ def test_what_an_engine_refuses(solver, column, says):
         pytest.skip("not installed")
     with pytest.raises(SolverError, match=says):
         get_solver(solver).solve_column(column)
+
+
+def test_an_engine_without_an_adapter_for_columns_says_so_when_a_limit_is_asked_for():
+    class Bare(EngineSolver):
+        name, distribution = "bare", "numpy"
+
+        def run_columns(self, columns, max_steps, record_path=False):
+            raise AssertionError("not asked for")
+
+    (outcome,) = Bare().solve_columns([CHAIN], SETTINGS)
+    assert outcome.status == "unrepresentable"
+    assert outcome.reason == "bare has no adapter for columns of N balls"
 
 
 def test_a_column_that_is_not_over_is_a_timeout(engine):

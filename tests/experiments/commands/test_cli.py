@@ -115,11 +115,15 @@ def test_help_and_version_are_quick_and_load_nothing_heavy():
             [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True
         )
         assert "impact-xval" in done.stdout
-    for option in ("--stiffness-ratio", "--json", "--solver", "--step-fraction", "--scenario"):
+    options = {
+        "solve": ("--stiffness-ratio", "--json", "--solver", "--step-fraction", "--scenario"),
+        "cradle": ("--balls", "--strike", "--arrangement", "--exponent", "--gap", "--json", "--mass-taper"),
+    }
+    for command, expected in options.items():
         done = subprocess.run(
-            [sys.executable, "-c", script, "solve", "--help"], capture_output=True, text=True, check=True
+            [sys.executable, "-c", script, command, "--help"], capture_output=True, text=True, check=True
         )
-        assert option in done.stdout
+        assert [option for option in expected if option not in done.stdout] == []
 
 
 def test_a_name_that_cannot_be_shown_is_spelt_out(tmp_path):

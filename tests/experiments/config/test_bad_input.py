@@ -241,6 +241,48 @@ def test_solve_options(case, capsys):
     _fails(capsys, ["solve", *arguments], expected)
 
 
+CRADLE = {
+    "balls": ({"--balls": "1"}, ["--balls = 1", "from 2 to 1000, for a cradle"]),
+    "too many balls": ({"--balls": "1001"}, ["--balls = 1001", "from 2 to 1000, for a cradle"]),
+    "no ball": (
+        {"--balls": "0", "--arrangement": "stack"},
+        ["--balls = 0", "from 1 to 1000, for a stack"],
+    ),
+    "half a ball": ({"--balls": "2.5"}, ["--balls = '2.5'", "a whole number from 2"]),
+    "all strike": ({"--strike": "5"}, ["--strike = 5", "from 1 to 4, for 5 balls"]),
+    "none strikes": ({"--strike": "0"}, ["--strike = 0", "from 1 to 4, for 5 balls"]),
+    "strike in words": ({"--strike": "two"}, ["--strike = 'two'", "a whole number from 1 to balls - 1"]),
+    "strike of a chain": (
+        {"--strike": "1", "--arrangement": "chain"},
+        ["--strike = 1", "none for a chain"],
+    ),
+    "e": ({"--e": "1.01"}, ["--e = 1.01", BELOW_ONE]),
+    "e below zero": ({"--e": "-0.1"}, ["--e = -0.1", BELOW_ONE]),
+    "exponent": ({"--exponent": "0.5"}, ["--exponent = 0.5", "from 1 (linear contacts; 1.5: Hertz) to 3"]),
+    "gap": ({"--gap": "-1e-5"}, ["--gap = -1e-05", "a finite number >= 0 (m)"]),
+    "nothing meets": ({"--v0": "1"}, ["--v0 = 1.0", "a finite number < 0 (m/s, up is positive)"]),
+    "arrangement": ({"--arrangement": "tower"}, ["'tower'", "'chain', 'cradle', 'drop' or 'stack'"]),
+    "taper": ({"--mass-taper": "0"}, ["--mass-taper = 0.0", "a finite number > 0 (m_(i+1)/m_i)"]),
+    "far tapered": ({"--mass-taper": "1e200"}, ["--mass-taper = 1e+200", "power 4", "finite numbers > 0"]),
+    "hard": (
+        {"--k": "1e300", "--stiffness-taper": "1e10"},
+        ["--stiffness-taper = 1", "k = 1e+300 times that", "finite numbers > 0"],
+    ),
+    "stiffness": ({"--k": "0"}, ["--k = 0.0", "a finite number > 0 (N/m^p)"]),
+    "no impulse": ({"--m": "1e-200", "--v0": "-1e-200"}, ["--v0 = -1e-200", "m = 1e-200", "product > 0"]),
+    "step": ({"--step-fraction": "1"}, ["--step-fraction = 1.0", "at most 0.1"]),
+    "mapping": ({"--mapping": "x"}, ["--mapping = 'x'", "'calibrated' or 'naive'"]),
+    "solver": ({"--solver": "bullet"}, ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
+    "two mistakes": ({"--e": "2", "--gap": "-1"}, ["--e = 2.0", "(and 1 more)"]),
+}
+
+
+@pytest.mark.parametrize("case", CRADLE)
+def test_cradle_options(case, capsys):
+    changed, expected = CRADLE[case]
+    _fails(capsys, ["cradle", *(word for pair in changed.items() for word in pair)], expected)
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

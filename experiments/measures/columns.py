@@ -1,0 +1,82 @@
+"""How far the outcomes of a column of N balls lie from one another, and what they keep; all dimensionless."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
+from impact_xval.compliant_baselines.contract.solver import MappingName
+from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.model.collision import RESULT_STATUSES
+from impact_xval.model.columns.column import Column, ColumnOutcome
+from impact_xval.model.kinetic import column_norm
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnMeasures:
+    """Of the outcome of one solver; None where there is nothing to measure.
+
+    Attributes
+    ----------
+    velocity_divergence : float or None
+        D of N balls from the model's outcome, sqrt(sum m_i dv_i^2 / sum m_i v_i0^2).
+    limit_distance : float or None
+        Of an engine's limit dt -> 0 from the exact solver of the law it was asked for, the largest difference of a
+        velocity per speed of impact; None with the naive mapping, whose contacts are not those asked for.
+    limit_error : float or None
+        The error of that limit as the engine's runs estimate it, likewise.
+    retained_energy, retained_momentum : float or None
+        Kinetic energy and momentum after the collision over those before it.
+    """
+
+    velocity_divergence: float | None = None
+    limit_distance: float | None = None
+    limit_error: float | None = None
+    retained_energy: float | None = None
+    retained_momentum: float | None = None
+
+
+def measures_of(
+    column: Column, outcomes: Mapping[str, ColumnOutcome], mapping: MappingName = "calibrated"
+) -> dict[str, ColumnMeasures]:
+    """Measure the outcomes of a column by several solvers; nothing of those without a result.
+
+    Parameters
+    ----------
+    column : Column
+    outcomes : mapping of str to ColumnOutcome
+        By solver.
+    mapping : str
+        That engines were given.
+    """
+    results = {name: each for name, each in outcomes.items() if each.status in RESULT_STATUSES}
+    model, speed = results.get(REFERENCE), max(map(abs, column.velocities))
+    measured = dict.fromkeys(outcomes, ColumnMeasures())
+    for name, outcome in results.items():
+        exact = None if mapping == "naive" or is_naive(name) else results.get(law_of(name))
+        limit, error = _limit(outcome), outcome.diagnostics.get("limit_error")
+        distance = None
+        if exact is not None and limit is not None:
+            distance = max(abs(a - b) for a, b in zip(limit, exact.velocities, strict=True)) / speed
+        measured[name] = ColumnMeasures(
+            None if model is None else column_divergence(column, model.velocities, outcome.velocities),
+            distance,
+            None if error is None else error / speed,
+            outcome.retained_energy(column),
+            outcome.retained_momentum(column),
+        )
+    return measured
+
+
+def column_divergence(column: Column, model: Sequence[float], other: Sequence[float]) -> float:
+    """D of N balls: the kinetic norm of the difference of final velocities in m/s over that of the first ones."""
+    differences = [b - a for a, b in zip(model, other, strict=True)]
+    return column_norm(column.masses, differences) / column_norm(column.masses, column.velocities)
+
+
+def _limit(outcome: ColumnOutcome) -> list[float] | None:
+    """Velocities in the limit dt -> 0, in m/s; None from a solver that states none."""
+    names = [f"v{i}_limit" for i in range(1, 1 + len(outcome.velocities))]
+    stated = [outcome.diagnostics[name] for name in names if name in outcome.diagnostics]
+    return stated if len(stated) == len(names) else None
