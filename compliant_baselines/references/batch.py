@@ -138,13 +138,15 @@ def follow_batch(
     failed = (end < 0) | (end == TOO_LONG)
     v1 = np.where(failed, np.nan, np.where(end == STUCK, 0.0, followed.v1))
     v2 = np.where(failed, np.nan, np.where(end != FREE, 0.0, followed.v2))
-    impulse1 = 1 + v1 + g * fall
+    with np.errstate(over="ignore", invalid="ignore"):
+        fallen = np.where(g > 0, g * fall, 0.0)  # also where a fall without gravity has no end
+    impulse1 = 1 + v1 + fallen
     status = np.where(followed.limited, "limit", "ok")
     columns = {
         "v1": v1,
         "v2": v2,
         "impulse1": impulse1,
-        "impulse2": impulse1 + mu * (v2 + g * fall),
+        "impulse2": impulse1 + mu * (v2 + fallen),
         "retained_energy": v1 * v1 + mu * v2 * v2,
         "duration": np.where(failed, np.nan, followed.duration),
         "fall": np.where(failed, np.nan, fall),

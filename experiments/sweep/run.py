@@ -237,8 +237,8 @@ class _Run:
         self._progress(self._done, len(self._cells), "")
 
     def _check_damage(self) -> None:
-        """Where the manifest does not tell what the folder holds, one part of this experiment must."""
-        if self._damage and not self._folder.has_parts(self._identities):
+        """Where the manifest does not tell what parts a folder holds are of, one must be of this experiment."""
+        if self._damage and self._folder.has_parts() and not self._folder.has_parts(self._identities):
             raise UserError(
                 f"{self._damage}: no part there is of this configuration by these versions, and all are left as "
                 "they are; legal: the configuration and the versions the run was begun with"

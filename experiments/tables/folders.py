@@ -63,7 +63,7 @@ def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunF
         try:
             folder.manifest()
         except DamagedManifestError:
-            if not (resume and folder.has_parts()):
+            if not (resume and folder.parts.is_dir()):  # without parts, nothing is lost
                 raise
         if not resume:
             raise UserError(

@@ -229,6 +229,15 @@ def test_no_command_reads_a_table_that_was_cut(run, capsys):
         assert "cells.parquet: altered since it was written" in capsys.readouterr().err
 
 
+def test_a_damaged_manifest_of_a_run_without_a_part_is_written_again(run):
+    before = {name: (run / name).read_bytes() for name in TABLES}
+    for path in (*run.glob("parts/0*"), *run.glob("*.parquet")):
+        path.unlink()
+    (run / "manifest.json").write_text("{")
+    assert any("manifest.json: damaged, not JSON" in line for line in _resume(run))
+    assert {name: (run / name).read_bytes() for name in TABLES} == before
+
+
 def test_a_table_without_a_digest_is_an_error(run, capsys):
     manifest = RunFolder(run).manifest()
     del manifest["files"]["divergence.parquet"]
