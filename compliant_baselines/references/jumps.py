@@ -5,7 +5,7 @@ The outcome of a law in time is a function of k2/k1, m2/m1, e1, e2 and, in a dro
 * bistiffness, where an end of compression nearly does not happen: it loses (1 - e^2) of an energy, or does not;
 * any law in a drop, where the first flight nearly does not happen, or a ball that has left comes down again just before
   the other one is at rest. Without gravity a law of forces alone has none: its motion is continuous in all of them, and
-  so is what is left when its balls part.
+  so is what is left when its balls part; but it may be as steep, and is marked then too.
 
 Next to one an engine cannot be held to the exact outcome, since all that a finite step does moves it across. A cell is
 *marked* where a relative change of one parameter, either way, moves a velocity per abs(v0) by more than `JUMPS` says;

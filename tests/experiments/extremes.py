@@ -13,6 +13,7 @@ import json
 import math
 import os
 import random
+import re
 import shlex
 import subprocess
 import sys
@@ -35,6 +36,9 @@ MARK = "IMPACT_XVAL_EXTREMES"
 
 #: Seconds without a line, seconds in which what a command started must be gone after it, and in which it must end.
 SILENCE, GONE, LONGEST = 60.0, 10.0, 900.0
+
+#: How a line of progress ends.
+PROGRESS = re.compile(r"( \.\.\.| has taken \d+ s)$")
 
 Rng = random.Random
 
@@ -90,7 +94,7 @@ class Ended:
         found += [f"no line for {self.silence:.0f} s"] if self.silence > SILENCE else []
         if (
             self.code == 2
-            and len([line for line in self.said.splitlines() if not line.endswith(" ...")]) != 1
+            and len([line for line in self.said.splitlines() if not PROGRESS.search(line)]) != 1
         ):
             found.append("more than one line of an error")
         return found + [f"leaves {process}" for process in self.left]
