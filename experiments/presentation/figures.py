@@ -80,11 +80,18 @@ def write_figures(
     """
     # All that is drawn is read first: of a damaged folder nothing is drawn.
     ladder = summarise_ladder(folder, folder.config()) if ladder is None else ladder
-    divergences, curves = draw_tables(folder) if tables is None else tables()
-    captions = {**divergences, **_saved(folder, draw_ladders(ladder)), **curves}
+    tables = tables or _drawn_here(folder)
+    ladders = _saved(folder, draw_ladders(ladder))  # another process may be at the tables
+    divergences, curves = tables()
+    captions = {**divergences, **ladders, **curves}
     target = folder.root / "figures"
     write_json(target / CAPTIONS, captions)
     return [(target / f"{name}.png", caption) for name, caption in captions.items()]
+
+
+def _drawn_here(folder: RunFolder) -> Callable[[], Tables]:
+    drawn = draw_tables(folder)
+    return lambda: drawn
 
 
 def draw_tables(folder: RunFolder) -> Tables:
