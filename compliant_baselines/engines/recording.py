@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import inf, nan
 from typing import Any
@@ -36,7 +37,7 @@ PATH_POINTS = 2000
 ENERGY_GAIN_ALLOWED = 0.01
 
 
-class Ended:
+class Ended(ABC):
     """What runs have in common: how they ended."""
 
     __slots__ = ()
@@ -78,9 +79,9 @@ class Ended:
             )
         return reason
 
+    @abstractmethod
     def energy_gain(self) -> float:
         """Give the energy gained, over that at the start."""
-        raise NotImplementedError
 
     def too_much_energy(self) -> str:
         """Why the result is not converged, if it gained so much energy; else empty."""

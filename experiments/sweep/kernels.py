@@ -20,7 +20,7 @@ from impact_xval.compliant_baselines.references.driver import N_ROWS, end_of_seg
 from impact_xval.compliant_baselines.references.taylor import ORDER
 from impact_xval.experiments.measures.hausdorff import directed, hausdorff
 from impact_xval.model.collision import Collision
-from impact_xval.model.columns.column import Column
+from impact_xval.model.columns.column import ORDINARY
 from impact_xval.model.compiled import cache_folder, is_compiled
 from impact_xval.model.diagram import collide
 
@@ -88,7 +88,6 @@ def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     from impact_xval.compliant_baselines.references.columns import driver
     from impact_xval.model.columns.solving import solve_scaled
 
-    column = Column((1.0, 1.0), (1e8,), (0.9,), (-1.0, 0.0))
     parts: dict[str, tuple[str, Any]] = {
         "model": ("columns", solve_scaled),
         "reference": ("columns-in-time", driver.collide),
@@ -98,7 +97,7 @@ def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     def solve_by(names: Iterable[str]) -> None:
         for solver in map(get_solver, names):
             if solver.unavailable() is None:
-                solver.solve_columns([column], Settings())
+                solver.solve_columns([ORDINARY], Settings())
 
     ours = [name for name in solvers if is_ours(name)]
     by_kind = {kind: [name for name in ours if kind_of(name) == kind] for kind in parts}

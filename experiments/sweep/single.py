@@ -19,7 +19,7 @@ from impact_xval.experiments.sweep.executors import open_executor
 from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox
 from impact_xval.experiments.sweep.third_party import contained, longest
 from impact_xval.model.collision import Outcome, Status
-from impact_xval.model.columns.column import Column, ColumnOutcome
+from impact_xval.model.columns.column import ORDINARY, Column, ColumnOutcome
 
 _Answer = TypeVar("_Answer")
 _Outcome = TypeVar("_Outcome", Outcome, ColumnOutcome)
@@ -28,8 +28,6 @@ _Outcome = TypeVar("_Outcome", Outcome, ColumnOutcome)
 _TO_COMPILE = 1800.0
 #: Seconds between two lines that say which solver is at work.
 _SAY = 20.0
-#: A column that every solver answers at once.
-_ORDINARY = Column((1.0, 1.0), (1.0,), (0.9,), (-1.0, 0.0))
 
 
 class Solved(NamedTuple, Generic[_Outcome]):
@@ -187,7 +185,7 @@ def _within(
     """Call for a solver within its limit, after an ordinary call: what is imported and read first has no limit."""
     sandbox.start()
     if is_ours(name):
-        ordinary = [_ORDINARY, *asked[1:]] if asked else []
+        ordinary = [ORDINARY, *asked[1:]] if asked else []
         with contextlib.suppress(FaultError):  # the call that is asked for is to say so
             impact = parse_config({"scenario": "impact"})
             sandbox.call(function, name, impact, resolve, *ordinary, timeout=TO_PREPARE)

@@ -47,7 +47,7 @@ Lost = dict[tuple[str, int], tuple[Status, str]]
 Versions = dict[str, str]
 
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).
-_VELOCITY = re.compile(r"v\d+_limit|limit_error|error|regularisation|rest_speed")
+_VELOCITY = re.compile(r"v\d+_limit|limit_error|velocity_error|regularisation|rest_speed")
 
 #: Largest measure, and number of a certificate; the square of a larger one leaves double precision.
 _LARGEST = 1e150

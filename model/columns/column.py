@@ -117,6 +117,10 @@ def _numbers(legal: Legal, values: Iterable[float]) -> tuple[float, ...]:
     return tuple(legal._replace(name=f"{legal.name}[{i}]").number(v) for i, v in enumerate(values, 1))
 
 
+#: A column that every solver answers at once: one ball strikes another.
+ORDINARY = Column((1.0, 1.0), (1e8,), (0.9,), (-1.0, 0.0))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ColumnPath:
     """A column along its way: n points in the order of time, some of them at one instant.

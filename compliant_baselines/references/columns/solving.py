@@ -79,8 +79,8 @@ def solve_column(
     ColumnOutcome
         Status ``ok``, ``limit`` (only bistiffness: bodies were united by a closed form), ``timeout``, or
         ``unrepresentable`` for e_i = 0. Exact to rounding where the forces are linear; else ``diagnostics`` hold
-        ``error``, an estimate of the error of the velocities in m/s: by how much a run at 100 times the tolerance
-        differs. ``duration`` is in s.
+        ``velocity_error``, an estimate of the error of the velocities in m/s: by how much a run at 100 times the
+        tolerance differs. ``duration`` is in s.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def solve_column(
     if p != 1 or LAWS[law] == HUNT_CROSSLEY:
         looser, code2, *_ = collide(*problem, LOOSER * TOLERANCE, max_steps, 1, np.empty((0, log.shape[1])))
         moved = math.nan if code2 & TOO_MANY_EVENTS else float(np.abs(looser - velocities).max())
-        diagnostics["error"] = moved * units.speed
+        diagnostics["velocity_error"] = moved * units.speed
     velocities = velocities * units.speed
     return ColumnOutcome(
         solver=law,
