@@ -23,6 +23,7 @@ from impact_xval.experiments.commands.options import (
     folder_to_write,
     path,
 )
+from impact_xval.experiments.commands.supervision import hear_no_more
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 if TYPE_CHECKING:
@@ -41,13 +42,14 @@ def run(
     scheduler: Scheduler = None,
 ) -> None:
     """Run an experiment over its cells: tables, summary, figures and a report in one folder."""
+    start = time.perf_counter()
+    kept = _kept(out) if resume and config is None and out is not None else None
+    experiment = kept or _experiment(config, "built-in experiment")
+    # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import run_sweep
     from impact_xval.experiments.sweep.status import Medians
 
-    start = time.perf_counter()
-    kept = _kept(out) if resume and config is None and out is not None else None
-    experiment = kept or _experiment(config, "built-in experiment")
     root = out if out is not None else Path("runs") / _slug(experiment.name)
     words = ["run", config, "--out", root, "--resume", *_option("--scheduler", scheduler)]
     console = make_console()
@@ -252,6 +254,7 @@ def _writing(
                 folder.rmdir()
         raise
     except InterruptedRunError as stopped:
+        hear_no_more()
         command = shlex.join(["impact-xval", *(str(word) for word in words if word is not None)])
         error_line(f"{stopped}; finished {kept} are kept; to continue: {command}")
         raise typer.Exit(1) from None

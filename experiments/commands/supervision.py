@@ -5,7 +5,8 @@ the command runs in a child, forked before anything heavy is imported, and the p
 child is interrupted first, and says what it has to say; one that does not answer is killed.
 
 A library may catch the KeyboardInterrupt and go on. It is raised again as long as the last one is nowhere handled any
-more, and a command that was interrupted has not succeeded, whatever it returns.
+more, until the command has begun to say what it has to say (`hear_no_more`); and a command that was interrupted has not
+succeeded, whatever it returns.
 """
 
 from __future__ import annotations
@@ -13,16 +14,19 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import weakref
 from collections.abc import Callable
 from types import FrameType
-from typing import Any
 
 #: Seconds for a command to answer a signal, and then to put away what it has begun.
 _TO_ANSWER, _TO_END = 2, 30
 
 #: Seconds after which it is looked whether a KeyboardInterrupt got lost.
 _AGAIN = 0.5
+
+#: Signals that interrupt the command of this process; none where it is not `supervised`.
+_heard: set[signal.Signals] = set()
 
 #: Of Linux: the signal that a process gets when its parent is gone.
 _PR_SET_PDEATHSIG = 1
@@ -124,6 +128,7 @@ def _interruptible(command: Callable[[], int], ends: set[signal.Signals], superv
         if handled is None:
             if os.getppid() == supervisor:
                 os.kill(supervisor, signal.SIGUSR1)
+            sys.unraisablehook = sys.excepthook = threading.excepthook = _say_nothing
             signal.signal(signal.SIGALRM, interrupt)
             signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
         elif handled() is not None:
@@ -137,28 +142,37 @@ def _interruptible(command: Callable[[], int], ends: set[signal.Signals], superv
 
     for number in ends:
         signal.signal(number, interrupt)
-    sys.unraisablehook = _quiet
+    _heard.update(ends)
     try:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, ends)
-        code = command()
+        try:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, ends)
+            code = command()
+        finally:
+            hear_no_more()
     except BaseException:  # a compiler, interrupted, makes of it what it likes, and a library an exit
         if handled is None:
             raise
         code = 0
-    finally:  # the interpreter puts the default of SIGINT back when it ends, and a second one would count as a death
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.pthread_sigmask(signal.SIG_BLOCK, {*ends, signal.SIGALRM})
-        for number in ends:  # other threads have no mask
-            signal.signal(number, signal.SIG_IGN)
     if handled is None:
         return code
     return 1 if code else _ended("interrupted")  # another code: it has said so
 
 
-def _quiet(unraisable: Any) -> None:
-    """Say nothing of a KeyboardInterrupt in code from which none can be raised: it will be raised again."""
-    if not isinstance(unraisable.exc_value, _Interrupt):
-        sys.__unraisablehook__(unraisable)
+def hear_no_more() -> None:
+    """Have a command that is supervised interrupted no more: it says its last line, or is over."""
+    if _heard:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        # The interpreter puts the default of SIGINT back when it ends, and a second one would count as a death.
+        signal.pthread_sigmask(signal.SIG_BLOCK, {*_heard, signal.SIGALRM})
+        for number in _heard:  # other threads have no mask
+            signal.signal(number, signal.SIG_IGN)
+
+
+def _say_nothing(*_: object) -> None:
+    """Print nothing of what breaks where an interrupt cannot be raised, nor of what it left half made.
+
+    It is raised again, and the command says that it was interrupted.
+    """
 
 
 def _ended(how: str) -> int:

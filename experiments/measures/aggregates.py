@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines.contract.registry import law_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
-from impact_xval.experiments.measures.divergence import COMPARABLE
 from impact_xval.experiments.measures.levels import Levels, grid_levels, levels_of
 from impact_xval.experiments.tables.store import Tally
 from impact_xval.experiments.tables.streams import blocks, codes, column, present
+from impact_xval.model.collision import RESULT_STATUSES
 
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
 #: either.
@@ -175,7 +175,7 @@ def worst_rows(table: Compared, count: int) -> Frame:
 
 def reasons_of(outcomes: Tally) -> list[tuple[str, str, str, int]]:
     """Return why rows have no result: solver, status, reason and number, the most frequent reasons first."""
-    rows = [(*key, n) for key, n in outcomes.items() if key[1] not in COMPARABLE]
+    rows = [(*key, n) for key, n in outcomes.items() if key[1] not in RESULT_STATUSES]
     return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
 
 
@@ -191,7 +191,7 @@ def between(path: Path, config: Config) -> Frame:
     speed = np.abs(column(path, "v0"))
     u1 = (column(path, "v1") / speed).reshape(-1, len(config.solvers))
     u2 = (np.sqrt(column(path, "mass_ratio")) * column(path, "v2") / speed).reshape(-1, len(config.solvers))
-    done = np.isin(codes(path, "status", COMPARABLE), range(len(COMPARABLE))).reshape(u1.shape)
+    done = np.isin(codes(path, "status", RESULT_STATUSES), range(len(RESULT_STATUSES))).reshape(u1.shape)
     done &= ~present(path, "marked").reshape(u1.shape)
     u1[~done], u2[~done] = np.nan, np.nan
     rows = []

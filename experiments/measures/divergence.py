@@ -12,9 +12,6 @@ from impact_xval.experiments.tables.schema import MEASURES
 from impact_xval.model.collision import RESULT_STATUSES, Collision, ImpulseCurve, Outcome
 from impact_xval.model.kinetic import kinetic_norm
 
-#: Statuses of an outcome that can be compared.
-COMPARABLE = RESULT_STATUSES
-
 
 def divergence(
     collision: Collision, model: Outcome, other: Outcome, paths: tuple[Sequence[str], Sequence[str]]
@@ -36,7 +33,7 @@ def divergence(
         A value for every name in `schema.MEASURES`; all None where one of the two has no result, and
         ``curve_distance`` None where one of them carries no path.
     """
-    if model.status not in COMPARABLE or other.status not in COMPARABLE:
+    if model.status not in RESULT_STATUSES or other.status not in RESULT_STATUSES:
         return dict.fromkeys(MEASURES)
     speed = abs(collision.v0)
     impulse = collision.m1 * speed

@@ -17,8 +17,8 @@ import pyarrow.compute as pc
 
 from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
 from impact_xval.compliant_baselines.contract.solver import MappingName
-from impact_xval.experiments.measures.divergence import COMPARABLE
 from impact_xval.experiments.tables.streams import selected
+from impact_xval.model.collision import RESULT_STATUSES
 
 #: An estimate is honest where the true error is at most this many times as large.
 HONEST = 3.0
@@ -46,7 +46,7 @@ def convergence_estimates(path: Path, solvers: list[str], mapping: MappingName =
         found = _rows(path, _ENDS + _LIMIT, (pc.field("solver") == name) & pc.field("v1_limit").is_valid())
         if not len(found):
             continue
-        good = found[found.status.isin(COMPARABLE)]
+        good = found[found.status.isin(RESULT_STATUSES)]
         speed = good.v0.abs()
         away = _larger(good.v1 / speed - good.v1_limit, good.v2 / speed - good.v2_limit)
         asked = "" if mapping == "naive" or is_naive(name) else law_of(name)
@@ -54,7 +54,7 @@ def convergence_estimates(path: Path, solvers: list[str], mapping: MappingName =
         row |= {"order": found.order.median(), "regularisation": good.regularisation.max()}
         row |= _cuts("error", good.limit_error) | _cuts("step", away)
         if asked not in exact:
-            answered = (pc.field("solver") == asked) & pc.field("status").isin(list(COMPARABLE))
+            answered = (pc.field("solver") == asked) & pc.field("status").isin(list(RESULT_STATUSES))
             exact[asked] = _rows(path, _ENDS, answered)
         truth = exact[asked].reindex(good.index)
         error = _larger(good.v1_limit - truth.v1 / speed, good.v2_limit - truth.v2 / speed).dropna()

@@ -13,7 +13,6 @@ from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, engi
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.corners import Corners, Texts, corner_marks, corner_names, corners
-from impact_xval.experiments.measures.divergence import COMPARABLE
 from impact_xval.experiments.measures.ladder import (
     CAUSES,
     CHOICE,
@@ -27,6 +26,7 @@ from impact_xval.experiments.measures.ladder import (
     split,
 )
 from impact_xval.experiments.tables.schema import COLUMNS
+from impact_xval.model.collision import RESULT_STATUSES
 
 LADDER = "ladder.parquet"
 
@@ -169,13 +169,13 @@ def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Ta
     # The references know nothing of engines: one answer a cell.
     at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
     kappa, mu, e1, e2 = (_numbers(model, name) for name in AXES)
-    reference, number = _velocities(model, COMPARABLE), _numbers(model, "gravity_number")
+    reference, number = _velocities(model, RESULT_STATUSES), _numbers(model, "gravity_number")
     of_cells = corners(reference, (kappa, mu, e1, e2), number, law, obeyed)
     here, marks = of_cells.take(at), np.full(len(model), "", dtype="U120")
     there = of_cells.reason == ""
     if np.any(there):
         marks[there] = corner_marks([x[there] for x in (kappa, mu, e1, e2)], number[there], law, obeyed)
-    engine = _velocities(engines, (*COMPARABLE, UNCONVERGED))
+    engine = _velocities(engines, (*RESULT_STATUSES, UNCONVERGED))
     limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])
     # A limit that did not converge is none.
     limit[engines["status"].to_numpy(zero_copy_only=False) == UNCONVERGED] = np.nan
@@ -208,9 +208,9 @@ def _statuses(
     why, models = engines["reason"].to_pylist(), model["status"].to_pylist()
     joined = ~np.isnan(ladders.norms[ladders.contributions.index(ENGINE)])
     for i, place in enumerate(at.tolist()):
-        if found[i] not in COMPARABLE:
+        if found[i] not in RESULT_STATUSES:
             status, reason = found[i], f"{names[i]}: {why[i] or found[i]}"
-        elif models[place] not in COMPARABLE:
+        elif models[place] not in RESULT_STATUSES:
             status, reason = models[place], f"{REFERENCE}: {models[place]}"
         elif unanswered[i]:
             status, reason = str(unanswered[i]).rpartition(" ")[2], str(unanswered[i])

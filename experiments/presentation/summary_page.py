@@ -8,11 +8,11 @@ from typing import Any
 
 from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.measures.divergence import COMPARABLE
 from impact_xval.experiments.measures.estimates import HONEST
 from impact_xval.experiments.measures.summary import FULL_PATHS, OWN_LAW, SUMMARISED, Frame, Summary
 from impact_xval.experiments.presentation.ladder_page import ladder_facts, spread
 from impact_xval.experiments.tables.numbers import number, percent
+from impact_xval.model.collision import RESULT_STATUSES
 
 _CUTS = ("median", "p95", "max")
 _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
@@ -29,8 +29,8 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
         Facts by name, and all of them once more as ``facts``, to be handed to macros.
     """
     statuses = summary.statuses
-    names = [name for name in COMPARABLE if name in statuses]
-    names += [name for name in statuses if name not in COMPARABLE]
+    names = [name for name in RESULT_STATUSES if name in statuses]
+    names += [name for name in statuses if name not in RESULT_STATUSES]
     marked = {name: _divergence(summary, name, cells="marked").n for name in summary.solvers}
     facts = {
         "config": summary.config,
@@ -97,7 +97,7 @@ def _found(summary: Summary, name: str) -> dict[str, Any]:
 def _short(summary: Summary, name: str) -> tuple[str, ...]:
     """How far a solver is from the model, in a row for a terminal."""
     row, statuses = _divergence(summary, name), summary.statuses.loc[name]
-    unsolved = int(statuses.sum() - sum(statuses.get(status, 0) for status in COMPARABLE))
+    unsolved = int(statuses.sum() - sum(statuses.get(status, 0) for status in RESULT_STATUSES))
     cuts = (number(row[cut]) for cut in _CUTS)
     paths = percent(summary.get(name, "states_equal")["mean"])
     return law_of(name), name, str(int(row.n)), *cuts, paths, str(unsolved)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from datetime import timedelta
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.measures.summary import SUMMARISED, Summary
 from impact_xval.experiments.presentation.pages import phrase, render
-from impact_xval.experiments.presentation.summary_page import summary_facts
 from impact_xval.experiments.presentation.terminal import print_line, show
-from impact_xval.experiments.sweep.search import Found
-from impact_xval.experiments.sweep.status import RunStatus
 from impact_xval.experiments.tables.numbers import number
+
+if TYPE_CHECKING:  # each command has imported what it shows, and needs none of the others
+    from impact_xval.experiments.measures.summary import Summary
+    from impact_xval.experiments.sweep.search import Found
+    from impact_xval.experiments.sweep.status import RunStatus
 
 #: Reasons that `show_status` prints.
 _REASONS = 12
@@ -21,6 +23,8 @@ _REASONS = 12
 
 def show_summary(console: Console, summary: Summary) -> None:
     """Print what a run found."""
+    from impact_xval.experiments.presentation.summary_page import summary_facts
+
     show(console, render("summary_run.md.j2", **summary_facts(summary)))
 
 
@@ -51,6 +55,8 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
 
 def show_found(console: Console, found: Found) -> None:
     """Print what a search found."""
+    from impact_xval.experiments.measures.summary import SUMMARISED
+
     measure = found.search.measure
     rows = [
         (

@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Cell, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
-from impact_xval.experiments.measures.divergence import COMPARABLE
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.sandbox import Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Experiment, make_ready
@@ -20,6 +19,7 @@ from impact_xval.experiments.sweep.third_party import longest
 from impact_xval.experiments.tables.schema import schema
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import replacing
+from impact_xval.model.collision import RESULT_STATUSES
 
 #: Parameters (44) of the main paper, inferred from the supplement, at the ratios of its figures 1(b) and
 #: 2(b).
@@ -80,7 +80,7 @@ def _curve(experiment: Experiment, label: str, cell: Cell, name: str) -> pa.Tabl
     collision = collision_of(experiment.config, cell)
     (outcome,) = experiment.outcomes(name, [GridCell(0, 1.0, 1.0, collision)], {})
     path = outcome.path
-    if outcome.status not in COMPARABLE or path is None:
+    if outcome.status not in RESULT_STATUSES or path is None:
         return None
     unit = collision.m1 * abs(collision.v0)
     i1, i2 = path.impulse1 / unit, path.impulse2 / unit

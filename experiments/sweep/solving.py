@@ -26,14 +26,14 @@ from impact_xval.compliant_baselines.contract.solver import Convergence, Setting
 from impact_xval.compliant_baselines.contract.state_runs import compared_states
 from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
 from impact_xval.experiments.config.grid import GridCell, collision_of
-from impact_xval.experiments.measures.divergence import COMPARABLE, divergence
+from impact_xval.experiments.measures.divergence import divergence
 from impact_xval.experiments.sweep.executors import in_flight, in_this_process
 from impact_xval.experiments.sweep.kernels import compile_once, kernels_of
 from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox, SandboxError, in_halves
 from impact_xval.experiments.sweep.third_party import longest
 from impact_xval.experiments.tables.schema import CERTIFICATE, MEASURES, ROW_SCHEMA
 from impact_xval.experiments.tables.store import part_bytes, read_part
-from impact_xval.model.collision import Outcome, Status
+from impact_xval.model.collision import RESULT_STATUSES, Outcome, Status
 from impact_xval.model.columns.column import ColumnOutcome
 
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
@@ -341,7 +341,7 @@ def _row(config: Config, name: str, cell: GridCell, model: Outcome, outcome: Out
     if name != REFERENCE:  # the model's divergence from itself is in no table
         row |= divergence(c, model, outcome, paths)
     # A result that is not converged keeps the numbers it came to, but is no measure of anything.
-    if outcome.status in (*COMPARABLE, "unconverged") and math.isfinite(outcome.v1):
+    if outcome.status in (*RESULT_STATUSES, "unconverged") and math.isfinite(outcome.v1):
         row |= {
             "v1": outcome.v1,
             "v2": outcome.v2,

@@ -100,7 +100,7 @@ class ContainedSolver(SolverBase):
             try:
                 self._known = self._ask() if is_sandbox() else self._ask_apart()
             except FaultError as fault:
-                self._known = "", f"asked what it is, it gave no answer: {fault.reason}"
+                self._known = _no_answer(None, fault)
         return self._known
 
     def _ask(self) -> tuple[str, str | None]:
@@ -109,7 +109,11 @@ class ContainedSolver(SolverBase):
 
     def _ask_apart(self) -> tuple[str, str | None]:
         with contextlib.closing(Sandbox((self._resolve, self._timeout, self.name), _nothing)) as between:
-            return between.call(_asked, timeout=3 * _TO_STATE)
+
+            def call(_: slice) -> tuple[str, str | None]:
+                return between.call(_asked, timeout=3 * _TO_STATE)
+
+            return in_halves(call, 1, _no_answer)[0]  # one death may have been anybody's
 
 
 def contained(resolve: Callable[[str], Solver], timeout: float) -> Callable[[str], Solver]:
@@ -153,6 +157,10 @@ def _find(resolve: Callable[[str], Solver], timeout: float, name: str) -> Solver
 
 def _nothing(_: object) -> None:
     """Prepare a process for nothing."""
+
+
+def _no_answer(_: object, fault: FaultError) -> tuple[str, str | None]:
+    return "", f"asked what it is, it gave no answer: {fault.reason}"
 
 
 def _asked(context: tuple[Callable[[str], Solver], float, str]) -> tuple[str, str | None]:

@@ -108,7 +108,7 @@ class Run:
         with self._log.open("ab") as log:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "impact_xval", *map(str, words)],
-                cwd=ROOT, env=self._env, stdout=log, stderr=log,
+                cwd=ROOT, env=self._env, stdout=log, stderr=log, preexec_fn=_hear_all,
             )  # fmt: skip
 
     def processes(self) -> list[psutil.Process]:
@@ -137,11 +137,19 @@ class Run:
         return self._log.read_text(encoding="utf-8", errors="replace") if self._log.exists() else ""
 
 
+def _hear_all() -> None:
+    """Have a run hear what this process may ignore: a shell has what it starts in the background ignore SIGINT."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
 # Faults of a run at work: each is given the run and a source of chance.
 
 
 def _send(number: int) -> Callable[[Run, Rng], None]:
     def fault(run: Run, rng: Rng) -> None:
+        while len(run.processes()) == 1 and run.process.poll() is None:
+            time.sleep(0.01)  # Python itself answers until it has come to our first line
         run.process.send_signal(number)
 
     fault.__name__ = signal.Signals(number).name.lower()
@@ -312,7 +320,9 @@ def chaos(
         else:
             found += [f"{name} differs" for name, data in tables(run.root).items() if data != whole[name]]
             found += [f"{path.name} is left" for path in run.root.rglob(".tmp-*")]
-        found += ["a traceback"] if "Traceback" in run.said() else []
+        found += (
+            [f"a traceback: {run.said()[at:][:3000]}"] if (at := run.said().find("Traceback")) >= 0 else []
+        )
         problems += [f"{run.root.name} after {', '.join(history)}: {each}" for each in found]
         say(f"{run.root.name}: {', '.join(history)}: {'; '.join(found) or 'the same tables'}")
     return drawn, problems

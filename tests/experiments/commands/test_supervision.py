@@ -57,6 +57,35 @@ AN_EXIT = """
         sys.exit(130)
 """
 
+SAYS_SO = """
+    from impact_xval.experiments.commands.cli import _fail
+    start()
+    try:
+        time.sleep(60)
+    except KeyboardInterrupt:
+        pass
+    code = _fail("interrupted", 1)
+    time.sleep(1.2)
+    return code
+"""
+
+#: What an interrupt leaves half made breaks where nothing can be raised.
+BREAKS = """
+    import threading
+    class Half:
+        def __del__(self):
+            self.missing
+    start()
+    try:
+        time.sleep(60)
+    except KeyboardInterrupt:
+        Half()
+        broken = threading.Thread(target=lambda: 1 / 0)
+        broken.start()
+        broken.join()
+        sys.excepthook(*sys.exc_info())  # as generated C code does
+"""
+
 
 def _start(body, **how):
     script = (
@@ -117,6 +146,20 @@ def test_an_interrupt_that_is_swallowed_comes_again_and_is_told_once(body):
         time.sleep(0.05)
     said, error = process.communicate(timeout=30)
     assert time.monotonic() - start < 10
+    assert (process.returncode, said, error) == (1, "", "impact-xval: interrupted\n")
+
+
+def test_what_says_its_last_line_is_not_interrupted_again():
+    process, _ = _start(SAYS_SO)
+    process.send_signal(signal.SIGTERM)
+    said, error = process.communicate(timeout=30)
+    assert (process.returncode, said, error) == (1, "", "impact-xval: interrupted\n")
+
+
+def test_nothing_is_said_of_what_an_interrupt_breaks():
+    process, _ = _start(BREAKS)
+    process.send_signal(signal.SIGTERM)
+    said, error = process.communicate(timeout=30)
     assert (process.returncode, said, error) == (1, "", "impact-xval: interrupted\n")
 
 
