@@ -86,7 +86,9 @@ def _found(ladder: LadderSummary, solver: str) -> dict[str, Any]:
         "total": first.total,
         "parts": [
             (share_text(whole, name), _LABELS[name])
-            for name in whole.share.sort_values(ascending=False).index
+            for name in whole[whole["max"] > 0]
+            .share.sort_values(ascending=False)
+            .index  # no gravity: no share
         ],
         "bands": [(_LABELS[name], share_text(region, name), label) for region, name, label in largest],
         "agreed": first.agreed,

@@ -12,14 +12,7 @@ from typing import Any
 
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -94,6 +87,33 @@ def show_progress(
         yield progress
 
 
+class _Pace:
+    """How fast work goes, from how much was done when: what comes before the first report is not counted."""
+
+    def __init__(self) -> None:
+        self.done = self.total = self._before = 0
+        self._since: float | None = None
+        self._latest = 0.0
+
+    def report(self, done: int, total: int) -> None:
+        """Take how many are done, of how many."""
+        now = time.perf_counter()
+        if self._since is None:
+            self._since, self._before = now, done
+        if done > self.done:
+            self._latest = now
+        self.done, self.total = done, total
+
+    @property
+    def left(self) -> timedelta | None:
+        """Time left at the rate of all so far; None where nothing has been done yet."""
+        if self._since is None or self.done <= self._before:
+            return None
+        each = (self._latest - self._since) / (self.done - self._before)
+        seconds = (self.total - self.done) * each - (time.perf_counter() - self._latest)
+        return timedelta(seconds=max(0, round(seconds)))
+
+
 @contextmanager
 def _bar(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
     bar = Progress(
@@ -101,13 +121,14 @@ def _bar(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        TextColumn("{task.fields[left]}"),
         console=console,
     )
-    task = bar.add_task(unit, total=None)
+    task, pace = bar.add_task(unit, total=None, left=""), _Pace()
     medians = _seldom(medians)
 
     def shown() -> Group:
+        bar.update(task, left=phrase("progress.md.j2", "to_come", pace.done, pace.total, pace.left))
         rows = [(*names, number(median)) for *names, median in medians()]
         page = _renderables(render("medians.md.j2", rows=rows))
         return Group(*(Text(each) if isinstance(each, str) else each for each in page), bar)
@@ -118,6 +139,7 @@ def _bar(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[
             if line:
                 live.console.print(visible(line), markup=False, highlight=False)
             if total:
+                pace.report(done, total)
                 bar.update(task, completed=done, total=total)
 
         yield on_bar
@@ -142,27 +164,25 @@ def _seldom(medians: MedianRows) -> MedianRows:
 
 @contextmanager
 def _log(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
-    start, said, first, latest = time.perf_counter(), -1, None, (0, 0)
+    start, said, pace = time.perf_counter(), -1, _Pace()
     last, pause, lock, ended = start, _SAY, threading.Lock(), threading.Event()
 
     broken: list[OSError] = []
 
     def on_log(done: int, total: int, line: str) -> None:
-        nonlocal said, last, first, pause, latest
+        nonlocal said, last, pause
         if broken:
             raise broken[0]
         with lock:
             now = time.perf_counter()
             if total:
-                latest, first = (done, total), first or (now, done)
+                pace.report(done, total)
             if line:
                 last = now
                 print_line(console, line)
-            elif first and total and (10 * done // total > said or (done < total and now - last > pause)):
-                said, last, (since, before) = 10 * done // total, now, first
-                rate = (done - before) / (now - since) if done > before else 0.0
-                left = timedelta(seconds=round((total - done) / rate)) if rate else None
-                facts = {"unit": unit, "seconds": now - start, "left": left, "rows": medians()}
+            elif total and (10 * done // total > said or (done < total and now - last > pause)):
+                said, last = 10 * done // total, now
+                facts = {"unit": unit, "seconds": now - start, "left": pace.left, "rows": medians()}
                 pause = max(_SAY, _STAND * (time.perf_counter() - now))
                 print_line(console, phrase("progress.md.j2", "tenth", done, total, **facts))
             elif now - last > pause:
@@ -172,7 +192,7 @@ def _log(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[
     def beat() -> None:
         try:
             while not ended.wait(_LOOK):
-                on_log(*latest, "")
+                on_log(pace.done, pace.total, "")
         except OSError as error:  # which ends the work when it next says something
             broken.append(error)
 

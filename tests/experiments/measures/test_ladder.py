@@ -411,6 +411,7 @@ def test_a_missing_outcome_is_a_row_with_a_status_and_a_reason(tmp_path):
     assert found.solvers == ["mujoco"]
     facts = ladder_facts(found)
     assert [e["solver"] for e in facts["engines"]] == ["mujoco"]
+    assert "gravity" not in [label for _, label in facts["engines"][0]["parts"]]  # an impact has none
     assert "What if" in phrase("ladder.md.j2", "ladder_findings", facts)
 
 

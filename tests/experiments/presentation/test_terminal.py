@@ -129,6 +129,24 @@ def test_a_terminal_shows_the_medians_above_the_bar(width):
     assert shown.rstrip().endswith("\x1b[2K")  # the table is gone once there is more to say
 
 
+def test_a_terminal_says_what_is_left_at_the_rate_so_far_and_what_follows_the_last_cell():
+    console = Console(file=io.StringIO(), width=120, force_terminal=True, color_system=None)
+
+    def shown():
+        before = len(console.file.getvalue())
+        time.sleep(0.6)  # the screen is drawn four times a second
+        return console.file.getvalue()[before:]
+
+    with show_progress(console) as progress:
+        progress(20, 120, "")  # a run that is resumed
+        assert "left" not in shown()
+        time.sleep(0.4)
+        progress(21, 120, "")
+        assert "0:01:3" in shown()
+        progress(120, 120, "")
+        assert "at work on what is made of them" in shown()
+
+
 def test_a_terminal_takes_a_hundredth_of_the_time_for_medians():
     console, calls = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None), []
 
