@@ -32,7 +32,7 @@ e1 = [0.8]
 e2 = [0.6, 0.9]
 """
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.exhaustive
 
 
 @pytest.fixture(scope="module")

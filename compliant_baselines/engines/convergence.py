@@ -16,7 +16,7 @@ Balls that part for good have v1 >= v2 >= 0, and so has their limit. Where L is 
 step goes to zero, or B2 meets the table, and not at the steps that were run: L is then replaced by the nearest point
 inside, in the kinetic norm. That is what a plastic meeting makes of it, and an elastic one goes as far again.
 
-The estimate of the error of L is therefore the largest of five numbers (the larger of the two velocities
+The estimate of the error of L is therefore the largest of seven numbers (the larger of the two velocities
 counts):
 
 1. |L - L'|, with L' = 2 V(n-1) - V(n-2) the limit of the steps before: for errors a h + b h^2 three times the
@@ -28,7 +28,14 @@ counts):
    change of the relative velocity of their pair (`Run.starts`): L takes twice what the shortest step has of
    this and once what the step before has, either between nothing and all of it;
 4. how far L was moved to v1 >= v2 >= 0;
-5. in a drop, what gravity does in the last step, at the end of which a first flight, or rest, is seen; and where it is
+5. where the last change of the rate at which two bodies part is more than a third of what is left of it: the
+   larger of its last two changes. Bodies that part slowly do so by what remains of a vibration of their contact,
+   and their rate is the length of a vector (of displacement and velocity): that is smooth in the step, and its
+   length turns around where it is shortest;
+6. where the changes of such a rate grow from step to step: the last one as many times as it has grown. Of a
+   vibration that steps damp, by exp(-D) at h, x = exp(-D) is left at h, x^2 at 2h and x^4 at 4h: where that is
+   little, the changes grow by 1/(x + x^2), and the limit is 1/x - 1 times the last one away, about as much;
+7. in a drop, what gravity does in the last step, at the end of which a first flight, or rest, is seen; and where it is
    not known whether gravity ends in a first flight before two bodies meet again or goes on, what it does in that
    contact: g times half its period.
 
@@ -68,6 +75,15 @@ DOUBT = 0.1
 
 #: Share of what contacts do in their first steps that may be missing from the limit.
 CHANCE = 0.5
+
+#: Share of the rate at which two bodies part that its last change may be, for a line to lead to its limit.
+STRAIGHT = 1 / 3
+
+#: How often the last change of a rate counts at most where changes grow; one may follow none at all.
+GROWTH = 100.0
+
+#: Added to what may be zero.
+TINY = np.finfo(float).tiny
 
 #: Factor within which two measures of a regularisation agree.
 ALIKE = 2.0
@@ -181,6 +197,10 @@ def limit_of(
         What the instants of a first flight and of the end may change, in m/s.
     """
     differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
+    rates = np.diff(velocities, axis=1, **({"append": 0.0} if table else {}))
+    changes = np.abs(np.diff(rates[-3:], axis=0))
+    turning = changes[1] > STRAIGHT * np.abs(rates[-1])
+    grown = changes[1] / np.maximum(changes[0], changes[1] / GROWTH + TINY)
     limits = extrapolated(velocities)
     inside = parted(limits[-1].tolist(), weights, table)
     error = max(
@@ -188,6 +208,8 @@ def limit_of(
         (DOUBT if alike else 1.0) * float(differences[-1]),
         CHANCE * abs(starts),
         float(np.abs(limits[-1] - inside).max()),
+        float(changes[:, turning].max(initial=0.0)),
+        float((changes[1] * grown)[grown > 1].max(initial=0.0)),
         gravity_doubt,
     )
     return Limit(inside, error, regularisation, fitted_order(differences), step)

@@ -224,7 +224,7 @@ def test_bistiffness_misses_a_plastic_limit_in_few_cells_and_agrees_in_most():
     assert (beyond, within) == (1, 0)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_shares_of_the_page_are_those_that_the_benchmark_measures(capsys):
     text = (Path(__file__).parents[3] / "docs/hypothesis.md").read_text(encoding="utf-8")
     printed = text.split("<!-- misses -->\n")[1].split("\n\n")[0].splitlines()[2:]

@@ -76,7 +76,7 @@ def test_the_first_rows_wait_for_no_engine_and_its_first_call_has_no_limit(tmp_p
     assert until - since > 1.5
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_three_crashes_and_two_hangs_among_two_thousand_cells(tmp_path):
     fatal = {
         17: faulty.SEGFAULT,
