@@ -197,7 +197,8 @@ def limit_of(
         What the instants of a first flight and of the end may change, in m/s.
     """
     differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
-    rates = np.diff(velocities, axis=1, **({"append": 0.0} if table else {}))
+    bodies = np.pad(velocities, ((0, 0), (0, 1))) if table else velocities
+    rates = np.diff(bodies, axis=1)
     changes = np.abs(np.diff(rates[-3:], axis=0))
     turning = changes[1] > STRAIGHT * np.abs(rates[-1])
     grown = changes[1] / np.maximum(changes[0], changes[1] / GROWTH + TINY)
