@@ -56,15 +56,11 @@ def run(
     medians = Medians(experiment.solvers)
     summaries = []
 
-    def present(folder: RunFolder) -> None:
+    def presented(folder: RunFolder) -> None:
         # Imported when the cells are done: matplotlib takes a second that the first cells would have to wait for.
-        from impact_xval.experiments.presentation.figures import tables_drawn_apart, write_figures
-        from impact_xval.experiments.presentation.report import write_report, write_tables
+        from impact_xval.experiments.presentation.report import present
 
-        with tables_drawn_apart(folder) as tables:
-            summaries.append(write_tables(folder))
-            write_figures(folder, summaries[-1].ladder, tables)
-        write_report(folder, summaries[-1])
+        summaries.append(present(folder))
 
     with _writing(root, "parts", words, console, medians.rows) as progress:
         folder = run_sweep(
@@ -76,7 +72,7 @@ def run(
             take_over=take_over,
             progress=progress,
             on_rows=medians.add,
-            present=present,
+            present=presented,
         )
     from impact_xval.experiments.presentation.views import show_end
 

@@ -50,6 +50,9 @@ def _open_streams() -> None:
 def _main() -> int:
     # Takes a third of a second, in which signals come too.
     from impact_xval.experiments.commands.cli import main
+    from impact_xval.experiments.sweep.sandbox import NO_WINDOW
+
+    os.environ.update(NO_WINDOW | os.environ)
 
     return main()
 

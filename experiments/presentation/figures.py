@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
-from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, load_divergence
@@ -22,15 +20,11 @@ from impact_xval.experiments.presentation.ladder_figures import draw_ladders
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import Look, drawing, look, save
 from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL, SUPPLEMENT
-from impact_xval.experiments.sweep.executors import open_executor
-from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox
+from impact_xval.experiments.sweep.sandbox import FaultError
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_json
 
 CAPTIONS = "captions.json"
-
-#: Captions by name, of the figures of the divergence table and of those of the curves.
-Tables = tuple[dict[str, str], dict[str, str]]
 
 #: D below this is drawn at this height on logarithmic axes: about the rounding of the solvers.
 _FLOOR = 1e-6
@@ -61,7 +55,9 @@ class Data:
 
 
 def write_figures(
-    folder: RunFolder, ladder: LadderSummary | None = None, tables: Callable[[], Tables] | None = None
+    folder: RunFolder,
+    ladder: LadderSummary | None = None,
+    divergences: Callable[[], dict[str, str]] | None = None,
 ) -> list[tuple[Path, str]]:
     """Draw every figure of a finished run into ``figures/``.
 
@@ -70,8 +66,8 @@ def write_figures(
     folder : RunFolder
     ladder : LadderSummary, optional
         That of the run, where it is known; by default it is computed.
-    tables : callable, optional
-        Waits for `draw_tables` (`tables_drawn_apart`); by default it is called here.
+    divergences : callable, optional
+        Waits for `draw_divergences`, at which another process may be; by default it is called here.
 
     Returns
     -------
@@ -79,57 +75,25 @@ def write_figures(
         The PNG of each figure, and its caption; a figure that has nothing to show is left out.
     """
     # All that is drawn is read first: of a damaged folder nothing is drawn.
-    ladder = summarise_ladder(folder, folder.config()) if ladder is None else ladder
-    tables = tables or _drawn_here(folder)
-    ladders = _saved(folder, draw_ladders(ladder))  # another process may be at the tables
-    divergences, curves = tables()
-    captions = {**divergences, **ladders, **curves}
+    config, curves = folder.config(), folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
+    ladder = summarise_ladder(folder, config) if ladder is None else ladder
+    first = draw_divergences(folder) if divergences is None else {}
+    ladders = _saved(folder, draw_ladders(ladder))
+    last = _saved(folder, _draw_curves(curves, config))
+    if divergences is not None:
+        try:
+            first = divergences()
+        except FaultError:
+            first = draw_divergences(folder)
+    captions = {**first, **ladders, **last}
     target = folder.root / "figures"
     write_json(target / CAPTIONS, captions)
     return [(target / f"{name}.png", caption) for name, caption in captions.items()]
 
 
-def _drawn_here(folder: RunFolder) -> Callable[[], Tables]:
-    drawn = draw_tables(folder)
-    return lambda: drawn
-
-
-def draw_tables(folder: RunFolder) -> Tables:
-    """Draw what the tables of divergence and of curves hold: their figures' captions by name."""
-    config = folder.config()
-    data, curves = _divergences(folder, config), folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
-    return _saved(folder, _draw_divergences(data)), _saved(folder, _draw_curves(curves, config))
-
-
-@contextmanager
-def tables_drawn_apart(folder: RunFolder) -> Iterator[Callable[[], Tables]]:
-    """Have a process call `draw_tables` while the block goes on; what is given waits for it."""
-    with open_executor(folder, _ready, 1) as executor:
-        drawn = executor.submit(_draw_apart)
-
-        def wait() -> Tables:
-            answer = drawn.result()
-            if isinstance(answer, Exception):
-                raise answer
-            return answer or draw_tables(folder)  # it died; whatever of
-
-        yield wait
-
-
-def _ready(folder: RunFolder) -> None:
-    """Have what this module needs imported."""
-
-
-def _draw_apart(sandbox: Sandbox) -> Tables | Exception | None:
-    with suppress(FaultError):
-        return sandbox.call(_drawn_or_why_not, timeout=TO_PREPARE)
-
-
-def _drawn_or_why_not(folder: RunFolder) -> Tables | Exception:
-    try:
-        return draw_tables(folder)
-    except (OSError, UserError) as error:
-        return error
+def draw_divergences(folder: RunFolder) -> dict[str, str]:
+    """Draw what the table of divergence holds: the figures' captions by name."""
+    return _saved(folder, _draw_divergences(_divergences(folder, folder.config())))
 
 
 def _saved(folder: RunFolder, drawn: Iterable[tuple[str, Figure, str]]) -> dict[str, str]:

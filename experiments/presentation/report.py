@@ -10,11 +10,13 @@ import pandas as pd
 
 from impact_xval.experiments.measures.ladder_summary import csv_rows
 from impact_xval.experiments.measures.summary import Summary, summarise
-from impact_xval.experiments.presentation.figures import CAPTIONS, write_figures
+from impact_xval.experiments.presentation.apart import Wait, process_apart
+from impact_xval.experiments.presentation.figures import CAPTIONS, draw_divergences, write_figures
 from impact_xval.experiments.presentation.pages import html_of, latex_of, render
 from impact_xval.experiments.presentation.summary_page import summary_facts
 from impact_xval.experiments.sweep.designs import cells_of_run
-from impact_xval.experiments.sweep.examination import traps_note
+from impact_xval.experiments.sweep.examination import failed_note, traps_note
+from impact_xval.experiments.sweep.sandbox import FaultError
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_text
 from impact_xval.experiments.tables.streams import column, replacing
@@ -32,7 +34,17 @@ def write_tables(folder: RunFolder) -> Summary:
     return summary
 
 
-def write_report(folder: RunFolder, summary: Summary | None = None) -> Path:
+def present(folder: RunFolder) -> Summary:
+    """Write all that people look at of a finished run, with a process of its own for what does not need the summary."""
+    with process_apart(folder) as begin:
+        divergences, traps = begin(draw_divergences), begin(_traps)
+        summary = write_tables(folder)
+        write_figures(folder, summary.ladder, divergences)
+        write_report(folder, summary, traps)
+    return summary
+
+
+def write_report(folder: RunFolder, summary: Summary | None = None, traps: Wait | None = None) -> Path:
     """Write ``report.html`` of a finished run; its figures are drawn if they are not there.
 
     Parameters
@@ -40,12 +52,17 @@ def write_report(folder: RunFolder, summary: Summary | None = None) -> Path:
     folder : RunFolder
     summary : Summary, optional
         That of the run, where it is known; by default it is computed.
+    traps : callable, optional
+        Waits for the note on traps, at which another process is; by default one is started.
 
     Returns
     -------
     Path
         The page.
     """
+    if traps is None:
+        with process_apart(folder) as begin:
+            return write_report(folder, summary, begin(_traps))
     summary = summarise(folder) if summary is None else summary
     figures = folder.root / "figures"
     if not (figures / CAPTIONS).is_file():
@@ -56,12 +73,25 @@ def write_report(folder: RunFolder, summary: Summary | None = None) -> Path:
         **summary_facts(summary),
         figures={name: text for name, text in captions.items() if (figures / f"{name}.png").is_file()},
         gravity_number=_gravity_number(folder),
-        traps=traps_note(summary.config, cells_of_run(folder, summary.config)),
+        traps=_noted(traps),
         provenance=_provenance(folder.manifest()),
     )
     path = folder.root / "report.html"
     write_text(path, html_of(page, f"impact-xval: {summary.config.name}", figures))
     return path
+
+
+def _traps(folder: RunFolder) -> dict[str, Any]:
+    """Examine scenes of a run, in a process of its own: engines are imported, and may crash."""
+    config = folder.config()
+    return traps_note(config, cells_of_run(folder, config))
+
+
+def _noted(traps: Wait) -> dict[str, Any]:
+    try:
+        return traps()
+    except FaultError as fault:
+        return failed_note(fault.reason)
 
 
 def _gravity_number(folder: RunFolder) -> str:

@@ -18,8 +18,9 @@ from impact_xval.experiments.sweep.solving import settings_of
 #: Cells of an experiment that are examined, evenly spread and the corners among them.
 MOST_CELLS = 100
 
-#: Cells examined for the note in a report.
+#: Cells examined for the note in a report, and how it begins.
 IN_REPORT = 40
+_LOOKED = "The scenes of this run, as its adapters build them, were examined by impact-xval doctor"
 
 
 def experiment_findings(
@@ -81,18 +82,22 @@ def traps_note(config: Config, cells: Cells | None = None) -> dict[str, Any]:
     dict
         ``introduction``, a sentence, and ``found``, a list of them.
     """
-    looked = "The scenes of this run, as its adapters build them, were examined by impact-xval doctor"
     try:
         examined, findings = experiment_findings(config, IN_REPORT, cells)
     except Exception as error:  # a report must not fail for a note
-        return {"introduction": f"{looked}, which failed: {type(error).__name__}: {error}.", "found": []}
+        return failed_note(f"{type(error).__name__}: {error}")
     if not examined:
         return {
             "introduction": "This run has no engine whose scenes could be examined here.",
             "found": [],
         }
-    said = f"{looked} ({', '.join(examined)}): " + (f"{len(findings)} traps." if findings else "no traps.")
+    said = f"{_LOOKED} ({', '.join(examined)}): " + (f"{len(findings)} traps." if findings else "no traps.")
     return {"introduction": said, "found": [str(finding) for finding in findings]}
+
+
+def failed_note(reason: str) -> dict[str, Any]:
+    """Say, as `traps_note`, that the scenes could not be examined."""
+    return {"introduction": f"{_LOOKED}, which failed: {reason}.", "found": []}
 
 
 def column_findings(solver: EngineSolver, column: Any) -> list[Finding]:

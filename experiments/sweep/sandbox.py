@@ -51,8 +51,9 @@ _THREADS = (
     "MKL_NUM_THREADS",
     "ARROW_NUM_THREADS",
 )
-#: MuJoCo looks for no window: that takes a third of its import, and a process that says it died where a sandbox does.
-_NO_WINDOW = {"MUJOCO_GL": "disable"}
+#: By this MuJoCo looks for no window: that takes a third of its import, and a process that prints a traceback when the
+#: one that imports it is ended.
+NO_WINDOW = {"MUJOCO_GL": "disable"}
 #: Seconds for a process to be made ready: what it needs is imported, and compiled once an installation.
 TO_PREPARE = 900.0
 #: Linux ends the process with the highest score first when memory runs out: the sandbox, not the main process.
@@ -320,7 +321,7 @@ class _Process:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             bufsize=0,
-            env=_NO_WINDOW | os.environ | dict.fromkeys(_THREADS, "1") | {_MARK: _new_mark()},
+            env=NO_WINDOW | os.environ | dict.fromkeys(_THREADS, "1") | {_MARK: _new_mark()},
             start_new_session=True,
         )
         assert self._process.stdin is not None

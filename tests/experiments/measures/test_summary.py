@@ -14,7 +14,8 @@ from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.aggregates import between
 from impact_xval.experiments.measures.summary import SUMMARISED, summarise
-from impact_xval.experiments.presentation.figures import tables_drawn_apart, write_figures
+from impact_xval.experiments.presentation.apart import process_apart
+from impact_xval.experiments.presentation.figures import draw_divergences, write_figures
 from impact_xval.experiments.presentation.report import write_report, write_tables
 from impact_xval.experiments.sweep.curves import CURVES
 from impact_xval.experiments.sweep.run import run_sweep
@@ -152,8 +153,8 @@ def test_figures_drawn_by_a_process_of_its_own_are_the_same(hostile, monkeypatch
 
     def apart():
         shutil.rmtree(hostile.root / "figures")
-        with tables_drawn_apart(hostile) as drawn_apart:
-            write_figures(hostile, tables=drawn_apart)
+        with process_apart(hostile) as begin:
+            write_figures(hostile, divergences=begin(draw_divergences))
         return drawn()
 
     write_figures(hostile)

@@ -1,6 +1,7 @@
 """Folders of runs: those of another version, and what is left of a run that was refused."""
 
 import contextlib
+import functools
 import hashlib
 import json
 import math
@@ -263,7 +264,8 @@ def _spoilt(value, rng):
 @pytest.mark.parametrize("block", range(6))
 def test_no_type_in_a_manifest_is_a_traceback(run, block, capsys, monkeypatch):
     """Ten values a block; what needs long and reads no more of a manifest than others is left out."""
-    monkeypatch.setattr(report, "traps_note", lambda *_: {"introduction": "", "found": []})
+    known = functools.partial(report.write_report, traps=lambda: {"introduction": "", "found": []})
+    monkeypatch.setattr(report, "write_report", known)
     (run / "figures").mkdir()
     (run / "figures" / "captions.json").write_text("{}")
     manifest = RunFolder(run).manifest()
