@@ -146,10 +146,10 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
     orders = _shares_by_order(path, rows, total, regions, CHOICE in contributions)
     apart = ~np.isnan(column(path, f"{MAPPING.name}_norm")[rows])
     doubt = np.where(apart, column(path, "limit_error")[rows], np.nan)
-    frames = []
-    for i, contribution in enumerate(contributions):
-        values = pd.DataFrame(
+    values = pd.concat(
+        pd.DataFrame(
             {
+                "place": i,
                 "norm": column(path, f"{contribution.name}_norm")[rows],
                 "along": column(path, f"{contribution.name}_share")[rows] * total,
                 "total": total,
@@ -158,15 +158,20 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
                 "doubt": doubt,
             }
         )
-        for axis, region in regions.items():
-            found = _by_region(values, region).assign(
-                solver=solver, axis=axis, contribution=contribution.name
-            )
-            low, high = found.share, found.share
-            if contribution in CAUSES:
-                shares = orders[axis][:, i]  # the causes come first
-                low, high = shares.min(axis=0), shares.max(axis=0)
-            frames.append(found.assign(low=low, high=high))
+        for i, contribution in enumerate(contributions)
+    )
+    names = np.array([c.name for c in contributions])
+    n_causes = sum(c in CAUSES for c in contributions)  # they come first
+    frames = []
+    for axis, region in regions.items():
+        found = _by_region(values.assign(value=np.tile(region, len(contributions))))
+        place = found.pop("place").to_numpy()
+        found = found.assign(
+            solver=solver, axis=axis, contribution=names[place], low=found.share, high=found.share
+        )
+        of_cause, (low, high) = place < n_causes, (f(orders[axis], axis=0) for f in (np.min, np.max))
+        found.loc[of_cause, "low"], found.loc[of_cause, "high"] = low.ravel(), high.ravel()
+        frames.append(found)
     statistics = pd.concat(frames, ignore_index=True)
     order = {name: i for i, name in enumerate(regions)}
     # by axis, then by value, then by contribution, as they came
@@ -216,8 +221,9 @@ def _regions(path: Path, rows: NDArray[np.bool_], config: Config) -> dict[str, F
     return regions
 
 
-def _by_region(values: Frame, region: Floats) -> Frame:
-    groups = values.groupby(region)
+def _by_region(values: Frame) -> Frame:
+    """Compute the statistics of every contribution (`place`) in every region (`value`)."""
+    groups = values.groupby(["place", "value"])
     norm = groups["norm"]
     sums = groups[["total", "along"]].sum()
     return pd.DataFrame(
@@ -233,7 +239,7 @@ def _by_region(values: Frame, region: Floats) -> Frame:
             "agreed": groups["agreed"].mean(),
             "doubt": groups["doubt"].median(),
         }
-    ).reset_index(names="value")
+    ).reset_index()
 
 
 def _alternatives(folder: RunFolder, config: Config) -> Frame:
