@@ -2,6 +2,8 @@ import json
 import math
 import re
 import shutil
+import subprocess
+import sys
 from html.parser import HTMLParser
 
 import numpy as np
@@ -144,6 +146,26 @@ def test_a_report_of_a_known_summary_is_the_same(hostile):
     write_figures(hostile)
     alone = write_report(hostile).read_bytes()
     assert write_report(hostile, summarise(hostile)).read_bytes() == alone
+
+
+@pytest.mark.slow
+def test_a_report_brings_no_engine_into_the_process_that_writes_it(hostile):
+    code = (
+        "import sys; from impact_xval.experiments.commands.cli import main\n"
+        f"main(['report', {str(hostile.root)!r}]); print({{'mujoco', 'pybullet'}} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "set()"
+    page = (hostile.root / "report.html").read_text()
+    assert "were examined by impact-xval doctor (mujoco" in page
+
+
+def test_a_report_says_that_scenes_could_not_be_examined(hostile):
+    def died():
+        raise FaultError("crashed", "its process died: SIGSEGV")
+
+    page = write_report(hostile, summarise(hostile), died).read_text()
+    assert "were examined by impact-xval doctor, which failed: its process died: SIGSEGV." in page
 
 
 @pytest.mark.slow
