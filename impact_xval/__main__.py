@@ -1,7 +1,25 @@
-"""``python -m impact_xval``: the command."""
+"""The command ``impact-xval``, also as ``python -m impact_xval``."""
 
+import os
 import sys
 
-from impact_xval.experiments.commands.supervision import entry
+from impact_xval.experiments.commands.supervision import open_streams, supervised
 
-sys.exit(entry())
+
+def entry() -> int:
+    """Run the command line of this process, in a process that ends when this one is to end."""
+    open_streams()
+    return supervised(_main)
+
+
+def _main() -> int:
+    # Takes a third of a second, in which signals come too.
+    from impact_xval.experiments.commands.cli import main
+    from impact_xval.experiments.sweep.sandbox import NO_WINDOW
+
+    os.environ.update(NO_WINDOW | os.environ)
+    return main()
+
+
+if __name__ == "__main__":
+    sys.exit(entry())

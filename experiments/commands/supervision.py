@@ -32,29 +32,13 @@ _heard: set[signal.Signals] = set()
 _PR_SET_PDEATHSIG = 1
 
 
-def entry() -> int:
-    """Run the command line of this process, in a process that ends when this one is to end."""
-    _open_streams()
-    return supervised(_main)
-
-
-def _open_streams() -> None:
+def open_streams() -> None:
     """Have what is written to a stream that was closed go nowhere: not to another, nor to the next file opened."""
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         if getattr(sys, name) is None:
             os.dup2(os.open(os.devnull, os.O_RDWR), number)
             os.set_inheritable(number, True)
             setattr(sys, name, os.fdopen(number, mode))
-
-
-def _main() -> int:
-    # Takes a third of a second, in which signals come too.
-    from impact_xval.experiments.commands.cli import main
-    from impact_xval.experiments.sweep.sandbox import NO_WINDOW
-
-    os.environ.update(NO_WINDOW | os.environ)
-
-    return main()
 
 
 def supervised(command: Callable[[], int]) -> int:

@@ -164,7 +164,7 @@ def test_nothing_is_said_of_what_an_interrupt_breaks():
 
 
 def test_a_signal_while_the_command_is_imported_is_answered():
-    script = "import sys; from impact_xval.experiments.commands.supervision import entry; print(flush=True); entry()"
+    script = "import sys; from impact_xval.__main__ import entry; print(flush=True); entry()"
     loaded = "print(sorted({'typer', 'numpy', 'ctypes'} & set(sys.modules)), file=sys.stderr)"
     process = subprocess.Popen(
         [sys.executable, "-c", script.replace("print(flush=True)", f"print(flush=True); {loaded}"), "status", "/"],
