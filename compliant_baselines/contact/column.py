@@ -128,7 +128,9 @@ def radius_of(depth: float) -> float:
 
 
 #: Why an engine cannot take what double precision has no numbers for.
-BEYOND = "periods or penetrations beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
+BEYOND = (
+    "periods, penetrations or energies beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
+)
 
 
 def unrepresentable(collision: Collision) -> str | None:

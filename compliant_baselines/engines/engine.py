@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -99,7 +100,9 @@ class EngineSolver(SolverBase):
             return refused
         try:
             column = column_of(collision, settings)
-            return self.refusal(column) or column
+            # Energies are told over that at the start.
+            refused = None if 0 < column.m1 * column.v1 * column.v1 < math.inf else BEYOND
+            return refused or self.refusal(column) or column
         except ArithmeticError:
             return BEYOND
 

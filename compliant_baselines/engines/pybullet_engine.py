@@ -165,6 +165,7 @@ def _iterations(column: Column) -> int:
     g11 = 1 / column.contact1.mass + 1 / (h * (h * pair1.stiffness + pair1.damping))
     g22 = 1 / column.m2 + 1 / (h * (h * pair2.stiffness + pair2.damping))
     shrink = 1 / ((column.m2 * g11) * (column.m2 * g22))
+    shrink = min(max(shrink, sys.float_info.min), 1 - sys.float_info.epsilon)  # where it is rounded to 0 or 1
     # 36.7 = -ln(1.1e-16); two more, for the cap at zero force to settle which contacts act.
     return 2 + min(1000, max(2, math.ceil(36.7 / -math.log(shrink))))
 

@@ -18,7 +18,7 @@ from impact_xval.experiments.commands import calibrate, collisions, doctor, hypo
 from impact_xval.experiments.commands.contact import contact
 from impact_xval.experiments.commands.ladder import ladder
 from impact_xval.experiments.commands.map import draw_map
-from impact_xval.experiments.commands.supervision import hear_no_more
+from impact_xval.experiments.commands.supervision import last_word
 from impact_xval.experiments.config.errors import UserError
 
 app = typer.Typer(
@@ -106,6 +106,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str, code: int) -> int:
-    hear_no_more()
-    print(f"impact-xval: {UserError(message)}\n", end="", file=sys.stderr)  # in one piece, or not at all
+    last_word(str(UserError(message)))
     return code

@@ -23,7 +23,7 @@ from impact_xval.experiments.commands.options import (
     folder_to_write,
     path,
 )
-from impact_xval.experiments.commands.supervision import hear_no_more
+from impact_xval.experiments.commands.supervision import last_word
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 if TYPE_CHECKING:
@@ -238,7 +238,8 @@ def _writing(
     medians : callable
         As for `terminal.show_progress`.
     """
-    from impact_xval.experiments.presentation.terminal import error_line, show_progress
+    from impact_xval.compliant_baselines.contract.visible import visible
+    from impact_xval.experiments.presentation.terminal import show_progress
 
     new = [folder for folder in root.parents if not folder.exists()]
     try:
@@ -250,9 +251,8 @@ def _writing(
                 folder.rmdir()
         raise
     except InterruptedRunError as stopped:
-        hear_no_more()
         command = shlex.join(["impact-xval", *(str(word) for word in words if word is not None)])
-        error_line(f"{stopped}; finished {kept} are kept; to continue: {command}")
+        last_word(visible(f"{stopped}; finished {kept} are kept; to continue: {command}"))
         raise typer.Exit(1) from None
 
 

@@ -12,12 +12,14 @@ succeeded, whatever it returns.
 from __future__ import annotations
 
 import os
+import select
 import signal
 import sys
 import threading
 import weakref
 from collections.abc import Callable
 from types import FrameType
+from typing import TextIO
 
 #: Seconds for a command to answer a signal, and then to put away what it has begun.
 _TO_ANSWER, _TO_END = 2, 30
@@ -145,6 +147,23 @@ def _interruptible(command: Callable[[], int], ends: set[signal.Signals], superv
     return 1 if code else _ended("interrupted")  # another code: it has said so
 
 
+def last_word(text: str) -> None:
+    """Say the last line of a command, if standard error takes one within a second, and be interrupted no more."""
+    hear_no_more()
+    if _takes_a_line(sys.stderr):
+        print(f"impact-xval: {text}\n", end="", file=sys.stderr)  # in one piece, or not at all
+
+
+def _takes_a_line(stream: TextIO) -> bool:
+    """Whether a stream takes some hundred letters: nobody may read what comes out of a pipe that is full."""
+    try:
+        ready = select.poll()
+        ready.register(stream.fileno(), select.POLLOUT)
+        return bool(ready.poll(1000))
+    except (AttributeError, OSError, ValueError):  # no such thing there
+        return True
+
+
 def hear_no_more() -> None:
     """Have a command that is supervised interrupted no more: it says its last line, or is over."""
     if _heard:
@@ -163,7 +182,7 @@ def _say_nothing(*_: object) -> None:
 
 
 def _ended(how: str) -> int:
-    print(f"impact-xval: {how}\n", end="", file=sys.stderr)
+    last_word(how)
     return 1
 
 

@@ -111,13 +111,18 @@ def test_what_no_dashpot_represents_is_refused(engine, kwargs, says):
             {"k1": 1e22, "k2": 1e22},
             r"accelerations about .* = 1\.\d+e\+11 m/s\^2: MuJoCo accepts 1e\+10",
         ),
-        ("mujoco", {"v0": -5e-324}, "periods or penetrations beyond double precision"),
-        ("mujoco", {"m1": 1e147, "k1": 1e-193}, "periods or penetrations beyond double precision"),
-        ("pybullet", {"m1": 1e147, "k1": 1e-193}, "periods or penetrations beyond double precision"),
+        ("mujoco", {"v0": -5e-324}, "periods, penetrations or energies beyond double precision"),
+        ("mujoco", {"m1": 1e147, "k1": 1e-193}, "periods, penetrations or energies beyond double precision"),
+        (
+            "pybullet",
+            {"m1": 1e147, "k1": 1e-193},
+            "periods, penetrations or energies beyond double precision",
+        ),
+        ("pybullet", {"v0": -1e-200}, "periods, penetrations or energies beyond double precision"),
         (
             "mujoco-naive",
             {"m1": 5e138, "m2": 5e137, "k1": 1.6e266, "k2": 1.6e265, "e1": 1e-8, "e2": 1e-8, "v0": -4e-158},
-            "periods or penetrations beyond double precision",
+            "periods, penetrations or energies beyond double precision",
         ),
         (
             "pybullet",

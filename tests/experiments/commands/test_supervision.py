@@ -1,5 +1,6 @@
 """A command that is deaf to signals, as compiled code is, ends all the same; the others say what they have to say."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -87,7 +88,7 @@ BREAKS = """
 """
 
 
-def _start(body, **how):
+def _start(body, stderr=subprocess.PIPE, **how):
     script = (
         "import hashlib, os, sys, time\n"
         "from impact_xval.experiments.commands.supervision import supervised\n"
@@ -99,7 +100,7 @@ def _start(body, **how):
         [sys.executable, "-c", script],
         cwd=ROOT,
         stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        stderr=stderr,
         text=True,
         **how,
     )
@@ -154,6 +155,22 @@ def test_what_says_its_last_line_is_not_interrupted_again():
     process.send_signal(signal.SIGTERM)
     said, error = process.communicate(timeout=30)
     assert (process.returncode, said, error) == (1, "", "impact-xval: interrupted\n")
+
+
+@pytest.mark.parametrize("body", ["start(); time.sleep(60)", SAYS_SO, DEAF])
+def test_a_pipe_that_nobody_reads_keeps_no_command_from_its_end(body):
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(write, b"x" * 4096)
+    os.set_blocking(write, True)
+    process, _ = _start(body, stderr=write)
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=20)
+    assert process.returncode == 1
+    os.close(read)
+    os.close(write)
 
 
 def test_nothing_is_said_of_what_an_interrupt_breaks():
