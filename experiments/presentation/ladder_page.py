@@ -81,14 +81,13 @@ def _found(ladder: LadderSummary, solver: str) -> dict[str, Any]:
     largest = [
         (region, str(region.share.idxmax()), label) for region, label in bands if region.share.notna().any()
     ]
+    acting = whole[whole["max"] > 0]  # gravity is nowhere in an impact
     return {
         "solver": solver,
         "total": first.total,
         "parts": [
             (share_text(whole, name), _LABELS[name])
-            for name in whole[whole["max"] > 0]
-            .share.sort_values(ascending=False)
-            .index  # no gravity: no share
+            for name in acting.share.sort_values(ascending=False).index
         ],
         "bands": [(_LABELS[name], share_text(region, name), label) for region, name, label in largest],
         "agreed": first.agreed,
