@@ -5,7 +5,7 @@ the command runs in a child, forked before anything heavy is imported, and the p
 child is interrupted first, and says what it has to say; one that does not answer is killed.
 
 A library may catch the KeyboardInterrupt and go on. It is raised again as long as the last one is nowhere handled any
-more, until the command has begun to say what it has to say (`hear_no_more`); and a command that was interrupted has not
+more, until the command has begun to say what it has to say (`last_word`); and a command that was interrupted has not
 succeeded, whatever it returns.
 """
 
@@ -137,7 +137,7 @@ def _interruptible(command: Callable[[], int], ends: set[signal.Signals], superv
             signal.pthread_sigmask(signal.SIG_UNBLOCK, ends)
             code = command()
         finally:
-            hear_no_more()
+            _hear_no_more()
     except BaseException:  # a compiler, interrupted, makes of it what it likes, and a library an exit
         if handled is None:
             raise
@@ -149,7 +149,7 @@ def _interruptible(command: Callable[[], int], ends: set[signal.Signals], superv
 
 def last_word(text: str) -> None:
     """Say the last line of a command, if standard error takes one within a second, and be interrupted no more."""
-    hear_no_more()
+    _hear_no_more()
     if _takes_a_line(sys.stderr):
         print(f"impact-xval: {text}\n", end="", file=sys.stderr)  # in one piece, or not at all
 
@@ -164,7 +164,7 @@ def _takes_a_line(stream: TextIO) -> bool:
         return True
 
 
-def hear_no_more() -> None:
+def _hear_no_more() -> None:
     """Have a command that is supervised interrupted no more: it says its last line, or is over."""
     if _heard:
         signal.setitimer(signal.ITIMER_REAL, 0)

@@ -9,6 +9,7 @@ above the first touch would keep no digit of the force, and the integrator would
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ class Answer(NamedTuple):
     pushes: tuple[tuple[bool, bool], ...]  # which contacts carried force, in order
 
 
-class Column:
+class Column(ABC):
     """Units m1 = 1, k1 = 1, v0 = -1; y = (p1, p2, v1, v2), p_i the penetration from the present surface.
 
     `frozen`: a contact without force keeps p = 0 and has one again as soon as its bodies approach.
@@ -53,18 +54,18 @@ class Column:
         return math.sqrt((first + second) / self.mu + first)
 
     # what a law has to say
-    def force(self, i, y):
-        raise NotImplementedError
+    @abstractmethod
+    def force(self, i, y): ...
 
-    def pushes(self):
-        raise NotImplementedError
+    @abstractmethod
+    def pushes(self): ...
 
+    @abstractmethod
     def watched(self):
         """Pairs of a name and a function that falls through zero."""
-        raise NotImplementedError
 
-    def apply(self, name):
-        raise NotImplementedError
+    @abstractmethod
+    def apply(self, name): ...
 
     def back(self, i):
         """What falls through zero where an open contact returns."""
