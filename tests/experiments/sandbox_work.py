@@ -108,9 +108,16 @@ def hold_the_pipes_and_die(context):
         os.setsid()
         Path(context).write_text(str(os.getpid()))
         time.sleep(60)
-    while not Path(context).exists():
-        time.sleep(0.01)
+    number_in(context)
     os.abort()
+
+
+def number_in(path):
+    """Wait for a number that another process writes to a file."""
+    until = time.monotonic() + 20
+    while not (path.exists() and path.read_text()) and time.monotonic() < until:
+        time.sleep(0.01)
+    return int(path.read_text())
 
 
 def start_another_and_kill_the_guard(context):

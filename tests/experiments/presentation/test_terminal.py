@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -21,7 +22,16 @@ from tests.experiments.conftest import SMALL
 MEDIANS = [("bistiffness", "bistiffness", 16, 0.21534), ("kelvin-voigt", "mujoco", 8, 0.1)]
 
 
-def test_a_log_has_a_line_for_the_first_rows_and_for_each_tenth():
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that stands until it is set, for all that is said of time."""
+    stopped = SimpleNamespace(now=100.0)
+    stopped.perf_counter = lambda: stopped.now
+    monkeypatch.setattr("impact_xval.experiments.presentation.terminal.time", stopped)
+    return stopped
+
+
+def test_a_log_has_a_line_for_the_first_rows_and_for_each_tenth(clock):
     console, medians = Console(file=io.StringIO(), width=150), []
     with show_progress(console, medians=lambda: medians) as progress:
         medians.append(MEDIANS[0])
@@ -129,7 +139,7 @@ def test_a_terminal_shows_the_medians_above_the_bar(width):
     assert shown.rstrip().endswith("\x1b[2K")  # the table is gone once there is more to say
 
 
-def test_a_terminal_says_what_is_left_at_the_rate_so_far_and_what_follows_the_last_cell():
+def test_a_terminal_says_what_is_left_at_the_rate_so_far_and_what_follows_the_last_cell(clock):
     console = Console(file=io.StringIO(), width=120, force_terminal=True, color_system=None)
 
     def shown():
@@ -140,9 +150,11 @@ def test_a_terminal_says_what_is_left_at_the_rate_so_far_and_what_follows_the_la
     with show_progress(console) as progress:
         progress(20, 120, "")  # a run that is resumed
         assert "left" not in shown()
-        time.sleep(0.4)
+        clock.now += 1
         progress(21, 120, "")
-        assert "0:01:3" in shown()
+        assert "0:01:39 left" in shown()
+        clock.now += 9
+        assert "0:01:30 left" in shown()
         progress(120, 120, "")
         assert "at work on what is made of them" in shown()
 

@@ -41,11 +41,22 @@ class Cluster:
         self.scheduler = self._start(
             "scheduler", "--host", f"{protocol}://127.0.0.1", "--port", "0", "--scheduler-file", self.file
         )
+        self.workers = []
+        try:
+            self.address = self._address()
+        except BaseException:
+            self.stop()
+            raise
+        self.workers += [self.add_worker() for _ in range(2)]
+
+    def _address(self):
+        """Wait for the scheduler's file, which is there before anything is written to it."""
         until = time.monotonic() + 60
-        while not self.file.exists() and time.monotonic() < until:
+        while time.monotonic() < until:
+            with contextlib.suppress(FileNotFoundError, json.JSONDecodeError):
+                return json.loads(self.file.read_text())["address"]
             time.sleep(0.05)
-        self.address = json.loads(self.file.read_text())["address"]
-        self.workers = [self.add_worker() for _ in range(2)]
+        raise TimeoutError(f"{self.file}: no address of a scheduler")
 
     def _start(self, *arguments):
         return subprocess.Popen(

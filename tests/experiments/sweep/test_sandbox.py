@@ -252,7 +252,7 @@ def test_nobody_waits_for_a_process_that_holds_the_pipes(tmp_path, how, reason):
         assert time.monotonic() - start < 15
     finally:
         sandbox.close()
-        os.kill(int(holder.read_text()), signal.SIGKILL)
+        os.kill(work.number_in(holder), signal.SIGKILL)
 
 
 def test_a_process_that_was_halted_is_sent_on(sandbox):
