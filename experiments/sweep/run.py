@@ -220,7 +220,7 @@ class _Run:
             executor.submit(_ready).result()
         write_json(self._folder.parts / CONFIGURATION, config.canonical())
         self._stage("start")
-        todo = (number for number in range(cells.chunks()) if number not in self._parts)
+        todo = (number for number in van_der_corput(cells.chunks()) if number not in self._parts)
         chunks = ((n, cells.cells(cells.chunk(n))) for n in todo)
         on_rows = self._on_rows and functools.partial(self._pass_on, self._on_rows)
         for report in solve_chunks(executor, chunks, on_rows):
@@ -299,6 +299,17 @@ class _Run:
         now = time.perf_counter()
         self._stages[name] = round(now - self._stamp, 3)
         self._stamp = now
+
+
+def van_der_corput(count: int) -> Iterator[int]:
+    """Give the numbers below a count, each once, such that the first few of them lie all over the range.
+
+    Cells are in the order of their stiffness ratios; medians so far and the time left then stand for all of them. It is
+    van der Corput's sequence (1935), the binary digits of 0, 1, 2 ... in the opposite order.
+    """
+    digits = (count - 1).bit_length()
+    mirrored = (int(f"{place:0{digits}b}"[::-1], 2) for place in range(1 << digits))
+    return (number for number in mirrored if number < count)
 
 
 def _ready(sandbox: Any) -> None:

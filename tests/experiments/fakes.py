@@ -99,10 +99,10 @@ class Losing(Shifted):
 
 
 class Interrupting(Shifted):
-    """Behaves as if Ctrl-C were pressed at the first stiffness ratio above 1."""
+    """Behaves as if Ctrl-C were pressed in the middle chunk of a small run, which is the last one done."""
 
     def solve_many(self, collisions, settings):
-        if any(c.k2 > c.k1 for c in collisions):
+        if any(c.k2 == c.k1 and c.e1 == 0.5 for c in collisions):
             raise KeyboardInterrupt
         return super().solve_many(collisions, settings)
 

@@ -1,5 +1,6 @@
 """Runs: independence of workers, resumption, and solvers that fail."""
 
+import itertools
 import multiprocessing
 
 import pyarrow.parquet as pq
@@ -7,7 +8,7 @@ import pytest
 
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
-from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.run import run_sweep, van_der_corput
 from impact_xval.experiments.sweep.solving import Experiment, prepare
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, MEASURES
 from impact_xval.experiments.tables.store import TABLES
@@ -56,6 +57,16 @@ def test_an_unavailable_solver_is_rows_with_its_reason(small, tmp_path):
     assert {row["status"] for row in rows} == {"unavailable"}
     assert {row["reason"] for row in rows} == {"no wheel for this Python; use Python 3.11"}
     assert all(row[measure] is None for row in rows for measure in MEASURES)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 39, 97, 1025])
+def test_chunks_done_so_far_lie_all_over_the_grid(count):
+    """None is done twice, and no gap between those done is twice as wide as if they lay evenly."""
+    order = list(van_der_corput(count))
+    assert sorted(order) == list(range(count))
+    for done in range(1, count + 1):
+        edges = [0, *sorted(order[:done]), count]
+        assert max(b - a for a, b in itertools.pairwise(edges)) * done <= 2 * count
 
 
 def test_a_crash_costs_only_its_cells(small, tmp_path):
