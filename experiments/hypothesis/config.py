@@ -66,6 +66,27 @@ class MapConfig(_WithRanges):
     )
 
 
+class ColumnsConfig(_WithRanges):
+    """The columns of N balls."""
+
+    points: int = whole(6, 3, 100, " (columns at each place; every third is elastic)")
+    balls: tuple[int, int] = Field(
+        (4, 7), strict=False, description="[least, largest] whole numbers from 4 to 12"
+    )
+    contrast: _Range = Field(
+        (1e1, 1e6), description="[lo, hi] with 1 < lo < hi <= 1e10 (of the stiff contact)"
+    )
+    per_decade: int = whole(4, 4, 64, " (contrasts in a decade)")
+    fit_decades: float = Field(3.0, ge=1, le=8, description="from 1 to 8 (decades of a fit)")
+
+    @field_validator("balls")
+    @classmethod
+    def _few(cls, value: tuple[int, int]) -> tuple[int, int]:
+        if not 4 <= value[0] <= value[1] <= 12:
+            raise ValueError(f"{list(value)}; legal: {cls.model_fields['balls'].description}")
+        return value
+
+
 class GivenPoint(_Strict):
     """A point of the design that is given, not drawn."""
 
@@ -117,6 +138,10 @@ class HypothesisConfig(_WithRanges):
     map: MapConfig = Field(
         default_factory=lambda: MapConfig.model_validate({}),
         description="a table: " + ", ".join(MapConfig.model_fields),
+    )
+    columns: ColumnsConfig = Field(
+        default_factory=lambda: ColumnsConfig.model_validate({}),
+        description="a table: " + ", ".join(ColumnsConfig.model_fields),
     )
     point: list[GivenPoint] = Field(
         [], description="a list of tables: case, mass_ratio, e1, e2, for a plastic limit stiffness_ratio"

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, LOSSY, pair_class
+from impact_xval.experiments.hypothesis.columns import PLACES
 from impact_xval.experiments.hypothesis.maps import grid_of
 from impact_xval.experiments.hypothesis.mechanism import end_share
 from impact_xval.experiments.hypothesis.run import DRAWN, Results
@@ -42,6 +43,8 @@ def write_figures(results: Results, folder: Path) -> list[str]:
     """Draw every figure into a folder, as PNG and PDF; return their names in the order of the page."""
     folder.mkdir(parents=True, exist_ok=True)
     drawn = {"distance": _distance(results)}
+    if results.columns:
+        drawn["columns"] = _columns(results)
     if results.motions:
         drawn["relative-motion"] = _relative_motion(results)
     if results.branches:
@@ -93,6 +96,35 @@ def _distance(results: Results) -> Figure:
             ax.set_title(textwrap.fill(case.title, 34), fontsize=8.5)
         for ax in axes[:, 0]:
             ax.set_ylabel("distance from the closed form, D (-)")
+        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5)
+    return figure
+
+
+def _columns(results: Results) -> Figure:
+    """Draw D from the welded column at every place, the median over the lossy points."""
+    with drawing(10.0, 9.0) as figure:
+        axes = figure.subplots(4, 3, sharex=True, sharey=True)
+        panels, handles = dict(zip(PLACES, axes.flat, strict=True)), {}
+        for found in results.columns:
+            style = _look(results, found.solver)
+            lossy = [p.distances() for group in found.classes if group.name == "lossy" for p in group.members]
+            median = np.median(lossy, axis=0)
+            median[median < _FLOOR] = np.nan
+            (line,) = panels[found.place].plot(
+                found.contrast, median, color=style.color, linestyle=style.dash
+            )
+            handles.setdefault(found.solver, line)
+        for place, ax in panels.items():
+            ax.set_xscale("log")
+            ax.set_yscale("log")
+            first = "its bodies meet" if place.meets else "its bodies are at one velocity"
+            ax.set_title(
+                f"{place.arrangement}, stiff contact: {place.where};\nat first {first}", fontsize=8.5
+            )
+        for ax in axes[-1]:
+            ax.set_xlabel("stiffness over the stiffest other contact's (-)")
+        for ax in axes[:, 0]:
+            ax.set_ylabel("D from the welded column (-)")
         figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5)
     return figure
 

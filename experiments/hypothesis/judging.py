@@ -1,7 +1,7 @@
 """The judgement of a series of outcomes on a limit: does it get there, at what rate, and where does it go if not.
 
-A series is the outcomes (v1, v2) of one solver at one point of the design, at rising contrasts x. Velocities are taken
-as vectors w = (v1, sqrt(m2/m1) v2), whose length is the kinetic norm.
+A series is the outcomes of one solver at one point of the design, at rising contrasts x. Velocities are taken as
+vectors w, of two balls (v1, sqrt(m2/m1) v2), whose length is the kinetic norm.
 
 1. **Usable** are outcomes that are results, away from a grazing jump. The *window* is their last `decades`; where the
    distance from the closed form has sunk under `FLOOR_ERRORS` errors of the solver for good, the window ends there.
@@ -27,6 +27,7 @@ jump; else `undecided`, with the reason.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -77,7 +78,7 @@ class Judgement:
     last : float
         Median distance from the closed form in the last decade of the window.
     limit : tuple of float
-        v1 and v2 it goes to, per abs(v0); NaN if it does not settle.
+        Velocities it goes to, per abs(v0); NaN if it does not settle.
     limit_error : float
         In the kinetic norm.
     offset : float
@@ -95,7 +96,7 @@ class Judgement:
     rate_high: float = math.nan
     window: tuple[float, float] = (math.nan, math.nan)
     last: float = math.nan
-    limit: tuple[float, float] = (math.nan, math.nan)
+    limit: tuple[float, ...] = (math.nan, math.nan)
     limit_error: float = math.nan
     offset: float = math.nan
     consistent: bool = False
@@ -104,12 +105,11 @@ class Judgement:
 
 def judge(
     contrast: Floats,
-    v1: Floats,
-    v2: Floats,
+    velocities: Floats,
     error: Floats,
     usable: NDArray[np.bool_],
-    closed_form: tuple[float, float],
-    mass_ratio: float,
+    closed_form: Sequence[float],
+    masses: Sequence[float],
     decades: float,
 ) -> Judgement:
     """Judge a series.
@@ -118,25 +118,25 @@ def judge(
     ----------
     contrast : ndarray, shape (n,)
         Rising.
-    v1, v2 : ndarray, shape (n,)
-        Outcomes, per abs(v0).
+    velocities : ndarray, shape (n, b)
+        Outcomes of b balls, per abs(v0).
     error : ndarray, shape (n,)
         Of the outcomes, in the kinetic norm.
     usable : ndarray of bool, shape (n,)
         Whether an outcome is a result, and no grazing one.
-    closed_form : tuple of float
-        v1 and v2 of the hypothesis.
-    mass_ratio : float
-        m2/m1.
+    closed_form : sequence of float, length b
+        Velocities of the hypothesis.
+    masses : sequence of float, length b
+        In the unit of the kinetic norm: of two balls 1 and m2/m1.
     decades : float
         Of the fit.
     """
-    scale = np.array([1.0, math.sqrt(mass_ratio)])
-    w = np.column_stack([v1[usable], v2[usable]]) * scale
+    scale = np.sqrt(masses)
+    w = velocities[usable] * scale
     target = np.array(closed_form) * scale
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
     own = maximum_filter1d(error[usable], 3, mode="nearest")
-    window, sunk = _window(np.log10(contrast[usable]), w, np.hypot(*(w - target).T), own, decades)
+    window, sunk = _window(np.log10(contrast[usable]), w, _length(w - target), own, decades)
     if isinstance(window, str):
         return Judgement("undecided", window)
     found, reason = _limit(window, target, scale)
@@ -198,13 +198,13 @@ def _limit(window: _Window, target: Floats, scale: Floats) -> tuple[Judgement, s
     if aside:
         limit, limit_error = w[final].mean(axis=0), late
     settles = aside or not restless
-    offset = float(np.hypot(*(limit - target)))
-    v1, v2 = map(float, limit / scale) if settles else (math.nan, math.nan)
+    offset = float(_length(limit - target))
+    velocities = limit / scale if settles else np.full(limit.shape, math.nan)
     found = Judgement(
         "undecided",
         window=(float(10 ** window.x[0]), float(10 ** window.x[-1])),
         last=float(np.median(D[final])),
-        limit=(v1, v2),
+        limit=tuple(map(float, velocities)),
         limit_error=limit_error,
         offset=offset,
         consistent=not restless and offset <= 3 * limit_error,
@@ -212,10 +212,10 @@ def _limit(window: _Window, target: Floats, scale: Floats) -> tuple[Judgement, s
     )
     if settles:
         return found, ""
-    (a, c), (b, d) = (w[final] / scale).min(axis=0), (w[final] / scale).max(axis=0)
-    return found, (
-        f"it does not settle: in the last decade v1 runs from {a:.3g} to {b:.3g} and v2 from {c:.3g} to {d:.3g}"
-    )
+    ends = zip((w[final] / scale).min(axis=0), (w[final] / scale).max(axis=0), strict=True)
+    ranges = [f"from {a:.3g} to {b:.3g}" for a, b in ends]
+    first, *others = (f"v{i} {'runs ' if i == 1 else ''}{each}" for i, each in enumerate(ranges, 1))
+    return found, f"it does not settle: in the last decade {' and '.join([first, *others])}"
 
 
 def _rate(found: Judgement, window: _Window, sunk: bool) -> Judgement:
@@ -255,12 +255,17 @@ def _rate(found: Judgement, window: _Window, sunk: bool) -> Judgement:
     return replace(found, reason=reason)
 
 
+def _length(w: Floats) -> Floats:
+    """Kinetic norm of vectors along the last axis."""
+    return np.hypot.reduce(w, axis=-1)
+
+
 def _diameter(w: Floats) -> float:
-    return float(np.max(np.hypot(*(w[:, None] - w[None]).transpose(2, 0, 1))))
+    return float(_length(w[:, None] - w[None]).max())
 
 
 def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
-    """Limits (k, 2) of w = L + A x^-s for every s of `EXPONENTS`, and the root mean square residuals (k,)."""
+    """Limits (k, b) of w = L + A x^-s for every s of `EXPONENTS`, and the root mean square residuals (k,)."""
     base = 10.0 ** (-np.outer(EXPONENTS, x - x[0]))
     mean, centre = base.mean(axis=1, keepdims=True), w.mean(axis=0)
     slope = ((base - mean) @ (w - centre)) / np.square(base - mean).sum(axis=1, keepdims=True)
@@ -287,9 +292,9 @@ def _extrapolate(x: Floats, w: Floats) -> tuple[Floats, float]:
     final = x >= x[-1] - 1 - _SLACK
     rest = w[final] - w[final].mean(axis=0)
     candidates = [
-        float(np.hypot(*moved)),
-        float(np.hypot(*(second - limits[best]))),
-        float(np.hypot(*(near - limits[best]).T).max()),
+        float(_length(moved)),
+        float(_length(second - limits[best])),
+        float(_length(near - limits[best]).max()),
         float(residuals[best]),
     ]
     if best in (0, len(EXPONENTS) - 1) and residuals[best] > 1e-12:

@@ -16,13 +16,24 @@ import pandas as pd
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.answers import stated_version
 from impact_xval.compliant_baselines.contract.registry import engine_free_names, kind_of
-from impact_xval.experiments.hypothesis import cases, judging, mechanism, predictions, solvers, verdicts
+from impact_xval.experiments.hypothesis import (
+    cases,
+    columns,
+    judging,
+    mechanism,
+    predictions,
+    solvers,
+    verdicts,
+)
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, LOSSY, plastic_outcome
+from impact_xval.experiments.hypothesis.columns import ColumnResult, missed
 from impact_xval.experiments.hypothesis.figures import map_name, write_figures
 from impact_xval.experiments.hypothesis.mechanism import POINTS, Mechanism
 from impact_xval.experiments.hypothesis.run import DRAWN, DRAWN_CONTRAST, Results
 from impact_xval.experiments.hypothesis.tables import (
     class_frame,
+    column_class_frame,
+    column_outcome_frame,
     mechanism_frame,
     need_frame,
     outcome_frame,
@@ -58,10 +69,16 @@ def write_all(results: Results, root: Path, seconds: float) -> Path:
     versions |= {name: stated_version(find(name)) for name in results.solvers if name != MODEL}
     needed, classes = need_frame(results), class_frame(results)
     texts = {"verdicts": classes, "points": point_frame(results), "mechanism": mechanism_frame(results)}
+    texts["columns"] = column_class_frame(results)
     for name, frame in (texts | {"contrast-needed": needed}).items():
         with replacing(root / f"{name}.csv") as temporary:
             frame.to_csv(temporary, index=False, lineterminator="\n")
-    for name, frame in (("outcomes", outcome_frame(results)), ("maps", results.maps)):
+    tables = {
+        "outcomes": outcome_frame(results),
+        "maps": results.maps,
+        "columns": column_outcome_frame(results),
+    }
+    for name, frame in tables.items():
         with replacing(root / f"{name}.parquet") as temporary:
             frame.to_parquet(temporary, index=False, compression="zstd")
     page = build_page(results, write_figures(results, root / "figures"), versions, classes, needed)
@@ -108,6 +125,7 @@ def build_page(
         **_why(results),
         **_instead(classes, results),
         **_sureness(results),
+        **_columns(results),
         "mapping": _mapping(results),
         "no_limit": _no_limit(results) if results.branches else None,
         "verdicts": results.verdicts,
@@ -265,6 +283,43 @@ def _no_limit(results: Results) -> dict[str, Any]:
         "light": any(b.more_ends for b in branches),
         "drawn": max(branches, key=lambda b: b.measured),
         "other_law": results.verdict(OTHER_LAW, "zero-early"),
+    }
+
+
+def _columns(results: Results) -> dict[str, Any]:
+    """Facts on columns: verdicts by place, and what each solver does with pairs that do not meet at first."""
+    names = list(dict.fromkeys(one.solver for one in results.columns))
+    by_place: dict[Any, dict[str, ColumnResult]] = {}
+    for one in results.columns:
+        by_place.setdefault(one.place, {})[one.solver] = one
+    return {
+        "column_solvers": names,
+        "column_drawn": columns,
+        "column_places": by_place,
+        "column_together": {name: _pooled(results, name, meets=False) for name in names},
+        "column_meeting": {name: _pooled(results, name, meets=True) for name in names},
+    }
+
+
+def _pooled(results: Results, solver: str, *, meets: bool) -> dict[str, Any]:
+    """Verdicts of a solver over all places at which the pair meets at first, or does not."""
+    wholes = [r.whole for r in results.columns if r.solver == solver and r.place.meets == meets]
+    counts: Counter[str] = Counter()
+    for group in wholes:
+        counts.update(group.counts)
+    return {
+        "counts": counts,
+        "points": counts.total(),
+        "rates": [rate for group in wholes for rate in group.rates],
+        "offsets": [offset for group in wholes for offset in group.offsets],
+        "missed": [one for group in wholes for one in missed(group)],
+        "elastic_refuted": sum(
+            group.counts["refuted"]
+            for r in results.columns
+            if r.solver == solver and r.place.meets == meets
+            for group in r.classes
+            if group.name == "elastic"
+        ),
     }
 
 

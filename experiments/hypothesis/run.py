@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.answers import why_unavailable
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, Case, Point, distance, draw
+from impact_xval.experiments.hypothesis.columns import PLACES, ColumnResult, columns_solvers, examine_columns
 from impact_xval.experiments.hypothesis.config import HypothesisConfig
 from impact_xval.experiments.hypothesis.maps import axes, error_map, map_ratios
 from impact_xval.experiments.hypothesis.mechanism import (
@@ -72,6 +73,8 @@ class Results:
         Of the model where it has no limit.
     maps : DataFrame
         Their cells (`maps.error_map`), those of engines last.
+    columns : list of ColumnResult
+        By place, then by solver.
     control : dict
         By engine, all limits together: `distance` of its results from the exact column of its own law, and their own
         `error`.
@@ -89,6 +92,7 @@ class Results:
     motions: dict[tuple[str, str], Motion]
     branches: list[Branches]
     maps: pd.DataFrame
+    columns: list[ColumnResult]
     control: dict[str, pd.DataFrame]
     unavailable: dict[str, str]
     seconds: dict[str, float] = field(default_factory=dict)
@@ -171,6 +175,7 @@ def run_hypothesis(
         },
         branches=done.branches,
         maps=pd.concat([done.made[task] for task in maps], ignore_index=True),
+        columns=done.columns,
         control=_control(found, config),
         unavailable=unavailable,
         seconds=done.seconds,
@@ -184,6 +189,7 @@ class _Done:
     made: dict[_Task, Any]
     followed: list[tuple[Mechanism, Motion | None]]
     branches: list[Branches]
+    columns: list[ColumnResult]
     seconds: dict[str, float]
 
 
@@ -228,22 +234,26 @@ def _solve(
         for contrast in (ENGINE_CONTRASTS if one.kind == "stepped" else CONTRASTS)
     ]
     handed = [future for parts in pieces.values() for future in parts] + observed
-    total = len(own) + len(handed)
-    made = {}
+    here = len(own) + len(PLACES) * len(columns_solvers(config))
+    total = here + len(handed)
+    made, columns = {}, []
     start = time.perf_counter()
     for done, task in enumerate(own, start=1):
         made[task] = task.make(task.solver.solve(*task.ratios))
         progress(done + sum(future.done() for future in handed), total, "")
     elastic = [p for p in points["zero-early"] if p.e1 == 1 and p.e2 < 1]
     branches = [count_branches(p, config.seed) for p in elastic if "state-transition" in config.solvers]
+    for column in examine_columns(config):
+        columns.append(column)
+        progress(len(own) + len(columns) + sum(future.done() for future in handed), total, "")
     seconds = {"model and references": time.perf_counter() - start}
     for future in as_completed([future for future in handed if not future.done()]):
         future.result()
-        progress(len(own) + sum(f.done() for f in handed), total, "")
+        progress(here + sum(f.done() for f in handed), total, "")
     for task, parts in pieces.items():
         made[task] = task.make(pd.concat([part.result() for part in parts], ignore_index=True))
     seconds["all, engines included"] = time.perf_counter() - start
-    return _Done(made, [future.result() for future in observed], branches, seconds)
+    return _Done(made, [future.result() for future in observed], branches, columns, seconds)
 
 
 def contrasts(config: HypothesisConfig, case: Case, one: SolverUnderTest) -> Floats:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from impact_xval.experiments.hypothesis.cases import pair_class
+from impact_xval.experiments.hypothesis.columns import missed
 from impact_xval.experiments.hypothesis.maps import LEVELS, contrast_needed, share_within, side_of
 from impact_xval.experiments.hypothesis.run import Results
 from impact_xval.experiments.hypothesis.verdicts import FAR, CaseResult, Group
@@ -126,6 +127,61 @@ def outcome_frame(results: Results) -> pd.DataFrame:
         }
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
+
+
+def column_class_frame(results: Results) -> pd.DataFrame:
+    """One row a place in a column, solver and class (``all`` first)."""
+    return pd.DataFrame(
+        [
+            {
+                "arrangement": result.place.arrangement,
+                "stiff_contact": result.place.where,
+                "meets": result.place.meets,
+                "solver": result.solver,
+                "class": group.name,
+                "verdict": group.verdict,
+                "points": group.points,
+                **{f"n_{word}": group.counts[word] for word in ("supported", "refuted", "undecided")},
+                "rate": group.rate,
+                "least_rate": min(group.rates, default=math.nan),
+                "largest_rate": max(group.rates, default=math.nan),
+                "offset_least": min(group.offsets, default=math.nan),
+                "offset_largest": max(group.offsets, default=math.nan),
+                "missed_prediction_largest": max(missed(group), default=math.nan),
+                "reason": group.reason,
+            }
+            for result in results.columns
+            for group in (result.whole, *result.classes)
+        ]
+    )
+
+
+def column_outcome_frame(results: Results) -> pd.DataFrame:
+    """One row a place in a column, solver, point and contrast; lists by ball and by contact."""
+    return pd.DataFrame(
+        [
+            {
+                "arrangement": result.place.arrangement,
+                "stiff_contact": result.place.where,
+                "solver": result.solver,
+                "point": number,
+                "contrast": contrast,
+                **{f: getattr(p.column, f) for f in ("masses", "stiffnesses", "restitutions", "velocities")},
+                "final_velocities": outcome.velocities,
+                "welded_velocities": p.welded,
+                "distance": distance,
+                "status": outcome.status,
+                "reason": outcome.reason,
+                "verdict": p.judgement.verdict,
+                "rate": p.judgement.rate,
+                "offset": p.judgement.offset,
+                "missed_prediction": p.missed,
+            }
+            for result in results.columns
+            for number, p in enumerate(result.whole.members)
+            for contrast, outcome, distance in zip(result.contrast, p.outcomes, p.distances(), strict=True)
+        ]
+    )
 
 
 def mechanism_frame(results: Results) -> pd.DataFrame:

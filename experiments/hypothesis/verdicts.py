@@ -18,6 +18,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -129,15 +130,27 @@ class PointResult:
         return math.hypot(dv1, math.sqrt(self.point.mass_ratio) * dv2)
 
 
+class Judged(Protocol):
+    """What has a judgement."""
+
+    @property
+    def judgement(self) -> Judgement:
+        """Of one series."""
+        ...
+
+
+P = TypeVar("P", bound=Judged)
+
+
 @dataclass(frozen=True, slots=True)
-class Group:
+class Group(Generic[P]):
     """The points of a class, or of all classes, together.
 
     Attributes
     ----------
     name : str
         Of the class; ``all`` for all.
-    members : tuple of PointResult
+    members : tuple of PointResult, or of others that are judged
     verdict : str
     reason : str
         If undecided.
@@ -146,10 +159,10 @@ class Group:
     """
 
     name: str
-    members: tuple[PointResult, ...]
+    members: tuple[P, ...]
     verdict: Verdict
     reason: str
-    shifted: Group | None = None
+    shifted: Group[P] | None = None
 
     @property
     def counts(self) -> Counter[str]:
@@ -173,7 +186,7 @@ class Group:
         fine = all(j.verdict == "supported" or (j.consistent and j.settles) for j in judgements)
         return self.verdict == "undecided" and fine
 
-    def judged(self, verdict: Verdict) -> list[PointResult]:
+    def judged(self, verdict: Verdict) -> list[P]:
         """Return the points of a verdict."""
         return [m for m in self.members if m.judgement.verdict == verdict]
 
@@ -235,8 +248,8 @@ class CaseResult:
     solver: str
     kind: str
     case: Case
-    whole: Group
-    classes: tuple[Group, ...]
+    whole: Group[PointResult]
+    classes: tuple[Group[PointResult], ...]
     decades: float
 
     @property
@@ -257,30 +270,32 @@ def examine(series: Series, decades: float) -> CaseResult:
     results = []
     for i, point in enumerate(series.points):
         v1, v2, error = (series.rows(name)[i] for name in ("v1", "v2", "error"))
+        velocities, masses = np.column_stack([v1, v2]), (1.0, point.mass_ratio)
         form = closed_form(series.case, point)
-        judgement = judge(x, v1, v2, error, usable[i], form, point.mass_ratio, decades)
+        judgement = judge(x, velocities, error, usable[i], form, masses, decades)
         # The window may end before the last contrast, where rounding is reached: a decade before *its* end, if that
         # leaves enough.
         end = judgement.window[1] / 10
         enough = np.log10(end / x[0]) >= decades - 1e-6
         before = x <= (end if enough else x[-1] / 10) * (1 + 1e-6)
-        shifted = judge(x, v1, v2, error, usable[i] & before, form, point.mass_ratio, decades)
+        shifted = judge(x, velocities, error, usable[i] & before, form, masses, decades)
         prediction = predict(series.case, point, series.solver.family)
         beside, lost = int(grazing[i].sum()), series.without_result(i)
         results.append(PointResult(point, judgement, shifted, prediction, form, beside, lost))
-    groups = _gather(series.case, results)
+    names = [pair_class(series.case, point) for point in series.points]
+    groups = gather(names, results)
     if np.log10(x[-1] / x[0]) >= decades + 1 - 1e-6:
-        earlier = _gather(series.case, [replace(result, judgement=result.shifted) for result in results])
+        earlier = gather(names, [replace(result, judgement=result.shifted) for result in results])
         groups = [replace(now, shifted=then) for now, then in zip(groups, earlier, strict=True)]
     whole, *classes = groups
     return CaseResult(series.solver.name, series.solver.kind, series.case, whole, tuple(classes), decades)
 
 
-def _gather(case: Case, results: Sequence[PointResult]) -> list[Group]:
-    """Give the verdict over all points, and then that of every class."""
-    classes: dict[str, list[PointResult]] = {}
-    for result in results:
-        classes.setdefault(pair_class(case, result.point), []).append(result)
+def gather(names: Sequence[str], results: Sequence[P]) -> list[Group[P]]:
+    """Give the verdict over all points, and then that of every class; the name of its class for each point."""
+    classes: dict[str, list[P]] = {}
+    for name, result in zip(names, results, strict=True):
+        classes.setdefault(name, []).append(result)
     groups = [
         Group(name, tuple(members), *class_verdict([m.judgement for m in members]))
         for name, members in classes.items()
@@ -307,7 +322,7 @@ def class_verdict(judgements: Sequence[Judgement]) -> tuple[Verdict, str]:
     return "undecided", f"{worst[0].reason} ({len(worst)} of {n} points so)"
 
 
-def _worst(groups: Sequence[Group]) -> Verdict:
+def _worst(groups: Sequence[Group[P]]) -> Verdict:
     """Verdict over classes; one that agrees within the solver's error does not count against support."""
     verdicts = {group.verdict for group in groups}
     if "refuted" in verdicts:

@@ -19,6 +19,10 @@ solvers = ["state-transition", "bistiffness", "kelvin-voigt"]
 contrast = [10, 1e6]
 plastic_contrast = [10, 1e7]
 per_decade = 4
+[columns]
+points = 3
+balls = [4, 4]
+contrast = [10, 1e5]
 [map]
 size = 8
 restitutions = [[0.9, 0.7]]
@@ -163,6 +167,8 @@ def test_it_writes_the_page_its_tables_and_its_figures(done):
         "points.csv",
         "mechanism.csv",
         "contrast-needed.csv",
+        "columns.csv",
+        "columns.parquet",
         "outcomes.parquet",
         "maps.parquet",
         "manifest.json",
@@ -204,6 +210,38 @@ def test_the_numbers_of_the_page_are_those_of_the_tables(done):
         "bistiffness": "refuted",
         "kelvin-voigt": "refuted",
     }
+
+
+def test_columns_are_in_the_page_and_in_the_tables(done):
+    page = (done / "hypothesis.md").read_text()
+    verdicts = pd.read_csv(done / "columns.csv")
+    wholes = verdicts[verdicts["class"] == "all"]
+    assert len(wholes) == 12 * 3
+    for row in wholes.itertuples():
+        line = next(
+            x for x in page.splitlines() if x.startswith(f"| {row.arrangement} | {row.stiff_contact} |")
+        )
+        assert f" {row.verdict} (" in line
+    together = wholes[~wholes.meets & (wholes.solver != "kelvin-voigt")]
+    assert (together.n_refuted == 0).all()
+    dashpots = wholes[~wholes.meets & (wholes.solver == "kelvin-voigt")]
+    assert (dashpots.verdict == "refuted").all()
+    assert (dashpots.missed_prediction_largest < 1e-3 * dashpots.offset_largest).all()
+    outcomes = pd.read_parquet(done / "columns.parquet")
+    assert len(outcomes) == 12 * 3 * 3 * 17
+    assert (outcomes.reason[outcomes.status != "ok"] != "").all()
+    assert (outcomes.final_velocities.map(len) == outcomes.masses.map(len)).all()
+
+
+def test_without_a_solver_of_columns_their_tables_are_empty(tmp_path):
+    (tmp_path / "h.toml").write_text(
+        "points = 6\nsolvers = ['hunt-crossley']\ncontrast = [10, 1e3]\nplastic_contrast = [10, 1e3]\n[map]\nsize = 4\n"
+    )
+    assert (
+        main(["hypothesis", str(tmp_path / "h.toml"), "--out", str(tmp_path / "out"), "--workers", "1"]) == 0
+    )
+    assert "In columns" not in (tmp_path / "out/hypothesis.md").read_text()
+    assert pd.read_parquet(tmp_path / "out/columns.parquet").empty
 
 
 def test_too_short_a_range_is_undecided_in_every_solver():

@@ -127,7 +127,7 @@ def test_missing_results_are_undecided():
     x = CONTRAST
     usable = np.zeros(x.size, bool)
     usable[[0, 20, 40, -1]] = True
-    j = judge(x, 1 / x, 0 * x, np.full(x.size, 1e-13), usable, (0.0, 0.0), 1.0, 4)
+    j = judge(x, np.column_stack([1 / x, 0 * x]), np.full(x.size, 1e-13), usable, (0.0, 0.0), (1.0, 1.0), 4)
     assert j.verdict == "undecided"
     assert "results are missing" in j.reason
 

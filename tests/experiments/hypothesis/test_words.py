@@ -29,6 +29,7 @@ CONFIG = {
     "contrast": [10, 1e6],
     "plastic_contrast": [10, 1e7],
     "per_decade": 4,
+    "columns": {"points": 3, "balls": [4, 4], "contrast": [10, 1e5]},
     "map": {"size": 4, "engine_size": 3, "restitutions": [[0.9, 0.7]]},
 }
 NOTE = "kelvin-voigt, mujoco and pybullet were asked for the same law: one vote, not three."

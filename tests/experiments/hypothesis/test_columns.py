@@ -1,0 +1,172 @@
+"""The hypothesis in columns: what a welded column is, and verdicts on laws of which it is known where they go."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contact.mapping import damping_ratio, textbook_damping_ratio
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.hypothesis.cases import BY_KEY, closed_form, point_of
+from impact_xval.experiments.hypothesis.columns import (
+    PLACES,
+    Place,
+    dashpots_kept,
+    draw,
+    examine_place,
+    of_each_ball,
+    stiffened,
+    welded,
+)
+from impact_xval.experiments.hypothesis.config import parse
+from impact_xval.experiments.measures.columns import column_divergence
+from impact_xval.model.columns.column import Column
+from impact_xval.model.columns.solving import solve_column
+
+CONTRAST = np.logspace(1, 5, 17)
+
+
+@pytest.mark.parametrize("place", PLACES, ids=lambda place: f"{place.arrangement}-{place.where}")
+def test_a_welded_column_has_the_mass_and_the_momentum_of_all_but_what_is_part_of_the_table(place):
+    for column in draw(place, 6, (4, 7), 1):
+        contact = place.contact(len(column.masses))
+        one = welded(column, contact)
+        lost = (column.masses[-1], column.velocities[-1]) if place.where == "table" else (0.0, 0.0)
+        assert len(one.masses) == len(column.masses) - 1
+        assert sum(one.masses) == pytest.approx(sum(column.masses) - lost[0])
+        momentum = np.dot(column.masses, column.velocities) - lost[0] * lost[1]
+        assert np.dot(one.masses, one.velocities) == pytest.approx(momentum)
+        assert one.stiffnesses == column.stiffnesses[:contact] + column.stiffnesses[contact + 1 :]
+        assert (column.compression_rates[contact] > 0) == place.meets
+        velocities = of_each_ball(range(1, len(one.masses) + 1), contact, len(column.masses))
+        pair = velocities[contact], (*velocities, 0)[contact + 1] if contact + 1 < len(velocities) else 0
+        assert pair == ((0, 0) if place.where == "table" else (contact + 1, contact + 1))
+
+
+def test_of_two_balls_on_a_stiff_table_it_is_the_closed_form_of_the_supplement():
+    point = point_of(BY_KEY["infinity"], 1.7, 0.8, 0.6, math.nan)
+    column = Column((1.0, 1.7), (1.0, 1.0), (0.8, 0.6), (-1.0, 0.0), table=True)
+    found = of_each_ball(solve_column(welded(column, 1)).velocities, 1, 2)
+    assert found == pytest.approx(closed_form(BY_KEY["infinity"], point), abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("solver", "ratio"),
+    [("kelvin-voigt", damping_ratio), ("kelvin-voigt-textbook", textbook_damping_ratio)],
+)
+def test_dashpots_beside_a_pair_stay_what_they_were(solver, ratio):
+    """c = 2 zeta sqrt(k m), m the reduced mass of the bodies of a contact."""
+
+    def dashpots(column):
+        masses = (*column.masses, math.inf) if column.table else column.masses
+        reduced = [1 / (1 / a + 1 / b) for a, b in pairwise(masses)]
+        values = zip(column.restitutions, column.stiffnesses, reduced, strict=True)
+        return [2 * ratio(e) * math.sqrt(k * m) for e, k, m in values]
+
+    for place in PLACES:
+        for column in draw(place, 2, (4, 7), 3):
+            contact = place.contact(len(column.masses))
+            before, kept = dashpots(column), dashpots_kept(column, contact, solver)
+            del before[contact]
+            assert dashpots(kept) == pytest.approx(before, rel=1e-9)
+            assert dashpots(welded(column, contact)) != pytest.approx(before, rel=1e-3)
+
+
+def test_no_dashpot_is_kept_of_what_has_none_or_cannot_be_mapped():
+    column = Column((1.0, 1e-4, 1e4), (1.0, 1.0), (1e-12, 0.9), (-1.0, 0.0, 0.0))
+    assert dashpots_kept(column, 1, "bistiffness") is None
+    assert dashpots_kept(column, 1, "kelvin-voigt") is not None
+    heavy = Column((1.0, 1e4, 1e-4), (1.0, 1.0), (1e-12, 0.9), (-1.0, 0.0, 0.0))
+    assert dashpots_kept(heavy, 1, "kelvin-voigt-textbook") is not None
+    assert dashpots_kept(heavy.reversed(), 0, "kelvin-voigt-textbook") is not None
+    light = Column((1.0, 1e4, 1e-4), (1.0, 1.0), (0.9, 1e-12), (-1.0, 0.0, 0.0))
+    assert dashpots_kept(light, 0, "kelvin-voigt-textbook").restitutions[0] == pytest.approx(1e-12, rel=1e-2)
+
+
+def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapped_anew():
+    place = Place("drop", "middle")
+    for column in draw(place, 2, (4, 5), 2):
+        balls = len(column.masses)
+        contact = place.contact(balls)
+        kept = dashpots_kept(column, contact, "kelvin-voigt")
+        columns = [stiffened(column, contact, 1e6), welded(column, contact), kept]
+        stiff, anew, as_were = get_solver("kelvin-voigt").solve_columns(columns, Settings())
+        away = [
+            column_divergence(column, of_each_ball(each.velocities, contact, balls), stiff.velocities)
+            for each in (anew, as_were)
+        ]
+        assert away[0] > 1e-3
+        assert away[1] < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("solver", "arrangement", "where", "lossy", "elastic"),
+    [
+        ("state-transition", "stack", "middle", "supported", "supported"),
+        ("bistiffness", "cradle", "bottom", "supported", "supported"),
+        ("kelvin-voigt", "stack", "middle", "refuted", "supported"),
+        ("state-transition", "cradle", "middle", "refuted", "refuted"),
+        ("kelvin-voigt", "stack", "table", "refuted", "refuted"),
+    ],
+)
+def test_verdicts(solver, arrangement, where, lossy, elastic):
+    place = Place(arrangement, where)
+    found = examine_place(solver, place, draw(place, 3, (4, 5), 1), CONTRAST, 3.0)
+    assert {group.name: group.verdict for group in found.classes} == {"lossy": lossy, "elastic": elastic}
+    for point in found.whole.members:
+        D = point.distances()
+        if point.judgement.verdict == "supported":
+            assert D[-1] < 1e-3 * D[0]
+            assert 0.4 < point.judgement.rate < 2.2
+        else:
+            assert point.judgement.offset == pytest.approx(D[-1], rel=0.2)
+
+
+class Planted:
+    """Goes to the welded column, but for the top ball, which stays off by `left`."""
+
+    def __init__(self, left):
+        self.left = left
+
+    def solve_columns(self, columns, settings):
+        *series, form = [solve_column(column) for column in columns]
+        whole = of_each_ball(form.velocities, 0, len(form.velocities) + 1)
+        moved = [(whole[0] + self.left + 0.1 / x, *whole[1:]) for x in CONTRAST]
+        return [*map(_moved, series, moved), form]
+
+
+def _moved(outcome, velocities):
+    return replace(outcome, velocities=velocities, status="ok", grazing_margin=None)
+
+
+@pytest.mark.parametrize(("left", "verdict"), [(0.01, "refuted"), (0.0, "supported")])
+def test_what_is_planted_is_found(monkeypatch, left, verdict):
+    monkeypatch.setattr("impact_xval.experiments.hypothesis.columns.get_solver", lambda name: Planted(left))
+    place = Place("stack", "top")
+    found = examine_place("planted", place, draw(place, 2, (4, 4), 1), CONTRAST, 3.0).whole
+    assert found.verdict == verdict
+    assert found.rates == pytest.approx([1.0, 1.0] if verdict == "supported" else [], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"balls": [3, 7]}, "columns.balls = [3, 7]; legal: [least, largest] whole numbers from 4 to 12"),
+        ({"balls": [7, 4]}, "columns.balls = [7, 4]; legal: "),
+        (
+            {"contrast": [1.0, 10.0]},
+            "columns.contrast = [1.0, 10.0]; legal: [lo, hi] with 1 < lo < hi <= 1e10",
+        ),
+        ({"points": 2}, "columns.points"),
+        ({"place": 1}, "columns.place"),
+    ],
+)
+def test_bad_input_is_one_line_that_names_the_field(columns, said):
+    with pytest.raises(UserError) as caught:
+        parse({"columns": columns}, "c.toml")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
