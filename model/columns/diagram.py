@@ -268,6 +268,8 @@ def collide(c, energy, drift, stiffens, max_events, points, log):
             expand(c, n, h, rates, deltas)
         else:
             h, h_next = advance(c, n, h_next, work, rates, deltas)
+            if h == 0:
+                break  # slopes lie beyond double precision
         which, ends, x = first_event(c, n, order, rates, deltas, bounds)
         happened, x = which >= 0, min(x, 1.0)
         if c.p == 1:

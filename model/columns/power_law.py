@@ -8,7 +8,7 @@ the error estimate shortens the steps.
 
 from __future__ import annotations
 
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -92,7 +92,10 @@ def error_of_step(c, n, h, work):
         length = c.length[i] * (c.original[i] / c.k[i]) ** (1 / (c.p + 1))
         fifth += w5 * w5 + (d5 / length) ** 2
         third += w3 * w3 + (d3 / length) ** 2
-    return h * fifth / sqrt((fifth + 0.01 * third) * 2 * n) if fifth > 0 else 0.0
+    both = (fifth + 0.01 * third) * 2 * n
+    if not both < inf:
+        return inf  # a stage lies beyond double precision: the step is far too long
+    return h * fifth / sqrt(both) if fifth > 0 else 0.0
 
 
 @compiled
@@ -126,10 +129,12 @@ def advance(c, n, h, work, rates, deltas):
     """Make one step as long as its error allows, h at first; the step made, and the one to try next.
 
     The coefficients of the quintics in x = t/h through its ends are in `rates` and `deltas`, the state after it in `c`.
+    The step is 0 where none is short enough: a slope lies beyond double precision.
     """
     for i in range(n):
         work.w[i], work.delta[i], work.jerk[i] = c.w[i], c.delta[i], jerk(c, n, i)
-    while True:
+    factor = 4.0
+    while h > 0:
         error = step(c, n, h, work)
         factor = min(4.0, 0.9 * error**-0.125) if error > 0 else 4.0
         if error <= 1:

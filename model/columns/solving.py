@@ -239,7 +239,7 @@ def _outcome(
     velocities, code, events, margin, residual, _, _ = result
     if code & TOO_MANY_EVENTS:
         return ColumnOutcome.failure(
-            NAME, column, "unconverged", f"not over after {max_events} pieces of segments"
+            NAME, column, "unconverged", f"not over within {max_events} pieces of segments"
         )
     velocities = velocities * units.speed
     margin = float(nearest_jump(margin, law))

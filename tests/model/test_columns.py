@@ -217,8 +217,20 @@ def test_an_endless_cycle_ends_at_rest():
 def test_given_up():
     outcome = solve_column(random_columns(8, 1, balls=6)[0], max_events=3)
     assert outcome.status == "unconverged"
-    assert outcome.reason == "not over after 3 pieces of segments"
+    assert outcome.reason == "not over within 3 pieces of segments"
     assert all(math.isnan(v) for v in (*outcome.velocities, *outcome.impulses))
+
+
+@pytest.mark.parametrize(
+    ("masses", "status"),
+    [([1e10**i for i in range(6)], "limit"), ([1e-10**i for i in range(6)], "unconverged")],
+)
+def test_steps_beyond_double_precision_are_shortened(masses, status):
+    column = Column(masses, (1,) * 5, (0.9,) * 5, (-1, 0, 0, 0, 0, 0))
+    outcome = solve_column(column, exponent=1.5, max_events=1000)
+    assert outcome.status == status
+    if status == "limit":
+        assert outcome.velocities == pytest.approx((0.9, 0, 0, 0, 0, 0), abs=1e-9)
 
 
 def test_a_hundred_balls():

@@ -162,10 +162,11 @@ def cubic(out, f0, d0, f1, d1):
 
 @compiled
 def advance(law, c, b, n, h, tolerance, work):
-    """Make one step as long as its error allows, h at first; the step made, and the one to try next."""
+    """Make one step as long as its error allows, h at first; the step made, 0 if none is short enough, and the next."""
     for i in range(n):
         work.w[i], work.delta[i] = c.w[i], c.delta[i]
-    while True:
+    factor = 4.0
+    while h > 0:
         error = step(law, c, b, n, h, work) / tolerance
         factor = min(4.0, 0.9 * error**-0.125) if error > 0 else 4.0
         if error <= 1:

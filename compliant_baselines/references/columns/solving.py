@@ -112,7 +112,7 @@ def solve_column(
     velocities, code, events, margin, time, rows = result
     if code & TOO_MANY_EVENTS:
         return ColumnOutcome.failure(
-            law, column, "timeout", f"not over after max_steps = {max_steps} pieces of segments"
+            law, column, "timeout", f"not over within max_steps = {max_steps} pieces of segments"
         )
     if rows > LOG_ROWS:
         log = np.empty((rows, log.shape[1]))

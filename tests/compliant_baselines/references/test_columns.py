@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
@@ -163,6 +164,78 @@ def test_a_long_chain():
     outcome = solve_column(cradle(60, 1, e=0.95))
     assert outcome.status == "ok"
     assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
+
+
+def in_time_without_events(column, law, duration):
+    """Final velocities of Hertz contacts of spring and dashpot: forces of positions alone, nothing watched."""
+    balls, b = len(column.masses), coefficients_of(column, law, 1.5)
+    assert column.masses == (1,) * balls
+    assert column.stiffnesses == (1,) * (balls - 1)
+
+    def motion(_time, state):
+        depth, rate = np.maximum(np.diff(state[:balls]), 0), np.diff(state[balls:])
+        dashpot = b * rate * (depth**1.5 if law == "hunt-crossley" else depth**0.25)
+        force = np.maximum(depth**1.5 + dashpot, 0) * (depth > 0)
+        return np.concatenate([state[balls:], np.diff(np.concatenate([[0], force, [0]]))])
+
+    start = np.concatenate([np.zeros(balls), column.velocities])
+    done = solve_ivp(motion, (0, duration), start, method="DOP853", rtol=1e-12, atol=1e-14, max_step=0.2)
+    assert done.success
+    return done.y[balls:, -1]
+
+
+@pytest.mark.parametrize(
+    ("law", "balls", "e"),
+    [
+        ("kelvin-voigt", 18, 0.8),
+        ("kelvin-voigt", 20, 0.95),
+        ("kelvin-voigt", 30, 0.99),
+        ("kelvin-voigt", 30, 1),
+        ("kelvin-voigt-textbook", 20, 0.95),
+        ("hunt-crossley", 18, 0.95),
+    ],
+)
+def test_a_row_of_hertz_contacts_ends_as_in_time_without_events(law, balls, e):
+    # The last contacts wait for a wave whose load far ahead of it underflows.
+    column = cradle(balls, 1, e=e)
+    outcome = solve_column(column, law, exponent=1.5, max_steps=5000)
+    assert outcome.status == "ok"
+    assert outcome.diagnostics["velocity_error"] < 1e-9
+    assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
+    expected = in_time_without_events(column, law, outcome.diagnostics["duration"] + 1)
+    assert outcome.velocities == pytest.approx(expected, abs=1e-9, rel=0)
+
+
+@pytest.mark.parametrize("exponent", [1.5, 2, 3])
+@pytest.mark.parametrize("law", LAWS)
+def test_long_rows_end_at_every_exponent(law, exponent):
+    # The higher the exponent, the faster a load grows from nothing: cubics through the ends of a step are wrong by far.
+    for balls, e in ((24, 0.95), (18, 0.05)):
+        if law == "bistiffness":
+            e = 1.0  # no contact becomes rigid
+        column = cradle(balls, 2, e=e)
+        outcome = solve_column(column, law, exponent=exponent, max_steps=20_000)
+        assert outcome.status == "ok"
+        v = np.array(outcome.velocities)
+        assert v.sum() == pytest.approx(-2, abs=1e-11)
+        assert (np.diff(v) <= 1e-9).all()
+        assert v @ v <= 2 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("exponent", [1, 1.5])
+def test_contacts_left_at_rest_do_not_keep_a_collision_going(exponent):
+    # Balls so heavy that those behind the second contact never move.
+    column = Column([1e40**i for i in range(6)], (1,) * 5, (0.9,) * 5, (-1, 0, 0, 0, 0, 0))
+    outcome = solve_column(column, "bistiffness", exponent=exponent, max_steps=5000)
+    assert outcome.status == "ok"
+    assert outcome.velocities == pytest.approx((0.9, 0, 0, 0, 0, 0), abs=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_ratios_beyond_double_precision_end_with_a_status(law):
+    column = Column((1e300, 1e-300), (1,), (0.9,), (-1, 0))
+    outcome = solve_column(column, law, exponent=1.5)
+    assert outcome.status == "timeout"
 
 
 def test_what_is_refused():
