@@ -95,7 +95,9 @@ class Column:
     @property
     def mean_velocity(self) -> float:
         """Velocity of the centre of mass at first touch, in m/s."""
-        return float(np.dot(self.masses, self.velocities)) / math.fsum(self.masses)
+        _, power = math.frexp(max(self.masses))
+        masses = [math.ldexp(m, -power) for m in self.masses]  # whose sum is finite, and no bit another
+        return float(np.dot(masses, self.velocities)) / math.fsum(masses)
 
     def reversed(self) -> Column:
         """Return the column seen from below, if it has no table: order of balls and sign of velocities reversed."""

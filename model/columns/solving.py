@@ -11,10 +11,12 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from impact_xval.model.collision import RESULT_STATUSES
 from impact_xval.model.columns.chain import Chain, ball_values
 from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
 from impact_xval.model.columns.diagram import COLLAPSE, PLASTIC, RUNAWAY, TOO_MANY_EVENTS, collide
 from impact_xval.model.compiled import OPTIONS, compiled
+from impact_xval.model.diagram import MASS_PRECISION
 from impact_xval.model.grazing import MARKS, mark_codes
 from impact_xval.model.inputs import EXPONENT, GRAZING_THRESHOLD
 from impact_xval.model.law import INACTIVE, ImpactLaw
@@ -66,8 +68,9 @@ def solve_column(
     -------
     ColumnOutcome
         Status ``limit`` where bodies were united or brought to rest by a closed form, ``unconverged`` after
-        `max_events`, else ``ok``. Its ``diagnostics``: ``energy_residual``, of the energy balance per kinetic energy
-        relative to the centre of mass or the table.
+        `max_events`, ``unrepresentable`` where masses or stiffnesses lie too far apart, else ``ok``. Its
+        ``diagnostics``: ``energy_residual``, of the energy balance per kinetic energy relative to the centre of mass or
+        the table.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def solve_column(
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
     result = solve_scaled(scaled, p, rules.stiffens, max_events, points, log)
     outcome = _outcome(column, result, units, rules, grazing_threshold, max_events)
-    if outcome.status == "unconverged":
+    if outcome.status not in RESULT_STATUSES:
         return outcome
     if result[-1] > LOG_ROWS:
         log = np.empty((result[-1], log.shape[1]))
@@ -157,6 +160,18 @@ def _check_touching(column: Column) -> None:
         )
 
 
+def beyond_precision(column: Column) -> str:
+    """Say that masses or stiffnesses lie further apart than `MASS_PRECISION`, in one sentence; empty if not."""
+    for name in ("masses", "stiffnesses"):
+        values = getattr(column, name)
+        if min(values) < max(values) / MASS_PRECISION:
+            apart = f"{name} from {min(values):g} to {max(values):g}"
+            return (
+                f"{apart}: where one exceeds {MASS_PRECISION:g} times another, squares of velocities are lost"
+            )
+    return ""
+
+
 class Units(NamedTuple):
     """Units in which a column has the first mass and stiffness 1, and 1 as its largest compression rate."""
 
@@ -171,8 +186,9 @@ def scaled_column(column: Column, p: float) -> tuple[tuple[Any, ...], Units]:
     rates = np.array(column.compression_rates)
     mass, stiffness, speed = masses[0], stiffnesses[0], np.abs(rates).max()
     drift = 0.0 if column.table else column.mean_velocity / speed
-    time = float((mass / stiffness * speed ** (1 - p)) ** (1 / (p + 1)))
-    scaled = (masses / mass, stiffnesses / stiffness, np.array(column.restitutions), rates / speed, drift)
+    with np.errstate(over="ignore"):  # what overflows has no result, and its outcome says so
+        time = float((mass / stiffness * speed ** (1 - p)) ** (1 / (p + 1)))
+        scaled = (masses / mass, stiffnesses / stiffness, np.array(column.restitutions), rates / speed, drift)
     return scaled, Units(float(mass), float(speed), time)
 
 
@@ -237,6 +253,8 @@ def _outcome(
 ) -> ColumnOutcome:
     """Outcome of a kernel's result, without states and path."""
     velocities, code, events, margin, residual, _, _ = result
+    if reason := beyond_precision(column):
+        return ColumnOutcome.failure(NAME, column, "unrepresentable", reason)
     if code & TOO_MANY_EVENTS:
         return ColumnOutcome.failure(
             NAME, column, "unconverged", f"not over within {max_events} pieces of segments"

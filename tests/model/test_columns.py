@@ -192,7 +192,7 @@ def test_separate_groups_do_not_meet():
         Column((1,) * 5, (1,) * 5, (1e-6,) * 5, (-1,) * 5, table=True),
         Column((1,) * 4, (1,) * 4, (0.0, 1.0, 0.0, 1.0), (-1, 0, 0, 0), table=True),
         Column((1, 0.165), (1, 0.775), (0.4, 0.33), (-1, 0), table=True),
-        Column((1e-150, 1e150), (1, 1e-200), (0.5, 0.5), (-1, 0), table=True),
+        Column((1e-70, 1e70), (1, 1e-140), (0.5, 0.5), (-1, 0), table=True),
     ],
 )
 def test_no_column_is_endless(column, law):
@@ -231,6 +231,33 @@ def test_steps_beyond_double_precision_are_shortened(masses, status):
     assert outcome.status == status
     if status == "limit":
         assert outcome.velocities == pytest.approx((0.9, 0, 0, 0, 0, 0), abs=1e-9)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("masses", "stiffnesses"),
+    [
+        ((1e300, 1e-300), (1,)),
+        ((1e-300, 1e300), (1,)),
+        ((1, 1, 1), (1e300, 1e-300)),
+        ((1, 1, 1), (1e-320, 1e300)),
+    ],
+)
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_ratios_beyond_double_precision_are_refused_by_name(masses, stiffnesses, exponent):
+    column = Column(masses, stiffnesses, (0.9,) * len(stiffnesses), (-1,) + (0,) * (len(masses) - 1))
+    one = solve_column(column, exponent=exponent, max_events=1000)
+    (other,) = solve_columns([column], exponent=exponent, max_events=1000)
+    for outcome in (one, other):
+        assert outcome.status == "unrepresentable"
+        assert "where one exceeds 1e+150 times another, squares of velocities are lost" in outcome.reason
+
+
+@pytest.mark.filterwarnings("error")
+def test_masses_whose_sum_overflows_are_as_good_as_any():
+    heavy, light = (Column((m, m), (1,), (0.9,), (-1, 0)) for m in (1.5e308, 1.0))
+    assert heavy.mean_velocity == light.mean_velocity
+    assert solve_column(heavy).velocities == solve_column(light).velocities
 
 
 def test_a_hundred_balls():

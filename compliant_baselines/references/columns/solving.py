@@ -20,6 +20,7 @@ from impact_xval.model.columns.power_law import TOLERANCE
 from impact_xval.model.columns.solving import (
     LOG_ROWS,
     POINTS,
+    beyond_precision,
     impulses_of,
     path_of,
     scaled_column,
@@ -78,9 +79,9 @@ def solve_column(
     -------
     ColumnOutcome
         Status ``ok``, ``limit`` (only bistiffness: bodies were united by a closed form), ``timeout``, or
-        ``unrepresentable`` for e_i = 0. Exact to rounding where the forces are linear; else ``diagnostics`` hold
-        ``velocity_error``, an estimate of the error of the velocities in m/s: by how much a run at 100 times the
-        tolerance differs. ``duration`` is in s.
+        ``unrepresentable`` for e_i = 0, or masses or stiffnesses too far apart. Exact to rounding where the forces are
+        linear; else ``diagnostics`` hold ``velocity_error``, an estimate of the error of the velocities in m/s: by how
+        much a run at 100 times the tolerance differs. ``duration`` is in s.
 
     Raises
     ------
@@ -97,6 +98,8 @@ def solve_column(
                 f"take a small positive one, or the state-transition model; legal for {law}: greater than 0, at most 1"
             )
             return ColumnOutcome.failure(law, column, "unrepresentable", reason)
+    if reason := beyond_precision(column):
+        return ColumnOutcome.failure(law, column, "unrepresentable", reason)
     scaled, units = scaled_column(column, p)
     length = units.speed * units.time
     b = coefficients_of(column, law, p)
