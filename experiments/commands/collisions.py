@@ -327,13 +327,13 @@ def export_scene(
     from impact_xval.experiments.config.grid import collision_of
     from impact_xval.experiments.sweep.designs import cells_of_run
     from impact_xval.experiments.sweep.solving import settings_of
-    from impact_xval.experiments.tables.folders import finished
+    from impact_xval.experiments.tables.folders import finished_collisions
 
     given = typed(context.params)
     if folder is not None:
         if cell is None or given:
             raise UserError(f"{folder}: a cell of a run is named by --cell N, and by nothing else")
-        run = finished(folder)
+        run = finished_collisions(folder)
         config = run.config()
         cells = cells_of_run(run, config)
         index = whole("--cell", cell, 0, len(cells) - 1)

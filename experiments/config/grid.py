@@ -7,6 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from impact_xval.model.collision import Collision
 _CHUNK = 16
 _QUICK_CHUNK = 128
 _MOST_CHUNKS = 10_000
+
+_Cell = TypeVar("_Cell")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +44,8 @@ class GridCell:
     collision: Collision
 
 
-class Cells(ABC):
-    """The cells of an experiment, in order; a cell is made when it is asked for."""
+class Chunked(ABC, Generic[_Cell]):
+    """The cells of an experiment, in order, and their chunks; a cell is made when it is asked for."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
@@ -51,28 +54,20 @@ class Cells(ABC):
     def __len__(self) -> int: ...
 
     @abstractmethod
-    def ratios(self, indices: range) -> NDArray[np.float64]:
-        """Stiffness ratio, mass ratio, e1 and e2 of some cells, shape (n, 4)."""
+    def cells(self, indices: range) -> list[_Cell]:
+        """Make some cells."""
 
-    def __getitem__(self, index: int) -> GridCell:
+    @abstractmethod
+    def digest(self, indices: range) -> str:
+        """SHA-256 of the parameters of some cells, to the last bit."""
+
+    def __getitem__(self, index: int) -> _Cell:
         if not 0 <= index < len(self):
             raise IndexError(f"cell {index} of {len(self)}")
         return self.cells(range(index, index + 1))[0]
 
-    def __iter__(self) -> Iterator[GridCell]:
+    def __iter__(self) -> Iterator[_Cell]:
         return (self[index] for index in range(len(self)))
-
-    def cells(self, indices: range) -> list[GridCell]:
-        """Make some cells."""
-        return [
-            GridCell(index, values[0], values[1], _collision(self._config, *values))
-            for index, values in zip(indices, self.ratios(indices).tolist(), strict=True)
-        ]
-
-    def digest(self, indices: range) -> str:
-        """SHA-256 of the parameters of some cells, to the last bit."""
-        data = self.ratios(indices).astype("<f8").tobytes()
-        return hashlib.sha256(f"{indices.start} ".encode() + data).hexdigest()
 
     @property
     def chunk_size(self) -> int:
@@ -95,6 +90,26 @@ class Cells(ABC):
         """Return the indices of the cells of a chunk."""
         size = self.chunk_size
         return range(number * size, min((number + 1) * size, len(self)))
+
+
+class Cells(Chunked[GridCell]):
+    """Cells of two balls on a table."""
+
+    @abstractmethod
+    def ratios(self, indices: range) -> NDArray[np.float64]:
+        """Stiffness ratio, mass ratio, e1 and e2 of some cells, shape (n, 4)."""
+
+    def cells(self, indices: range) -> list[GridCell]:
+        """Make some cells."""
+        return [
+            GridCell(index, values[0], values[1], _collision(self._config, *values))
+            for index, values in zip(indices, self.ratios(indices).tolist(), strict=True)
+        ]
+
+    def digest(self, indices: range) -> str:
+        """SHA-256 of the parameters of some cells, to the last bit."""
+        data = self.ratios(indices).astype("<f8").tobytes()
+        return hashlib.sha256(f"{indices.start} ".encode() + data).hexdigest()
 
 
 class CellGrid(Cells):

@@ -118,7 +118,7 @@ def _checked(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.float
     legal = (values >= LEGAL[name].low) & (values <= LEGAL[name].high)
     if not legal.all():
         row = int(np.argmin(legal))
-        raise UserError(f"{path}: row {row + 1}: {name} = {value_problem(name, float(values[row]))}")
+        raise UserError(f"{path}: row {row + 1}: {name} = {value_problem(LEGAL[name], float(values[row]))}")
     return values
 
 
