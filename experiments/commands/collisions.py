@@ -326,7 +326,7 @@ def export_scene(
     """
     from impact_xval.experiments.config.grid import collision_of
     from impact_xval.experiments.sweep.designs import cells_of_run
-    from impact_xval.experiments.sweep.solving import settings_of
+    from impact_xval.experiments.sweep.kinds.kind import settings_of
     from impact_xval.experiments.tables.folders import finished_collisions
 
     given = typed(context.params)

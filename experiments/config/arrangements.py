@@ -200,7 +200,7 @@ class ColumnTable(Strict):
         return self
 
     def axes(self, arrangement: str) -> dict[str, list[float]]:
-        """Values of every axis of an arrangement, the first varies slowest; NaN for the strikers of what is no cradle."""
+        """Values of every axis of an arrangement, the first varies slowest; strikers are NaN in what is no cradle."""
         axes = {name: expand_axis(getattr(self, name) or [1.0]) for name in COLUMN_LEGAL}
         return axes if arrangement == "cradle" else axes | {"strike": [math.nan]}
 

@@ -70,7 +70,9 @@ def _range_problem(legal: Legal, value: Any) -> str | None:
     """Write what is wrong with a range as read from a file, or return None."""
     if isinstance(value, dict):
         return _spacing_problem(legal, value, _RANGE, counted=False)
-    return value_problem(legal, value) if isinstance(value, int | float) else f"{value!r:.60}; legal: {_RANGE}"
+    return (
+        value_problem(legal, value) if isinstance(value, int | float) else f"{value!r:.60}; legal: {_RANGE}"
+    )
 
 
 def _spacing_problem(legal: Legal, spacing: dict[str, Any], notation: str, *, counted: bool) -> str | None:

@@ -41,7 +41,7 @@ class ColumnCell:
 
 
 class Columns(Chunked[ColumnCell]):
-    """The columns of an experiment: one arrangement after the other, of each the axes, the last of which varies fastest.
+    """The columns of an experiment, one arrangement after the other; of each the last axis varies fastest.
 
     Numbers of balls vary slowest, so that neighbouring columns take about as long.
     """

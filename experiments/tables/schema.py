@@ -171,9 +171,7 @@ _LINE_MEASURES = _columns(
 _LINE_MODEL = {name: _MODEL[name] for name in ("model_status", "model_grazing_margin")}
 
 #: As `COLUMNS`, of a run of columns of N balls.
-LINE_COLUMNS = (
-    _LINE_PARAMETERS | _WHO | _LINE_OUTCOME | _LINE_CERTIFICATE | _LINE_MEASURES | _LINE_MODEL
-)
+LINE_COLUMNS = _LINE_PARAMETERS | _WHO | _LINE_OUTCOME | _LINE_CERTIFICATE | _LINE_MEASURES | _LINE_MODEL
 LINE_PARAMETERS, LINE_MEASURES = tuple(_LINE_PARAMETERS), tuple(_LINE_MEASURES)
 
 
@@ -200,9 +198,7 @@ class Layout:
 _FILES = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet")
 
 #: Of collisions of two balls, and of columns of N balls.
-COLLISIONS = Layout(
-    ROW_SCHEMA, CELLS_SCHEMA, DIVERGENCE_SCHEMA, (*_FILES, "ladder.parquet", "ladder.csv")
-)
+COLLISIONS = Layout(ROW_SCHEMA, CELLS_SCHEMA, DIVERGENCE_SCHEMA, (*_FILES, "ladder.parquet", "ladder.csv"))
 LINES = Layout(
     schema(LINE_COLUMNS, LINE_COLUMNS),
     schema((*_LINE_PARAMETERS, *_WHO, *_LINE_OUTCOME, *_LINE_CERTIFICATE), LINE_COLUMNS),
