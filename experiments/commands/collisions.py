@@ -47,7 +47,7 @@ from impact_xval.experiments.config.errors import UserError
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
     from impact_xval.experiments.config.arrangements import Arranged
-    from impact_xval.experiments.measures.columns import ColumnMeasures
+    from impact_xval.experiments.measures.columns.measuring import ColumnMeasures
     from impact_xval.experiments.tables.store import RunFolder
     from impact_xval.model import Collision, ColumnOutcome, Outcome
 
@@ -202,7 +202,7 @@ def cradle(
 
     with solvers_apart(solver or (), columns=True) as apart:
         from impact_xval.compliant_baselines.contract.registry import get_solver
-        from impact_xval.experiments.measures.columns import measures_of
+        from impact_xval.experiments.measures.columns.measuring import measures_of
 
         arranged, config = one_column(context.params)
         column = arranged.column()

@@ -65,7 +65,7 @@ COLUMN_CURVES_SCHEMA = pa.schema(
         _field(
             "time",
             pa.list_(pa.float64()),
-            "since first touch, per (m1/k1 |v0|^(1 - p))^(1/(p + 1)); null without a path",
+            "since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))",
         ),
         _field("forces", pa.list_(pa.list_(pa.float64())), "of each contact, per m1 |v0| and that time"),
     ]

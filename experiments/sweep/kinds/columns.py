@@ -16,7 +16,7 @@ from impact_xval.compliant_baselines.contract.solver import Solver
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.columns import ColumnCell
 from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
-from impact_xval.experiments.measures.columns import largest_difference, measures_of
+from impact_xval.experiments.measures.columns.measuring import largest_difference, measures_of
 from impact_xval.experiments.sweep.kernels import Kernels, column_kernels_of
 from impact_xval.experiments.sweep.kinds.kind import Kind, marked, scaled_diagnostics, settings_of, whole
 from impact_xval.experiments.tables.schema import LINE_MEASURES, LINES
