@@ -143,21 +143,23 @@ class Arranged(Strict):
 class ColumnTable(Strict):
     """Axes of columns of N balls, each a number, a list or as those of a grid."""
 
-    arrangement: list[Arrangement] = Field(["cradle"], description=f"{_NAMES}, or a list of them")
+    arrangement: list[Arrangement] = Field(
+        ["cradle", "drop", "stack"], description=f"{_NAMES}, or a list of them"
+    )
     balls: Axis = _axis("balls", [2, 3, 5, 10])
     strike: Axis | None = _axis("strike", None)
     exponent: Axis = _axis("exponent", [1.0])
     mass_taper: Axis = _axis("mass_taper", [1.0])
-    stiffness_taper: Axis = _axis("stiffness_taper", [1.0])
+    stiffness_taper: Axis = _axis("stiffness_taper", [0.8, 1.0, 1.25])
     gap: Axis = _axis("gap", [0.0])
-    e: Axis = _axis("e", [0.95])
+    e: Axis = _axis("e", [0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
 
     @field_validator("arrangement", mode="before")
     @classmethod
     def _arrangements(cls, value: object) -> object:
         names = value if isinstance(value, list) else [value]
         for name in names:
-            if name not in get_args(Arrangement):
+            if not isinstance(name, str) or name not in get_args(Arrangement):
                 raise ValueError(f"{short(name)}; legal: {_NAMES}")
         if not names or len(set(names)) < len(names):
             raise ValueError(f"{short(value)}; legal: one or more of {_NAMES}, each once")
