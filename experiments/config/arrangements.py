@@ -146,7 +146,7 @@ class ColumnTable(Strict):
     arrangement: list[Arrangement] = Field(
         ["cradle", "drop", "stack"], description=f"{_NAMES}, or a list of them"
     )
-    balls: Axis = _axis("balls", [2, 3, 5, 10])
+    balls: Axis = _axis("balls", [2.0, 3.0, 5.0, 10.0])
     strike: Axis | None = _axis("strike", None)
     exponent: Axis = _axis("exponent", [1.0])
     mass_taper: Axis = _axis("mass_taper", [1.0])

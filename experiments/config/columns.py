@@ -46,6 +46,8 @@ class Columns(Chunked[ColumnCell]):
     Numbers of balls vary slowest, so that neighbouring columns take about as long.
     """
 
+    with_engines = 4
+
     def __init__(self, config: Config) -> None:
         super().__init__(config)
         assert config.column is not None

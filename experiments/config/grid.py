@@ -47,6 +47,9 @@ class GridCell:
 class Chunked(ABC, Generic[_Cell]):
     """The cells of an experiment, in order, and their chunks; a cell is made when it is asked for."""
 
+    #: Cells of a chunk where an engine is among the solvers: a few seconds of work with their estimates.
+    with_engines = _CHUNK
+
     def __init__(self, config: Config) -> None:
         self._config = config
 
@@ -71,15 +74,15 @@ class Chunked(ABC, Generic[_Cell]):
 
     @property
     def chunk_size(self) -> int:
-        """Cells of a chunk: as configured, or 16 if an engine is among the solvers, else up to 128.
+        """Cells of a chunk: as configured, or `with_engines` if an engine is among the solvers, else up to 128.
 
-        That is a few seconds of work with engines and their estimates, and 0.17 s for 128 cells without engines
-        (docs/load.md). There are at most 10 000 chunks: beyond that they are larger.
+        That is 0.17 s for 128 cells of two balls (docs/load.md). There are at most 10 000 chunks: beyond that they are
+        larger.
         """
         if self._config.chunk_size is not None:
             return self._config.chunk_size
         quick = all(kind_of(name) != "engine" for name in self._config.solvers)
-        usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64)) if quick else _CHUNK
+        usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64)) if quick else self.with_engines
         return max(usual, -(-len(self) // _MOST_CHUNKS))
 
     def chunks(self) -> int:
