@@ -171,7 +171,7 @@ class ColumnTable(Strict):
         if value is None and info.field_name == "strike":
             return None
         legal = COLUMN_LEGAL[info.field_name]
-        axis = value if isinstance(value, (list, dict)) else [value]
+        axis: Any = value if isinstance(value, (list, dict)) else [value]
         problem = axis_problem(legal, axis)
         if problem:
             raise ValueError(problem)

@@ -36,7 +36,7 @@ AXES = {
     "exponent": "exponent",
     "mass_taper": "mass taper",
     "stiffness_taper": "stiffness taper",
-    "gap": "gap, m",
+    "gap": "gap in m",
 }
 
 _WORST = 3

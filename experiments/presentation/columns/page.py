@@ -73,20 +73,19 @@ def _found(summary: ColumnSummary, name: str) -> dict[str, Any]:
     return {
         "solver": name,
         "d": summary.get(name, "velocity_divergence"),
-        "where": _where(worst),
+        "where": _where(summary, worst),
         "few": (balls[0], _median(summary, name, "balls", balls[0])),
         "many": (balls[-1], _median(summary, name, "balls", balls[-1])),
     }
 
 
-def _where(row: Any) -> str:
-    """Name a column by the values of its axes."""
+def _where(summary: ColumnSummary, row: Any) -> str:
+    """Name a column by its balls and the values of those axes that have several."""
     strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
-    values = ", ".join(
-        f"{AXES[axis]} = {number(row[axis])}"
-        for axis in ("e", "exponent", "mass_taper", "stiffness_taper", "gap")
+    axes = [axis for axis in summary.axes if axis not in ("arrangement", "balls", "strike")]
+    return f"the {row.arrangement} of {row.balls} balls{strike}" + "".join(
+        f", {AXES[axis]} = {number(row[axis])}" for axis in axes
     )
-    return f"the {row.arrangement} of {row.balls}{strike}, {values}"
 
 
 def _short(summary: ColumnSummary, name: str) -> tuple[str, ...]:
