@@ -96,7 +96,7 @@ CONFIGS = {
     ),
     "too many columns": (
         "[column]\ne = {linear = [0, 1, 9000]}\ngap = {linear = [0, 1, 9000]}",
-        ["column", "324000000 columns", "1 to 10000000"],
+        ["column", "2916000000 columns", "1 to 10000000"],
     ),
     "columns fall": (
         "scenario = 'drop'\n[column]",
