@@ -40,9 +40,12 @@ class Kind(ABC):
     ----------
     layout : Layout
         Of the tables of a run.
+    bounded : sequence of str
+        Columns whose numbers are at most `_LARGEST`.
     """
 
     layout: Layout
+    bounded: Sequence[str]
 
     @abstractmethod
     def kernels(self, solvers: Iterable[str]) -> list[Kernels]:
@@ -67,9 +70,6 @@ class Kind(ABC):
     @abstractmethod
     def measured(self, config: Config, name: str, cell: Any, model: Any, outcome: Any) -> dict[str, Any]:
         """Give what else it holds."""
-
-    #: Columns whose numbers are at most `_LARGEST`.
-    bounded: Sequence[str]
 
     def row(self, config: Config, name: str, cell: Any, model: Any, outcome: Any) -> dict[str, Any]:
         """Make the row of a cell and solver, whatever the measures make of its outcome."""

@@ -92,6 +92,7 @@ def test_the_curves_are_of_the_column_of_the_figures(root):
         assert impulse == pytest.approx(1 + row["velocities"][0], rel=2e-2)
 
 
+@pytest.mark.slow
 def test_it_is_shown_again_and_written_again(root, capsys):
     before = {name: (root / name).read_bytes() for name in ("summary.md", "summary.csv", "report.html")}
     pictures = {name: (root / f"figures/{name}.png").read_bytes() for name in FIGURES}
