@@ -47,7 +47,7 @@ from impact_xval.experiments.config.errors import UserError
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
     from impact_xval.experiments.config.arrangements import Arranged
-    from impact_xval.experiments.measures.columns import ColumnMeasures
+    from impact_xval.experiments.measures.columns.measuring import ColumnMeasures
     from impact_xval.experiments.tables.store import RunFolder
     from impact_xval.model import Collision, ColumnOutcome, Outcome
 
@@ -202,7 +202,7 @@ def cradle(
 
     with solvers_apart(solver or (), columns=True) as apart:
         from impact_xval.compliant_baselines.contract.registry import get_solver
-        from impact_xval.experiments.measures.columns import measures_of
+        from impact_xval.experiments.measures.columns.measuring import measures_of
 
         arranged, config = one_column(context.params)
         column = arranged.column()
@@ -326,14 +326,14 @@ def export_scene(
     """
     from impact_xval.experiments.config.grid import collision_of
     from impact_xval.experiments.sweep.designs import cells_of_run
-    from impact_xval.experiments.sweep.solving import settings_of
-    from impact_xval.experiments.tables.folders import finished
+    from impact_xval.experiments.sweep.kinds.kind import settings_of
+    from impact_xval.experiments.tables.folders import finished_collisions
 
     given = typed(context.params)
     if folder is not None:
         if cell is None or given:
             raise UserError(f"{folder}: a cell of a run is named by --cell N, and by nothing else")
-        run = finished(folder)
+        run = finished_collisions(folder)
         config = run.config()
         cells = cells_of_run(run, config)
         index = whole("--cell", cell, 0, len(cells) - 1)

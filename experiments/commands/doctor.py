@@ -69,7 +69,7 @@ def _of_experiment(what: Path | None) -> tuple[str, list[Finding]]:
     elif what.is_dir():
         folder = RunFolder(what)
         config = folder.config()
-        if folder.manifest()["state"] in FINISHED:
+        if folder.manifest()["state"] in FINISHED and config.column is None:
             cells = cells_of_run(folder, config)
     else:
         config = load_config(what)

@@ -42,12 +42,12 @@ def ladder(
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.sweep.executors import available_cores, open_executor
     from impact_xval.experiments.sweep.ladders import CELLS, ready, write_ladder
-    from impact_xval.experiments.tables.folders import finished
+    from impact_xval.experiments.tables.folders import finished_collisions
     from impact_xval.experiments.tables.schema import CELLS_SCHEMA
 
     if law not in LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(LAWS)}")
-    run = finished(folder)
+    run = finished_collisions(folder)
     stem = "ladder" if law == KELVIN_VOIGT else f"ladder-{law}"
     if law != KELVIN_VOIGT:
         run.table_path("cells.parquet", CELLS_SCHEMA)  # what it is made from has to be whole

@@ -16,31 +16,54 @@ A drop of two balls is therefore the collision of `config.grid`, the tapers bein
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
-from impact_xval.experiments.config.axes import Strict
+from impact_xval.experiments.config.axes import MAX_CELLS, Axis, Strict, axis_problem, expand_axis
+from impact_xval.experiments.config.config_errors import short
 from impact_xval.model.columns.column import MAX_BALLS, Column
-from impact_xval.model.inputs import E1, EXPONENT, V0
+from impact_xval.model.inputs import E1, EXPONENT, V0, Legal
+
+Arrangement = Literal["chain", "cradle", "drop", "stack"]
 
 #: Least number of balls: in all but a stack one strikes another.
 _FEWEST = {"stack": 1}
 #: Arrangements on a table.
 _ON_TABLE = ("drop", "stack")
 
+_NAMES = "'chain', 'cradle', 'drop' or 'stack'"
+_LEAST, _LARGEST = math.ulp(0.0), float(np.finfo(float).max)
+
+#: What is legal on the axes of columns, in their order: the first varies slowest.
+COLUMN_LEGAL = {
+    legal.name: legal
+    for legal in (
+        Legal("balls", 1, MAX_BALLS, f"a whole number from 2 (a stack: 1) to {MAX_BALLS}"),
+        Legal("strike", 1, MAX_BALLS - 1, "a whole number from 1 to balls - 1, of a cradle only"),
+        EXPONENT,
+        Legal("mass_taper", _LEAST, _LARGEST, "a finite number > 0 (m_(i+1)/m_i)"),
+        Legal("stiffness_taper", _LEAST, _LARGEST, "a finite number > 0 (k_(i+1)/k_i)"),
+        Legal("gap", 0.0, _LARGEST, "a finite number >= 0 (m)"),
+        E1._replace(name="e"),
+    )
+}
+_WHOLE = ("balls", "strike")
+
 
 def _positive(default: float, what: str) -> Any:
     return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({what})")
 
 
+def _axis(name: str, default: Axis | None) -> Any:
+    return Field(default, description=COLUMN_LEGAL[name].text)
+
+
 class Arranged(Strict):
     """One column by its arrangement."""
 
-    arrangement: Literal["chain", "cradle", "drop", "stack"] = Field(
-        "cradle", description="'chain', 'cradle', 'drop' or 'stack'"
-    )
+    arrangement: Arrangement = Field("cradle", description=_NAMES)
     balls: int = Field(5, description=f"a whole number from 2 (a stack: 1) to {MAX_BALLS}")
     strike: int | None = Field(None, description="a whole number from 1 to balls - 1, of a cradle only")
     e: float = Field(0.95, ge=E1.low, le=E1.high, description=E1.text)
@@ -78,12 +101,9 @@ class Arranged(Strict):
     def _within_double_precision(cls, taper: float, info: Any) -> float:
         first = "m" if info.field_name == "mass_taper" else "k"
         if {first, "balls"} <= info.data.keys():
-            last = _tapered(1.0, taper, info.data["balls"])[-1]
-            if not 0 < last < math.inf or not 0 < last * info.data[first] < math.inf:
-                raise ValueError(
-                    f"{taper!r}: its power {info.data['balls'] - 1}, or {first} = {info.data[first]!r} times that, "
-                    "leaves double precision; legal: finite numbers > 0"
-                )
+            problem = taper_problem(taper, info.data["balls"], first, info.data[first])
+            if problem:
+                raise ValueError(problem)
         return taper
 
     @field_validator("v0")
@@ -118,6 +138,94 @@ class Arranged(Strict):
             table=table,
             gaps=tuple(gaps),
         )
+
+
+class ColumnTable(Strict):
+    """Axes of columns of N balls, each a number, a list or as those of a grid."""
+
+    arrangement: list[Arrangement] = Field(
+        ["cradle", "drop", "stack"], description=f"{_NAMES}, or a list of them"
+    )
+    balls: Axis = _axis("balls", [2.0, 3.0, 5.0, 10.0])
+    strike: Axis | None = _axis("strike", None)
+    exponent: Axis = _axis("exponent", [1.0])
+    mass_taper: Axis = _axis("mass_taper", [1.0])
+    stiffness_taper: Axis = _axis("stiffness_taper", [0.8, 1.0, 1.25])
+    gap: Axis = _axis("gap", [0.0])
+    e: Axis = _axis("e", [0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
+
+    @field_validator("arrangement", mode="before")
+    @classmethod
+    def _arrangements(cls, value: object) -> object:
+        names = value if isinstance(value, list) else [value]
+        for name in names:
+            if not isinstance(name, str) or name not in get_args(Arrangement):
+                raise ValueError(f"{short(name)}; legal: {_NAMES}")
+        if not names or len(set(names)) < len(names):
+            raise ValueError(f"{short(value)}; legal: one or more of {_NAMES}, each once")
+        return names
+
+    @field_validator(*COLUMN_LEGAL, mode="before")
+    @classmethod
+    def _legal_axis(cls, value: object, info: Any) -> object:
+        if value is None and info.field_name == "strike":
+            return None
+        legal = COLUMN_LEGAL[info.field_name]
+        axis: Any = value if isinstance(value, (list, dict)) else [value]
+        problem = axis_problem(legal, axis)
+        if problem:
+            raise ValueError(problem)
+        if legal.name in _WHOLE:
+            broken = [number for number in expand_axis(axis) if not number.is_integer()]
+            if broken:
+                raise ValueError(f"{broken[0]!r}; legal: {legal.text}")
+        return axis
+
+    @model_validator(mode="after")
+    def _something_meets(self) -> ColumnTable:
+        fewest_given = int(min(expand_axis(self.balls)))
+        for name in self.arrangement:
+            fewest = _FEWEST.get(name, 2)
+            if fewest_given < fewest:
+                legal = f"legal: a whole number from {fewest} to {MAX_BALLS}, for a {name}"
+                raise ValueError(f"balls = {fewest_given}; {legal}")
+        if self.strike is not None:
+            most = int(max(expand_axis(self.strike)))
+            if "cradle" not in self.arrangement:
+                raise ValueError(f"strike = {most}; legal: none without a cradle, it is of one only")
+            if most >= fewest_given:
+                legal = f"legal: a whole number from 1 to {fewest_given - 1}, for {fewest_given} balls"
+                raise ValueError(f"strike = {most}; {legal}")
+        columns = sum(math.prod(map(len, self.axes(name).values())) for name in self.arrangement)
+        if columns > MAX_CELLS:
+            raise ValueError(f"the axes make {columns} columns; legal: 1 to {MAX_CELLS}")
+        return self
+
+    def axes(self, arrangement: str) -> dict[str, list[float]]:
+        """Values of every axis of an arrangement, the first varies slowest; strikers are NaN in what is no cradle."""
+        axes = {name: expand_axis(getattr(self, name) or [1.0]) for name in COLUMN_LEGAL}
+        return axes if arrangement == "cradle" else axes | {"strike": [math.nan]}
+
+    def taper_problem(self, m: float, k: float) -> str | None:
+        """Say that masses or stiffnesses, tapered from these, leave double precision, or return None."""
+        balls = int(max(expand_axis(self.balls)))
+        for name, first, value in (("mass_taper", "m1", m), ("stiffness_taper", "k1", k)):
+            for taper in expand_axis(getattr(self, name)):
+                problem = taper_problem(taper, balls, first, value)
+                if problem:
+                    return f"column.{name} = {problem}"
+        return None
+
+
+def taper_problem(taper: float, balls: int, first: str, value: float) -> str | None:
+    """Write that the last of so many tapered masses or stiffnesses leaves double precision, or return None."""
+    last = _tapered(1.0, taper, balls)[-1]
+    if 0 < last < math.inf and 0 < last * value < math.inf:
+        return None
+    return (
+        f"{taper!r}: its power {balls - 1}, or {first} = {value!r} times that, leaves double precision; "
+        "legal: finite numbers > 0"
+    )
 
 
 def _tapered(first: float, taper: float, count: int) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from impact_xval.experiments.config.config_errors import short
-from impact_xval.model.inputs import E1, E2, MASS_RATIO, STIFFNESS_RATIO
+from impact_xval.model.inputs import E1, E2, MASS_RATIO, STIFFNESS_RATIO, Legal
 
 #: The parameters that decide an impact, and how a reader knows them.
 AXES = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
@@ -34,9 +34,8 @@ _AXIS = "a list of numbers, {log = [lo, hi, n]} or {linear = [lo, hi, n]}"
 _RANGE = "a number, {log = [lo, hi]} or {linear = [lo, hi]}"
 
 
-def value_problem(name: str, value: Any) -> str | None:
+def value_problem(legal: Legal, value: Any) -> str | None:
     """Write what is wrong with one value of a parameter as ``value; legal: range``, or return None."""
-    legal = LEGAL[name]
     if isinstance(value, bool) or not isinstance(value, int | float):
         return f"{short(value)} is not a number; legal: {legal.text}"
     try:
@@ -46,17 +45,17 @@ def value_problem(name: str, value: Any) -> str | None:
     return None if legal.includes(number) else f"{short(value)}; legal: {legal.text}"
 
 
-def axis_problem(name: str, axis: Any) -> str | None:
+def axis_problem(legal: Legal, axis: Any) -> str | None:
     """Write what is wrong with an axis as read from a file, or return None."""
     if isinstance(axis, dict):
-        return _spacing_problem(name, axis, _AXIS, counted=True) or _equal_values(axis)
+        return _spacing_problem(legal, axis, _AXIS, counted=True) or _equal_values(axis)
     if not isinstance(axis, list):
         return f"{short(axis)}; legal: {_AXIS}"
     if not axis:
         return "[] is empty; legal: one value or more"
     if len(axis) > MAX_VALUES:
         return f"a list of {len(axis)} values; legal: 1 to {MAX_VALUES}"
-    problem = next(filter(None, (value_problem(name, value) for value in axis)), None)
+    problem = next(filter(None, (value_problem(legal, value) for value in axis)), None)
     if problem:
         return problem
     seen: set[float] = set()
@@ -67,14 +66,16 @@ def axis_problem(name: str, axis: Any) -> str | None:
     return None
 
 
-def _range_problem(name: str, value: Any) -> str | None:
+def _range_problem(legal: Legal, value: Any) -> str | None:
     """Write what is wrong with a range as read from a file, or return None."""
     if isinstance(value, dict):
-        return _spacing_problem(name, value, _RANGE, counted=False)
-    return value_problem(name, value) if isinstance(value, int | float) else f"{value!r:.60}; legal: {_RANGE}"
+        return _spacing_problem(legal, value, _RANGE, counted=False)
+    return (
+        value_problem(legal, value) if isinstance(value, int | float) else f"{value!r:.60}; legal: {_RANGE}"
+    )
 
 
-def _spacing_problem(name: str, spacing: dict[str, Any], notation: str, *, counted: bool) -> str | None:
+def _spacing_problem(legal: Legal, spacing: dict[str, Any], notation: str, *, counted: bool) -> str | None:
     """Write what is wrong with ``{log = [lo, hi]}`` or ``{linear = [lo, hi]}``, `counted` with n values, or None."""
     if len(spacing) != 1 or next(iter(spacing)) not in ("log", "linear"):
         return f"{short(spacing)}; legal: {notation}"
@@ -83,7 +84,7 @@ def _spacing_problem(name: str, spacing: dict[str, Any], notation: str, *, count
     if not isinstance(entries, list) or len(entries) != 2 + counted:
         return f"{shown}; legal: {{{kind} = [lo, hi{', n' if counted else ''}]}}"
     lo, hi, *rest = entries
-    problem = value_problem(name, lo) or value_problem(name, hi)
+    problem = value_problem(legal, lo) or value_problem(legal, hi)
     if problem:
         return problem
     for count in rest:
@@ -145,7 +146,7 @@ class Box(Strict):
     @field_validator(*AXES, mode="before")
     @classmethod
     def _legal_range(cls, value: object, info: Any) -> object:
-        problem = _range_problem(info.field_name, value)
+        problem = _range_problem(LEGAL[info.field_name], value)
         if problem:
             raise ValueError(problem)
         return value

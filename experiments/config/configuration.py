@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, field_validator, model_validator
 
 from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
+from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged, ColumnTable
 from impact_xval.experiments.config.axes import (
     LEGAL,
     MAX_CELLS,
@@ -40,7 +41,10 @@ from impact_xval.experiments.config.plain import plain_values, revive
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
-DESIGNS = ("grid", "sample", "cells")
+DESIGNS = ("grid", "sample", "cells", "column")
+
+#: Keys on which no row depends. The cells of a list are part of the identity of each chunk, wherever their file lies.
+COSMETIC = ("name", "workers", "figure_cell", "figure_column", "cells", "search")
 
 #: The solver every other one is compared with; part of every run.
 REFERENCE = "state-transition"
@@ -81,7 +85,7 @@ class Grid(Strict):
     @field_validator(*LEGAL, mode="before")
     @classmethod
     def _legal_axis(cls, value: object, info: Any) -> object:
-        problem = axis_problem(info.field_name, value)
+        problem = axis_problem(LEGAL[info.field_name], value)
         if problem:
             raise ValueError(problem)
         return value
@@ -150,6 +154,9 @@ class Config(Strict):
     grid: Grid = Field(default_factory=Grid, description="a table of axes")
     sample: Sample | None = Field(None, description="a table: method, n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
+    column: ColumnTable | None = Field(
+        None, description=f"a table of axes: arrangement, {', '.join(COLUMN_LEGAL)}"
+    )
     search: Search | None = Field(None, description="a table: solver, measure, and ranges")
     convergence: ConvergenceTable = Field(
         default_factory=lambda: ConvergenceTable.model_validate({}),
@@ -159,6 +166,17 @@ class Config(Strict):
         default_factory=Cell,
         description="a table: stiffness_ratio, mass_ratio, e1, e2",
     )
+    figure_column: Arranged = Field(
+        default_factory=lambda: Arranged.model_validate({}),
+        description=f"a table: arrangement, {', '.join(COLUMN_LEGAL)}",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _columns_have_no_gravity(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("column") is not None:
+            return {"scenario": "impact"} | data
+        return data
 
     @field_validator("name")
     @classmethod
@@ -231,8 +249,8 @@ class Config(Strict):
     def _ratios(self) -> dict[str, list[float]]:
         """Ratios of the figures' cell and of the cells known so far: those of a list are read later."""
         boxes = [box.ends() for box in (self.sample, self.search) if box is not None]
-        # The built-in grid stands beside a sample and a list too, and nothing computes it there.
-        axes = self.grid.axes() if self.sample is None and self.cells is None else {}
+        # The built-in grid stands beside other designs too, and nothing computes it there.
+        axes = self.grid.axes() if self.sample is None and self.cells is None and self.column is None else {}
         return {
             name: [
                 *axes.get(name, []),
@@ -253,6 +271,26 @@ class Config(Strict):
             problem = solvers_problem([self.search.solver])
             if problem or self.search.solver == REFERENCE:
                 raise ValueError(f"search.solver = {problem or 'the model itself; legal: another solver'}")
+        return self
+
+    @model_validator(mode="after")
+    def _of_one_kind(self) -> Config:
+        if self.column is None:
+            if "figure_column" in self.model_fields_set:
+                raise ValueError("figure_column is given without column; legal: figure_cell")
+            return self
+        if "figure_cell" in self.model_fields_set:
+            raise ValueError("figure_cell is given with column; legal: figure_column")
+        if self.search is not None:
+            raise ValueError("search and column are given; legal: a search of collisions of two balls")
+        if self.scenario != "impact":
+            raise ValueError(
+                f"scenario = {self.scenario!r}: columns of N balls are solved without gravity; "
+                "legal with column: 'impact'"
+            )
+        problem = self.column.taper_problem(self.m1, self.k1)
+        if problem:
+            raise ValueError(problem)
         return self
 
     def gravity_number(self, m2: float) -> float:
@@ -283,18 +321,20 @@ class Config(Strict):
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
         plain = plain_values(self.model_dump())
+        of_others = ("column", "figure_column") if self.column is None else ("grid", "figure_cell")
         if self.sample is not None or self.cells is not None:
-            del plain["grid"]
-        return plain
+            of_others = (*of_others, "grid")
+        return {key: value for key, value in plain.items() if key not in of_others}
 
     def identity(self) -> str:
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""
         plain = self.canonical()
-        # The cells of a list are part of the identity of each chunk, wherever their file lies.
-        for cosmetic in ("name", "workers", "figure_cell", "cells", "search"):
-            del plain[cosmetic]
+        for cosmetic in COSMETIC:
+            plain.pop(cosmetic, None)
         if "grid" in plain:
             plain["grid"] = plain_values(self.grid.axes())
+        if self.column is not None:
+            plain["column"] = [[name, self.column.axes(name)] for name in self.column.arrangement]
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 

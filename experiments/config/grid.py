@@ -7,6 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from impact_xval.model.collision import Collision
 _CHUNK = 16
 _QUICK_CHUNK = 128
 _MOST_CHUNKS = 10_000
+
+_Cell = TypeVar("_Cell")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +44,11 @@ class GridCell:
     collision: Collision
 
 
-class Cells(ABC):
-    """The cells of an experiment, in order; a cell is made when it is asked for."""
+class Chunked(ABC, Generic[_Cell]):
+    """The cells of an experiment, in order, and their chunks; a cell is made when it is asked for."""
+
+    #: Cells of a chunk where an engine is among the solvers: a few seconds of work with their estimates.
+    with_engines = _CHUNK
 
     def __init__(self, config: Config) -> None:
         self._config = config
@@ -51,16 +57,50 @@ class Cells(ABC):
     def __len__(self) -> int: ...
 
     @abstractmethod
-    def ratios(self, indices: range) -> NDArray[np.float64]:
-        """Stiffness ratio, mass ratio, e1 and e2 of some cells, shape (n, 4)."""
+    def cells(self, indices: range) -> list[_Cell]:
+        """Make some cells."""
 
-    def __getitem__(self, index: int) -> GridCell:
+    @abstractmethod
+    def digest(self, indices: range) -> str:
+        """SHA-256 of the parameters of some cells, to the last bit."""
+
+    def __getitem__(self, index: int) -> _Cell:
         if not 0 <= index < len(self):
             raise IndexError(f"cell {index} of {len(self)}")
         return self.cells(range(index, index + 1))[0]
 
-    def __iter__(self) -> Iterator[GridCell]:
+    def __iter__(self) -> Iterator[_Cell]:
         return (self[index] for index in range(len(self)))
+
+    @property
+    def chunk_size(self) -> int:
+        """Cells of a chunk: as configured, or `with_engines` if an engine is among the solvers, else up to 128.
+
+        That is 0.17 s for 128 cells of two balls (docs/load.md). There are at most 10 000 chunks: beyond that they are
+        larger.
+        """
+        if self._config.chunk_size is not None:
+            return self._config.chunk_size
+        quick = all(kind_of(name) != "engine" for name in self._config.solvers)
+        usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64)) if quick else self.with_engines
+        return max(usual, -(-len(self) // _MOST_CHUNKS))
+
+    def chunks(self) -> int:
+        """Return the number of chunks."""
+        return -(-len(self) // self.chunk_size)
+
+    def chunk(self, number: int) -> range:
+        """Return the indices of the cells of a chunk."""
+        size = self.chunk_size
+        return range(number * size, min((number + 1) * size, len(self)))
+
+
+class Cells(Chunked[GridCell]):
+    """Cells of two balls on a table."""
+
+    @abstractmethod
+    def ratios(self, indices: range) -> NDArray[np.float64]:
+        """Stiffness ratio, mass ratio, e1 and e2 of some cells, shape (n, 4)."""
 
     def cells(self, indices: range) -> list[GridCell]:
         """Make some cells."""
@@ -73,28 +113,6 @@ class Cells(ABC):
         """SHA-256 of the parameters of some cells, to the last bit."""
         data = self.ratios(indices).astype("<f8").tobytes()
         return hashlib.sha256(f"{indices.start} ".encode() + data).hexdigest()
-
-    @property
-    def chunk_size(self) -> int:
-        """Cells of a chunk: as configured, or 16 if an engine is among the solvers, else up to 128.
-
-        That is a few seconds of work with engines and their estimates, and 0.17 s for 128 cells without engines
-        (docs/load.md). There are at most 10 000 chunks: beyond that they are larger.
-        """
-        if self._config.chunk_size is not None:
-            return self._config.chunk_size
-        quick = all(kind_of(name) != "engine" for name in self._config.solvers)
-        usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64)) if quick else _CHUNK
-        return max(usual, -(-len(self) // _MOST_CHUNKS))
-
-    def chunks(self) -> int:
-        """Return the number of chunks."""
-        return -(-len(self) // self.chunk_size)
-
-    def chunk(self, number: int) -> range:
-        """Return the indices of the cells of a chunk."""
-        size = self.chunk_size
-        return range(number * size, min((number + 1) * size, len(self)))
 
 
 class CellGrid(Cells):

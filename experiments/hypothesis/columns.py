@@ -29,7 +29,7 @@ from impact_xval.experiments.hypothesis.config import HypothesisConfig
 from impact_xval.experiments.hypothesis.judging import Judgement, judge
 from impact_xval.experiments.hypothesis.predictions import dashpot_restitution
 from impact_xval.experiments.hypothesis.verdicts import GRAZING, Group, gather
-from impact_xval.experiments.measures.columns import column_divergence
+from impact_xval.experiments.measures.columns.measuring import column_divergence
 from impact_xval.model.collision import RESULT_STATUSES
 from impact_xval.model.columns.column import Column, ColumnOutcome
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import Config
-from impact_xval.experiments.tables.folders import finished
+from impact_xval.experiments.tables.folders import finished_collisions
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, COLUMNS, DIVERGENCE_SCHEMA
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import column, texts
@@ -60,7 +60,7 @@ def to_xarray(folder: RunFolder | Path | str, columns: Sequence[str] = DEFAULT) 
     """
     import xarray as xr
 
-    run = folder if isinstance(folder, RunFolder) else finished(Path(folder))
+    run = folder if isinstance(folder, RunFolder) else finished_collisions(Path(folder))
     known = list(dict.fromkeys([*CELLS_SCHEMA.names, *DIVERGENCE_SCHEMA.names]))
     for name in columns:
         if name not in known:

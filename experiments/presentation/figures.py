@@ -12,9 +12,11 @@ from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.measures.columns.summary import ColumnSummary, summarise_columns
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, load_divergence
+from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, Summary, load_divergence
+from impact_xval.experiments.presentation.columns.figures import draw_columns
 from impact_xval.experiments.presentation.curve_figures import draw_cell_curves, draw_supplement
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
 from impact_xval.experiments.presentation.pages import phrase
@@ -56,7 +58,7 @@ class Data:
 
 def write_figures(
     folder: RunFolder,
-    ladder: LadderSummary | None = None,
+    summary: Summary | ColumnSummary | None = None,
     divergences: Callable[[], dict[str, str]] | None = None,
 ) -> list[tuple[Path, str]]:
     """Draw every figure of a finished run into ``figures/``.
@@ -64,8 +66,8 @@ def write_figures(
     Parameters
     ----------
     folder : RunFolder
-    ladder : LadderSummary, optional
-        That of the run, where it is known; by default it is computed.
+    summary : Summary or ColumnSummary, optional
+        That of the run, where it is known; by default what is needed of it is computed.
     divergences : callable, optional
         Waits for `draw_divergences`, at which another process may be; by default it is called here.
 
@@ -74,8 +76,26 @@ def write_figures(
     list of (Path, str)
         The PNG of each figure, and its caption; a figure that has nothing to show is left out.
     """
+    config, target = folder.config(), folder.root / "figures"
+    if config.column is not None:
+        found = summary if isinstance(summary, ColumnSummary) else summarise_columns(folder)
+        captions = _saved(folder, draw_columns(folder, found))
+    else:
+        known = summary.ladder if isinstance(summary, Summary) else None
+        captions = _collision_figures(folder, config, known, divergences)
+    write_json(target / CAPTIONS, captions)
+    return [(target / f"{name}.png", caption) for name, caption in captions.items()]
+
+
+def _collision_figures(
+    folder: RunFolder,
+    config: Config,
+    ladder: LadderSummary | None,
+    divergences: Callable[[], dict[str, str]] | None,
+) -> dict[str, str]:
+    """Draw the figures of a run of two balls: their captions by name."""
     # All that is drawn is read first: of a damaged folder nothing is drawn.
-    config, curves = folder.config(), folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
+    curves = folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
     ladder = summarise_ladder(folder, config) if ladder is None else ladder
     first = draw_divergences(folder) if divergences is None else {}
     ladders = _saved(folder, draw_ladders(ladder))
@@ -85,10 +105,7 @@ def write_figures(
             first = divergences()
         except FaultError:
             first = draw_divergences(folder)
-    captions = {**first, **ladders, **last}
-    target = folder.root / "figures"
-    write_json(target / CAPTIONS, captions)
-    return [(target / f"{name}.png", caption) for name, caption in captions.items()]
+    return {**first, **ladders, **last}
 
 
 def draw_divergences(folder: RunFolder) -> dict[str, str]:

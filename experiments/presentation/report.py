@@ -8,9 +8,11 @@ from typing import Any
 
 import pandas as pd
 
+from impact_xval.experiments.measures.columns.summary import ColumnSummary, summarise_columns
 from impact_xval.experiments.measures.ladder_summary import csv_rows
 from impact_xval.experiments.measures.summary import Summary, summarise
 from impact_xval.experiments.presentation.apart import Wait, process_apart
+from impact_xval.experiments.presentation.columns.page import column_facts
 from impact_xval.experiments.presentation.figures import CAPTIONS, draw_divergences, write_figures
 from impact_xval.experiments.presentation.pages import html_of, latex_of, render
 from impact_xval.experiments.presentation.summary_page import summary_facts
@@ -22,60 +24,77 @@ from impact_xval.experiments.tables.store import RunFolder, write_text
 from impact_xval.experiments.tables.streams import column, replacing
 
 
-def write_tables(folder: RunFolder) -> Summary:
+def write_tables(folder: RunFolder) -> Summary | ColumnSummary:
     """Write ``summary.md``, ``summary.csv`` and ``summary.tex`` of a finished run."""
-    summary = summarise(folder)
-    page = render("summary.md.j2", **summary_facts(summary))
+    summary = _summarised(folder)
+    if isinstance(summary, ColumnSummary):
+        page, statistics = render("columns.md.j2", **column_facts(summary)), summary.statistics
+    else:
+        page = render("summary.md.j2", **summary_facts(summary))
+        statistics = pd.concat([summary.statistics, *csv_rows(summary.ladder)], ignore_index=True)
     write_text(folder.root / "summary.md", page)
     write_text(folder.root / "summary.tex", latex_of(page))
-    statistics = pd.concat([summary.statistics, *csv_rows(summary.ladder)], ignore_index=True)
     with replacing(folder.root / "summary.csv") as temporary:
         statistics.to_csv(temporary, index=False, lineterminator="\n")
     return summary
 
 
-def present(folder: RunFolder) -> Summary:
+def _summarised(folder: RunFolder) -> Summary | ColumnSummary:
+    return summarise(folder) if folder.config().column is None else summarise_columns(folder)
+
+
+def present(folder: RunFolder) -> Summary | ColumnSummary:
     """Write all that people look at of a finished run, with a process of its own for what does not need the summary."""
+    if folder.config().column is not None:
+        summary = write_tables(folder)
+        write_figures(folder, summary)
+        write_report(folder, summary)
+        return summary
     with process_apart(folder) as begin:
         divergences, traps = begin(draw_divergences), begin(_traps)
         summary = write_tables(folder)
-        write_figures(folder, summary.ladder, divergences)
+        write_figures(folder, summary, divergences)
         write_report(folder, summary, traps)
     return summary
 
 
-def write_report(folder: RunFolder, summary: Summary | None = None, traps: Wait | None = None) -> Path:
+def write_report(
+    folder: RunFolder, summary: Summary | ColumnSummary | None = None, traps: Wait | None = None
+) -> Path:
     """Write ``report.html`` of a finished run; its figures are drawn if they are not there.
 
     Parameters
     ----------
     folder : RunFolder
-    summary : Summary, optional
+    summary : Summary or ColumnSummary, optional
         That of the run, where it is known; by default it is computed.
     traps : callable, optional
-        Waits for the note on traps, at which another process is; by default one is started.
+        Waits for the note on traps, at which another process is; by default one is started. Of columns there is none.
 
     Returns
     -------
     Path
         The page.
     """
-    if traps is None:
+    of_columns = folder.config().column is not None
+    if traps is None and not of_columns:
         with process_apart(folder) as begin:
             return write_report(folder, summary, begin(_traps))
-    summary = summarise(folder) if summary is None else summary
+    summary = _summarised(folder) if summary is None else summary
     figures = folder.root / "figures"
     if not (figures / CAPTIONS).is_file():
-        write_figures(folder, summary.ladder)
+        write_figures(folder, summary)
     captions: dict[str, str] = json.loads((figures / CAPTIONS).read_text(encoding="utf-8"))
-    page = render(
-        "report.md.j2",
-        **summary_facts(summary),
-        figures={name: text for name, text in captions.items() if (figures / f"{name}.png").is_file()},
-        gravity_number=_gravity_number(folder),
-        traps=_noted(traps),
-        provenance=_provenance(folder.manifest()),
-    )
+    facts = {
+        "figures": {name: text for name, text in captions.items() if (figures / f"{name}.png").is_file()},
+        "provenance": _provenance(folder.manifest()),
+    }
+    if isinstance(summary, ColumnSummary):
+        page = render("report_columns.md.j2", **column_facts(summary), **facts)
+    else:
+        assert traps is not None
+        facts |= {"gravity_number": _gravity_number(folder), "traps": _noted(traps)}
+        page = render("report.md.j2", **summary_facts(summary), **facts)
     path = folder.root / "report.html"
     write_text(path, html_of(page, f"impact-xval: {summary.config.name}", figures))
     return path

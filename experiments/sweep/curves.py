@@ -1,4 +1,8 @@
-"""Impulse curves kept for the figures: one cell by every solver, and two of the supplement's by the model."""
+"""Curves kept for the figures.
+
+Of two balls impulse curves, of one cell by every solver and of two of the supplement's by the model; of N balls the
+forces of one column over time.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +14,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.columns import ColumnCell
 from impact_xval.experiments.config.configuration import REFERENCE, Cell, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.hausdorff import LARGEST
-from impact_xval.experiments.sweep.sandbox import Sandbox, in_halves
+from impact_xval.experiments.sweep.kinds.columns import Lines
+from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Experiment, make_ready
 from impact_xval.experiments.sweep.third_party import longest
 from impact_xval.experiments.tables.schema import schema
@@ -47,6 +53,68 @@ CURVES_SCHEMA = pa.schema(
         _field("state", pa.int64(), "1 to 4 for S1 to S4"),
     ]
 )
+
+
+#: Of a run of columns: a row a solver.
+COLUMN_CURVES_SCHEMA = pa.schema(
+    [
+        _field("solver", pa.string(), "name of the solver"),
+        _field("status", pa.string(), "ok, limit, or why there is no result"),
+        _field("reason", pa.string(), "one sentence where the status is not ok"),
+        _field("velocities", pa.list_(pa.float64()), "final velocities per |v0|, ball 1 first"),
+        _field(
+            "time",
+            pa.list_(pa.float64()),
+            "since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))",
+        ),
+        _field("forces", pa.list_(pa.list_(pa.float64())), "of each contact, per m1 |v0| and that time"),
+    ]
+)
+
+
+def write_column_curves(config: Config, folder: RunFolder, executor: Any) -> None:
+    """Solve the column of the figures, in sandboxes, and keep its forces over time.
+
+    Parameters
+    ----------
+    config, folder, executor
+        As for `write_curves`.
+    """
+    calls = [executor.submit(_solve_column, name, config.cell_timeout) for name in config.solvers]
+    rows = [call.result() for call in calls]
+    with replacing(folder.root / CURVES) as temporary:
+        table = pa.Table.from_pylist(rows, schema=COLUMN_CURVES_SCHEMA)
+        pq.write_table(table, temporary, compression="zstd")
+
+
+def _solve_column(sandbox: Sandbox, name: str, timeout: float) -> dict[str, Any]:
+    def call(_: slice) -> dict[str, Any]:
+        make_ready(sandbox, name)
+        return sandbox.call(_column_curve, name, timeout=longest(name, 1, timeout))
+
+    def lost(_: slice, fault: FaultError) -> dict[str, Any]:
+        return {"solver": name, "status": fault.status, "reason": fault.reason}
+
+    return in_halves(call, 1, lost)[0]
+
+
+def _column_curve(experiment: Experiment, name: str) -> dict[str, Any]:
+    """Solve the column of the figures and keep its velocities and, of who has a path, its forces."""
+    config, lines = experiment.config, Lines()
+    cell = ColumnCell(0, config.figure_column)
+    (outcome,) = lines.answer(experiment.resolve(name), [cell], config, path=True)
+    row = {"solver": name, "status": outcome.status, "reason": outcome.reason or None}
+    if outcome.status in RESULT_STATUSES:
+        speed = abs(cell.arranged.v0)
+        row["velocities"] = [v / speed for v in outcome.velocities]
+        if (path := outcome.path) is not None:
+            m, k, p = cell.arranged.m, cell.arranged.k, cell.arranged.exponent
+            time = (m / k * speed ** (1 - p)) ** (1 / (p + 1))
+            row |= {
+                "time": (path.time / time).tolist(),
+                "forces": (path.forces.T / (m * speed / time)).tolist(),
+            }
+    return row
 
 
 def write_curves(config: Config, folder: RunFolder, executor: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,16 +14,28 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, Sample, value_problem
+from impact_xval.experiments.config.columns import Columns
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.grid import CellGrid, CellList, Cells
+from impact_xval.experiments.config.grid import CellGrid, CellList, Cells, Chunked
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import column
 
 
+def experiment_cells(config: Config) -> Chunked[Any]:
+    """Return the cells of an experiment of any kind.
+
+    Raises
+    ------
+    UserError
+        As `cells_of`.
+    """
+    return cells_of(config) if config.column is None else Columns(config)
+
+
 def cells_of(config: Config) -> Cells:
-    """Return the cells of an experiment.
+    """Return the cells of an experiment with collisions of two balls.
 
     Raises
     ------
@@ -118,7 +131,7 @@ def _checked(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.float
     legal = (values >= LEGAL[name].low) & (values <= LEGAL[name].high)
     if not legal.all():
         row = int(np.argmin(legal))
-        raise UserError(f"{path}: row {row + 1}: {name} = {value_problem(name, float(values[row]))}")
+        raise UserError(f"{path}: row {row + 1}: {name} = {value_problem(LEGAL[name], float(values[row]))}")
     return values
 
 

@@ -11,9 +11,10 @@ from impact_xval.compliant_baselines.contract.registry import exportable_names
 from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import Cells
 from impact_xval.experiments.sweep.designs import cells_of
-from impact_xval.experiments.sweep.solving import settings_of
+from impact_xval.experiments.sweep.kinds.kind import settings_of
 
 #: Cells of an experiment that are examined, evenly spread and the corners among them.
 MOST_CELLS = 100
@@ -44,6 +45,10 @@ def experiment_findings(
     findings : list of Finding
         Each trap once for an engine, with the number of cells that have it.
     """
+    if config.column is not None:
+        raise UserError(
+            f"{config.name}: columns of N balls; legal: an experiment with collisions of two balls"
+        )
     settings, grid = settings_of(config), cells_of(config) if cells is None else cells
     count = min(len(grid), most)
     indices = sorted({round(i * (len(grid) - 1) / max(1, count - 1)) for i in range(count)})

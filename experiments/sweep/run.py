@@ -19,11 +19,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.configuration import COSMETIC, REFERENCE, Config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
-from impact_xval.experiments.config.grid import Cells
-from impact_xval.experiments.sweep.curves import write_curves
-from impact_xval.experiments.sweep.designs import cells_of
+from impact_xval.experiments.config.grid import Chunked
+from impact_xval.experiments.sweep.curves import write_column_curves, write_curves
+from impact_xval.experiments.sweep.designs import experiment_cells
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
 from impact_xval.experiments.sweep.ladders import write_ladder
 from impact_xval.experiments.sweep.sandbox import ClosedError
@@ -40,13 +40,14 @@ from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS
 from impact_xval.experiments.sweep.third_party import contained
 from impact_xval.experiments.tables.folders import discard, missing, open_folder
 from impact_xval.experiments.tables.lock import check_free, holding
-from impact_xval.experiments.tables.schema import COLUMNS, ROW_SCHEMA
+from impact_xval.experiments.tables.schema import COLLISIONS, Layout
 from impact_xval.experiments.tables.store import (
     CONFIGURATION,
     FORMAT,
     MANIFEST,
     DamagedManifestError,
     RunFolder,
+    layout_of,
     statuses_of,
     write_json,
 )
@@ -109,8 +110,9 @@ def run_sweep(
     """
     if isolate:
         resolve = contained(resolve, config.cell_timeout)
-    experiment, cells = Experiment(config, resolve), cells_of(config)
-    with kept(root, resume, progress, take_over=take_over) as (folder, continued):
+    experiment, cells = Experiment(config, resolve), experiment_cells(config)
+    layout = experiment.kind.layout
+    with kept(root, resume, progress, layout=layout, take_over=take_over) as (folder, continued):
         workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
         run, most = (
             _Run(experiment, cells, folder, continued, progress, on_rows),
@@ -127,7 +129,13 @@ def run_sweep(
 
 @contextlib.contextmanager
 def kept(
-    root: Path, resume: bool, progress: Progress, format: str = FORMAT, *, take_over: bool = False
+    root: Path,
+    resume: bool,
+    progress: Progress,
+    format: str = FORMAT,
+    layout: Layout = COLLISIONS,
+    *,
+    take_over: bool = False,
 ) -> Iterator[tuple[RunFolder, bool]]:
     """Keep a folder to this process, and turn what can end a run from outside into one line.
 
@@ -137,6 +145,8 @@ def kept(
         As for `run_sweep`.
     format : str
         What the manifest of such a run says it is.
+    layout : Layout
+        Of the tables that are to be written.
 
     Yields
     ------
@@ -152,7 +162,7 @@ def kept(
     """
     check_free(root, take_over=take_over)
     new = missing(root)
-    folder, continued = open_folder(root, resume=resume, format=format)
+    folder, continued = open_folder(root, resume=resume, format=format, layout=layout)
     try:
         with holding(root, take_over=take_over) as line:
             progress(0, 0, line)
@@ -176,7 +186,7 @@ class _Run:
     def __init__(
         self,
         experiment: Experiment,
-        cells: Cells,
+        cells: Chunked[Any],
         folder: RunFolder,
         continued: bool,
         progress: Progress,
@@ -223,12 +233,12 @@ class _Run:
         todo = (number for number in van_der_corput(cells.chunks()) if number not in self._parts)
         chunks = ((n, cells.cells(cells.chunk(n))) for n in todo)
         on_rows = self._on_rows and functools.partial(self._pass_on, self._on_rows)
-        for report in solve_chunks(executor, chunks, on_rows):
+        for report in solve_chunks(executor, chunks, on_rows, self._folder.layout):
             self._keep(report)
             self._done += len(cells.chunk(report.number))
             self._progress(self._done, len(cells), "")
         self._stage("solve")
-        write_curves(config, self._folder, executor)
+        (write_curves if config.column is None else write_column_curves)(config, self._folder, executor)
         self._stage("curves")
 
     def _pass_on(self, on_rows: OnRows, rows: pa.Table) -> None:
@@ -249,7 +259,7 @@ class _Run:
     def _rows_of(self, number: int) -> pa.Table:
         """Give the cells and solvers that the rows of a part are of."""
         chunk, solvers = self._cells.chunk(number), self._experiment.config.solvers
-        fields = [ROW_SCHEMA.field(name) for name in ("cell", "solver")]
+        fields = [self._folder.layout.rows.field(name) for name in ("cell", "solver")]
         columns = [[cell for cell in chunk for _ in solvers], list(solvers) * len(chunk)]
         return pa.table(columns, schema=pa.schema(fields))
 
@@ -269,8 +279,9 @@ class _Run:
     def tabulate(self, executor: Any) -> None:
         """Write the finished tables."""
         self._folder.assemble(self._parts)
-        say = functools.partial(self._progress, 0, 0)
-        write_ladder(self._folder.root, executor, say=say)
+        if self._experiment.config.column is None:
+            say = functools.partial(self._progress, 0, 0)
+            write_ladder(self._folder.root, executor, say=say)
         self._stage("tables")
 
     def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:
@@ -327,7 +338,7 @@ def _same_experiment(folder: RunFolder, config: Config) -> None:
     if stored.identity() == config.identity():
         return
     old, new = stored.canonical(), config.canonical()
-    keys = [key for key in {**old, **new} if key not in ("name", "workers", "figure_cell", "cells", "search")]
+    keys = [key for key in {**old, **new} if key not in COSMETIC]
     differing = [key for key in keys if old.get(key) != new.get(key)]
     detail = (
         f"{differing[0]} = {old.get(differing[0])} there, {new.get(differing[0])} now"
@@ -337,16 +348,19 @@ def _same_experiment(folder: RunFolder, config: Config) -> None:
     raise UserError(f"--resume {folder.root}: holds a run of another configuration: {detail}")
 
 
-def _identities(config: Config, cells: Cells, versions: dict[str, str]) -> list[str]:
+def _identities(config: Config, cells: Chunked[Any], versions: dict[str, str]) -> list[str]:
     """Identity of every chunk: a hash of configuration, versions and cells."""
-    common = json.dumps([config.identity(), versions, list(COLUMNS)], sort_keys=True)
+    columns = layout_of(config).rows.names
+    common = json.dumps([config.identity(), versions, columns], sort_keys=True)
     return [
         hashlib.sha256(f"{common} cells {cells.digest(cells.chunk(n))}".encode()).hexdigest()[:32]
         for n in range(cells.chunks())
     ]
 
 
-def _manifest(config: Config, cells: Cells, versions: dict[str, str], history: list[Any]) -> dict[str, Any]:
+def _manifest(
+    config: Config, cells: Chunked[Any], versions: dict[str, str], history: list[Any]
+) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "state": "running",

@@ -193,8 +193,9 @@ def _within(
 
 
 def _answer(context: object, name: str, config: Config, resolve: Any) -> Solved[Outcome]:
+    from impact_xval.compliant_baselines.contract.answers import answer
     from impact_xval.experiments.config.grid import collision_of
-    from impact_xval.experiments.sweep.solving import answer, scaled_diagnostics, settings_of
+    from impact_xval.experiments.sweep.kinds.kind import scaled_diagnostics, settings_of
 
     collision = collision_of(config, config.figure_cell)
     solver = contained(resolve, config.cell_timeout)(name)
@@ -206,7 +207,7 @@ def _answer_column(
     context: object, name: str, config: Config, resolve: Any, column: Column, exponent: float
 ) -> Solved[ColumnOutcome]:
     from impact_xval.compliant_baselines.contract.answers import answer_columns
-    from impact_xval.experiments.sweep.solving import scaled_diagnostics, settings_of
+    from impact_xval.experiments.sweep.kinds.kind import scaled_diagnostics, settings_of
 
     solver = contained(resolve, config.cell_timeout)(name)
     settings = dataclasses.replace(settings_of(config), record_path=False)

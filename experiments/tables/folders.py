@@ -10,6 +10,7 @@ from pathlib import Path
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.tables.files import is_regular
 from impact_xval.experiments.tables.lock import LOCK, OWNER
+from impact_xval.experiments.tables.schema import COLLISIONS, Layout
 from impact_xval.experiments.tables.store import FINISHED, FORMAT, MANIFEST, DamagedManifestError, RunFolder
 from impact_xval.experiments.tables.streams import replaced_by
 
@@ -22,7 +23,9 @@ def missing(root: Path) -> list[Path]:
     return [path for path in (root, *root.parents) if not path.exists()]
 
 
-def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunFolder, bool]:
+def open_folder(
+    root: Path, *, resume: bool, format: str = FORMAT, layout: Layout = COLLISIONS
+) -> tuple[RunFolder, bool]:
     """Check that a run may write to a folder, and create it.
 
     Parameters
@@ -33,6 +36,8 @@ def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunF
         Whether a run that is there may be continued.
     format : str
         What the manifest of such a run says it is.
+    layout : Layout
+        Of the tables that are to be written.
 
     Returns
     -------
@@ -45,7 +50,7 @@ def open_folder(root: Path, *, resume: bool, format: str = FORMAT) -> tuple[RunF
     UserError
         If the folder holds something else, holds a run and `resume` is false, or cannot be written to.
     """
-    folder, new = RunFolder(root, format), missing(root)
+    folder, new = RunFolder(root, format, layout), missing(root)
     try:
         _check_own(root)
         entries = sorted(entry.name for entry in root.iterdir()) if not new else []
@@ -125,6 +130,20 @@ def finished(root: Path) -> RunFolder:
         raise UserError(
             f"{root}: the run is not finished; continue it with impact-xval run --out {root} --resume"
         )
+    return folder
+
+
+def finished_collisions(root: Path) -> RunFolder:
+    """Return the folder of a finished run of two balls.
+
+    Raises
+    ------
+    UserError
+        As `finished`, and where it is a run of columns.
+    """
+    folder = finished(root)
+    if folder.config().column is not None:
+        raise UserError(f"{root}: a run of columns of N balls; legal: a run of collisions of two balls")
     return folder
 
 

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import pyarrow as pa
 
-_TYPES = {"int": pa.int64(), "float": pa.float64(), "text": pa.string(), "bool": pa.bool_()}
+_TYPES = {
+    "int": pa.int64(),
+    "float": pa.float64(),
+    "text": pa.string(),
+    "bool": pa.bool_(),
+    "list": pa.list_(pa.float64()),
+}
 
 
 def _columns(text: str) -> dict[str, tuple[str, str, str]]:
@@ -99,11 +106,11 @@ CELLS = (*_PARAMETERS, *_WHO, *_OUTCOME, *_CERTIFICATE)
 DIVERGENCE = (*_PARAMETERS, *_WHO, *_MEASURES, "states", "states_compared", *_MODEL)
 
 
-def schema(names: Iterable[str]) -> pa.Schema:
+def schema(names: Iterable[str], known: Mapping[str, tuple[str, str, str]] = COLUMNS) -> pa.Schema:
     """Arrow schema of a table; unit and meaning of each column are in its metadata."""
     fields = []
     for name in names:
-        kind, unit, meaning = COLUMNS[name]
+        kind, unit, meaning = known[name]
         fields.append(pa.field(name, _TYPES[kind], metadata={"unit": unit, "meaning": meaning}))
     return pa.schema(fields)
 
@@ -112,3 +119,89 @@ def schema(names: Iterable[str]) -> pa.Schema:
 ROW_SCHEMA = schema(COLUMNS)
 CELLS_SCHEMA = schema(CELLS)
 DIVERGENCE_SCHEMA = schema(DIVERGENCE)
+
+_LINE_PARAMETERS = _columns(
+    """
+    cell             int    -      number of the column in the experiment, from 0
+    arrangement      text   -      chain, cradle, drop or stack
+    balls            int    -      number of balls, N
+    strike           int    -      number of balls that strike the others; of a cradle only
+    e                float  -      restitution of every contact
+    exponent         float  -      p of the contacts, F = k delta^p
+    mass_taper       float  -      mass of every next ball over that of the last one
+    stiffness_taper  float  -      stiffness of every next contact over that of the last one
+    gap              float  m      of every contact but the struck one at first
+    m1               float  kg     mass of ball 1, at the top
+    k1               float  N/m^p  stiffness of contact 1
+    v0               float  m/s    velocity of what strikes at first touch; up is positive
+    """
+)
+_LINE_OUTCOME = _columns(
+    """
+    velocities         list   m/s  velocities of the balls when the collision is over, ball 1 first
+    n_states           int    -    length of the sequence of sets of contacts that act
+    n_events           int    -    number of events
+    grazing_margin     float  -    nearness to a jump of the model, per amplitude of the rate; small is near
+    retained_energy    float  -    kinetic energy after over before
+    retained_momentum  float  -    momentum after over before; 1 without a table
+    step               float  s    time step
+    n_steps            int    -    number of time steps
+    duration           float  s    from first touch to the end of the collision
+    velocity_error     float  -    error of a reference's velocities, per |v0|, as it states it; null if exact
+    """
+)
+_LINE_CERTIFICATE = _columns(
+    """
+    velocities_limit  list   -  velocities per |v0|, extrapolated to a step of 0; engines only
+    limit_error       float  -  estimated error of velocities_limit as those of the contacts asked for (naive \
+                                mapping: of its own)
+    order             float  -  order in the step with which the velocities approach the limit, fitted
+    finest_step       float  s  the shortest time step that went into the limit
+    """
+)
+_LINE_MEASURES = _columns(
+    """
+    velocity_divergence  float  -  D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2)
+    largest_dv           float  -  largest |dv_i| from the model, per |v0|
+    dretained_energy     float  -  difference of the retained energy fractions, solver minus model
+    limit_distance       float  -  largest |dv_i| of an engine's limit dt -> 0 from the exact solver of the law \
+                                   it was asked for, per |v0|; null without that solver, and with the naive mapping
+    """
+)
+_LINE_MODEL = {name: _MODEL[name] for name in ("model_status", "model_grazing_margin")}
+
+#: As `COLUMNS`, of a run of columns of N balls.
+LINE_COLUMNS = _LINE_PARAMETERS | _WHO | _LINE_OUTCOME | _LINE_CERTIFICATE | _LINE_MEASURES | _LINE_MODEL
+LINE_PARAMETERS, LINE_MEASURES = tuple(_LINE_PARAMETERS), tuple(_LINE_MEASURES)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What the tables of a run hold.
+
+    Attributes
+    ----------
+    rows : Schema
+        Of a part: everything known of one cell and solver.
+    cells, divergence : Schema
+        Of the two tables that are cut from parts.
+    files : tuple of str
+        Names of the finished tables.
+    """
+
+    rows: pa.Schema
+    cells: pa.Schema
+    divergence: pa.Schema
+    files: tuple[str, ...]
+
+
+_FILES = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet")
+
+#: Of collisions of two balls, and of columns of N balls.
+COLLISIONS = Layout(ROW_SCHEMA, CELLS_SCHEMA, DIVERGENCE_SCHEMA, (*_FILES, "ladder.parquet", "ladder.csv"))
+LINES = Layout(
+    schema(LINE_COLUMNS, LINE_COLUMNS),
+    schema((*_LINE_PARAMETERS, *_WHO, *_LINE_OUTCOME, *_LINE_CERTIFICATE), LINE_COLUMNS),
+    schema((*_LINE_PARAMETERS, *_WHO, *_LINE_MEASURES, "limit_error", *_LINE_MODEL), LINE_COLUMNS),
+    _FILES,
+)

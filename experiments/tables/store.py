@@ -29,7 +29,7 @@ from impact_xval.experiments.config.configuration import REFERENCE, Config, from
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.tables.files import is_regular, open_regular
 from impact_xval.experiments.tables.lock import OWNER
-from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, ROW_SCHEMA
+from impact_xval.experiments.tables.schema import COLLISIONS, LINES, Layout
 from impact_xval.experiments.tables.streams import (
     blocks,
     replaced_by,
@@ -43,14 +43,7 @@ FINISHED = ("tables", "complete")
 MANIFEST = "manifest.json"
 #: Beside the parts: what they are of, for when the manifest is lost.
 CONFIGURATION = "configuration.json"
-TABLES = (
-    "cells.parquet",
-    "divergence.parquet",
-    "divergence.csv",
-    "curves.parquet",
-    "ladder.parquet",
-    "ladder.csv",
-)
+TABLES = COLLISIONS.files
 
 #: Rows that are joined together, at least.
 _PIECE = 8192
@@ -125,10 +118,13 @@ class RunFolder:
     root : Path
     format : str
         What its manifest must say it is.
+    layout : Layout
+        Of the tables that are written to it.
     """
 
     root: Path
     format: str = FORMAT
+    layout: Layout = COLLISIONS
 
     @property
     def parts(self) -> Path:
@@ -149,7 +145,7 @@ class RunFolder:
         """Find one part that is whole, by what it is."""
         for path in sorted(self.parts.glob(f"{number:06d}-{identity}-*.parquet")):
             match = PART.fullmatch(path.name)
-            if match is not None and _problem(path, match[3]) == "":
+            if match is not None and _problem(path, match[3], self.layout) == "":
                 return path
         return None
 
@@ -186,7 +182,7 @@ class RunFolder:
                 problem = "is there twice"
             elif identity not in identities[number : number + 1]:
                 problem = "belongs to another configuration or version"
-            elif (problem := _problem(path, digest, rows(number))) == "":
+            elif (problem := _problem(path, digest, self.layout, rows(number))) == "":
                 parts[number] = path
                 continue
             findings.append(f"part {number} {problem}: computed again")
@@ -216,17 +212,18 @@ class RunFolder:
 
     def assemble(self, parts: dict[int, Path]) -> None:
         """Write the finished tables from the parts, in the order of the cells, one part at a time."""
+        schema = self.layout.divergence
         with (
-            table_writer(self.root / "cells.parquet", CELLS_SCHEMA) as cells,
-            table_writer(self.root / "divergence.parquet", DIVERGENCE_SCHEMA) as divergence,
+            table_writer(self.root / "cells.parquet", self.layout.cells) as cells,
+            table_writer(self.root / "divergence.parquet", schema) as divergence,
             replacing(self.root / "divergence.csv") as text,
-            pacsv.CSVWriter(str(text), DIVERGENCE_SCHEMA) as csv,
+            pacsv.CSVWriter(str(text), schema) as csv,
         ):
-            for rows in _pieces(parts[number] for number in sorted(parts)):
+            for rows in _pieces((parts[number] for number in sorted(parts)), self.layout):
                 cells.add(rows)
                 compared = rows.filter(pc.field("solver") != REFERENCE)
                 divergence.add(compared)
-                csv.write_table(compared.select(DIVERGENCE_SCHEMA.names).cast(DIVERGENCE_SCHEMA))
+                csv.write_table(compared.select(schema.names).cast(schema))
 
     def tally(self) -> Tally:
         """Count the rows of the finished table of cells by what became of them."""
@@ -234,7 +231,7 @@ class RunFolder:
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of every finished table."""
-        return {name: _digest(self.root / name) for name in TABLES}
+        return {name: _digest(self.root / name) for name in self.layout.files}
 
     def manifest(self) -> dict[str, Any]:
         """Read the manifest.
@@ -352,7 +349,12 @@ def part_bytes(rows: pa.Table) -> bytes:
     return sink.getvalue().to_pybytes()
 
 
-def read_part(source: Path | bytes) -> pa.Table:
+def layout_of(config: Config) -> Layout:
+    """Return the layout of the tables of an experiment."""
+    return COLLISIONS if config.column is None else LINES
+
+
+def read_part(source: Path | bytes, layout: Layout = COLLISIONS) -> pa.Table:
     """Read the rows of a part, from its file or its content.
 
     Raises
@@ -362,7 +364,7 @@ def read_part(source: Path | bytes) -> pa.Table:
     """
     try:
         with pq.ParquetFile(pa.BufferReader(source) if isinstance(source, bytes) else source) as file:
-            return file.read(use_threads=False).cast(ROW_SCHEMA)
+            return file.read(use_threads=False).cast(layout.rows)
     except (pa.ArrowException, ValueError):
         raise UserError(f"{source!s:.200}: not a part of a run; legal: remove it, and --resume") from None
 
@@ -386,11 +388,11 @@ def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
     return counts
 
 
-def _pieces(parts: Iterable[Path]) -> Iterator[pa.Table]:
+def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
     """Read parts, several at a time: what is done with a table costs more for its columns than for its rows."""
     tables: list[pa.Table] = []
     for part in parts:
-        tables.append(read_part(part))
+        tables.append(read_part(part, layout))
         if sum(map(len, tables)) >= _PIECE:
             yield pa.concat_tables(tables)
             tables = []
@@ -405,12 +407,12 @@ def _written_by(manifest: dict[str, Any]) -> str:
     return "" if there == here else f" (written by impact-xval {there}, read by {here})"
 
 
-def _problem(path: Path, digest: str, rows: pa.Table | None = None) -> str:
+def _problem(path: Path, digest: str, layout: Layout, rows: pa.Table | None = None) -> str:
     """Say why a part cannot be used, "" if it can; `rows` are the cells and solvers it must be of."""
     try:
         if _digest(path) != digest:
             return "is damaged"
-        if rows is not None and not read_part(path).select(rows.column_names).equals(rows):
+        if rows is not None and not read_part(path, layout).select(rows.column_names).equals(rows):
             return "holds the rows of another"
     except OSError as error:
         return f"cannot be read ({error.strerror})"

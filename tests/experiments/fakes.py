@@ -5,7 +5,7 @@ import math
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import SolverBase
-from impact_xval.model import Outcome, solve
+from impact_xval.model import Outcome, solve, solve_column
 
 
 class Shifted(SolverBase):
@@ -148,3 +148,44 @@ def refusing(name):
 
 def refusing_all(name):
     return RefusingModel() if name == "state-transition" else Refusing()
+
+
+class Columns(Shifted):
+    """The model's columns, every ball 0.01 m/s faster."""
+
+    def solve_columns(self, columns, settings, exponent=1.0):
+        outcomes = [solve_column(column, exponent=exponent) for column in columns]
+        return [
+            dataclasses.replace(o, solver=self.name, velocities=tuple(v + 0.01 for v in o.velocities))
+            for o in outcomes
+        ]
+
+
+class InterruptingColumns(Columns):
+    """Behaves as if Ctrl-C were pressed at the first column of three balls."""
+
+    def solve_columns(self, columns, settings, exponent=1.0):
+        if any(len(column.masses) == 3 for column in columns):
+            raise KeyboardInterrupt
+        return super().solve_columns(columns, settings, exponent)
+
+
+class WildColumns(Columns):
+    """A limit that is legal and whose square leaves double precision; of the first ball only."""
+
+    def solve_columns(self, columns, settings, exponent=1.0):
+        outcomes = super().solve_columns(columns, settings, exponent)
+        limits = [{f"v{i}_limit": 1e200 for i in range(1, 1 + len(o.velocities))} for o in outcomes]
+        return [dataclasses.replace(o, diagnostics=limit) for o, limit in zip(outcomes, limits, strict=True)]
+
+
+def columns(name):
+    return _resolver(Columns)(name)
+
+
+def interrupting_columns(name):
+    return _resolver(InterruptingColumns)(name)
+
+
+def wild_columns(name):
+    return _resolver(WildColumns)(name)

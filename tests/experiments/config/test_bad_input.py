@@ -59,6 +59,57 @@ CONFIGS = {
         ["grid", "cells", "1 to 10000000"],
     ),
     "too fine a range": ("[grid]\ne1 = {linear = [1e-323, 3e-323, 99]}", ["grid.e1", "fewer values"]),
+    "grid and column": (
+        "[grid]\n[column]",
+        ["grid and column are given", "legal: one of grid, sample, cells, column"],
+    ),
+    "column of too many balls": (
+        "[column]\nballs = 1001",
+        ["column.balls = 1001", "from 2 (a stack: 1) to 1000"],
+    ),
+    "column of one ball": ("[column]\nballs = [1, 3]", ["column: balls = 1", "from 2 to 1000, for a cradle"]),
+    "stack of no ball": ("[column]\narrangement = 'stack'\nballs = 0", ["column.balls = 0", "a stack: 1"]),
+    "column of half a ball": (
+        "[column]\nballs = {linear = [2, 5, 3]}",
+        ["column.balls = 3.5", "a whole number from 2"],
+    ),
+    "negative gap": ("[column]\ngap = [0.0, -1e-5]", ["column.gap = -1e-05", "a finite number >= 0 (m)"]),
+    "e of columns": ("[column]\ne = {linear = [0.5, 1.5, 3]}", ["column.e", "1.5", BELOW_ONE]),
+    "exponent of columns": ("[column]\nexponent = 0.5", ["column.exponent = 0.5", "1.5: Hertz) to 3"]),
+    "taper of columns": ("[column]\nmass_taper = [0.0]", ["column.mass_taper = 0.0", "> 0 (m_(i+1)/m_i)"]),
+    "far tapered column": (
+        "[column]\nballs = 10\nstiffness_taper = [1, 1e200]",
+        ["column.stiffness_taper = 1e+200", "power 9", "k1 = 100000000.0 times that", "finite numbers > 0"],
+    ),
+    "arrangement": (
+        "[column]\narrangement = ['chain', 'pile']",
+        ["column.arrangement = 'pile'", "'chain', 'cradle', 'drop' or 'stack'"],
+    ),
+    "arrangement twice": (
+        "[column]\narrangement = ['chain', 'chain']",
+        ["column.arrangement = ['chain', 'chain']", "each once"],
+    ),
+    "all strike": ("[column]\nballs = [3, 4]\nstrike = [1, 3]", ["strike = 3", "from 1 to 2, for 3 balls"]),
+    "strike of a drop": (
+        "[column]\narrangement = 'drop'\nstrike = 1",
+        ["strike = 1", "none without a cradle"],
+    ),
+    "too many columns": (
+        "[column]\ne = {linear = [0, 1, 9000]}\ngap = {linear = [0, 1, 9000]}",
+        ["column", "2916000000 columns", "1 to 10000000"],
+    ),
+    "columns fall": (
+        "scenario = 'drop'\n[column]",
+        ["scenario = 'drop'", "without gravity", "legal with column: 'impact'"],
+    ),
+    "figure cell of columns": (
+        "[column]\n[figure_cell]",
+        ["figure_cell is given with column", "figure_column"],
+    ),
+    "figure column of cells": ("[figure_column]", ["figure_column is given without column", "figure_cell"]),
+    "figure column": ("[column]\n[figure_column]\nballs = 1", ["figure_column.balls = 1", "from 2 to 1000"]),
+    "search of columns": ("[column]\n[search]", ["search and column", "collisions of two balls"]),
+    "unknown axis of columns": ("[column]\nball = 3", ["column.ball = 3", "did you mean 'balls'"]),
     "unknown axis": (
         "[grid]\nmas_ratio = [1]",
         ["grid.mas_ratio", "unknown key", "did you mean 'mass_ratio'", "e1"],

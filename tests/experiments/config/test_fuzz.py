@@ -41,6 +41,7 @@ ILLEGAL = {
     "sample": ["1", "[]", "'sobol'", "true"],
     "search": ["1", "[]", "'mujoco'"],
     "figure_cell": ["1", "[1, 1, 0.9, 0.7]"],
+    "column": ["1", "[]", "'cradle'"],
 }
 TABLES = {
     "grid": {
@@ -66,6 +67,16 @@ TABLES = {
         "mass_ratio": ["0", "inf", "{linear = [0, 1]}", "{log = [1, 2, 3]}", "'any'"],
         "e1": ["1.5", "true", "{linear = [0.5, 1.5]}", "{}"],
         "e4": ["1"],
+    },
+    "column": {
+        "arrangement": ["'pile'", "1", "[]", "['drop', 'drop']", "[['drop']]", "{}"],
+        "balls": ["0", "1001", "2.5", "true", "'two'", "[]", "{linear = [2, 5, 3]}", "inf", "nan"],
+        "strike": ["0", "'one'", "1000", "[[1]]"],
+        "e": ["1.5", "nan", "{linear = [0, 1]}", "[0.5, 0.5]", "{}"],
+        "gap": ["-1", "inf", "nan", "'wide'"],
+        "mass_taper": ["0", "-1", "inf", "{log = [0, 1, 3]}", "1e300"],
+        "exponent": ["0.9", "3.1", "'hertz'"],
+        "e6": ["1"],
     },
     "search": {
         "solver": ["'state-transition'", "'none'", "1"],

@@ -23,7 +23,7 @@ from impact_xval.experiments.hypothesis.columns import (
     welded,
 )
 from impact_xval.experiments.hypothesis.config import parse
-from impact_xval.experiments.measures.columns import column_divergence
+from impact_xval.experiments.measures.columns.measuring import column_divergence
 from impact_xval.model.columns.column import Column
 from impact_xval.model.columns.solving import solve_column
 

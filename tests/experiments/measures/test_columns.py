@@ -6,7 +6,7 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
-from impact_xval.experiments.measures.columns import ColumnMeasures, measures_of
+from impact_xval.experiments.measures.columns.measuring import ColumnMeasures, measures_of
 from impact_xval.experiments.measures.divergence import divergence
 from impact_xval.model import Collision, Column
 

@@ -58,7 +58,7 @@ def measures_of(
         limit, error = _limit(outcome), outcome.diagnostics.get("limit_error")
         distance = None
         if exact is not None and limit is not None:
-            distance = max(abs(a - b) for a, b in zip(limit, exact.velocities, strict=True)) / speed
+            distance = largest_difference(limit, exact.velocities) / speed
         measured[name] = ColumnMeasures(
             None if model is None else column_divergence(column, model.velocities, outcome.velocities),
             distance,
@@ -67,6 +67,11 @@ def measures_of(
             outcome.retained_momentum(column),
         )
     return measured
+
+
+def largest_difference(some: Sequence[float], others: Sequence[float]) -> float:
+    """Largest difference of a velocity, in their unit."""
+    return max(abs(a - b) for a, b in zip(some, others, strict=True))
 
 
 def column_divergence(column: Column, model: Sequence[float], other: Sequence[float]) -> float:

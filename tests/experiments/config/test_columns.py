@@ -1,0 +1,101 @@
+"""Columns of an experiment: which there are, in which order, and what tells two experiments apart."""
+
+import math
+
+import pytest
+
+from impact_xval.experiments.config.columns import Columns
+from impact_xval.experiments.config.configuration import from_canonical, parse_config
+from impact_xval.experiments.config.grid import CellGrid
+from impact_xval.experiments.sweep.designs import experiment_cells
+
+AXES = {
+    "arrangement": ["cradle", "drop"],
+    "balls": [3, 4],
+    "strike": [1, 2],
+    "e": {"linear": [0.5, 1.0, 3]},
+    "stiffness_taper": [1.0, 0.5],
+    "gap": 0.0,
+}
+
+
+def _columns(**changed):
+    return Columns(parse_config({"column": AXES | changed}))
+
+
+def test_an_arrangement_comes_after_the_other_and_e_varies_fastest():
+    columns = _columns()
+    assert len(columns) == 2 * 2 * 2 * 3 + 2 * 2 * 3
+    arranged = [cell.arranged for cell in columns]
+    assert [a.arrangement for a in arranged] == ["cradle"] * 24 + ["drop"] * 12
+    assert [(a.balls, a.strike, a.stiffness_taper, a.e) for a in arranged[:4]] == [
+        (3, 1, 1.0, 0.5),
+        (3, 1, 1.0, 0.75),
+        (3, 1, 1.0, 1.0),
+        (3, 1, 0.5, 0.5),
+    ]
+    assert [(a.balls, a.strike) for a in arranged[24::6]] == [(3, None), (4, None)]
+    assert [cell.index for cell in columns] == list(range(36))
+    assert columns.cells(range(20, 30)) == [columns[i] for i in range(20, 30)]
+
+
+def test_a_column_has_the_scales_of_the_experiment():
+    config = parse_config(
+        {
+            "m1": 2.0,
+            "k1": 3e6,
+            "v0": -0.5,
+            "column": {"arrangement": "drop", "mass_taper": 2, "stiffness_taper": 1, "balls": 3},
+        }
+    )
+    column = Columns(config)[1].column
+    assert column.masses == (2.0, 4.0, 8.0)
+    assert (column.stiffnesses, column.velocities) == ((3e6,) * 3, (-0.5, 0.0, 0.0))
+    assert column.table
+
+
+def test_a_digest_is_of_the_arrangement_and_of_every_value():
+    whole = range(36)
+    digests = {
+        _columns(**changed).digest(whole)
+        for changed in (
+            {},
+            {"arrangement": ["drop", "cradle"]},
+            {"arrangement": ["cradle", "stack"]},
+            {"balls": [3, 5]},
+            {"strike": [2, 1]},
+            {"gap": 1e-300},
+            {"e": {"linear": [0.5, math.nextafter(1, 0), 3]}},
+        )
+    }
+    assert len(digests) == 7
+    assert _columns().digest(range(3)) != _columns().digest(range(1, 4))
+
+
+def test_a_number_is_an_axis_of_one_value_and_a_list_is_as_its_range():
+    plain = parse_config({"column": AXES})
+    other = parse_config({"column": AXES | {"gap": [0], "e": [0.5, 0.75, 1]}, "name": "x", "workers": 3})
+    assert plain.identity() == other.identity()
+    assert plain.identity() != parse_config({"column": AXES | {"strike": 1}}).identity()
+    assert plain.identity() == parse_config({"column": AXES, "figure_column": {"balls": 7}}).identity()
+
+
+def test_columns_go_through_a_manifest_and_back():
+    config = parse_config({"column": AXES})
+    assert from_canonical(config.canonical(), "manifest") == config
+    assert not {"grid", "figure_cell"} & config.canonical().keys()
+    assert (config.scenario, parse_config({}).scenario) == ("impact", "drop")
+
+
+def test_an_experiment_of_two_balls_knows_nothing_of_columns():
+    config = parse_config({})
+    assert isinstance(experiment_cells(config), CellGrid)
+    assert not {"column", "figure_column"} & config.canonical().keys()
+    assert config.identity() == "c19ecdc8e53870990fad592c2ff5bce917a88278d10d61e6b35fb8e357adf039"
+
+
+@pytest.mark.parametrize("arrangement", ["chain", "cradle", "drop", "stack"])
+def test_every_arrangement_is_a_column(arrangement):
+    columns = Columns(parse_config({"column": {"arrangement": arrangement, "balls": [2, 50]}}))
+    assert {len(cell.column.masses) for cell in columns} == {2, 50}
+    assert {cell.column.table for cell in columns} == {arrangement in ("drop", "stack")}

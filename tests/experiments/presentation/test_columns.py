@@ -1,0 +1,126 @@
+"""What a run of columns shows, and what other commands make of its folder."""
+
+import json
+import re
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.configuration import load_config
+from impact_xval.experiments.measures.columns.summary import summarise_columns
+from impact_xval.experiments.presentation.report import present
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables.folders import finished
+
+CONFIG = """
+name = "few columns"
+solvers = ["bistiffness", "kelvin-voigt", "mujoco"]
+[column]
+arrangement = ["cradle", "drop"]
+balls = [2, 3, 4]
+e = [0.6, 0.9]
+exponent = [1.0, 1.5]
+stiffness_taper = 1.0
+[figure_column]
+balls = 4
+e = 0.8
+"""
+FIGURES = ["divergence-by-balls", "energy-by-balls", "velocities", "wave"]
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("columns")
+    (folder / "c.toml").write_text(CONFIG)
+    run_sweep(load_config(folder / "c.toml"), folder / "run", isolate=False, present=present)
+    return folder / "run"
+
+
+def test_every_median_is_that_of_the_table(root):
+    summary = summarise_columns(finished(root))
+    rows = pq.read_table(root / "divergence.parquet").to_pandas()
+    assert (summary.n_cells, list(summary.axes)) == (24, ["balls", "arrangement", "e", "exponent"])
+    for name in ("bistiffness", "kelvin-voigt", "mujoco"):
+        of_solver = rows[(rows.solver == name) & rows.marked.isna()]
+        found = summary.get(name, "velocity_divergence")
+        assert found["median"] == of_solver.velocity_divergence.median()
+        assert found["n"] == of_solver.velocity_divergence.notna().sum()
+        for n in (2, 3, 4):
+            some = of_solver[of_solver.balls == n].velocity_divergence
+            assert summary.get(name, "velocity_divergence", "balls", n)["median"] == some.median()
+        worst = summary.worst[summary.worst.solver == name]
+        assert worst.velocity_divergence.iloc[0] == of_solver.velocity_divergence.max()
+    assert summary.statuses.loc["mujoco", "unrepresentable"] == 12
+    assert summary.statuses.loc["kelvin-voigt", "ok"] == 24
+    (reason,) = {row.reason for row in summary.reasons.itertuples() if row.solver == "mujoco"}
+    assert "exponent = 1.5" in reason
+    statistics = pd.read_csv(root / "summary.csv")
+    assert set(statistics.axis) == {"all", "balls", "arrangement", "strike", "e", "exponent", "mass_taper",
+                                    "stiffness_taper", "gap"}  # fmt: skip
+
+
+def test_the_page_shows_it(root):
+    page = (root / "report.html").read_text(encoding="utf-8")
+    captions = json.loads((root / "figures/captions.json").read_text(encoding="utf-8"))
+    assert list(captions) == FIGURES
+    assert page.count("data:image/png;base64,") == len(FIGURES)
+    assert "a cradle of 4 balls, 1 striking, e = 0.8" in captions["velocities"]
+    summary = summarise_columns(finished(root))
+    for words in ("N = 2", "N = 3", "N = 4", "unrepresentable", "state-transition", "few columns"):
+        assert words in page
+    median = summary.get("kelvin-voigt", "velocity_divergence")["median"]
+    assert f"kelvin-voigt diverges from the model by D = {median:.3g} (median)" in page
+    assert "None" not in re.sub(r"<h2>Provenance.*", "", page, flags=re.DOTALL)
+    assert not re.search(r"\bnan\b", re.sub(r"base64,[^\"]*", "", page))
+
+
+def test_the_curves_are_of_the_column_of_the_figures(root):
+    curves = {row["solver"]: row for row in pq.read_table(root / "curves.parquet").to_pylist()}
+    model, law = curves["state-transition"], curves["kelvin-voigt"]
+    assert [len(row["velocities"]) for row in curves.values() if row["velocities"]][:3] == [4] * 3
+    assert len(model["forces"]) == 3
+    assert {len(forces) for forces in model["forces"]} == {len(model["time"])}
+    assert curves["mujoco"]["forces"] is None
+    # The impulse of the first contact is what ball 1 loses, per m1 |v0|.
+    for row in (model, law):
+        time, force = row["time"], row["forces"][0]
+        impulse = sum(
+            (b - a) * (f + g) / 2 for a, b, f, g in zip(time, time[1:], force, force[1:], strict=False)
+        )
+        assert impulse == pytest.approx(1 + row["velocities"][0], rel=2e-2)
+
+
+@pytest.mark.slow
+def test_it_is_shown_again_and_written_again(root, capsys):
+    before = {name: (root / name).read_bytes() for name in ("summary.md", "summary.csv", "report.html")}
+    pictures = {name: (root / f"figures/{name}.png").read_bytes() for name in FIGURES}
+    assert main(["table", str(root)]) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"kelvin-voigt +kelvin-voigt +24 ", shown)
+    assert "mujoco: unrepresentable in 12: exponent = 1.5" in shown
+    assert main(["figures", str(root)]) == 0
+    assert main(["report", str(root)]) == 0
+    assert {name: (root / name).read_bytes() for name in before} == before
+    assert {name: (root / f"figures/{name}.png").read_bytes() for name in FIGURES} == pictures
+
+
+@pytest.mark.parametrize(
+    "command", [["ladder"], ["ladder", "--cell", "0"], ["doctor"], ["export-scene", "--cell", "0"]]
+)
+def test_what_is_for_two_balls_refuses_it(root, command, capsys):
+    assert main([command[0], str(root), *command[1:]]) == 2
+    error = capsys.readouterr().err
+    assert "columns of N balls; legal: " in error
+    assert error.count("\n") == 1
+
+
+def test_a_search_and_an_examination_of_columns_are_refused(root, tmp_path, capsys):
+    file = str(root.parent / "c.toml")
+    for command in (["search", file, "--out", str(tmp_path / "a")], ["doctor", file]):
+        assert main(command) == 2
+        error = capsys.readouterr().err
+        assert "columns of N balls" in error or "search and column are given" in error
+        assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
