@@ -225,7 +225,7 @@ def test_long_rows_end_at_every_exponent(law, exponent):
 @pytest.mark.parametrize("exponent", [1, 1.5])
 def test_contacts_left_at_rest_do_not_keep_a_collision_going(exponent):
     # Balls so heavy that those behind the second contact never move.
-    column = Column([1e40**i for i in range(6)], (1,) * 5, (0.9,) * 5, (-1, 0, 0, 0, 0, 0))
+    column = Column([1e29**i for i in range(6)], (1,) * 5, (0.9,) * 5, (-1, 0, 0, 0, 0, 0))
     outcome = solve_column(column, "bistiffness", exponent=exponent, max_steps=5000)
     assert outcome.status == "ok"
     assert outcome.velocities == pytest.approx((0.9, 0, 0, 0, 0, 0), abs=1e-9)

@@ -226,7 +226,7 @@ def test_columns_are_in_the_page_and_in_the_tables(done):
     assert (together.n_refuted == 0).all()
     dashpots = wholes[~wholes.meets & (wholes.solver == "kelvin-voigt")]
     assert (dashpots.verdict == "refuted").all()
-    assert (dashpots.missed_prediction_largest < 1e-3 * dashpots.offset_largest).all()
+    assert (dashpots.missed_prediction_largest < 1e-2 * dashpots.offset_largest).all()
     outcomes = pd.read_parquet(done / "columns.parquet")
     assert len(outcomes) == 12 * 3 * 3 * 17
     assert (outcomes.reason[outcomes.status != "ok"] != "").all()
