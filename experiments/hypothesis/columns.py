@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.mapping import damping_ratio, textbook_damping_ratio
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.experiments.hypothesis.config import HypothesisConfig
+from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.experiments.hypothesis.judging import Judgement, judge
 from impact_xval.experiments.hypothesis.predictions import dashpot_restitution
 from impact_xval.experiments.hypothesis.verdicts import GRAZING, Group, gather
@@ -165,16 +165,16 @@ def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[C
     seed : int
     """
     rng = np.random.default_rng((seed, PLACES.index(place)))
+    low, high = map(math.log, SPREAD)
     columns = []
     for i in range(points):
         n = int(rng.integers(balls[0], balls[1] + 1))
-        contacts, moving = n - 1 + place.table, place.striking(n)
-        masses, k = (np.exp(rng.uniform(*np.log(SPREAD), size)) for size in (n, contacts))
+        contacts, moving, stiff = n - 1 + place.table, place.striking(n), place.contact(n)
+        masses, k = (np.exp(rng.uniform(low, high, size)) for size in (n, contacts))
         e = rng.uniform(*RESTITUTION, contacts) if (i + 1) % ELASTIC else np.ones(contacts)
-        stiff = place.contact(n)
         k[stiff] = np.delete(k, stiff).max()
-        velocities = [-1.0] * moving + [0.0] * (n - moving)
-        columns.append(Column(masses, k, e, velocities, place.table))
+        masses, k, e = (tuple(each.tolist()) for each in (masses, k, e))
+        columns.append(Column(masses, k, e, (-1.0,) * moving + (0.0,) * (n - moving), place.table))
     return columns
 
 
@@ -237,9 +237,7 @@ def of_each_ball(velocities: Sequence[float], contact: int, balls: int) -> tuple
 def examine_columns(config: HypothesisConfig) -> Iterator[ColumnResult]:
     """Judge every exact solver of an experiment at every place, one after the other."""
     design = config.columns
-    low, high = design.contrast
-    decades = math.log10(high / low)
-    contrast = np.logspace(math.log10(low), math.log10(high), round(decades * design.per_decade) + 1)
+    contrast = spaced(design.contrast, design.per_decade)
     for place in PLACES:
         columns = draw(place, design.points, design.balls, config.seed)
         for name in columns_solvers(config):
@@ -282,7 +280,5 @@ def _examined(solver: str, place: Place, column: Column, contrast: Floats, decad
         [m / energy for m in column.masses],
         decades,
     )
-    missed = (
-        column_divergence(column, others[0], judgement.limit) if others and judgement.settles else math.nan
-    )
+    missed = column_divergence(column, others[0], judgement.limit) if others else math.nan
     return ColumnPoint(column, outcomes, form, judgement, missed)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from impact_xval.experiments.config.axes import whole
@@ -158,6 +161,20 @@ class HypothesisConfig(_WithRanges):
     def given(self, case: str) -> list[Point]:
         """Return the points given for a case."""
         return [given.point() for given in self.point if given.case == case]
+
+
+def spaced(ends: tuple[float, float], per_decade: int) -> NDArray[np.float64]:
+    """Return contrasts from the upper end down, so many in a decade: to the lower end, or next above it.
+
+    Windows of whole decades end on contrasts then.
+    """
+    low, high = map(math.log10, ends)
+    steps = (high - low) * per_decade
+    whole = round(steps)
+    if not math.isclose(steps, whole, rel_tol=1e-9):
+        whole = math.floor(steps)
+        low = high - whole / per_decade
+    return np.logspace(low, high, whole + 1)
 
 
 def load(path: Path | None) -> HypothesisConfig:

@@ -138,7 +138,7 @@ def judge(
     own = maximum_filter1d(error[usable], 3, mode="nearest")
     window, sunk = _window(np.log10(contrast[usable]), w, _length(w - target), own, decades)
     if isinstance(window, str):
-        return Judgement("undecided", window)
+        return Judgement("undecided", window, limit=(math.nan,) * len(closed_form))
     found, reason = _limit(window, target, scale)
     if reason:
         return replace(found, reason=reason)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, as_completed
@@ -18,7 +17,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.answers import why_unavailable
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, Case, Point, distance, draw
 from impact_xval.experiments.hypothesis.columns import PLACES, ColumnResult, columns_solvers, examine_columns
-from impact_xval.experiments.hypothesis.config import HypothesisConfig
+from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.experiments.hypothesis.maps import axes, error_map, map_ratios
 from impact_xval.experiments.hypothesis.mechanism import (
     CONTRASTS,
@@ -265,8 +264,7 @@ def contrasts(config: HypothesisConfig, case: Case, one: SolverUnderTest) -> Flo
         per_decade = config.engine_per_decade
         if one.costly and high > 100 * low:
             low, high = low * 10**0.5, high / 10**0.5
-    decades = math.log10(high / low)
-    return np.logspace(math.log10(low), math.log10(high), round(decades * per_decade) + 1)
+    return spaced((low, high), per_decade)
 
 
 def ratios_of(case: Case, points: Sequence[Point], contrast: Floats) -> Floats:

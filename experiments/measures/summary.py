@@ -31,6 +31,7 @@ from impact_xval.experiments.measures.levels import Levels
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from impact_xval.experiments.tables.store import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.streams import codes, present
+from impact_xval.model.collision import RESULT_STATUSES
 
 __all__ = ["FULL_PATHS", "OWN_LAW", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
 
@@ -127,7 +128,7 @@ def summarise(folder: RunFolder) -> Summary:
         levels=table.levels,
         statistics=statistics(table, tuple(SUMMARISED), _SHARES),
         worst=worst_rows(table, _WORST),
-        statuses=_statuses(outcomes, config),
+        statuses=status_frame(outcomes, config),
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         between=between(cells, config),
         n_cells=len(marks),
@@ -142,8 +143,8 @@ def load_divergence(folder: RunFolder, config: Config) -> Compared:
     return Compared.of(folder.table_path("divergence.parquet", DIVERGENCE_SCHEMA), config)
 
 
-def _statuses(outcomes: Tally, config: Config) -> Frame:
+def status_frame(outcomes: Tally, config: Config) -> Frame:
+    """Count rows by solver (index) and status (columns): the results first, the others by name."""
     counts = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
-    return counts.reindex(
-        index=in_order_of_laws(config.solvers), columns=sorted(counts.columns), fill_value=0
-    )
+    columns = sorted(counts.columns, key=lambda name: ([name != each for each in RESULT_STATUSES], name))
+    return counts.reindex(index=in_order_of_laws(config.solvers), columns=columns, fill_value=0)

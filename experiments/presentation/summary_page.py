@@ -29,8 +29,6 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
         Facts by name, and all of them once more as ``facts``, to be handed to macros.
     """
     statuses = summary.statuses
-    names = [name for name in RESULT_STATUSES if name in statuses]
-    names += [name for name in statuses if name not in RESULT_STATUSES]
     marked = {name: _divergence(summary, name, cells="marked").n for name in summary.solvers}
     facts = {
         "config": summary.config,
@@ -59,8 +57,8 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
         "laws": [_own_law(summary, name) for name in summary.solvers],
         "paths": _paths(summary),
         "marked": [_marked(summary, name) for name in summary.solvers],
-        "status_names": names,
-        "statuses": [(name, *row[names]) for name, row in statuses.iterrows()],
+        "status_names": list(statuses),
+        "statuses": [(name, *row) for name, row in statuses.iterrows()],
         "reasons": summary.reasons.head(_REASONS).to_numpy().tolist(),
         "n_reasons": len(summary.reasons),
     }

@@ -15,8 +15,9 @@ from impact_xval.compliant_baselines.contract.registry import law_of
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame, reasons_of
 from impact_xval.experiments.measures.laws import in_order_of_laws
+from impact_xval.experiments.measures.summary import status_frame
 from impact_xval.experiments.tables.schema import LINES
-from impact_xval.experiments.tables.store import RunFolder, statuses_of
+from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import codes, present
 
 #: Measures that are summarised, by their size, and how a reader knows them.
@@ -114,7 +115,6 @@ def summarise_columns(folder: RunFolder) -> ColumnSummary:
     compared, marked = table.velocity_divergence.notna(), table.marked.notna()
     regular = table[compared & ~marked]
     worst = regular.sort_values(["velocity_divergence", "cell"], ascending=[False, True], kind="stable")
-    statuses = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
     return ColumnSummary(
         config=config,
         regular=regular,
@@ -125,9 +125,7 @@ def summarise_columns(folder: RunFolder) -> ColumnSummary:
         ),
         worst=worst.groupby("solver", sort=False).head(_WORST),
         engines=_engines(regular, config),
-        statuses=statuses.reindex(
-            index=in_order_of_laws(config.solvers), columns=sorted(statuses.columns), fill_value=0
-        ),
+        statuses=status_frame(outcomes, config),
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         n_cells=len(of_model),
         n_marked=int(of_model.sum()),

@@ -23,8 +23,6 @@ def column_facts(summary: ColumnSummary) -> dict[str, Any]:
         Facts by name, and all of them once more as ``facts``, to be handed to macros.
     """
     statuses = summary.statuses
-    names = [name for name in RESULT_STATUSES if name in statuses]
-    names += [name for name in statuses if name not in RESULT_STATUSES]
     facts = {
         "config": summary.config,
         "solvers": summary.solvers,
@@ -49,8 +47,8 @@ def column_facts(summary: ColumnSummary) -> dict[str, Any]:
         "balls": [f"N = {n}" for n in _balls(summary)],
         "axes": [_along(summary, axis, values) for axis, values in summary.axes.items()],
         "worst": _worst(summary),
-        "status_names": names,
-        "statuses": [(name, *map(str, row[names])) for name, row in statuses.iterrows()],
+        "status_names": list(statuses),
+        "statuses": [(name, *map(str, row)) for name, row in statuses.iterrows()],
         "reasons": summary.reasons.head(_REASONS).astype(str).to_numpy().tolist(),
         "n_reasons": len(summary.reasons),
     }

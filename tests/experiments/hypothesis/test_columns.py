@@ -22,7 +22,7 @@ from impact_xval.experiments.hypothesis.columns import (
     stiffened,
     welded,
 )
-from impact_xval.experiments.hypothesis.config import parse
+from impact_xval.experiments.hypothesis.config import parse, spaced
 from impact_xval.experiments.measures.columns.measuring import column_divergence
 from impact_xval.model.columns.column import Column
 from impact_xval.model.columns.solving import solve_column
@@ -124,6 +124,27 @@ def test_verdicts(solver, arrangement, where, lossy, elastic):
             assert 0.4 < point.judgement.rate < 2.2
         else:
             assert point.judgement.offset == pytest.approx(D[-1], rel=0.2)
+
+
+def test_too_short_a_range_is_undecided_and_misses_nothing():
+    place = Place("chain", "bottom")
+    found = examine_place("kelvin-voigt", place, draw(place, 2, (5, 5), 1), CONTRAST[:5], 3.0).whole
+    assert found.verdict == "undecided"
+    assert "extend the range of contrasts" in found.reason
+    for point in found.members:
+        assert [math.isnan(v) for v in point.judgement.limit] == [True] * 5
+        assert math.isnan(point.missed)
+
+
+@pytest.mark.parametrize("ends", [(10.0, 5e4), (10.0, 2e4), (10.0, 1e5)])
+def test_a_range_of_any_length_leaves_no_window_without_outcomes(ends):
+    x = spaced(ends, 4)
+    assert x[-1] == pytest.approx(ends[1])
+    assert ends[0] * (1 - 1e-9) <= x[0] < ends[0] * 10**0.25
+    assert np.diff(np.log10(x)) == pytest.approx(0.25)
+    place = Place("stack", "middle")
+    found = examine_place("state-transition", place, draw(place, 3, (4, 4), 1), x, 3.0).whole
+    assert found.verdict == "supported"
 
 
 class Planted:
