@@ -281,6 +281,10 @@ class Config(Strict):
             return self
         if "figure_cell" in self.model_fields_set:
             raise ValueError("figure_cell is given with column; legal: figure_column")
+        if "gravity" in self.model_fields_set:
+            raise ValueError(
+                "gravity is given with column; legal: none, columns of N balls are solved without it"
+            )
         if self.search is not None:
             raise ValueError("search and column are given; legal: a search of collisions of two balls")
         if self.scenario != "impact":
@@ -321,7 +325,7 @@ class Config(Strict):
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
         plain = plain_values(self.model_dump())
-        of_others = ("column", "figure_column") if self.column is None else ("grid", "figure_cell")
+        of_others = ("column", "figure_column") if self.column is None else ("grid", "figure_cell", "gravity")
         if self.sample is not None or self.cells is not None:
             of_others = (*of_others, "grid")
         return {key: value for key, value in plain.items() if key not in of_others}

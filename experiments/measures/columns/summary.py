@@ -102,7 +102,7 @@ class ColumnSummary:
         ]
         if len(row):
             return row.iloc[0]
-        return pd.Series({"n": 0, "mean": np.nan, "median": np.nan, "p95": np.nan, "max": np.nan})
+        return pd.Series({"n": 0} | dict.fromkeys(("mean", "median", "p95", "max"), np.nan), dtype=object)
 
 
 def summarise_columns(folder: RunFolder) -> ColumnSummary:
@@ -124,7 +124,7 @@ def summarise_columns(folder: RunFolder) -> ColumnSummary:
             ignore_index=True,
         ),
         worst=worst.groupby("solver", sort=False).head(_WORST),
-        engines=_engines(regular, config),
+        engines=_engines(table[~marked], config),  # also where the model has no result
         statuses=status_frame(outcomes, config),
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         n_cells=len(of_model),

@@ -68,16 +68,15 @@ def _by_balls(rows: Frame, solvers: list[str], measure: str) -> Figure:
                 x = np.arange(len(balls)) + 0.5 * ((position + 0.5) / len(solvers) - 0.5)
                 if measure == "velocity_divergence":
                     low, median, high = (values.clip(lower=_FLOOR) for values in (low, median, high))
-                    ax.set_yscale("log")
                 ax.vlines(x, low, high, color=style.color, linewidth=1.4, alpha=0.5)
                 ax.plot(x, median, color=style.color, marker=style.marker, linestyle=style.dash, label=name)
             ax.set_xticks(range(len(balls)), [f"{n:g}" for n in balls])
             ax.set_xlabel("number of balls N")
             ax.set_title(arrangement)
-        label = "velocity divergence D (-)"
-        axes[0].set_ylabel(
-            label if measure == "velocity_divergence" else "retained energy, solver minus model (-)"
-        )
+        axes[0].set_ylabel("retained energy, solver minus model (-)")
+        if measure == "velocity_divergence":
+            axes[0].set_ylabel("velocity divergence D (-)")
+            axes[0].set_yscale("log")  # shared
         axes[-1].legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
     return figure
 

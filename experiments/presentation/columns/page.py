@@ -8,7 +8,6 @@ from impact_xval.compliant_baselines.contract.registry import law_of
 from impact_xval.experiments.measures.columns.summary import AXES, SUMMARISED, ColumnSummary
 from impact_xval.experiments.presentation.ladder_page import spread
 from impact_xval.experiments.tables.numbers import number, percent
-from impact_xval.model.collision import RESULT_STATUSES
 
 _CUTS = ("median", "p95", "max")
 _REASONS = 10
@@ -87,9 +86,9 @@ def _where(summary: ColumnSummary, row: Any) -> str:
 
 
 def _short(summary: ColumnSummary, name: str) -> tuple[str, ...]:
-    """How far a solver is from the model, in a row for a terminal."""
-    row, statuses = summary.get(name, "velocity_divergence"), summary.statuses.loc[name]
-    unsolved = int(statuses.sum() - sum(statuses.get(status, 0) for status in RESULT_STATUSES))
+    """How far a solver is from the model, in a row for a terminal; unsolved is what one of the two has no result of."""
+    row, marked = (summary.get(name, "velocity_divergence", cells=cells) for cells in ("regular", "marked"))
+    unsolved = summary.n_cells - row.n - marked.n
     by_balls = (_median(summary, name, "balls", n) for n in _balls(summary))
     return law_of(name), name, str(row.n), *(number(row[cut]) for cut in _CUTS), *by_balls, str(unsolved)
 

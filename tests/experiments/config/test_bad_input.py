@@ -102,6 +102,7 @@ CONFIGS = {
         "scenario = 'drop'\n[column]",
         ["scenario = 'drop'", "without gravity", "legal with column: 'impact'"],
     ),
+    "gravity of columns": ("gravity = 3.0\n[column]", ["gravity is given with column", "legal: none"]),
     "figure cell of columns": (
         "[column]\n[figure_cell]",
         ["figure_cell is given with column", "figure_column"],

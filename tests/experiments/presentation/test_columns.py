@@ -92,6 +92,30 @@ def test_the_curves_are_of_the_column_of_the_figures(root):
         assert impulse == pytest.approx(1 + row["velocities"][0], rel=2e-2)
 
 
+def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_law(tmp_path, capsys):
+    (tmp_path / "c.toml").write_text(
+        "solvers = ['kelvin-voigt', 'mujoco', 'hunt-crossley']\n"
+        "[column]\nballs = 3\ngap = [0.0, 1e-5]\ne = [0.8, 0.9]\nstiffness_taper = 1.0\narrangement = 'cradle'\n"
+    )
+    folder = run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
+    (engine,) = summarise_columns(folder).engines
+    assert (engine["solver"], engine["n"]) == ("mujoco", 4)
+    assert main(["table", str(tmp_path / "run")]) == 0
+    shown = capsys.readouterr().out
+    for name in ("kelvin-voigt", "mujoco", "hunt-crossley"):
+        (row,) = re.findall(rf"^\S+ +{name} +(\d+) .* (\d+)$", shown, flags=re.MULTILINE)
+        assert row == ("2", "2")
+
+
+def test_nothing_compared_is_said_in_whole_numbers(tmp_path, capsys):
+    (tmp_path / "c.toml").write_text(
+        "solvers = ['mujoco']\n[column]\nballs = 3\nexponent = 1.5\ne = 0.9\narrangement = ['drop', 'stack']\n"
+    )
+    run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
+    assert main(["table", str(tmp_path / "run")]) == 0
+    assert re.search(r"^kelvin-voigt +mujoco +0 .* 6$", capsys.readouterr().out, flags=re.MULTILINE)
+
+
 @pytest.mark.slow
 def test_it_is_shown_again_and_written_again(root, capsys):
     before = {name: (root / name).read_bytes() for name in ("summary.md", "summary.csv", "report.html")}
