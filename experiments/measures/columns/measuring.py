@@ -54,7 +54,7 @@ def measures_of(
     model, speed = results.get(REFERENCE), max(map(abs, column.velocities))
     measured = dict.fromkeys(outcomes, ColumnMeasures())
     for name, outcome in results.items():
-        exact = None if mapping == "naive" or is_naive(name) else results.get(law_of(name))
+        exact = results.get(exact_for(name, mapping))
         limit, error = _limit(outcome), outcome.diagnostics.get("limit_error")
         distance = None
         if exact is not None and limit is not None:
@@ -67,6 +67,11 @@ def measures_of(
             outcome.retained_momentum(column),
         )
     return measured
+
+
+def exact_for(name: str, mapping: MappingName) -> str:
+    """Name the exact solver of the law a solver was asked for; empty with the naive mapping, which asks for none."""
+    return "" if mapping == "naive" or is_naive(name) else law_of(name)
 
 
 def largest_difference(some: Sequence[float], others: Sequence[float]) -> float:

@@ -11,12 +11,11 @@ from typing import Any
 import pyarrow as pa
 
 from impact_xval.compliant_baselines.contract.answers import answer_columns
-from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
 from impact_xval.compliant_baselines.contract.solver import Solver
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.columns import ColumnCell
 from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
-from impact_xval.experiments.measures.columns.measuring import largest_difference, measures_of
+from impact_xval.experiments.measures.columns.measuring import exact_for, largest_difference, measures_of
 from impact_xval.experiments.sweep.kernels import Kernels, column_kernels_of
 from impact_xval.experiments.sweep.kinds.kind import Kind, marked, scaled_diagnostics, settings_of, whole
 from impact_xval.experiments.tables.schema import LINE_MEASURES, LINES
@@ -133,8 +132,8 @@ def _limit_distance(
 ) -> float | None:
     """Distance per abs(v0) of the limit in a row from the exact solver of its law; None without either."""
     name, limit = row["solver"], row["velocities_limit"]
-    exact = by_solver.get(law_of(name))
-    if limit is None or exact is None or config.mapping == "naive" or is_naive(name):
+    exact = by_solver.get(exact_for(name, config.mapping))
+    if limit is None or exact is None:
         return None
     if not {row["status"], exact["status"]} <= set(RESULT_STATUSES):
         return None
