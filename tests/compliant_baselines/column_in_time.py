@@ -32,8 +32,10 @@ class _Contact:
             return 1 + self.b * rate
         return self.k * max(depth, 0.0) ** ((self.p + 1) / 2) + self.b * rate if self.b else depth
 
-    def watched(self, slack):
+    def watched(self, slack, frozen):
         """What ends the phase: functions of depth and rate that fall through zero, with the phase after."""
+        if frozen and not self.phase:
+            return [(lambda d, w: -w, "c" if self.law == "bistiffness" else "on")]
         if self.law == "bistiffness":
             if self.phase == "c":
                 return [(lambda d, w: w, "r")]
@@ -46,10 +48,11 @@ class _Contact:
         return [(lambda d, w: -d, "on")]
 
 
-def integrate(column, law, p, b, rtol=1e-12, resolution=0.1, most=3000):
+def integrate(column, law, p, b, rtol=1e-12, resolution=0.1, most=3000, frozen=False):
     """Final velocities of a column whose largest rate is 1.
 
-    `b` holds c or a of each contact, in SI units.
+    `b` holds c or a of each contact, in SI units. Where positions are frozen a contact without force begins anew, from
+    no depth, where its bodies approach.
     """
     n, contacts = len(column.masses), len(column.stiffnesses)
     row = [
@@ -77,7 +80,7 @@ def integrate(column, law, p, b, rtol=1e-12, resolution=0.1, most=3000):
             return v
         watches = []
         for i, contact in enumerate(row):
-            for f, after in contact.watched(slack[i]):
+            for f, after in contact.watched(slack[i], frozen):
                 # A contact that its neighbours have hardly pressed yet has a rate and a force of either sign.
                 quiet = 1e-13 if contact.phase in ("on", "c") else 0.0
 
@@ -122,5 +125,7 @@ def integrate(column, law, p, b, rtol=1e-12, resolution=0.1, most=3000):
                 contact.surface += (1 - contact.e**2) * depth
         else:
             slack[i] = bool(contact.phase) and not after and depth > 1e-12
+        if frozen and not contact.phase:
+            contact.surface += depth
         contact.phase = after
     raise AssertionError(f"not over after {most} events")

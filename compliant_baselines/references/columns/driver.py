@@ -5,6 +5,9 @@ the bistiffness law by `model.columns.diagram`, where a contact that has opened 
 dashpots by `references.dashpot_law`. A contact that carries force has a phase other than `INACTIVE`; one that does not
 is slack while its bodies overlap, and open else.
 
+With `frozen` positions no contact has a gap or is slack: one whose force has ended keeps delta = 0 and carries force
+again where its bodies begin to approach. The bistiffness law so frozen is the model.
+
 The collision is over when no contact carries force and none will: no bodies approach. Events at one instant are applied
 one after the other; each changes only its own contact, and no rate.
 """
@@ -32,6 +35,7 @@ from impact_xval.compliant_baselines.references.contact_law import (
     BISTIFFNESS,
     FORCE,
     GAP,
+    HELD,
     KELVIN_VOIGT,
     LOADED,
     OPEN,
@@ -61,8 +65,10 @@ UNDERFLOW = 1e-150
 
 
 @inlined
-def mode_of(law, c, i):
+def mode_of(law, c, i, frozen):
     """Mode of contact i, as the two-ball references name it."""
+    if frozen and c.phase[i] == INACTIVE:
+        return HELD
     if law == BISTIFFNESS:
         return COMPRESSES if c.phase[i] == COMPRESSION else RESTORES if c.phase[i] == RESTITUTION else OPEN
     if c.phase[i] != INACTIVE:
@@ -126,11 +132,13 @@ def first_event(law, c, b, n, h, marks, work):
 
 
 @compiled
-def dashpot_event(law, c, b, i, mode, what):
+def dashpot_event(law, c, b, i, mode, what, frozen):
     """Apply an event of a contact of spring and dashpot."""
-    after = dashpot_law.change(mode, what, law == KELVIN_VOIGT and b[i] == 0)
+    after = dashpot_law.change(mode, what, frozen or (law == KELVIN_VOIGT and b[i] == 0))
     if what == GAP or after == OPEN:
         c.delta[i] = 0.0
+    elif what == RATE:
+        c.w[i] = 0.0
     c.phase[i] = COMPRESSION if after == LOADED else INACTIVE
 
 
@@ -183,12 +191,12 @@ def follow(law, c, b, n, h_next, tolerance, marks, work):
 
 
 @compiled
-def apply_law(law, c, b, n, which, what, marks, nothing, code):
+def apply_law(law, c, b, n, which, what, frozen, marks, nothing, code):
     """Apply the law to a contact at an event: contacts left, code."""
     if law != BISTIFFNESS:
-        dashpot_event(law, c, b, which, marks.modes[which], what)
+        dashpot_event(law, c, b, which, marks.modes[which], what, frozen)
         marks.cut[which] = what == FORCE
-    elif marks.modes[which] == OPEN:
+    elif marks.modes[which] == OPEN or marks.modes[which] == HELD:
         c.phase[which], c.delta[which] = COMPRESSION, 0.0
     else:
         n, _, code = apply_event(c, n, which, what == GAP, True, nothing, 0.0, code)
@@ -196,7 +204,7 @@ def apply_law(law, c, b, n, which, what, marks, nothing, code):
 
 
 @compiled
-def collide(law, scaled, gaps, b, p, tolerance, max_steps, points, log):
+def collide(law, scaled, gaps, b, p, frozen, tolerance, max_steps, points, log):
     """Follow one column to its end.
 
     Parameters
@@ -209,6 +217,8 @@ def collide(law, scaled, gaps, b, p, tolerance, max_steps, points, log):
         Gaps at first, and c or a of each contact, in the units of `scaled`.
     p : float
         Exponent of the springs.
+    frozen : bool
+        Whether a contact that carries no force returns as soon as its bodies approach.
     tolerance : float
         Error of a step, where steps are taken.
     max_steps : int
@@ -244,8 +254,8 @@ def collide(law, scaled, gaps, b, p, tolerance, max_steps, points, log):
             ball_values(c, n, c.w, drift, velocities)
             return velocities, code, events, margin, time, rows
         for i in range(n):
-            marks.modes[i] = mode_of(law, c, i)
-        what, x, order = GAP, 1.0, 0
+            marks.modes[i] = mode_of(law, c, i, frozen)
+        what, x, order = RATE if frozen else GAP, 1.0, 0
         if which < n:
             for i in range(n):
                 work.rates[0, i] = c.w[i]
@@ -263,6 +273,10 @@ def collide(law, scaled, gaps, b, p, tolerance, max_steps, points, log):
         time += x * h
         if which >= 0:
             events += 1
-            n, code = apply_law(law, c, b, n, which, what, marks, nothing, code)
+            n, code = apply_law(law, c, b, n, which, what, frozen, marks, nothing, code)
+        if frozen:
+            for i in range(n):
+                if c.phase[i] == INACTIVE:
+                    c.delta[i] = 0.0
         still(c, n, nothing)
     return velocities, code | TOO_MANY_EVENTS, events, margin, time, rows

@@ -49,6 +49,7 @@ def solve_column(
     *,
     exponent: float = 1.0,
     path: bool = False,
+    frozen: bool = False,
     max_steps: int = MAX_STEPS,
 ) -> ColumnOutcome:
     r"""Solve one column by a contact law in time, with positions, without gravity.
@@ -72,6 +73,9 @@ def solve_column(
         p, from 1 to 3; 1.5 are Hertz contacts.
     path : bool
         Whether the outcome carries `path`. Of a contact that is open its acceleration is not zero.
+    frozen : bool
+        Whether positions are frozen, as in the model: a contact that has opened returns where its bodies begin to
+        approach. Such a column has no gaps.
     max_steps : int
         Pieces of segments after which the column is given up, with the status ``timeout``.
 
@@ -86,10 +90,12 @@ def solve_column(
     Raises
     ------
     ValueError
-        For an unknown law or an illegal exponent.
+        For an unknown law, an illegal exponent, or gaps where positions are frozen.
     """
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
+    if frozen and any(column.gaps):
+        raise ValueError(f"gaps = {column.gaps!r}; legal where positions are frozen: none")
     p = EXPONENT.number(exponent)
     for i, e in enumerate(column.restitutions, 1):
         if e == 0:
@@ -107,7 +113,7 @@ def solve_column(
         b = b * units.speed
     else:
         b = b / math.sqrt(column.masses[0]) / math.sqrt(column.stiffnesses[0])
-    problem = LAWS[law], scaled, np.array(column.gaps) / length, b, p
+    problem = LAWS[law], scaled, np.array(column.gaps) / length, b, p, frozen
     balls, contacts = len(column.masses), len(column.stiffnesses)
     points = POINTS if path else 1
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,11 +17,14 @@ from impact_xval.model import solve_column as solve_by_the_model
 from tests.compliant_baselines.column_in_time import integrate
 from tests.model.test_columns import random_column
 
+DAMPING = {
+    "kelvin-voigt": "pair",
+    "kelvin-voigt-textbook": "textbook",
+    "hunt-crossley": "hunt-crossley",
+}
 BATCHES = {
     "bistiffness": bistiffness_batch,
-    "kelvin-voigt": kelvin_voigt_batch,
-    "kelvin-voigt-textbook": lambda *cells: kelvin_voigt_batch(*cells, damping="textbook"),
-    "hunt-crossley": lambda *cells: kelvin_voigt_batch(*cells, damping="hunt-crossley"),
+    **{law: partial(kelvin_voigt_batch, damping=damping) for law, damping in DAMPING.items()},
 }
 NAMES = {(1, 2): "S1", (2,): "S2", (1,): "S3", (): "S4"}
 
@@ -53,17 +57,40 @@ def test_two_balls_on_a_table_are_the_two_ball_references(law, count):
             assert tuple(NAMES[states] for states in outcome.states) == batch.states(i)
 
 
-def compare(seed, count, law, exponent, most):
+@pytest.mark.parametrize(("law", "count"), [(law, 60 if law == "hunt-crossley" else 300) for law in DAMPING])
+def test_two_frozen_balls_on_a_table_are_the_frozen_two_ball_references(law, count):
+    rng = np.random.default_rng(1)
+    cells = (*10 ** rng.uniform((-2, -1), (2, 1), (count, 2)).T, *rng.uniform(0.05, 1, (2, count)))
+    batch = kelvin_voigt_batch(*cells, damping=DAMPING[law], frozen=True)
+    for i, (k, m, e1, e2) in enumerate(zip(*cells, strict=True)):
+        outcome = solve_column(Column((1, m), (1, k), (e1, e2), (-1, 0), table=True), law, frozen=True)
+        assert outcome.velocities == pytest.approx((batch.v1[i], batch.v2[i]), abs=1e-10, rel=0)
+        assert outcome.status == batch.status[i]
+
+
+@pytest.mark.parametrize(("exponent", "count"), [(1, 300), (1.5, 30)])
+def test_the_bistiffness_law_with_frozen_positions_is_the_model(exponent, count):
+    rng = np.random.default_rng(5)
+    for _ in range(count):
+        column = random_column(rng, int(rng.integers(2, 9)))
+        ours = solve_column(column, "bistiffness", exponent=exponent, frozen=True)
+        model = solve_by_the_model(column, exponent=exponent)
+        assert ours.velocities == pytest.approx(model.velocities, abs=1e-10, rel=0)
+        assert (ours.states, ours.status) == (model.states, model.status)
+
+
+def compare(seed, count, law, exponent, most, frozen=False):
     rng = np.random.default_rng(seed)
     compared = 0
     while compared < count:
         column = random_column(rng, int(rng.integers(2, most + 1)), least=0.6)
-        column = with_gaps(rng, column) if rng.integers(2) else column
-        ours = solve_column(column, law, exponent=exponent)
+        column = with_gaps(rng, column) if not frozen and rng.integers(2) else column
+        ours = solve_column(column, law, exponent=exponent, frozen=frozen)
         if ours.status == "limit" or (ours.grazing_margin or 1) < 1e-3:
             continue  # the integration follows no contact that becomes rigid, and nothing beside a jump
         compared += 1
-        theirs = integrate(column, law, exponent, coefficients_of(column, law, exponent))
+        b = coefficients_of(column, law, exponent)
+        theirs = integrate(column, law, exponent, b, frozen=frozen)
         assert ours.velocities == pytest.approx(theirs, abs=1e-8, rel=0), column
         assert ours.diagnostics.get("velocity_error", 0) < 1e-8
 
@@ -81,6 +108,13 @@ def compare(seed, count, law, exponent, most):
 )
 def test_an_integration_in_time_agrees(law, exponent, count, most):
     compare(2, count, law, exponent, most)
+
+
+@pytest.mark.parametrize(
+    ("law", "exponent"), [("kelvin-voigt", 1), ("kelvin-voigt", 1.5), ("hunt-crossley", 1)]
+)
+def test_an_integration_in_time_agrees_where_positions_are_frozen(law, exponent):
+    compare(6, 4, law, exponent, 6, frozen=True)
 
 
 @pytest.mark.slow
@@ -252,6 +286,8 @@ def test_what_is_refused():
         replace(column, gaps=(0,))
     with pytest.raises(ValueError, match=r"gaps = \(0\.1, 0\.1\): the model has no positions; legal: 0"):
         solve_by_the_model(cradle(3, 1, 0.1))
+    with pytest.raises(ValueError, match=r"gaps = \(0\.1, 0\.1\); legal where positions are frozen: none"):
+        solve_column(cradle(3, 1, 0.1), frozen=True)
     plastic = solve_column(replace(column, restitutions=(1, 0)))
     assert (plastic.status, plastic.reason[:24]) == ("unrepresentable", "restitutions[2] = 0.0: n")
     assert solve_column(column, max_steps=1).status == "timeout"
