@@ -19,7 +19,7 @@ import numpy as np
 
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.measures.corners import corners
-from impact_xval.experiments.measures.ladder import NOTHING, split
+from impact_xval.experiments.measures.ladder import NOTHING, split, weights_of_two
 from impact_xval.experiments.measures.ladder_summary import BANDS, band_of
 from impact_xval.experiments.tables.numbers import percent
 from impact_xval.model import solve_batch
@@ -49,7 +49,7 @@ def main() -> None:
         k1 = 10.0**exponent
         unit = config.gravity / (abs(config.v0) * math.sqrt(k1 / config.m1))
         between = corners(velocities, cells, unit / np.sqrt(1 + 1 / mu))
-        ladder = split(mu, between, np.full_like(velocities, np.nan), between.asked)
+        ladder = split(weights_of_two(mu), between, np.full_like(velocities, np.nan), between.asked)
         counted = (between.reason == "") & (model.grazing_margin >= config.grazing_threshold)
         counted &= ladder.divergence >= NOTHING
         for edge, label in ((math.nan, "all"), *BANDS.items()):

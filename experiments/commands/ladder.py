@@ -11,7 +11,13 @@ from impact_xval.experiments.commands.options import Folder, whole
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from impact_xval.experiments.tables.store import RunFolder
+
+
+#: Balls whose velocities have room beside one another.
+_SHOWN = 8
 
 
 def _cell(text: str) -> int:
@@ -38,59 +44,60 @@ def ladder(
     what the choice of the dashpot adds, and writes ladder-NAME.parquet and .csv into the folder.
     """
     from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
-    from impact_xval.experiments.measures.corners import LAWS
+    from impact_xval.experiments.measures.ladder_table import LADDER
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.sweep.executors import available_cores, open_executor
     from impact_xval.experiments.sweep.ladders import CELLS, ready, write_ladder
-    from impact_xval.experiments.tables.folders import finished_collisions
-    from impact_xval.experiments.tables.schema import CELLS_SCHEMA
+    from impact_xval.experiments.sweep.solving import kind_of_cells
+    from impact_xval.experiments.tables.folders import finished
 
-    if law not in LAWS:
-        raise UserError(f"--law = {law!r}; legal: {', '.join(LAWS)}")
-    run = finished_collisions(folder)
+    run = finished(folder)
+    kind = kind_of_cells(run.config())
+    if law not in kind.ladders.laws:
+        raise UserError(f"--law = {law!r}; legal: {', '.join(kind.ladders.laws)}")
     stem = "ladder" if law == KELVIN_VOIGT else f"ladder-{law}"
     if law != KELVIN_VOIGT:
-        run.table_path("cells.parquet", CELLS_SCHEMA)  # what it is made from has to be whole
+        run.table_path("cells.parquet", kind.layout.cells)  # what it is made from has to be whole
         workers = min(available_cores(), -(-run.manifest()["cells"] // CELLS))
-        with open_executor(None, ready, workers) as executor:
+        with open_executor(None, partial(ready, kind.kernels), workers) as executor:
             say = partial(print_line, make_console())
-            write_ladder(run.root, executor, law=law, name=f"{stem}.parquet", say=say)
+            write_ladder(run.root, executor, kind.ladders, law=law, name=f"{stem}.parquet", say=say)
     if cell is None:
         _show_run(run, law, stem)
     else:
-        _show_cell(run, law, stem, cell)
+        path = run.root / f"{stem}.parquet"
+        path = run.table_path(LADDER, kind.ladders.schema(law)) if law == KELVIN_VOIGT else path
+        _show_cell(run, path, cell)
     if law != KELVIN_VOIGT:
         print_line(make_console(), f"{stem}.parquet and {stem}.csv are in {run.root}")
 
 
 def _show_run(folder: RunFolder, law: str, stem: str) -> None:
+    from dataclasses import replace
+
     from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
-    from impact_xval.experiments.measures.ladder_summary import (
-        LadderSummary,
-        ladder_statistics,
-        summarise_ladder,
-    )
+    from impact_xval.experiments.measures.columns.summary import summarise_columns
+    from impact_xval.experiments.measures.ladder_summary import ladder_statistics, summarise_ladder
     from impact_xval.experiments.presentation.ladder_page import ladder_facts
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
 
     config = folder.config()
-    found = summarise_ladder(folder, config)
+    found = summarise_ladder(folder, config) if config.column is None else summarise_columns(folder).ladder
     if law != KELVIN_VOIGT:
-        found = LadderSummary(ladder_statistics(folder.root / f"{stem}.parquet", config), found.alternatives)
+        found = replace(found, statistics=ladder_statistics(folder.root / f"{stem}.parquet", config))
     show(make_console(), render("ladder_run.md.j2", ladder=ladder_facts(found)))
 
 
-def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
+def _show_cell(folder: RunFolder, path: Path, cell: int) -> None:
     import pyarrow.parquet as pq
 
-    from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, kind_of
-    from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
+    from impact_xval.compliant_baselines.contract.registry import kind_of
+    from impact_xval.experiments.config.arrangements import COLUMN_AXES
+    from impact_xval.experiments.config.axes import AXES
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
 
-    path = folder.root / f"{stem}.parquet"
-    path = folder.table_path(LADDER, LADDER_SCHEMA) if law == KELVIN_VOIGT else path
     rows = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
     if not len(rows):
         if all(kind_of(name) != "engine" for name in folder.config().solvers):
@@ -99,7 +106,16 @@ def _show_cell(folder: RunFolder, law: str, stem: str, cell: int) -> None:
             )
         raise UserError(f"--cell = {cell}; legal: from 0 to {folder.manifest()['cells'] - 1}")
     ladders = [(row, _contributions(row)) for _, row in rows.iterrows()]
-    show(make_console(), render("ladder_cell.md.j2", cell=cell, first=rows.iloc[0], ladders=ladders))
+    axes = AXES if folder.config().column is None else COLUMN_AXES
+    where = [(label, value) for name, label in axes.items() if (value := rows.iloc[0][name]) == value]
+    facts = {"cell": cell, "where": where, "balls": _balls(rows.iloc[0]), "ladders": ladders}
+    show(make_console(), render("ladder_cell.md.j2", **facts))
+
+
+def _balls(row: Any) -> list[int]:
+    """Numbers of the balls whose velocities a table of the cell shows: those of all, where there is room."""
+    balls = row.get("balls", 2)
+    return list(range(1, balls + 1)) if balls <= _SHOWN else []
 
 
 def _contributions(row: Any) -> list[tuple[str, ...]]:
@@ -112,6 +128,12 @@ def _contributions(row: Any) -> list[tuple[str, ...]]:
 
     if math.isnan(row.velocity_divergence):
         return []
+    balls = _balls(row)
+
+    def differences(name: str) -> tuple[str, ...]:
+        many = row.get(f"{name}dv")  # of a column
+        return tuple(f"{row[f'{name}dv{i}'] if many is None else many[i - 1]:.3e}" for i in balls)
+
     there = [c for c in CONTRIBUTIONS if f"{c.name}_norm" in row and not math.isnan(row[f"{c.name}_norm"])]
     pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
     lines = []
@@ -119,7 +141,6 @@ def _contributions(row: Any) -> list[tuple[str, ...]]:
         name = f"{c.name}_share"
         by_order = between(row[f"{name}_low"], row[f"{name}_high"]) if c in CAUSES else ""
         shown = (percent(row[name]), by_order)
-        numbers = (f"{row[f'{c.name}_{part}']:.3e}" for part in ("dv1", "dv2", "norm"))
-        lines.append((c.label, *numbers, *(("cancels", "") if i in pair else shown)))
-    total = (f"{value:.3e}" for value in (row.dv1, row.dv2, row.velocity_divergence))
-    return [*lines, ("sum", *total, "100.0 %", "")]
+        norm = f"{row[f'{c.name}_norm']:.3e}"
+        lines.append((c.label, *differences(f"{c.name}_"), norm, *(("cancels", "") if i in pair else shown)))
+    return [*lines, ("sum", *differences(""), f"{row.velocity_divergence:.3e}", "100.0 %", "")]

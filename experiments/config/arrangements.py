@@ -51,6 +51,18 @@ COLUMN_LEGAL = {
 }
 _WHOLE = ("balls", "strike")
 
+#: By what columns are grouped, and how a reader knows it.
+COLUMN_AXES = {
+    "balls": "balls",
+    "arrangement": "arrangement",
+    "strike": "strikers",
+    "e": "e",
+    "exponent": "exponent",
+    "mass_taper": "mass taper",
+    "stiffness_taper": "stiffness taper",
+    "gap": "gap in m",
+}
+
 
 def _positive(default: float, what: str) -> Any:
     return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({what})")

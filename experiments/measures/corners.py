@@ -59,8 +59,9 @@ class Corners:
 
     Attributes
     ----------
-    velocities : ndarray, shape (2, m, 2, n, 2)
-        By position of each switch, v1 and v2 per abs(v0); NaN without a result. m is 2, or 3 with an alternative.
+    velocities : ndarray, shape (2, m, g, n, N)
+        By position of each switch, velocities per abs(v0); NaN without a result. m is 2, or 3 with an alternative; g is
+        2, or 1 of columns of N balls, which know no gravity.
     reason : ndarray of str, shape (n,)
         Empty where all have a result; else the first, of those beside the model, that has none, and its status. Those
         that come after it have none either.
@@ -75,23 +76,23 @@ class Corners:
 
     @property
     def model(self) -> Floats:
-        """The state-transition model, shape (n, 2)."""
+        """The state-transition model, shape (n, N)."""
         return self.velocities[MODEL]
 
     @property
     def asked(self) -> Floats:
-        """The law of the engine in its scenario, shape (n, 2)."""
+        """The law of the engine in its scenario, shape (n, N)."""
         return self.velocities[-1, -1, -1]
 
 
-def corner_names(alternative: bool) -> dict[Index, str]:
+def corner_names(alternative: bool, *, gravity: bool = True) -> dict[Index, str]:
     """Return the name of every corner, as in columns of tables, by the positions of its switches."""
     laws = ("energetic", "alternative", "asked") if alternative else ("energetic", "asked")
     return {
-        (i, j, k): f"{positions}_{law}_{gravity}"
+        (i, j, k): f"{positions}_{law}{weight}"
         for i, positions in enumerate(("frozen", "free"))
         for j, law in enumerate(laws)
-        for k, gravity in enumerate(("weightless", "scenario"))
+        for k, weight in enumerate(("_weightless", "_scenario") if gravity else ("",))
     }
 
 
@@ -145,7 +146,7 @@ def corner_marks(
         excess, _, _ = jumps(solve, *cells, number)
         found = (excess > 1) & (marks == "")
         marks[found] = (
-            f"ladder: {_called(index, laws)} jumps where a parameter changes by {max(JUMPS):g} or less"
+            f"ladder: {called(index, laws)} jumps where a parameter changes by {max(JUMPS):g} or less"
         )
     return marks
 
@@ -168,14 +169,14 @@ def gather(model: Floats, batches: Iterable[tuple[Index, ReferenceBatch]], laws:
     for index, batch in batches:
         velocities[index] = np.column_stack([batch.v1, batch.v2])
         failed = ~np.isin(batch.status, RESULT_STATUSES) & (reason == "")
-        reason[failed] = np.char.add(f"{_called(index, laws)}: ", batch.status[failed])
+        reason[failed] = np.char.add(f"{called(index, laws)}: ", batch.status[failed])
         weighty |= index[2] == SCENARIO
     if not weighty:
         velocities[:, :, SCENARIO] = velocities[:, :, WEIGHTLESS]
     return Corners(velocities, reason)
 
 
-def _called(index: Index, laws: Sequence[str]) -> str:
+def called(index: Index, laws: Sequence[str]) -> str:
     """Name a corner in a sentence."""
     positions, law, gravity = index
     frozen = "frozen " if positions == FROZEN else ""

@@ -20,6 +20,8 @@ what is left, and the two sum to what the contribution is without. Frozen positi
 dt -> 0 minus the law it was asked for, then the engine minus that limit. Where no limit was computed, or it did not
 converge, the two are one, `ENGINE`.
 
+**Columns of N balls** are split likewise. There is no gravity, so that two switches are left, with two orders.
+
 **Sizes.** The size of a contribution is its kinetic norm (`model.kinetic`) per \|v0\|, as D is that of the total.
 Norms do not add: contributions are vectors, and may oppose each other. What does add is their component along the
 total,
@@ -137,9 +139,10 @@ CAUSES = (FROZEN, LAW, CHOICE, GRAVITY)
 CONTRIBUTIONS = (*CAUSES, MAPPING, STEP, ENGINE)
 
 
-def contributions_of(law: str) -> tuple[Contribution, ...]:
-    """Return the contributions by way of a law, in their order."""
-    return tuple(c for c in CONTRIBUTIONS if c is not CHOICE or law != KELVIN_VOIGT)
+def contributions_of(law: str, *, gravity: bool = True) -> tuple[Contribution, ...]:
+    """Return the contributions by way of a law, in their order; `gravity` is whether there may be any."""
+    left_out = ({CHOICE} if law == KELVIN_VOIGT else set()) | (set() if gravity else {GRAVITY})
+    return tuple(c for c in CONTRIBUTIONS if c not in left_out)
 
 
 def by_order(corners: Floats) -> Floats:
@@ -147,12 +150,13 @@ def by_order(corners: Floats) -> Floats:
 
     Parameters
     ----------
-    corners : ndarray, shape (2, m, 2, ...)
-        By position of the switches for positions, law and gravity; the switch of the law has m - 1 steps.
+    corners : ndarray, shape (2, m, g, ...)
+        By position of the switches for positions, law and gravity; the switch of the law has m - 1 steps, that of
+        gravity g - 1, where g = 1 is none.
 
     Returns
     -------
-    ndarray, shape (6, m + 1, ...)
+    ndarray, shape (6, m + g - 1, ...)
         By order and step: positions, the steps of the law, gravity. Each order sums to the last corner minus the first.
     """
     found = []
@@ -176,15 +180,15 @@ def cancelling(shares: Sequence[float]) -> tuple[int, int] | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """The contributions to the divergence of n cells.
+    """The contributions to the divergence of n cells of N balls.
 
     Attributes
     ----------
     contributions : tuple of Contribution
         The m of them, in order.
-    vectors : ndarray, shape (m, n, 2)
-        dv1 and dv2 of each per abs(v0); NaN for one that a cell does not have.
-    total : ndarray, shape (n, 2)
+    vectors : ndarray, shape (m, n, N)
+        Differences of velocities of each per abs(v0); NaN for one that a cell does not have.
+    total : ndarray, shape (n, N)
         Engine minus model.
     norms, along : ndarray, shape (m, n)
         Kinetic norm of each, and its component along the total; `along` is NaN where D is 0.
@@ -230,22 +234,22 @@ def _largest(along: Floats) -> NDArray[np.intp]:
     return np.argmax(np.where(np.isnan(along), -np.inf, along), axis=0)
 
 
-def split(mass_ratio: Floats, corners: Corners, limit: Floats, engine: Floats) -> Split:
+def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> Split:
     """Split the difference of an engine from the model into contributions.
 
     Parameters
     ----------
-    mass_ratio : ndarray, shape (n,)
-        m2/m1.
+    weights : ndarray, shape (n, N)
+        Masses over that of what moves at first.
     corners : Corners
         The model, the law of the engine in its scenario, and what is between, for the same cells.
-    limit : ndarray, shape (n, 2)
+    limit : ndarray, shape (n, N)
         The engine in the limit dt -> 0; NaN where it is not known.
-    engine : ndarray, shape (n, 2)
+    engine : ndarray, shape (n, N)
         Final velocities per abs(v0); NaN without a result.
     """
     known = ~np.isnan(limit).any(axis=1, keepdims=True)
-    alternative = corners.velocities.shape[1] > 2
+    _, laws, gravities = corners.velocities.shape[:3]
     causes = by_order(corners.velocities)
     rest = np.stack(
         [
@@ -256,20 +260,26 @@ def split(mass_ratio: Floats, corners: Corners, limit: Floats, engine: Floats) -
     )
     vectors = np.concatenate([causes.mean(axis=0), rest])
     total = engine - corners.model
-    weight = np.stack([np.ones_like(mass_ratio), mass_ratio], axis=1)
-    divergence = np.sqrt((weight * total**2).sum(axis=1))
+    divergence = np.sqrt((weights * total**2).sum(axis=1))
 
     def component(differences: Floats) -> Floats:
         with np.errstate(invalid="ignore", divide="ignore"):
-            return (weight * differences * total).sum(axis=-1) / divergence
+            return (weights * differences * total).sum(axis=-1) / divergence
 
     along = component(vectors)
     return Split(
-        contributions=CONTRIBUTIONS if alternative else contributions_of(KELVIN_VOIGT),
+        contributions=tuple(
+            c for c in CONTRIBUTIONS if (c is not CHOICE or laws > 2) and (c is not GRAVITY or gravities > 1)
+        ),
         vectors=vectors,
         total=total,
-        norms=np.sqrt((weight * vectors**2).sum(axis=2)),
+        norms=np.sqrt((weights * vectors**2).sum(axis=2)),
         along=along,
         orders=np.stack([np.concatenate([component(order), along[-len(rest) :]]) for order in causes]),
         divergence=divergence,
     )
+
+
+def weights_of_two(mass_ratio: Floats) -> Floats:
+    """Give the weights of two balls, of which the upper one moves at first, shape (n, 2), for m2/m1."""
+    return np.stack([np.ones_like(mass_ratio), mass_ratio], axis=1)

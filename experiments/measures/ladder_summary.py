@@ -7,8 +7,8 @@ Grazing cells are left out, as in the rest of a summary.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, kind_of
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.corners import LAWS, corner_names
@@ -27,6 +28,7 @@ from impact_xval.experiments.measures.ladder import (
     CAUSES,
     CHOICE,
     CONTRIBUTIONS,
+    GRAVITY,
     MAPPING,
     NOTHING,
     Contribution,
@@ -37,7 +39,7 @@ from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
 from impact_xval.experiments.measures.levels import levels_of
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA
 from impact_xval.experiments.tables.store import RunFolder
-from impact_xval.experiments.tables.streams import codes, column, present
+from impact_xval.experiments.tables.streams import codes, column, present, texts
 from impact_xval.model.kinetic import kinetic_norm
 
 #: A pandas DataFrame or Series; see `summary.Frame`.
@@ -46,6 +48,8 @@ Frame = Any
 #: Regions of k2/k1, by their lower edge: what is much softer, comparable, much stiffer is the table.
 BAND = "stiffness_band"
 BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
+
+_LABELS = AXES | COLUMN_AXES
 
 _REGION = ["solver", "axis", "value", "contribution"]
 _NUMBERS = [
@@ -70,6 +74,9 @@ MOST_ALTERNATIVES = 200_000
 _MOST_SEGMENTS, _TOGETHER = 50_000_000, 64
 
 
+_ALTERNATIVES = ("law", "value", "n", "median", "p95", "closer", "dissipation")
+
+
 @dataclass(frozen=True, slots=True)
 class LadderSummary:
     """Statistics of the ladders of a run.
@@ -77,7 +84,7 @@ class LadderSummary:
     Attributes
     ----------
     statistics : DataFrame
-        ``solver, axis ("all", an axis of the grid or "stiffness_band"), value, contribution, n, total, share, low,
+        ``solver, axis ("all", an axis of the cells or "stiffness_band"), value, contribution, n, total, share, low,
         high, mean, median, p95, max, dominant, agreed, doubt``. `n` cells have the contribution, `total` is the mean D
         of the region, `share` its share of that, `low` and `high` the least and largest that the six orders of the
         causes give (the share itself for one that is no cause); `mean` to `max` are of its norm. It has the largest
@@ -87,11 +94,11 @@ class LadderSummary:
         "What if" without an engine, no gravity: ``law, value (a band's lower edge, NaN for all), n, median, p95`` of D
         from the model, ``closer``, the fraction of cells in which that D is less than kelvin-voigt's, and
         ``dissipation``, the median norm of law minus bistiffness. Empty for grids that are too large, or whose cells
-        take too many segments.
+        take too many segments, and of columns.
     """
 
     statistics: Frame
-    alternatives: Frame
+    alternatives: Frame = field(default_factory=lambda: _alternatives([]))
 
     @property
     def solvers(self) -> list[str]:
@@ -104,7 +111,28 @@ class LadderSummary:
         there = set(self.statistics.contribution)
         return [c for c in CONTRIBUTIONS if c.name in there]
 
-    def region(self, solver: str, axis: str = "all", value: float = np.nan) -> Frame:
+    @property
+    def orders(self) -> str:
+        """In how many orders the causes can be taken: without gravity there are two of them."""
+        return "six" if GRAVITY in self.present else "two"
+
+    @property
+    def axes(self) -> dict[str, str]:
+        """The axes by whose values results are grouped, and how a reader knows them."""
+        return {name: _LABELS[name] for name in dict.fromkeys(self.statistics.axis) if name in _LABELS}
+
+    @property
+    def regions(self) -> dict[str, tuple[str, Any]]:
+        """Parts of the cells that are told apart: an axis and its value, by what a reader knows them by."""
+        axes = set(self.statistics.axis)
+        if BAND in axes:
+            return {label: (BAND, edge) for edge, label in BANDS.items()}
+        if "arrangement" not in axes:
+            return {}
+        names = self.statistics.value[self.statistics.axis == "arrangement"].unique()
+        return {f"arrangement = {name}": ("arrangement", name) for name in names}
+
+    def region(self, solver: str, axis: str = "all", value: Any = np.nan) -> Frame:
         """Return the rows of one engine and region, indexed by contribution; empty where nothing was compared."""
         table = self.statistics
         found = table[(table.solver == solver) & (table.axis == axis)]
@@ -120,9 +148,9 @@ def band_of(stiffness_ratio: Any) -> Any:
 
 
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
-    """Compute the statistics of the ladders of a finished run."""
+    """Compute the statistics of the ladders of a finished run of two balls."""
     path = folder.table_path(LADDER, LADDER_SCHEMA)
-    return LadderSummary(ladder_statistics(path, config), _alternatives(folder, config))
+    return LadderSummary(ladder_statistics(path, config), _alternatives(_answered(folder, config)))
 
 
 def ladder_statistics(path: Path, config: Config) -> Frame:
@@ -143,7 +171,7 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
     total = column(path, "velocity_divergence")[rows]
     dominant = codes(path, "dominant", [c.name for c in contributions])[rows]
     agreed = column(path, "dominant_by_every_order")[rows]
-    orders = _shares_by_order(path, rows, total, regions, CHOICE in contributions)
+    orders = _shares_by_order(path, rows, total, regions, contributions)
     apart = ~np.isnan(column(path, f"{MAPPING.name}_norm")[rows])
     doubt = np.where(apart, column(path, "limit_error")[rows], np.nan)
     values = pd.concat(
@@ -171,31 +199,28 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
         )
         of_cause, (low, high) = place < n_causes, (f(orders[axis], axis=0) for f in (np.min, np.max))
         found.loc[of_cause, "low"], found.loc[of_cause, "high"] = low.ravel(), high.ravel()
-        frames.append(found)
+        # by value, then by contribution, as they came
+        frames.append(found.sort_values("value", kind="stable"))
     statistics = pd.concat(frames, ignore_index=True)
-    order = {name: i for i, name in enumerate(regions)}
-    # by axis, then by value, then by contribution, as they came
-    statistics = statistics.sort_values("value", kind="stable").sort_values(
-        "axis", kind="stable", key=lambda names: names.map(order)
-    )
     statistics.loc[statistics.axis == "all", "value"] = np.nan
     return statistics[statistics.n > 0]
 
 
 def _shares_by_order(
-    path: Path, rows: NDArray[np.bool_], total: Floats, regions: dict[str, Floats], alternative: bool
+    path: Path,
+    rows: NDArray[np.bool_],
+    total: Floats,
+    regions: dict[str, NDArray[Any]],
+    contributions: Sequence[Contribution],
 ) -> dict[str, Floats]:
     """By axis, the share of every cause by order and value of the region, shape (6, causes, values).
 
     Components along the total are linear: those of the corners are summed over a region before they are split.
     """
-    weighted = column(path, "dv1")[rows], column(path, "mass_ratio")[rows] * column(path, "dv2")[rows]
-    names = corner_names(alternative)
+    names = corner_names(CHOICE in contributions, gravity=GRAVITY in contributions)
     shape = tuple(1 + max(index[i] for index in names) for i in range(3))
     sums: dict[str, Floats] = {}
-    for index, name in names.items():
-        product = sum(column(path, f"{name}_v{i + 1}")[rows] * dv for i, dv in enumerate(weighted))
-        along = np.divide(product, total, out=np.zeros_like(total), where=total >= NOTHING)
+    for index, along in zip(names, _components(path, rows, total, names.values()), strict=True):
         for axis, region in regions.items():
             values, place = np.unique(region, return_inverse=True)
             cube = sums.setdefault(axis, np.empty((*shape, len(values))))
@@ -208,8 +233,31 @@ def _shares_by_order(
     return found
 
 
-def _regions(path: Path, rows: NDArray[np.bool_], config: Config) -> dict[str, Floats]:
-    """By axis, the value by which every row is grouped."""
+def _components(
+    path: Path, rows: NDArray[np.bool_], total: Floats, corners: Iterable[str]
+) -> Iterator[Floats]:
+    """Give the component of every corner along the total, up to one number a row: that of the model, say."""
+    there = total >= NOTHING
+    if "dv1" not in pq.read_schema(path).names:  # of columns
+        for name in corners:
+            yield np.where(there, column(path, f"{name}_along")[rows], 0.0)
+        return
+    weighted = column(path, "dv1")[rows], column(path, "mass_ratio")[rows] * column(path, "dv2")[rows]
+    for name in corners:
+        product = sum(column(path, f"{name}_v{i + 1}")[rows] * dv for i, dv in enumerate(weighted))
+        yield np.divide(product, total, out=np.zeros_like(total), where=there)
+
+
+def _regions(path: Path, rows: NDArray[np.bool_], config: Config) -> dict[str, NDArray[Any]]:
+    """By axis, the value by which every row is grouped; of columns only by axes that have several."""
+    if config.column is not None:
+        return {"all": np.zeros(int(rows.sum()))} | {
+            axis: x
+            for axis in COLUMN_AXES
+            # strikers are of cradles alone
+            if len(set(x := (texts if axis == "arrangement" else column)(path, axis)[rows])) > 1
+            and not any(x != x)
+        }
     scattered = config.sample is not None or config.cells is not None
     regions = {"all": np.zeros(int(rows.sum()))}
     for axis in AXES:
@@ -242,12 +290,15 @@ def _by_region(values: Frame) -> Frame:
     ).reset_index()
 
 
-def _alternatives(folder: RunFolder, config: Config) -> Frame:
-    """Ask every law what it would do, over the cells of a run."""
-    columns = ["law", "value", "n", "median", "p95", "closer", "dissipation"]
+def _alternatives(rows: Sequence[tuple[Any, ...]]) -> Frame:
+    return pd.DataFrame(rows, columns=list(_ALTERNATIVES))
+
+
+def _answered(folder: RunFolder, config: Config) -> list[tuple[Any, ...]]:
+    """Ask every law what it would do, over the cells of a run; nothing where that would take too long."""
     path = folder.table_path("cells.parquet", CELLS_SCHEMA)
     if pq.read_metadata(path).num_rows > MOST_ALTERNATIVES * len(config.solvers):
-        return pd.DataFrame(columns=columns)
+        return []
     read = (*AXES, "v0", "v1", "v2")
     table = pq.read_table(path, columns=[*read, "marked"], filters=[("solver", "==", REFERENCE)])
     kappa, mass_ratio, e1, e2, v0, v1, v2 = (table[name].to_numpy().astype(float) for name in read)
@@ -255,7 +306,7 @@ def _alternatives(folder: RunFolder, config: Config) -> Frame:
     model = SimpleNamespace(v1=v1 / abs(v0), v2=v2 / abs(v0))
     answers = _answers(cells)
     if answers is None:
-        return pd.DataFrame(columns=columns)
+        return []
     stiff = answers.pop("bistiffness")
     regular = table["marked"].is_null().to_numpy()
 
@@ -273,7 +324,7 @@ def _alternatives(folder: RunFolder, config: Config) -> Frame:
                 median, p95 = np.quantile(away[here], [0.5, 0.95])
                 closer = np.mean(away[here] < kept[here])
                 rows.append((law, value, int(here.sum()), median, p95, closer, np.median(left[here])))
-    return pd.DataFrame(rows, columns=columns)
+    return rows
 
 
 def _answers(cells: Sequence[Floats]) -> dict[str, SimpleNamespace] | None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, engine_free_names, law_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
-from impact_xval.experiments.measures.corners import Corners, Texts, corner_marks, corner_names, corners
+from impact_xval.experiments.measures.corners import LAWS, Corners, corner_marks, corner_names, corners
 from impact_xval.experiments.measures.ladder import (
     CAUSES,
     CHOICE,
@@ -24,6 +26,7 @@ from impact_xval.experiments.measures.ladder import (
     cancelling,
     contributions_of,
     split,
+    weights_of_two,
 )
 from impact_xval.experiments.tables.schema import COLUMNS
 from impact_xval.model.collision import RESULT_STATUSES
@@ -41,19 +44,96 @@ _WIDE, _MENTIONED = 0.005, 0.02
 
 _PARAMETERS = ("cell", *AXES, "gravity_number", "solver")
 
-#: Columns of the table of cells that a ladder is made from.
-READ = (
+_READ = (
     *_PARAMETERS,
     *("status", "marked", "reason", "v0", "v1", "v2", "grazing_margin"),
     *("v1_limit", "v2_limit", "limit_error"),
 )
 
 
-def ladder_schema(contributions: Sequence[Contribution]) -> pa.Schema:
-    """Return the Arrow schema of a table of ladders; unit and meaning of each column are in its metadata."""
-    types = {"int": pa.int64(), "float": pa.float64(), "text": pa.string(), "bool": pa.bool_()}
+@dataclass(frozen=True, slots=True)
+class Ladders:
+    """How the ladders of one kind of cells are made.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+        Columns of the table of cells that are those of a table of ladders too.
+    read : tuple of str
+        Columns of the table of cells that a ladder is made from.
+    schema : callable
+        Gives the Arrow schema of a table of ladders by way of a law.
+    rows : callable
+        Makes the ladders of whole cells by way of a law, as `ladder_rows`.
+    laws : tuple of str
+        Laws that a ladder may be made by way of.
+    """
+
+    parameters: tuple[str, ...]
+    read: tuple[str, ...]
+    schema: Callable[[str], pa.Schema]
+    rows: Callable[[pa.Table, str], pa.Table]
+    laws: tuple[str, ...]
+
+    def failed(self, cells: pa.Table, law: str, status: str, reason: str) -> pa.Table:
+        """Make the rows of cells whose ladder could not be made; status and reason of every row."""
+        engines, schema = engines_of(cells), self.schema(law)
+        known = {name: engines[name] for name in (*self.parameters, "marked", "limit_error")}
+        known |= {
+            name: pa.array([text] * len(engines)) for name, text in (("status", status), ("reason", reason))
+        }
+        columns = [known.get(field.name, pa.nulls(len(engines), field.type)) for field in schema]
+        return pa.table(columns, schema=schema)
+
+
+Field = tuple[str, str, str]
+
+
+def ladder_schema(law: str) -> pa.Schema:
+    """Return the schema of ladders of two balls; unit and meaning of each column are in its metadata."""
+    contributions = contributions_of(law)
+
+    def differences(name: str, meaning: str) -> list[Field]:
+        return [(f"{name}dv{i}", "float", meaning.format(f"v{i}")) for i in (1, 2)]
+
+    corners_ = [
+        (f"{name}_v{i}", "float", f"corner {name.replace('_', ', ')}: final velocity of B{i} per |v0|")
+        for name in corner_names(CHOICE in contributions).values()
+        for i in (1, 2)
+    ]
+    parameters = [(name, COLUMNS[name][0], COLUMNS[name][2]) for name in _PARAMETERS]
+    return schema_of(parameters, contributions, differences, corners_, "six")
+
+
+def schema_of(
+    parameters: Sequence[Field],
+    contributions: Sequence[Contribution],
+    differences: Callable[[str, str], Iterable[Field]],
+    corners: Iterable[Field],
+    orders: str,
+) -> pa.Schema:
+    """Return the schema of a table of ladders.
+
+    Parameters
+    ----------
+    parameters : sequence of (name, type, meaning)
+    contributions : sequence of Contribution
+    differences : callable
+        Gives the columns of a difference of velocities, for what their names begin with and their meaning.
+    corners : iterable of (name, type, meaning)
+        What is kept of the corners.
+    orders : str
+        How many orders of the causes there are.
+    """
+    types = {
+        "int": pa.int64(),
+        "float": pa.float64(),
+        "text": pa.string(),
+        "bool": pa.bool_(),
+        "list": pa.list_(pa.float64()),
+    }
     fields = [
-        *((name, COLUMNS[name][0], COLUMNS[name][2]) for name in _PARAMETERS),
+        *parameters,
         (
             "status",
             "text",
@@ -66,19 +146,14 @@ def ladder_schema(contributions: Sequence[Contribution]) -> pa.Schema:
         ),
         ("marked", "text", COLUMNS["marked"][2]),
         ("model_grazing_margin", "float", "grazing margin of the state-transition model"),
-        ("velocity_divergence", "float", "D, the kinetic norm of (dv1, dv2)"),
-        ("dv1", "float", "engine minus model, per |v0|; the sum of dv1 of the contributions"),
-        ("dv2", "float", "engine minus model, per |v0|; the sum of dv2 of the contributions"),
-        *(field for contribution in contributions for field in _fields(contribution)),
+        ("velocity_divergence", "float", "D, the kinetic norm of the difference of velocities"),
+        *differences("", "engine minus model, {} per |v0|; the sum of those of the contributions"),
+        *(field for c in contributions for field in _fields(c, differences, orders)),
         ("limit_error", "float", "estimated error of the engine's limit dt -> 0"),
         ("dominant", "text", "the contribution with the largest share"),
-        ("dominant_by_every_order", "bool", "whether it has the largest by each of the six orders"),
+        ("dominant_by_every_order", "bool", f"whether it has the largest by each of the {orders} orders"),
         ("sentence", "text", "the row in words"),
-        *(
-            (f"{name}_v{i}", "float", f"corner {name.replace('_', ', ')}: final velocity of B{i} per |v0|")
-            for name in corner_names(CHOICE in contributions).values()
-            for i in (1, 2)
-        ),
+        *corners,
     ]
     return pa.schema(
         [
@@ -88,27 +163,28 @@ def ladder_schema(contributions: Sequence[Contribution]) -> pa.Schema:
     )
 
 
-def _fields(c: Contribution) -> list[tuple[str, str, str]]:
+def _fields(c: Contribution, differences: Callable[[str, str], Iterable[Field]], orders: str) -> list[Field]:
     """Columns of one contribution: name, type and meaning."""
     cause = c in CAUSES
     difference = (
-        f"{c.label}, mean over the six orders of the causes (Shapley value): {c.before} -> {c.after}"
+        f"{c.label}, mean over the {orders} orders of the causes (Shapley value): {c.before} -> {c.after}"
         if cause
         else f"{c.label}: {c.after} minus {c.before}"
     )
     meanings = {
-        "dv1": f"{difference}; v1 per |v0|",
-        "dv2": f"{difference}; v2 per |v0|",
-        "norm": f"kinetic norm of ({c.name}_dv1, {c.name}_dv2)",
-        "share": "component along (dv1, dv2) over D; shares of a row sum to 1",
+        "norm": f"kinetic norm of {c.name}'s difference of velocities",
+        "share": "component along the whole difference over D; shares of a row sum to 1",
     }
     if cause:
-        meanings["share_low"] = "least share by the six orders of the causes"
-        meanings["share_high"] = "largest share by the six orders of the causes"
-    return [(f"{c.name}_{key}", "float", meaning) for key, meaning in meanings.items()]
+        meanings["share_low"] = f"least share by the {orders} orders of the causes"
+        meanings["share_high"] = f"largest share by the {orders} orders of the causes"
+    return [
+        *differences(f"{c.name}_", f"{difference}; {{}} per |v0|"),
+        *((f"{c.name}_{key}", "float", meaning) for key, meaning in meanings.items()),
+    ]
 
 
-LADDER_SCHEMA = ladder_schema(contributions_of(KELVIN_VOIGT))
+LADDER_SCHEMA = ladder_schema(KELVIN_VOIGT)
 
 
 def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
@@ -128,40 +204,31 @@ def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
     """
     engines, model = engines_of(cells), cells.filter(pc.field("solver") == REFERENCE)
     if not len(engines):
-        return ladder_schema(contributions_of(law)).empty_table()
-    asked = np.array([law_of(name) for name in engines["solver"].to_pylist()])
-    laws = list(dict.fromkeys(asked.tolist()))
-    groups = [np.flatnonzero(asked == obeyed) for obeyed in laws]
-    tables = [
-        _ladders(engines.take(rows), model, law, obeyed) for rows, obeyed in zip(groups, laws, strict=True)
-    ]
-    return (
-        tables[0] if len(tables) == 1 else pa.concat_tables(tables).take(np.argsort(np.concatenate(groups)))
-    )
+        return ladder_schema(law).empty_table()
+    asked = [law_of(name) for name in engines["solver"].to_pylist()]
+    return in_groups(asked, lambda rows, obeyed: _ladders(engines.take(rows), model, law, obeyed))
+
+
+def in_groups(keys: Sequence[Hashable], make: Callable[[NDArray[np.intp], Any], pa.Table]) -> pa.Table:
+    """Make a table for the rows of every key, and put their rows in order.
+
+    Parameters
+    ----------
+    keys : sequence
+        Of the rows, at least one.
+    make : callable
+        Makes the table of rows, for their places and their key.
+    """
+    places = {key: np.flatnonzero([each == key for each in keys]) for key in dict.fromkeys(keys)}
+    tables = [make(rows, key) for key, rows in places.items()]
+    if len(tables) == 1:
+        return tables[0]
+    return pa.concat_tables(tables).take(np.argsort(np.concatenate(list(places.values()))))
 
 
 def engines_of(cells: pa.Table) -> pa.Table:
     """Return the rows of engines."""
     return cells.filter(~pc.field("solver").isin(engine_free_names()))
-
-
-def failed_rows(cells: pa.Table, law: str, status: str, reason: str) -> pa.Table:
-    """Make the rows of cells whose ladder could not be made.
-
-    Parameters
-    ----------
-    cells, law
-        As for `ladder_rows`.
-    status, reason : str
-        Of every row.
-    """
-    engines, schema = engines_of(cells), ladder_schema(contributions_of(law))
-    known = {name: engines[name] for name in (*_PARAMETERS, "marked", "limit_error")}
-    known |= {
-        name: pa.array([text] * len(engines)) for name, text in (("status", status), ("reason", reason))
-    }
-    columns = [known.get(field.name, pa.nulls(len(engines), field.type)) for field in schema]
-    return pa.table(columns, schema=schema)
 
 
 def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Table:
@@ -179,9 +246,17 @@ def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Ta
     limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])
     # A limit that did not converge is none.
     limit[engines["status"].to_numpy(zero_copy_only=False) == UNCONVERGED] = np.nan
-    ladders = split(mu[at], here, limit, engine)
-    status, reason = _statuses(engines, model, at, here.reason, ladders)
-    return _table(engines, _numbers(model, "grazing_margin")[at], marks[at], here, ladders, status, reason)
+    ladders = split(weights_of_two(mu[at]), here, limit, engine)
+    columns, numbers = shared_columns(engines, model, at, here, ladders, marks.tolist())
+    columns |= {name: engines[name] for name in _PARAMETERS}
+    for i in range(2):
+        columns[f"dv{i + 1}"] = numbers(ladders.total[:, i])
+        for c, vector in zip(ladders.contributions, ladders.vectors, strict=True):
+            columns[f"{c.name}_dv{i + 1}"] = numbers(vector[:, i])
+        for index, corner in corner_names(CHOICE in ladders.contributions).items():
+            columns[f"{corner}_v{i + 1}"] = numbers(here.velocities[index][:, i])
+    schema = ladder_schema(law)
+    return pa.table({name: columns[name] for name in schema.names}, schema=schema)
 
 
 def _numbers(table: pa.Table, name: str) -> Floats:
@@ -221,32 +296,53 @@ def _statuses(
     return statuses, reasons
 
 
-def _table(
-    engines: pa.Table,
-    margin: Floats,
-    marks: Texts,
-    here: Corners,
-    ladders: Split,
-    status: list[str],
-    reason: list[str | None],
-) -> pa.Table:
-    """Put the columns together; numbers are null where there is no ladder."""
+def shared_columns(
+    engines: pa.Table, model: pa.Table, at: Any, here: Corners, ladders: Split, marks: list[str]
+) -> tuple[dict[str, Any], Callable[[Floats], pa.Array]]:
+    """Put the columns together that all ladders have.
+
+    Parameters
+    ----------
+    engines, model : Table
+        Rows of the table of cells.
+    at : ndarray of int, shape (n,)
+        The row of the model of each row of an engine.
+    here : Corners
+    ladders : Split
+        Of the rows of engines.
+    marks : list of str
+        Of the rows of the model: which corner jumps beside the cell; empty where none does.
+
+    Returns
+    -------
+    columns : dict
+    numbers : callable
+        Makes a column of numbers, shape (n,) or, of lists, (n, N): null where there is no ladder.
+    """
+    status, reason = _statuses(engines, model, at, here.reason, ladders)
     ok = ~np.isnan(ladders.divergence) & np.isin(status, ("ok", UNCONVERGED))
 
     def numbers(values: Floats) -> pa.Array:
+        if values.ndim == 2:
+            known = ok & ~np.isnan(values).any(axis=1)
+            return pa.array(
+                [row if there else None for row, there in zip(values.tolist(), known, strict=True)]
+            )
         return pa.array(values, pa.float64(), mask=~ok | np.isnan(values))
 
     names = [c.name for c in ladders.contributions]
     first = np.where(ok, ladders.dominant(), -1)
     columns: dict[str, Any] = {
-        **{name: engines[name] for name in (*_PARAMETERS, "limit_error")},
+        "limit_error": engines["limit_error"],
         "status": status,
         "reason": reason,
         "marked": [
-            "; ".join(filter(None, pair)) or None
-            for pair in zip(engines["marked"].to_pylist(), marks.tolist(), strict=True)
+            "; ".join(each for each in (mark, marks[place]) if each) or None
+            for mark, place in zip(engines["marked"].to_pylist(), at.tolist(), strict=True)
         ],
-        "model_grazing_margin": pa.array(margin, pa.float64(), from_pandas=True),
+        "model_grazing_margin": pa.array(
+            _numbers(model, "grazing_margin")[at], pa.float64(), from_pandas=True
+        ),
         "velocity_divergence": numbers(ladders.divergence),
         "dominant": [names[i] if i >= 0 else None for i in first.tolist()],
         "dominant_by_every_order": pa.array(ladders.agreed(), mask=first < 0),
@@ -258,13 +354,7 @@ def _table(
         columns[f"{name}_share"] = numbers(shares[i])
         columns[f"{name}_share_low"] = numbers(low[i])
         columns[f"{name}_share_high"] = numbers(high[i])
-    for i in range(2):
-        columns[f"dv{i + 1}"] = numbers(ladders.total[:, i])
-        columns |= {f"{c}_dv{i + 1}": numbers(v[:, i]) for c, v in zip(names, ladders.vectors, strict=True)}
-        for index, corner in corner_names(CHOICE in ladders.contributions).items():
-            columns[f"{corner}_v{i + 1}"] = numbers(here.velocities[index][:, i])
-    schema = ladder_schema(ladders.contributions)
-    return pa.table({name: columns[name] for name in schema.names}, schema=schema)
+    return columns, numbers
 
 
 class Part(NamedTuple):
@@ -336,3 +426,6 @@ def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool
     if other.share >= _MENTIONED:
         return f"{text}, then by {other.phrase} ({other.percent})."
     return f"{text}."
+
+
+COLLISION_LADDERS = Ladders(_PARAMETERS, _READ, ladder_schema, ladder_rows, tuple(LAWS))

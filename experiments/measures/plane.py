@@ -21,7 +21,7 @@ from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.compliant_baselines.contract.state_transition import model_paths
 from impact_xval.compliant_baselines.references.batch import ReferenceBatch
 from impact_xval.experiments.measures.corners import FREE, WEIGHTLESS, gather, laws_of, solvers
-from impact_xval.experiments.measures.ladder import FROZEN, GRAVITY, LAW, Floats, split
+from impact_xval.experiments.measures.ladder import FROZEN, GRAVITY, LAW, Floats, split, weights_of_two
 from impact_xval.experiments.tables.streams import replacing
 from impact_xval.model import Cutoff, solve_batch
 from impact_xval.model.kinetic import kinetic_norm
@@ -191,7 +191,7 @@ def _solve(plane: Plane, kappa: Floats, mu: Floats) -> pa.Table:
         "gravity_number": number,
         **{f"{name}_v{i + 1}": v[:, i] for name, v in outcomes.items() for i in range(2)},
     }
-    parts = split(mu, corners, np.full_like(corners.asked, np.nan), corners.asked)
+    parts = split(weights_of_two(mu), corners, np.full_like(corners.asked, np.nan), corners.asked)
     away = outcomes["liu_zhao_brogliato"] - corners.model
     failed = (corners.reason != "") | np.isnan(corners.model).any(axis=1) | np.isnan(away).any(axis=1)
     columns |= {f"{cause.name}_norm": parts.norms[parts.contributions.index(cause)] for cause in PLANE_CAUSES}

@@ -15,6 +15,23 @@ from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.tables.numbers import number
 
+#: What is drawn over which axes, of two balls and of columns; and how an axis is labelled.
+_STACKS = {
+    "ladder-by-stiffness": ("stiffness_ratio",),
+    "ladder-by-restitution": ("e1", "e2"),
+    "ladder-by-balls": ("balls",),
+    "ladder-by-column": ("arrangement", "e"),
+}
+_NORMS = ("stiffness_ratio", "balls")
+_LABELS = {
+    "stiffness_ratio": "stiffness ratio k2/k1 (-)",
+    "e1": "e1, ball on ball (-)",
+    "e2": "e2, ball on table (-)",
+    "balls": "number of balls N",
+    "arrangement": "arrangement",
+    "e": "e of every contact (-)",
+}
+
 #: Norms below this are drawn at this height on logarithmic axes.
 _FLOOR = 1e-7
 
@@ -24,14 +41,15 @@ _WHISKERS = (-0.24, -0.08, 0.08, 0.24)
 
 def draw_ladders(ladder: LadderSummary) -> Iterator[tuple[str, Figure, str]]:
     """Draw every figure of the ladders: name, figure, caption; none where no engine has a result."""
-    if not ladder.solvers:
-        return
-    stiffness = {"stiffness_ratio": "stiffness ratio k2/k1"}
-    restitutions = {"e1": "e1, ball on ball", "e2": "e2, ball on table"}
-    for name, axes in (("ladder-by-stiffness", stiffness), ("ladder-by-restitution", restitutions)):
-        over = " and ".join(axes.values())
-        yield name, _stacks(ladder, axes), phrase("captions.md.j2", "ladder_bars", over)
-    yield "ladder-norms", _norms(ladder), phrase("captions.md.j2", "ladder_norms", _FLOOR)
+    for name, axes in _STACKS.items():
+        labels = {axis: _LABELS[axis] for axis in axes if axis in ladder.axes}
+        if labels:
+            caption = phrase("captions.md.j2", "ladder_bars", " and ".join(labels.values()), ladder.orders)
+            yield name, _stacks(ladder, labels), caption
+    for axis in _NORMS:
+        if axis in ladder.axes:
+            caption = phrase("captions.md.j2", "ladder_norms", _LABELS[axis], _FLOOR)
+            yield "ladder-norms", _norms(ladder, axis), caption
 
 
 def _columns(ladder: LadderSummary, solver: str, axis: str, column: str) -> tuple[np.ndarray, Any]:
@@ -39,13 +57,14 @@ def _columns(ladder: LadderSummary, solver: str, axis: str, column: str) -> tupl
     table = ladder.statistics
     here = table[(table.solver == solver) & (table.axis == axis)]
     wide = here.pivot(index="value", columns="contribution", values=column)
-    return wide.index.to_numpy(dtype=float), wide
+    return wide.index.to_numpy(), wide
 
 
 def _places(ax: Any, values: np.ndarray) -> np.ndarray:
     """Set evenly spaced places for the values of an axis, labelled with at most eight of them."""
     step = max(1, -(-len(values) // 8))
-    ax.set_xticks(range(0, len(values), step), [number(value, 2) for value in values[::step]])
+    labels = [value if isinstance(value, str) else number(value, 2) for value in values[::step]]
+    ax.set_xticks(range(0, len(values), step), labels)
     ax.tick_params(axis="x", labelsize=8)
     return np.arange(len(values), dtype=float)
 
@@ -62,7 +81,7 @@ def _stacks(ladder: LadderSummary, axes: dict[str, str]) -> Figure:
         for row, (axis, label) in zip(panels, axes.items(), strict=True):
             for ax, solver in zip(row, solvers, strict=True):
                 _stack(ax, ladder, solver, axis)
-                ax.set_xlabel(f"{label} (-)")
+                ax.set_xlabel(label)
                 ax.set_title(solver)
             row[0].set_ylabel("component of mean D (-)")
         _legend(figure, ladder.present)
@@ -89,17 +108,18 @@ def _stack(ax: Any, ladder: LadderSummary, solver: str, axis: str) -> None:
             ax.vlines(beside, *ends, color=c.color, linewidth=1.2)
         above += np.maximum(part, 0)
         below += np.minimum(part, 0)
-    ax.plot(x, total, color="black", marker="_", markersize=9, linewidth=1)
+    between = "none" if isinstance(values[0], str) else "-"
+    ax.plot(x, total, color="black", marker="_", markersize=9, linewidth=1, linestyle=between)
     ax.axhline(0, color="0.3", linewidth=0.8)
 
 
-def _norms(ladder: LadderSummary) -> Figure:
+def _norms(ladder: LadderSummary, axis: str) -> Figure:
     solvers = ladder.solvers
     with drawing(max(6.4, 3.6 * len(solvers)), 3.9) as figure:
         panels = figure.subplots(1, len(solvers), sharey=True, squeeze=False)[0]
         for ax, solver in zip(panels, solvers, strict=True):
-            values, median = _columns(ladder, solver, "stiffness_ratio", "median")
-            high = _columns(ladder, solver, "stiffness_ratio", "p95")[1]
+            values, median = _columns(ladder, solver, axis, "median")
+            high = _columns(ladder, solver, axis, "p95")[1]
             x = _places(ax, values)
             for c in ladder.present:
                 if c.name in median:
@@ -107,7 +127,7 @@ def _norms(ladder: LadderSummary) -> Figure:
                     dotted = {"linewidth": 0.9, "linestyle": ":"}
                     ax.plot(x, high[c.name].clip(lower=_FLOOR), color=c.color, **dotted)
             ax.set_yscale("log")
-            ax.set_xlabel("stiffness ratio k2/k1 (-)")
+            ax.set_xlabel(_LABELS[axis])
             ax.set_title(solver)
         panels[0].set_ylabel("kinetic norm of the cause (-)")
         _legend(figure, ladder.present)

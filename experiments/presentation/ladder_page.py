@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.measures.ladder import CANCEL, CAUSES, CONTRIBUTIONS, cancelling
-from impact_xval.experiments.measures.ladder_summary import BAND, BANDS, Frame, LadderSummary
+from impact_xval.experiments.measures.ladder_summary import BANDS, Frame, LadderSummary
 from impact_xval.experiments.tables.numbers import number, percent
 
 #: Longest table along an axis.
@@ -27,7 +26,7 @@ def ladder_facts(ladder: LadderSummary) -> dict[str, Any]:
     """Collect what the macros of ``ladder.md.j2`` show; lists are empty where no engine has a result."""
     present = ladder.present
     overall = ladder.alternatives[ladder.alternatives.value.isna()].set_index("law")["median"]
-    regions = {"all": ("all", np.nan), **{label: (BAND, edge) for edge, label in BANDS.items()}}
+    regions = {"all": ("all", np.nan), **ladder.regions}
     return {
         "engines": [_found(ladder, solver) for solver in ladder.solvers],
         "present": [
@@ -35,6 +34,7 @@ def ladder_facts(ladder: LadderSummary) -> dict[str, Any]:
         ],
         "labels": [c.label for c in present],
         "cancel": CANCEL,
+        "orders": ladder.orders,
         "joined": any(c.name == "engine" for c in present),
         "shares": [
             (solver, label, int(region.n.max()), *_shares(region, present))
@@ -53,7 +53,7 @@ def ladder_facts(ladder: LadderSummary) -> dict[str, Any]:
             for solver in ladder.solvers
             for name, row in ladder.region(solver).iterrows()
         ],
-        "axes": [_along(ladder, axis, present) for axis in AXES],
+        "axes": [_along(ladder, axis, present) for axis in ladder.axes],
         "medians": overall.to_dict(),
         "smallest": overall.idxmin() if len(overall) else None,
         "alternatives": [
@@ -77,7 +77,7 @@ def _found(ladder: LadderSummary, solver: str) -> dict[str, Any]:
     first = whole.iloc[0]
     if first.total == 0:  # it ends where the model does
         return {"solver": solver, "total": 0.0}
-    bands = [(ladder.region(solver, BAND, edge), label) for edge, label in BANDS.items()]
+    bands = [(ladder.region(solver, *where), label) for label, where in ladder.regions.items()]
     largest = [
         (region, str(region.share.idxmax()), label) for region, label in bands if region.share.notna().any()
     ]
@@ -118,11 +118,11 @@ def _along(ladder: LadderSummary, axis: str, present: Sequence[Any]) -> dict[str
     values = sorted(set(ladder.statistics[ladder.statistics.axis == axis].value))
     shown = spread(values)
     return {
-        "label": AXES[axis],
+        "label": ladder.axes[axis],
         "shown": len(shown),
         "total": len(values),
         "shares": [
-            (solver, number(value), *_shares(region, present))
+            (solver, value if isinstance(value, str) else number(value), *_shares(region, present))
             for solver in ladder.solvers
             for value in shown
             if len(region := ladder.region(solver, axis, value))

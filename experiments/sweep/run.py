@@ -279,9 +279,8 @@ class _Run:
     def tabulate(self, executor: Any) -> None:
         """Write the finished tables."""
         self._folder.assemble(self._parts)
-        if self._experiment.config.column is None:
-            say = functools.partial(self._progress, 0, 0)
-            write_ladder(self._folder.root, executor, say=say)
+        say = functools.partial(self._progress, 0, 0)
+        write_ladder(self._folder.root, executor, self._experiment.kind.ladders, say=say)
         self._stage("tables")
 
     def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:

@@ -185,23 +185,23 @@ class Layout:
         Of a part: everything known of one cell and solver.
     cells, divergence : Schema
         Of the two tables that are cut from parts.
-    files : tuple of str
-        Names of the finished tables.
     """
 
     rows: pa.Schema
     cells: pa.Schema
     divergence: pa.Schema
-    files: tuple[str, ...]
 
 
-_FILES = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet")
+#: Names of the finished tables.
+TABLES = (
+    *("cells.parquet", "divergence.parquet", "divergence.csv"),
+    *("curves.parquet", "ladder.parquet", "ladder.csv"),
+)
 
 #: Of collisions of two balls, and of columns of N balls.
-COLLISIONS = Layout(ROW_SCHEMA, CELLS_SCHEMA, DIVERGENCE_SCHEMA, (*_FILES, "ladder.parquet", "ladder.csv"))
+COLLISIONS = Layout(ROW_SCHEMA, CELLS_SCHEMA, DIVERGENCE_SCHEMA)
 LINES = Layout(
     schema(LINE_COLUMNS, LINE_COLUMNS),
     schema((*_LINE_PARAMETERS, *_WHO, *_LINE_OUTCOME, *_LINE_CERTIFICATE), LINE_COLUMNS),
     schema((*_LINE_PARAMETERS, *_WHO, *_LINE_MEASURES, "limit_error", *_LINE_MODEL), LINE_COLUMNS),
-    _FILES,
 )

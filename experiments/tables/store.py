@@ -29,7 +29,7 @@ from impact_xval.experiments.config.configuration import REFERENCE, Config, from
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.tables.files import is_regular, open_regular
 from impact_xval.experiments.tables.lock import OWNER
-from impact_xval.experiments.tables.schema import COLLISIONS, LINES, Layout
+from impact_xval.experiments.tables.schema import COLLISIONS, LINES, TABLES, Layout
 from impact_xval.experiments.tables.streams import (
     blocks,
     replaced_by,
@@ -43,7 +43,6 @@ FINISHED = ("tables", "complete")
 MANIFEST = "manifest.json"
 #: Beside the parts: what they are of, for when the manifest is lost.
 CONFIGURATION = "configuration.json"
-TABLES = COLLISIONS.files
 
 #: Rows that are joined together, at least.
 _PIECE = 8192
@@ -231,7 +230,7 @@ class RunFolder:
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of every finished table."""
-        return {name: _digest(self.root / name) for name in self.layout.files}
+        return {name: _digest(self.root / name) for name in TABLES}
 
     def manifest(self) -> dict[str, Any]:
         """Read the manifest.

@@ -11,9 +11,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, law_of
+from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame, reasons_of
+from impact_xval.experiments.measures.columns.ladder import LINE_LADDERS
+from impact_xval.experiments.measures.ladder_summary import LadderSummary, ladder_statistics
+from impact_xval.experiments.measures.ladder_table import LADDER
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import status_frame
 from impact_xval.experiments.tables.schema import LINES
@@ -26,18 +30,6 @@ SUMMARISED = {
     "largest_dv": "largest |dv|",
     "dretained_energy": "|d energy|",
     "limit_distance": "limit's distance",
-}
-
-#: Axes of columns, and how a reader knows them.
-AXES = {
-    "balls": "balls",
-    "arrangement": "arrangement",
-    "strike": "strikers",
-    "e": "e",
-    "exponent": "exponent",
-    "mass_taper": "mass taper",
-    "stiffness_taper": "stiffness taper",
-    "gap": "gap in m",
 }
 
 _WORST = 3
@@ -54,7 +46,7 @@ class ColumnSummary:
     regular : DataFrame
         The rows of the divergence table that are compared and not marked.
     axes : dict of list
-        Values of those of `AXES` that have several.
+        Values of those of `COLUMN_AXES` that have several.
     statistics : DataFrame
         ``solver, cells ("regular" or "marked"), axis ("all" or an axis), value, measure, n, mean, median, p95, max``;
         measures are taken by size.
@@ -64,6 +56,8 @@ class ColumnSummary:
         Of every engine with a limit dt -> 0 and the exact solver of its law: ``solver, law, n, median, max`` of the
         limit's distance, ``error``, the median that it estimates, ``within`` and ``within3``, the shares of limits
         within their estimates and three times them.
+    ladder : LadderSummary
+        What the divergence of the engines is made of.
     statuses : DataFrame
         Number of columns by solver (index) and status (columns).
     reasons : DataFrame
@@ -78,6 +72,7 @@ class ColumnSummary:
     statistics: Frame
     worst: Frame
     engines: list[dict[str, Any]]
+    ladder: LadderSummary
     statuses: Frame
     reasons: Frame
     n_cells: int
@@ -118,13 +113,18 @@ def summarise_columns(folder: RunFolder) -> ColumnSummary:
     return ColumnSummary(
         config=config,
         regular=regular,
-        axes={name: values for name in AXES if len(values := sorted(table[name].dropna().unique())) > 1},
+        axes={
+            name: values for name in COLUMN_AXES if len(values := sorted(table[name].dropna().unique())) > 1
+        },
         statistics=pd.concat(
             [_statistics(regular, "regular"), _statistics(table[compared & marked], "marked")],
             ignore_index=True,
         ),
         worst=worst.groupby("solver", sort=False).head(_WORST),
         engines=_engines(table[~marked], config),  # also where the model has no result
+        ladder=LadderSummary(
+            ladder_statistics(folder.table_path(LADDER, LINE_LADDERS.schema(KELVIN_VOIGT)), config)
+        ),
         statuses=status_frame(outcomes, config),
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         n_cells=len(of_model),
@@ -135,7 +135,7 @@ def summarise_columns(folder: RunFolder) -> ColumnSummary:
 def _statistics(rows: Frame, cells: str) -> Frame:
     """Statistics of every measure by solver, over all rows and by the values of every axis."""
     pieces = []
-    for axis in ("all", *AXES):
+    for axis in ("all", *COLUMN_AXES):
         keys = ["solver"] if axis == "all" else ["solver", axis]
         for measure in SUMMARISED:
             grouped = rows[measure].abs().groupby([rows[key] for key in keys])

@@ -13,6 +13,7 @@ from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.columns.summary import ColumnSummary
 from impact_xval.experiments.measures.laws import in_order_of_laws
+from impact_xval.experiments.presentation.ladder_figures import draw_ladders
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing, look
 from impact_xval.experiments.sweep.curves import COLUMN_CURVES_SCHEMA, CURVES
@@ -43,6 +44,7 @@ def draw_columns(folder: RunFolder, summary: ColumnSummary) -> Iterator[tuple[st
     if len(moved):
         shown = in_order_of_laws(moved.solver)
         yield "velocities", _velocities(moved, shown), _caption("velocities", facts | {"solvers": shown})
+    yield from draw_ladders(summary.ladder)
     followed = curves[curves.time.notna()]
     if len(followed):
         yield "wave", _wave(followed, config), _caption("wave", facts)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from impact_xval.compliant_baselines.contract.registry import law_of
-from impact_xval.experiments.measures.columns.summary import AXES, SUMMARISED, ColumnSummary
-from impact_xval.experiments.presentation.ladder_page import spread
+from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.measures.columns.summary import SUMMARISED, ColumnSummary
+from impact_xval.experiments.presentation.ladder_page import ladder_facts, spread
 from impact_xval.experiments.tables.numbers import number, percent
 
 _CUTS = ("median", "p95", "max")
@@ -44,6 +45,7 @@ def column_facts(summary: ColumnSummary) -> dict[str, Any]:
             for name in summary.solvers
         ],
         "balls": [f"N = {n}" for n in _balls(summary)],
+        "ladder": ladder_facts(summary.ladder),
         "axes": [_along(summary, axis, values) for axis, values in summary.axes.items()],
         "worst": _worst(summary),
         "status_names": list(statuses),
@@ -81,7 +83,7 @@ def _where(summary: ColumnSummary, row: Any) -> str:
     strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
     axes = [axis for axis in summary.axes if axis not in ("arrangement", "balls", "strike")]
     return f"the {row.arrangement} of {row.balls} balls{strike}" + "".join(
-        f", {AXES[axis]} = {number(row[axis])}" for axis in axes
+        f", {COLUMN_AXES[axis]} = {number(row[axis])}" for axis in axes
     )
 
 
@@ -102,7 +104,7 @@ def _along(summary: ColumnSummary, axis: str, values: list[Any]) -> dict[str, An
 
     shown = values if axis == "arrangement" else spread(values)
     return {
-        "label": AXES[axis],
+        "label": COLUMN_AXES[axis],
         "shown": len(shown),
         "total": len(values),
         "rows": [
@@ -123,7 +125,7 @@ def _worst(summary: ColumnSummary) -> list[tuple[str, ...]]:
             row.solver,
             row.arrangement,
             str(row.cell),
-            *(number(row[axis]) for axis in AXES if axis != "arrangement"),
+            *(number(row[axis]) for axis in COLUMN_AXES if axis != "arrangement"),
             number(row.velocity_divergence),
             number(row.largest_dv),
         )

@@ -13,6 +13,7 @@ from impact_xval.compliant_baselines.contract.state_runs import compared_states
 from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import divergence
+from impact_xval.experiments.measures.ladder_table import COLLISION_LADDERS
 from impact_xval.experiments.sweep.kernels import Kernels, kernels_of
 from impact_xval.experiments.sweep.kinds.kind import Kind, marked, scaled_diagnostics, settings_of, whole
 from impact_xval.experiments.tables.schema import CERTIFICATE, COLLISIONS, MEASURES
@@ -22,7 +23,7 @@ from impact_xval.model.collision import RESULT_STATUSES, Outcome, Status
 class Collisions(Kind):
     """Cells are `GridCell`, outcomes `Outcome`."""
 
-    layout = COLLISIONS
+    layout, ladders = COLLISIONS, COLLISION_LADDERS
     bounded = (*MEASURES, *CERTIFICATE)
 
     def kernels(self, solvers: Iterable[str]) -> list[Kernels]:

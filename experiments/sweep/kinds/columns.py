@@ -15,6 +15,7 @@ from impact_xval.compliant_baselines.contract.solver import Solver
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.columns import ColumnCell
 from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
+from impact_xval.experiments.measures.columns.ladder import LINE_LADDERS
 from impact_xval.experiments.measures.columns.measuring import exact_for, largest_difference, measures_of
 from impact_xval.experiments.sweep.kernels import Kernels, column_kernels_of
 from impact_xval.experiments.sweep.kinds.kind import Kind, marked, scaled_diagnostics, settings_of, whole
@@ -28,7 +29,7 @@ _STATED = ("limit_error", "order", "finest_step", "velocity_error")
 class Lines(Kind):
     """Cells are `ColumnCell`, outcomes `ColumnOutcome`."""
 
-    layout = LINES
+    layout, ladders = LINES, LINE_LADDERS
     bounded = (*LINE_MEASURES, *_STATED, "velocities_limit")
 
     def kernels(self, solvers: Iterable[str]) -> list[Kernels]:

@@ -12,6 +12,7 @@ import pyarrow as pa
 from impact_xval.compliant_baselines.contract.answers import said
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings, Solver
 from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.measures.ladder_table import Ladders
 from impact_xval.experiments.sweep.kernels import Kernels
 from impact_xval.experiments.tables.schema import Layout
 from impact_xval.model.collision import Outcome, Status
@@ -40,11 +41,14 @@ class Kind(ABC):
     ----------
     layout : Layout
         Of the tables of a run.
+    ladders : Ladders
+        How their ladders are made.
     bounded : sequence of str
         Columns whose numbers are at most `_LARGEST`.
     """
 
     layout: Layout
+    ladders: Ladders
     bounded: Sequence[str]
 
     @abstractmethod

@@ -26,9 +26,16 @@ from impact_xval.experiments.measures.corners import (
     corner_names,
     corners,
 )
-from impact_xval.experiments.measures.ladder import by_order, cancelling, contributions_of, split
+from impact_xval.experiments.measures.ladder import (
+    by_order,
+    cancelling,
+    contributions_of,
+    split,
+    weights_of_two,
+)
 from impact_xval.experiments.measures.ladder_summary import BAND, ladder_statistics, summarise_ladder
 from impact_xval.experiments.measures.ladder_table import (
+    COLLISION_LADDERS,
     LADDER_SCHEMA,
     NO_LIMIT,
     Part,
@@ -179,7 +186,7 @@ def test_published_numbers():
     cells = [np.array([x]) for x in (1.0, MU, 0.9, 0.7)]
     model = velocities(solve_batch(*cells))
     between = corners(model, cells, np.zeros(1))
-    ladder = split(cells[1], between, np.full((1, 2), np.nan), model)
+    ladder = split(weights_of_two(cells[1]), between, np.full((1, 2), np.nan), model)
     first_two = ladder.vectors[0] + ladder.vectors[1]
     expected = (0.65159996 - 0.61394941925041, 0.31646952 - 0.20971952034697)
     np.testing.assert_allclose(first_two[0], expected, atol=6e-9)
@@ -190,7 +197,9 @@ def test_elastic_without_return_leaves_the_engine_alone(ratio):
     cells = [np.array([x]) for x in (float(ratio), MU, 1.0, 1.0)]
     model = velocities(solve_batch(*cells))
     engine = model + np.array([[0.02, -0.01]])
-    ladder = split(cells[1], corners(model, cells, np.zeros(1)), np.full((1, 2), np.nan), engine)
+    ladder = split(
+        weights_of_two(cells[1]), corners(model, cells, np.zeros(1)), np.full((1, 2), np.nan), engine
+    )
     assert ladder.norms[:3].max() < 1e-11
     assert ladder.contributions[ladder.dominant()[0]].name == "engine"
     assert ladder.shares[-1, 0] == pytest.approx(1, abs=1e-9)
@@ -205,7 +214,7 @@ def test_closes_for_any_outcomes_in_between():
     for law in LAWS:
         between = corners(model, cells, np.full(1500, 0.05), law=law)
         assert set(between.reason) == {""}
-        ladders[law] = ladder = split(cells[1], between, limit, engine)
+        ladders[law] = ladder = split(weights_of_two(cells[1]), between, limit, engine)
         assert np.abs(np.nansum(ladder.vectors, axis=0) - ladder.total).max() < 1e-14
         np.testing.assert_allclose(np.nansum(ladder.along, axis=0), ladder.divergence, rtol=1e-12)
         np.testing.assert_allclose(np.nansum(ladder.orders, axis=1), [ladder.divergence] * 6, rtol=1e-12)
@@ -241,7 +250,7 @@ def test_a_cell_in_which_the_order_matters():
     for index in np.ndindex(2, 2, 2):
         cube[index][0, 0] = v1(*index)
     engine = cube[1, 1, 1] + np.array([0.5, 0.0])
-    ladder = split(np.ones(1), Corners(cube, np.array([""])), np.full((1, 2), np.nan), engine)
+    ladder = split(weights_of_two(np.ones(1)), Corners(cube, np.array([""])), np.full((1, 2), np.nan), engine)
     # 2 positions law is shared by positions and law, 2 positions gravity by positions and gravity
     np.testing.assert_allclose(ladder.vectors[:3, 0, 0], [1 + 1 + 1, 1 + 1, 1], atol=1e-15)
     assert ladder.vectors[-1, 0, 0] == 0.5
@@ -281,7 +290,7 @@ def test_shares_over_the_default_grid_are_what_the_documentation_prints(k1):
     number = config.gravity / (abs(config.v0) * math.sqrt(float(k1) / config.m1)) / np.sqrt(1 + 1 / cells[1])
     between = corners(velocities(model), cells, number)
     assert set(between.reason) == {""}
-    ladder = split(cells[1], between, np.full((len(number), 2), np.nan), between.asked)
+    ladder = split(weights_of_two(cells[1]), between, np.full((len(number), 2), np.nan), between.asked)
     assert ladder.divergence.mean() == pytest.approx(float(mean), abs=5.1e-4)
     by_region = [(i, text, cells[0] > 0) for i, text in enumerate(shares)] + [(2, soft, cells[0] < 0.1)]
     for cause, text, here in by_region:
@@ -383,7 +392,7 @@ def test_an_unconverged_engine_has_a_joined_contribution_that_no_statistic_count
 def test_pieces_make_no_difference(run, tmp_path, monkeypatch):
     (tmp_path / "cells.parquet").write_bytes((run.root / "cells.parquet").read_bytes())
     monkeypatch.setattr(streams, "GROUP", 7)
-    write_ladder(tmp_path, DirectExecutor(None))
+    write_ladder(tmp_path, DirectExecutor(None), COLLISION_LADDERS)
     # the numbers of a cell do not depend on the cells beside it; nor does the order
     assert pq.read_table(tmp_path / "ladder.parquet").equals(pq.read_table(run.root / "ladder.parquet"))
     assert (tmp_path / "ladder.csv").read_bytes() == (run.root / "ladder.csv").read_bytes()

@@ -12,7 +12,7 @@ from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.measures import plane as planes
 from impact_xval.experiments.measures.corners import corners
-from impact_xval.experiments.measures.ladder import split
+from impact_xval.experiments.measures.ladder import split, weights_of_two
 from impact_xval.experiments.measures.plane import (
     ALIKE,
     FROZEN_PARTS,
@@ -59,7 +59,7 @@ def test_cells_are_those_of_the_solvers(mapped):
         model = np.array([[outcomes["model"].v1, outcomes["model"].v2]])
         cell = [np.array([x]) for x in (c.stiffness_ratio, c.mass_ratio, c.e1, c.e2)]
         between = corners(model, cell, np.array([row["gravity_number"]]))
-        causes = split(cell[1], between, np.full((1, 2), np.nan), between.asked)
+        causes = split(weights_of_two(cell[1]), between, np.full((1, 2), np.nan), between.asked)
         for name, norm in zip(
             ("frozen_positions", "dissipation_law", "gravity"), causes.norms[:3, 0], strict=True
         ):

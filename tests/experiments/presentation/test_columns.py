@@ -27,7 +27,10 @@ stiffness_taper = 1.0
 balls = 4
 e = 0.8
 """
-FIGURES = ["divergence-by-balls", "energy-by-balls", "velocities", "wave"]
+FIGURES = [
+    *("divergence-by-balls", "energy-by-balls", "velocities"),
+    *("ladder-by-balls", "ladder-by-column", "ladder-norms", "wave"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -130,14 +133,37 @@ def test_it_is_shown_again_and_written_again(root, capsys):
     assert {name: (root / f"figures/{name}.png").read_bytes() for name in FIGURES} == pictures
 
 
-@pytest.mark.parametrize(
-    "command", [["ladder"], ["ladder", "--cell", "0"], ["doctor"], ["export-scene", "--cell", "0"]]
-)
+@pytest.mark.parametrize("command", [["doctor"], ["export-scene", "--cell", "0"]])
 def test_what_is_for_two_balls_refuses_it(root, command, capsys):
     assert main([command[0], str(root), *command[1:]]) == 2
     error = capsys.readouterr().err
     assert "columns of N balls; legal: " in error
     assert error.count("\n") == 1
+
+
+def test_the_ladder_is_shown_of_the_run_of_a_column_and_by_way_of_a_law(root, capsys):
+    ladder = pq.read_table(root / "ladder.parquet").to_pandas()
+    ok = ladder[ladder.status == "ok"]
+    assert (len(ladder), len(ok)) == (24, 12)
+    assert main(["ladder", str(root)]) == 0
+    shown = capsys.readouterr().out
+    # Shares of a region are sums over it.
+    for name, of in (("all", ok), ("arrangement = drop", ok[ok.arrangement == "drop"])):
+        mean = of.velocity_divergence.mean()
+        share = (of.frozen_positions_share * of.velocity_divergence).sum() / of.velocity_divergence.sum()
+        row = re.search(rf"mujoco +{name} +{len(of)} +(\S+) +(\S+) %", shown)
+        assert float(row[1]) == pytest.approx(mean, rel=5e-3)
+        assert float(row[2]) == pytest.approx(100 * share, abs=0.051)
+    assert "two switches between the model" in " ".join(shown.split())
+    assert main(["ladder", str(root), "--cell", "0", "--law", "hunt-crossley"]) == 0
+    shown = capsys.readouterr().out
+    assert "cell 0: balls = 2, arrangement = cradle" in shown
+    assert re.search(r"cause +dv1/\|v0\| +dv2/\|v0\| +kinetic norm", shown)
+    assert "choice of the dashpot" in shown
+    assert main(["ladder", str(root), "--cell", "2"]) == 0
+    assert "mujoco: unrepresentable: mujoco: exponent = 1.5" in capsys.readouterr().out
+    assert main(["ladder", str(root), "--law", "kelvin-voigt-anchored"]) == 2
+    assert "legal: kelvin-voigt, kelvin-voigt-textbook, hunt-crossley" in capsys.readouterr().err
 
 
 def test_a_search_and_an_examination_of_columns_are_refused(root, tmp_path, capsys):

@@ -16,7 +16,7 @@ from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.status import status_of
-from impact_xval.experiments.tables.schema import LINE_MEASURES, LINES
+from impact_xval.experiments.tables.schema import LINE_MEASURES, LINES, TABLES
 from tests.experiments import fakes, faulty
 
 ROOT = Path(__file__).parents[3]
@@ -35,7 +35,7 @@ def _rows(root, name="cells"):
 
 
 def _tables(root):
-    return {name: (root / name).read_bytes() for name in LINES.files}
+    return {name: (root / name).read_bytes() for name in TABLES}
 
 
 def _run(config, root, resolve=fakes.columns, **more):
@@ -74,7 +74,7 @@ def test_the_tables_are_long_and_tidy(tmp_path):
     assert len(lines) == 1 + 16
     manifest = folder.manifest()
     assert (manifest["state"], manifest["statuses"]["pybullet"]) == ("complete", {"unavailable": 8})
-    assert set(manifest["files"]) == set(LINES.files)
+    assert set(manifest["files"]) == set(TABLES)
     assert status_of(tmp_path / "a").cells_done == 8
 
 

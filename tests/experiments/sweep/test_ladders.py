@@ -3,6 +3,7 @@
 import re
 import shutil
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -14,9 +15,11 @@ from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.measures import corners as corners_module
 from impact_xval.experiments.measures import ladder_summary
 from impact_xval.experiments.measures.corners import corners
+from impact_xval.experiments.measures.ladder_table import COLLISION_LADDERS
 from impact_xval.experiments.presentation.ladder_page import ladder_facts
 from impact_xval.experiments.sweep import ladders
 from impact_xval.experiments.sweep.executors import DirectExecutor
+from impact_xval.experiments.sweep.kernels import kernels_of
 from impact_xval.experiments.sweep.ladders import ready, write_ladder
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, SandboxExecutor
@@ -45,10 +48,10 @@ class _Spoiled(DirectExecutor):
         self._fault, self._cells, self._call = fault, cells, self._sandbox.call
         self._sandbox.call = self._spoiled
 
-    def _spoiled(self, function, cells, *arguments, timeout):
+    def _spoiled(self, function, kind, cells, *arguments, timeout):
         if self._cells & set(cells["cell"].to_pylist()):
             raise self._fault
-        return self._call(function, cells, *arguments, timeout=timeout)
+        return self._call(function, kind, cells, *arguments, timeout=timeout)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +64,7 @@ class _Spoiled(DirectExecutor):
 )
 def test_a_ladder_that_fails_costs_the_rows_of_its_cell(root, run, fault, status, reason):
     said = []
-    write_ladder(root, _Spoiled(fault, {3, 7}), say=said.append)
+    write_ladder(root, _Spoiled(fault, {3, 7}), COLLISION_LADDERS, say=said.append)
     assert said == [f"cell {cell} has no ladder: {reason}" for cell in (3, 7)]
     table, whole = (pq.read_table(each / "ladder.parquet") for each in (root, run.root))
     assert table.schema.equals(whole.schema)
@@ -74,11 +77,11 @@ def test_a_ladder_that_fails_costs_the_rows_of_its_cell(root, run, fault, status
 
 def test_a_ladder_that_takes_too_long_is_ended(root, monkeypatch):
     monkeypatch.setattr(ladders, "_LIMIT", 0.001)
-    executor = SandboxExecutor(lambda: Sandbox(None, ready), 1)
+    executor = SandboxExecutor(lambda: Sandbox(None, partial(ready, kernels_of)), 1)
     table = pq.read_table(root / "cells.parquet")
     pq.write_table(table.slice(0, 2 * 3), root / "cells.parquet")
     try:
-        write_ladder(root, executor)
+        write_ladder(root, executor, COLLISION_LADDERS)
     finally:
         executor.shutdown(cancel_futures=True)
     rows = pq.read_table(root / "ladder.parquet").to_pylist()
@@ -98,7 +101,7 @@ def test_pieces_and_workers_make_no_difference_and_slow_ones_are_told(root, run,
 
     here, said = DirectExecutor(None)._sandbox, []
     with Threads(3) as executor:
-        write_ladder(root, executor, say=said.append)
+        write_ladder(root, executor, COLLISION_LADDERS, say=said.append)
     for name in ("ladder.parquet", "ladder.csv"):
         assert (root / name).read_bytes() == (run.root / name).read_bytes()
     assert any(re.fullmatch(r"ladders of \d+ cells are made", line) for line in said)

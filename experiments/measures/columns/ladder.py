@@ -1,0 +1,227 @@
+"""Why an engine diverges from the model in a column of N balls: `measures.ladder` with two switches.
+
+There is no gravity. Between the model and the law that the engine was asked for lie the model's law with positions
+(bistiffness) and the engine's law with frozen ones. The outcomes are those of the references, exact where contacts are
+linear, whether or not a run lists them as solvers; the model's is the run's own row. Dashpots do not jump: a ladder is
+marked where the bistiffness law grazes, as the model is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, law_of
+from impact_xval.compliant_baselines.references.columns import solving
+from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
+from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.measures import corners
+from impact_xval.experiments.measures.corners import (
+    FREE,
+    FROZEN,
+    MODEL,
+    WEIGHTLESS,
+    Corners,
+    Floats,
+    Index,
+    corner_names,
+)
+from impact_xval.experiments.measures.ladder import CHOICE, Split, contributions_of, split
+from impact_xval.experiments.measures.ladder_table import (
+    UNCONVERGED,
+    Field,
+    Ladders,
+    engines_of,
+    in_groups,
+    schema_of,
+    shared_columns,
+)
+from impact_xval.experiments.tables.schema import LINE_COLUMNS
+from impact_xval.model.collision import RESULT_STATUSES
+from impact_xval.model.columns.column import Column, ColumnOutcome
+from impact_xval.model.inputs import GRAZING_THRESHOLD
+
+_PARAMETERS = ("cell", "arrangement", *COLUMN_LEGAL, "solver")
+_READ = (
+    *_PARAMETERS,
+    *("status", "marked", "reason", "m1", "k1", "v0", "velocities", "grazing_margin"),
+    *("velocities_limit", "limit_error"),
+)
+
+#: Pieces of segments after which a corner is given up, a second of ten balls.
+_MAX_STEPS = 100_000
+
+#: Laws that "what if" may put in the place of kelvin-voigt; others of `corners.LAWS` are laws of two balls.
+_LAWS = tuple(name for name in corners.LAWS if name in solving.LAWS)
+
+
+def column_ladder_schema(law: str) -> pa.Schema:
+    """Return the Arrow schema of a table of ladders of columns; unit and meaning of each are in its metadata."""
+    contributions = contributions_of(law, gravity=False)
+
+    def differences(name: str, meaning: str) -> list[Field]:
+        return [(f"{name}dv", "list", meaning.format("velocities by ball"))]
+
+    kept = [
+        field
+        for name in corner_names(CHOICE in contributions, gravity=False).values()
+        for field in (
+            (
+                f"{name}_v",
+                "list",
+                f"corner {name.replace('_', ', ')}: final velocities per |v0|, ball 1 first",
+            ),
+            (f"{name}_along", "float", "component of its difference from the model along dv, as in shares"),
+        )
+    ]
+    parameters = [(name, LINE_COLUMNS[name][0], LINE_COLUMNS[name][2]) for name in _PARAMETERS]
+    return schema_of(parameters, contributions, differences, kept, "two")
+
+
+def column_ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
+    """Make the ladders of whole columns.
+
+    Parameters
+    ----------
+    cells : Table
+        Rows of the table of cells of a run of columns, sorted by cell; every cell with its row of the model.
+    law : str
+        The dissipation law.
+
+    Returns
+    -------
+    Table
+        One row for each row of an engine, in order.
+    """
+    engines, model = engines_of(cells), cells.filter(pc.field("solver") == REFERENCE)
+    if not len(engines):
+        return column_ladder_schema(law).empty_table()
+    asked = [law_of(name) for name in engines["solver"].to_pylist()]
+    alike = list(zip(asked, engines["balls"].to_pylist(), strict=True))
+    return in_groups(alike, lambda rows, key: _ladders(engines.take(rows), model, law, key[0]))
+
+
+def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Table:
+    """Make the ladders of engines that were asked for one law, in columns of as many balls."""
+    numbers_of_cells, at = np.unique(engines["cell"].to_numpy(), return_inverse=True)
+    model = model.take(np.searchsorted(model["cell"].to_numpy(), numbers_of_cells))
+    engine, reference = (
+        _velocities(engines, (*RESULT_STATUSES, UNCONVERGED)),
+        _velocities(model, RESULT_STATUSES),
+    )
+    solved = np.isin(np.arange(len(model)), at[~np.isnan(engine).any(axis=1)])
+    arranged = [_arranged(row) for row in model.select([*_PARAMETERS[1:-1], "m1", "k1", "v0"]).to_pylist()]
+    of_cells, marks = column_corners(np.where(solved[:, None], reference, np.nan), arranged, law, obeyed)
+    here = of_cells.take(at)
+    weights = np.array([_weights(each.column()) for each in arranged])[at]
+    ladders = split(weights, here, _velocities(engines, RESULT_STATUSES, limit=True), engine)
+    found, numbers = shared_columns(engines, model, at, here, ladders, marks)
+    found |= {name: engines[name] for name in _PARAMETERS} | {"dv": numbers(ladders.total)}
+    for c, vector in zip(ladders.contributions, ladders.vectors, strict=True):
+        found[f"{c.name}_dv"] = numbers(vector)
+    for index, name in corner_names(CHOICE in ladders.contributions, gravity=False).items():
+        found[f"{name}_v"] = numbers(here.velocities[index])
+        found[f"{name}_along"] = numbers(_along(weights, here, index, ladders))
+    schema = column_ladder_schema(law)
+    return pa.table({name: found[name] for name in schema.names}, schema=schema)
+
+
+def column_corners(
+    model: Floats, columns: Sequence[Arranged], law: str = KELVIN_VOIGT, obeyed: str = KELVIN_VOIGT
+) -> tuple[Corners, list[str]]:
+    r"""Compute the corners of columns of N balls.
+
+    Parameters
+    ----------
+    model : ndarray, shape (n, N)
+        Final velocities of the state-transition model per \|v0\|; NaN without a result, and nothing is computed.
+    columns : sequence of Arranged, length n
+    law : str
+        What is asked about; kelvin-voigt: nothing.
+    obeyed : str
+        What the engine was asked for.
+
+    Returns
+    -------
+    corners : Corners
+    marks : list of str
+        Of each column: empty, or that the bistiffness law grazes.
+
+    Raises
+    ------
+    ValueError
+        For an unknown law.
+    """
+    laws = corners.laws_of(law, obeyed)
+    velocities = np.full((2, len(laws), 1, *model.shape), np.nan)
+    velocities[MODEL] = model
+    reasons, marks = [], []
+    for i, arranged in enumerate(columns):
+        reason = mark = ""
+        for index, outcome in () if np.isnan(model[i]).any() else _solved(arranged, laws):
+            if outcome.status not in RESULT_STATUSES:
+                reason = f"{corners.called(index, laws)}: {outcome.status}"
+                break
+            velocities[index][i] = np.array(outcome.velocities) / abs(arranged.v0)
+            if outcome.grazing_margin is not None and outcome.grazing_margin < GRAZING_THRESHOLD:
+                mark = f"ladder: {corners.called(index, laws)} grazes by {outcome.grazing_margin:.2g}"
+        reasons.append(reason)
+        marks.append(mark)
+    return Corners(velocities, np.array(reasons, dtype="U80")), marks
+
+
+def _solved(arranged: Arranged, laws: Sequence[str]) -> Iterator[tuple[Index, ColumnOutcome]]:
+    """Solve the corners of a column one by one, but for the model."""
+    column, exponent = arranged.column(), arranged.exponent
+    for positions, law in product((FREE, FROZEN), range(len(laws))):
+        index = positions, law, WEIGHTLESS
+        if index != MODEL:
+            frozen = positions == FROZEN
+            yield (
+                index,
+                solving.solve_column(
+                    column, laws[law], exponent=exponent, frozen=frozen, max_steps=_MAX_STEPS
+                ),
+            )
+
+
+def _arranged(row: dict[str, Any]) -> Arranged:
+    """Set the column of a row up."""
+    facts = {**row, "m": row["m1"], "k": row["k1"]}
+    return Arranged.model_validate({name: facts[name] for name in Arranged.model_fields})
+
+
+def _weights(column: Column) -> list[float]:
+    """Masses over that of the balls that move at first."""
+    moving = [m / column.masses[0] for m, v in zip(column.masses, column.velocities, strict=True) if v]
+    return [m / column.masses[0] / sum(moving) for m in column.masses]
+
+
+def _velocities(table: pa.Table, statuses: Sequence[str], *, limit: bool = False) -> Floats:
+    """Velocities per abs(v0), or limits, shape (n, N); NaN where there are none or the status is none of these."""
+    rows = table.select(["status", "balls", "v0", "velocities_limit" if limit else "velocities"])
+    return np.array(
+        [
+            np.divide(v, 1.0 if limit else abs(v0))
+            if v is not None and status in statuses
+            else [np.nan] * balls
+            for status, balls, v0, v in zip(
+                *(rows[name].to_pylist() for name in rows.schema.names), strict=True
+            )
+        ]
+    )
+
+
+def _along(weights: Floats, here: Corners, index: Index, ladders: Split) -> Floats:
+    """Component of a corner, less the model, along the whole difference."""
+    product_ = (weights * (here.velocities[index] - here.model) * ladders.total).sum(axis=1)
+    d = ladders.divergence
+    return np.divide(product_, d, out=np.zeros_like(d), where=d > 0)
+
+
+LINE_LADDERS = Ladders(_PARAMETERS, _READ, column_ladder_schema, column_ladder_rows, _LAWS)
