@@ -168,7 +168,7 @@ class Config(Strict):
     )
     figure_column: Arranged = Field(
         default_factory=lambda: Arranged.model_validate({}),
-        description=f"a table: arrangement, {', '.join(COLUMN_LEGAL)}",
+        description=f"a table: {', '.join(Arranged.model_fields)}",
     )
 
     @model_validator(mode="before")
