@@ -26,7 +26,7 @@ from impact_xval.model.solving import NAME, check_law, nearest_jump
 MAX_EVENTS = 1_000_000
 
 #: Points of the path in each piece of a segment.
-POINTS = 4
+POINTS = 12
 
 #: Rows of the first try at a log; a column that needs more is run once more.
 LOG_ROWS = 1024
