@@ -2,9 +2,9 @@
 
 ``python -m benchmarks.columns_in_time references`` compares the references with an independent integration in time
 (tests/compliant_baselines/column_in_time.py) on random columns, N from 2 to 10, half of them with gaps, and counts
-columns a second. ``... engines`` compares engines at their limit dt -> 0 with the exact solver of their law, N from 3 to
-10: how far the limit is off, and in how many columns by more than once and three times the error that was estimated;
-without gaps unless ``--with-gaps``, those of ``--engine``. ``... gaps`` shows a cradle of steel balls whose gaps grow.
+columns a second. ``... engines`` compares those of ``--engine`` at their limit dt -> 0 with the exact solver of their
+law, N from 3 to 10: how far the limit is off, and in how many columns by more than once and three times the error that
+was estimated; without gaps unless ``--with-gaps``. ``... gaps`` shows a cradle of steel balls whose gaps grow.
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ Set-up, and why:
   falls through the table. So there is a *shortest* step, and `refusal` knows it.
 * The half space is exact at any depth, as PyBullet's plane.
 * Steps are logged in C++ (`LogVectorOutput`, once a step); Python is entered once for `WINDOW` steps.
+* Lines of N balls are `engines.drake_lines`; what both share is `engines.drake_setup`.
 * Everything is in SI units as asked; only the balls' radius is ours (`radius_of`).
 
 **In continuous time** (`DrakeHuntCrossleySolver`) contacts are Hunt and Crossley's under an integrator with error

@@ -50,7 +50,7 @@ def shortest_of_line(line: Line) -> str | None:
     """Why a line cannot be taken in discrete time: a step so short that the engine neglects a contact.
 
     The engine compares residuals with the momentum of all bodies, both per sqrt(mass): an impulse M u of a pair that
-    meets at u counts sqrt(M) u beside sqrt(sum m v^2).
+    meets at u counts sqrt(M) u beside sqrt(sum m v^2). Such a contact starts late by the phase that is bounded;
     """
     total = math.sqrt(float(np.array(line.masses) @ np.square(line.velocities)))
     slow = min(contact.omega * math.sqrt(contact.mass) for contact in line.contacts)
@@ -77,7 +77,7 @@ def run_line(line: Line, max_steps: int, record_path: bool, *, discrete: bool) -
     balls = len(line.masses)
     radius = radius_of(line.depth(*(contact.k for contact in line.contacts)))
     builder, plant, graph = plant_at(line.step if discrete else 0.0)
-    joints = _add_bodies(plant, graph, line, radius, discrete)
+    joints = add_bodies(plant, graph, line, radius, discrete)
     simulator, output, context = simulator_of(builder, plant, line.step)
     origins = radius * np.arange(2 * balls - 1, 0, -2)
     x = line.heights(radius)
@@ -112,7 +112,7 @@ def run_line(line: Line, max_steps: int, record_path: bool, *, discrete: bool) -
     return recorder.finish()
 
 
-def _add_bodies(plant: Any, graph: Any, line: Line, radius: float, discrete: bool) -> list[Any]:
+def add_bodies(plant: Any, graph: Any, line: Line, radius: float, discrete: bool) -> list[Any]:
     """Add table and balls, their radius in m, and finish the plant; the joints of the balls, the upper one's first."""
     geometry = import_module("pydrake.geometry")
     if discrete:
