@@ -103,7 +103,7 @@ def test_wrong_pairs_would_change_the_answer(monkeypatch):
     right = get_solver("drake").solve_column(CHAIN, settings)
     monkeypatch.setattr(CollisionFilterManager, "Apply", lambda self, declaration: None)
     wrong = get_solver("drake").solve_columns([CHAIN], settings)[0]
-    assert not np.abs(np.subtract(wrong.velocities, right.velocities)).max() < 0.05
+    assert wrong.status != "ok" or np.abs(np.subtract(wrong.velocities, right.velocities)).max() > 0.05
 
 
 @pytest.mark.parametrize("name", LAWS)

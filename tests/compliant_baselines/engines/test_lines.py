@@ -164,10 +164,12 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
         middle = 0.5 * (path.time[1:] + path.time[:-1])
         theirs = np.column_stack([between(exact, i, middle) for i in range(2)])
         # In the first step MuJoCo has no contacts yet: balls that only just touch have no depth.
-        errors.append(np.abs(path.forces[2:] - theirs[1:]).max())
-        assert errors[-1] < 1.5 * step
+        off = np.abs(path.forces[2:] - theirs[1:])
+        assert off.max() < 1.5 * step
+        # When in its last step a contact opens is chance, and no matter of order.
+        errors.append(np.quantile(off, 0.95))
     order = np.polyfit(np.log2([4, 2, 1]), np.log2(errors), 1)[0]
-    assert order == pytest.approx(1, abs=0.25)
+    assert order == pytest.approx(1, abs=0.05)
 
 
 def between(path, contact, time):
