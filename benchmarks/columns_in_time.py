@@ -2,9 +2,9 @@
 
 ``python -m benchmarks.columns_in_time references`` compares the references with an independent integration in time
 (tests/compliant_baselines/column_in_time.py) on random columns, N from 2 to 10, half of them with gaps, and counts
-columns a second. ``... engines`` compares engines at their limit dt -> 0 with Kelvin-Voigt, N from 3 to 10: how far the
-limit is off, and in how many columns by more than once and three times the error that was estimated; without gaps
-unless ``--with-gaps``. ``... gaps`` shows a cradle of steel balls whose gaps grow.
+columns a second. ``... engines`` compares those of ``--engine`` at their limit dt -> 0 with the exact solver of their
+law, N from 3 to 10: how far the limit is off, and in how many columns by more than once and three times the error that
+was estimated; without gaps unless ``--with-gaps``. ``... gaps`` shows a cradle of steel balls whose gaps grow.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from rich.table import Table
 from benchmarks.columns import random_column
 from benchmarks.state_transition import machine
 from impact_xval.compliant_baselines import Settings, get_solver
+from impact_xval.compliant_baselines.contract.registry import law_of
 from impact_xval.compliant_baselines.contract.solver import Convergence
 from impact_xval.compliant_baselines.references.columns.solving import (
     coefficients_of,
@@ -97,8 +98,8 @@ def engines(console: Console, names: list[str], count: int, seed: int, some_gaps
         column = random_column(rng, int(rng.integers(3, 11)))
         columns.append(with_gaps(rng, column) if some_gaps else column)
     settings = Settings(convergence=Convergence())
-    exact = get_solver("kelvin-voigt").solve_columns(columns, settings)
     for name in names:
+        exact = get_solver(law_of(name)).solve_columns(columns, settings)
         start = time.perf_counter()
         outcomes = get_solver(name).solve_columns(columns, settings)
         spent = time.perf_counter() - start

@@ -18,6 +18,7 @@ Set-up, and why:
   falls through the table. So there is a *shortest* step, and `refusal` knows it.
 * The half space is exact at any depth, as PyBullet's plane.
 * Steps are logged in C++ (`LogVectorOutput`, once a step); Python is entered once for `WINDOW` steps.
+* Lines of N balls are `engines.drake_lines`; what both share is `engines.drake_setup`.
 * Everything is in SI units as asked; only the balls' radius is ours (`radius_of`).
 
 **In continuous time** (`DrakeHuntCrossleySolver`) contacts are Hunt and Crossley's under an integrator with error
@@ -41,41 +42,34 @@ Importing the package takes half a second: nothing here does before it is asked 
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from impact_xval.compliant_baselines.contact.column import Column, radius_of
-from impact_xval.compliant_baselines.contact.mapping import (
-    PYBULLET_RIGID,
-    Contact,
-    DrakeGeometry,
-    drake_geometries,
-)
-from impact_xval.compliant_baselines.contact.restitution_laws import hunt_crossley_coefficients
+from impact_xval.compliant_baselines.contact.line import Line
+from impact_xval.compliant_baselines.contact.mapping import PYBULLET_RIGID, drake_geometries
 from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING
+from impact_xval.compliant_baselines.engines.drake_lines import naive_line, run_line, shortest_of_line
+from impact_xval.compliant_baselines.engines.drake_setup import (
+    WINDOW,
+    add_ball,
+    add_table,
+    contact_material,
+    discrete_properties,
+    dissipation,
+    plant_at,
+    set_accuracy,
+    silent,
+    simulator_of,
+    too_short,
+)
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.lines import LineRun
 from impact_xval.compliant_baselines.engines.packages import why_not
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
-
-#: Steps between two looks at whether the collision is over.
-WINDOW = 512
-
-#: Relative tolerance of the engine's solver (SapSolverParameters; Python cannot set it).
-SAP_TOLERANCE = 1e-6
-
-#: Phase angle of a contact that may pass before its impulse per step reaches that; its square over 2 is the share
-#: of the velocity that is lost.
-LATEST_START = 0.02
-
-#: Integration error aimed at in each step, per |v0|. Velocities at the end come out 4 times as far off.
-ACCURACY = 1e-10
 
 
 class DrakeSolver(EngineSolver):
@@ -91,15 +85,19 @@ class DrakeSolver(EngineSolver):
 
     def own_refusal(self, column: Column) -> str | None:
         """Why a column cannot be taken: a step so short that the engine neglects a contact."""
-        slow = min(column.contact1.omega, column.contact2.omega)
-        # k delta h = k v t h reaches SAP_TOLERANCE m v at the phase omega t = SAP_TOLERANCE/(omega h).
-        if SAP_TOLERANCE / (slow * column.step) > LATEST_START:
-            shortest = SAP_TOLERANCE / (slow * LATEST_START)
-            return (
-                f"step = {column.step:.3g} s: Drake neglects impulses below {SAP_TOLERANCE:.0e} of the momentum, "
-                f"and with them the slower contact; a step of {shortest:.2g} s or more is needed"
-            )
-        return None
+        return too_short(column.step, min(column.contact1.omega, column.contact2.omega))
+
+    def line_refusal(self, line: Line) -> str | None:
+        """Why Drake cannot take a line: as for two balls, and the naive mapping, which is of two balls."""
+        return naive_line(line) or shortest_of_line(line)
+
+    def run_lines(self, lines: Sequence[Line], max_steps: int, record_path: bool = False) -> list[LineRun]:
+        """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order.
+
+        A line at too short a step is not run, as in `run_columns`.
+        """
+        with silent():
+            return [run_line(line, max_steps, record_path, discrete=True) for line in lines]
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` steps are taken; in order.
@@ -123,6 +121,15 @@ class DrakeHuntCrossleySolver(DrakeSolver):
         if column.mapping == "naive":
             return "mapping = 'naive': a Hunt-Crossley contact has no naive mapping; take 'calibrated'"
         return None
+
+    def line_refusal(self, line: Line) -> str | None:
+        """Why Drake cannot take a line: the naive mapping."""
+        return naive_line(line)
+
+    def run_lines(self, lines: Sequence[Line], max_steps: int, record_path: bool = False) -> list[LineRun]:
+        """Run every line of N balls until its collision is over or `max_steps` samples are taken; in order."""
+        with silent():
+            return [run_line(line, max_steps, record_path, discrete=False) for line in lines]
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` samples are taken; in order."""
@@ -152,35 +159,6 @@ class Scene(NamedTuple):
     k2: float
 
 
-@contextmanager
-def silent() -> Iterator[None]:
-    """Keep remarks about deformable bodies, of which there are none, from the terminal."""
-    import_module("pydrake")  # it sets up the logger
-
-    logger = logging.getLogger("drake")
-    before = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(before)
-
-
-def contact_material(**values: float) -> Any:
-    """Make frictionless proximity properties of the values `AddContactMaterial` takes by name."""
-    geometry, plant = import_module("pydrake.geometry"), import_module("pydrake.multibody.plant")
-    properties = geometry.ProximityProperties()
-    geometry.AddContactMaterial(properties=properties, friction=plant.CoulombFriction(0.0, 0.0), **values)
-    return properties
-
-
-def discrete_properties(geometry: DrakeGeometry) -> Any:
-    """Proximity properties of a geometry under `kSap`."""
-    properties = contact_material(point_stiffness=geometry.stiffness)
-    properties.AddProperty("material", "relaxation_time", geometry.relaxation_time)
-    return properties
-
-
 def build(column: Column, properties: Sequence[Any], k1: float, k2: float, *, discrete: bool) -> Scene:
     """Set a column up.
 
@@ -195,39 +173,17 @@ def build(column: Column, properties: Sequence[Any], k1: float, k2: float, *, di
     discrete : bool
         Whether to step by `column.step` (`kSap`), or to integrate in continuous time and to log as often.
     """
-    # The package has no part in the types of this project: it may not be there.
-    geometry, plants = import_module("pydrake.geometry"), import_module("pydrake.multibody.plant")
-    tree, transform = import_module("pydrake.multibody.tree"), import_module("pydrake.math").RigidTransform
-    analysis = import_module("pydrake.systems.analysis")
-    log_vector_output = import_module("pydrake.systems.primitives").LogVectorOutput
-
-    builder = import_module("pydrake.systems.framework").DiagramBuilder()
-    plant, _ = plants.AddMultibodyPlantSceneGraph(builder, time_step=column.step if discrete else 0.0)
-    if discrete:
-        plant.set_discrete_contact_approximation(plants.DiscreteContactApproximation.kSap)
-        plant.set_sap_near_rigid_threshold(0.0)
-        plant.SetUseSampledOutputPorts(False)  # nobody reads them
-    plant.mutable_gravity_field().set_gravity_vector([0, 0, -column.gravity])
+    builder, plant, _ = plant_at(column.step if discrete else 0.0, column.gravity)
     radius = radius_of(column.depth(k1, k2))
     x1, x2 = column.start(column.m2 * column.gravity / k2, radius)
     upper, lower, table = properties
-    plant.RegisterCollisionGeometry(plant.world_body(), transform(), geometry.HalfSpace(), "table", table)
-
-    def ball(name: str, mass: float, own: Any) -> Any:
-        inertia = tree.SpatialInertia(mass, [0, 0, 0], tree.UnitInertia.SolidSphere(radius))
-        body = plant.AddRigidBody(name, inertia)
-        plant.RegisterCollisionGeometry(body, transform(), geometry.Sphere(radius), name, own)
-        return plant.AddJoint(
-            tree.PrismaticJoint(name, plant.world_frame(), body.body_frame(), [0, 0, 1], damping=0)
-        )
-
-    joints = ball("B1", column.m1, upper), ball("B2", column.m2, lower)
+    add_table(plant, table)
+    joints = [
+        add_ball(plant, name, mass, radius, [own])[0]
+        for name, mass, own in (("B1", column.m1, upper), ("B2", column.m2, lower))
+    ]
     plant.Finalize()
-    log = log_vector_output(
-        plant.get_state_output_port(), builder, **({} if discrete else {"publish_period": column.step})
-    )
-    simulator = analysis.Simulator(builder.Build())
-    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    simulator, log, context = simulator_of(builder, plant, column.step)
     for joint, z, v in zip(joints, (3 * radius + x1, radius + x2), (column.v1, column.v2), strict=True):
         joint.set_translation(context, z)
         joint.set_translation_rate(context, v)
@@ -294,11 +250,6 @@ def run(column: Column, max_steps: int, record_path: bool) -> Run:
     )
 
 
-def dissipation(contact: Contact, speed: float) -> float:
-    """Hunt-Crossley dissipation d in s/m for the restitution of a calibrated contact, at an approach speed in m/s."""
-    return float(hunt_crossley_coefficients(np.array([contact.restitution]))[0]) / speed
-
-
 def _scene(speed: float, column: Column) -> Scene:
     """Set a column up whose contacts have their restitution at an approach speed in m/s."""
     one, two = column.contact1, column.contact2
@@ -306,10 +257,5 @@ def _scene(speed: float, column: Column) -> Scene:
     table = contact_material(point_stiffness=two.k, dissipation=dissipation(two, speed))
     lower = contact_material(point_stiffness=PYBULLET_RIGID, dissipation=0.0)
     scene = build(column, (upper, lower, table), one.k, two.k, discrete=False)
-    integrator = scene.simulator.get_mutable_integrator()
-    slow = min(one.omega, two.omega)
-    integrator.set_target_accuracy(ACCURACY * speed * max(1.0, 1 / slow))
-    integrator.set_maximum_step_size(column.step)
-    integrator.request_initial_step_size_target(column.step / 10)
-    integrator.set_requested_minimum_step_size(1e-6 * column.step)
+    set_accuracy(scene.simulator, speed, min(one.omega, two.omega), column.step)
     return scene

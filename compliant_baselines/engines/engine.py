@@ -58,7 +58,7 @@ class EngineSolver(SolverBase):
         """Why this engine in particular cannot, as `refusal`."""
         return None
 
-    def run_lines(self, lines: Sequence[Line], max_steps: int) -> list[LineRun]:
+    def run_lines(self, lines: Sequence[Line], max_steps: int, record_path: bool = False) -> list[LineRun]:
         """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order."""
         return []
 
@@ -87,7 +87,7 @@ class EngineSolver(SolverBase):
                 lines.pop(i, None)
                 status = "unavailable" if missing else "unrepresentable"
                 outcomes[i] = ColumnOutcome.failure(self.name, column, status, missing or refused or "")
-        done = self.run_lines(list(lines.values()), settings.max_steps) if lines else []
+        done = self.run_lines(list(lines.values()), settings.max_steps, settings.record_path) if lines else []
         runs = dict(zip(lines, done, strict=True))
         outcomes |= {i: outcome_of_line(self.name, columns[i], run, settings) for i, run in runs.items()}
         self._add_limits(outcomes, self.run_lines, runs, settings)

@@ -5,6 +5,10 @@ momentum, a contact carries force in a step if its impulse exceeds what rounding
 over at the end of the first step in which none does and no bodies approach. A state is the set of contacts that carry
 force. In sequences of states a contact that is closed at the start counts as if it carried force until it first does,
 and a state held for less than `shortest_state` of the shortest contact period takes the state before it.
+
+A path is kept at every step, as long as that is at most `PATH_POINTS` of them; beyond, at every second, every fourth,
+... What happens between two points is the change of the velocities: forces are means, and integrate to the impulses
+whatever was left out. A flight needs no points but its ends.
 """
 
 from __future__ import annotations
@@ -22,9 +26,12 @@ from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.contract.state_runs import Runs
 from impact_xval.compliant_baselines.contract.trajectory import ALOFT, BROKEN, EPSILON, FREE, GOING, ROUNDING
 from impact_xval.compliant_baselines.engines.recording import Ended
-from impact_xval.model.columns.column import Column, ColumnOutcome
+from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
 
 Floats = NDArray[np.float64]
+
+#: Most points of a path.
+PATH_POINTS = 2**14
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +54,8 @@ class LineRun(Ended):
         As of `recording.Run`.
     max_steps : int
         Steps it was allowed.
+    points : ndarray, shape (n, 1 + N), or None
+        Number of the step (0 is the start) and velocities after it, in m/s; the first and the last among them.
     fall : None
         There is no gravity that a first flight would end.
     """
@@ -58,6 +67,7 @@ class LineRun(Ended):
     failure: str
     starts: float
     max_steps: int
+    points: Floats | None = None
     fall: None = None
 
     def state_names(self, shortest_state: float) -> tuple[tuple[int, ...], ...]:
@@ -65,8 +75,9 @@ class LineRun(Ended):
         shortest = shortest_state * self.column.period / self.column.step
         seen = 0
         held: list[int] = []
-        closed = sum(1 << i for i, gap in enumerate(self.column.gaps) if gap == 0)
-        for length, state in _joined(self.raw, closed):
+        lengths = np.diff(np.append(self.raw.start, self.raw.end)).tolist()
+        pairs = groupby(zip(lengths, self._shown(), strict=True), key=lambda pair: pair[1])
+        for length, state in ((sum(n for n, _ in group), state) for state, group in pairs):
             seen |= state
             if not held or length >= shortest * (1 - 1e-9):
                 held.append(state)
@@ -75,6 +86,34 @@ class LineRun(Ended):
         ]
         return tuple(sets) if sets and not sets[-1] else (*sets, ())
 
+    def _shown(self) -> list[int]:
+        """List the states of `raw`, in which contacts that were closed at first count until they first carry force."""
+        waiting = sum(1 << i for i, gap in enumerate(self.column.gaps) if gap == 0)
+        states = []
+        for state in self.raw.state.tolist():
+            waiting &= ~state
+            states.append(state | waiting)
+        return states
+
+    def path(self) -> ColumnPath:
+        """Give the path that was recorded; the force at the start is that of the first interval."""
+        assert self.points is not None
+        contacts = len(self.column.contacts)
+        number, velocities = self.points[:, 0], self.points[:, 1:]
+        time = number * self.column.step
+        changes = np.array(self.column.masses) * (velocities - velocities[0])
+        impulses = np.cumsum(changes, axis=1)[:, :contacts]
+        forces = np.diff(impulses, axis=0) / np.diff(time)[:, None]
+        state = np.array(self._shown())[np.searchsorted(self.raw.start, number, side="right") - 1]
+        state[-1] = 0
+        return ColumnPath(
+            time,
+            velocities,
+            impulses,
+            np.vstack([forces[:1], forces]),
+            (state[:, None] >> np.arange(contacts) & 1).astype(np.bool_),
+        )
+
     def energy_gain(self) -> float:
         """Give the energy gained, over the kinetic energy at the start relative to the centre of mass or the table."""
         m = np.array(self.column.masses)
@@ -82,17 +121,6 @@ class LineRun(Ended):
         if not self.column.table:
             before, after = before - m @ before / m.sum(), after - m @ after / m.sum()
         return float(m @ after**2 / (m @ before**2) - 1)
-
-
-def _joined(raw: Runs, closed: int) -> list[tuple[int, int]]:
-    """Lengths and states of runs, where `closed` contacts count until they first carry force."""
-    lengths = np.diff(np.append(raw.start, raw.end)).tolist()
-    states, waiting = [], closed
-    for state in raw.state.tolist():
-        waiting &= ~state
-        states.append(state | waiting)
-    pairs = groupby(zip(lengths, states, strict=True), key=lambda pair: pair[1])
-    return [(sum(length for length, _ in group), state) for state, group in pairs]
 
 
 @numba.njit(cache=True)
@@ -164,7 +192,7 @@ def scan(v, x, before, masses, table, h, left, codes, memory):  # pragma: no cov
 class LineRecorder:
     """Takes the steps of one line as an engine delivers them, in blocks, until the collision is over."""
 
-    def __init__(self, line: Line, max_steps: int) -> None:
+    def __init__(self, line: Line, max_steps: int, record_path: bool = False) -> None:
         self.column, self.max_steps = line, max_steps
         self.end, self.n_steps = GOING, 0
         self._v = np.array(line.velocities)
@@ -173,6 +201,7 @@ class LineRecorder:
         self._codes: list[NDArray[np.int64]] = []
         self._starts: list[NDArray[np.int64]] = []
         self._last_code = -1
+        self._path = _Path(len(line.masses)) if record_path else None
 
     def feed(self, v: Floats, x: Floats) -> int:
         """Take the next steps, velocities in m/s and heights in m of shape (n, N): how it ended, or `GOING`."""
@@ -181,6 +210,10 @@ class LineRecorder:
         line = self.column
         n, self.end = scan(v, x, self._v, self._masses, line.table, line.step, left, codes, self._memory)
         if n:
+            if self._path:
+                self._path.keep(
+                    self.n_steps, np.vstack([self._v, v[:n]]), np.append(self._last_code, codes[:n])
+                )
             changes = np.flatnonzero(np.diff(codes[:n], prepend=self._last_code))
             self._starts.append(changes + self.n_steps)
             self._codes.append(codes[changes])
@@ -219,7 +252,48 @@ class LineRecorder:
             failure=failure,
             starts=float(self._memory[1][0]),
             max_steps=self.max_steps,
+            points=self._path.closed(self.n_steps, self._v) if self._path else None,
         )
+
+
+class _Path:
+    """The points of a path, a number of them that is bounded."""
+
+    def __init__(self, balls: int) -> None:
+        self._stride = 1
+        self._points, self._ends = np.empty((0, 1 + balls)), np.empty(0, bool)
+
+    def keep(self, before: int, v: Floats, codes: NDArray[np.int64]) -> None:
+        """Keep what is needed of a block of steps.
+
+        Parameters
+        ----------
+        before : int
+            Number of steps before the block.
+        v : ndarray, shape (1 + n, N)
+            Velocities in m/s, before the block and after each of its steps.
+        codes : ndarray, shape (1 + n,)
+            States of the last step before the block, and of each of its steps.
+        """
+        number = before + np.arange(len(codes) - 1)
+        loaded = codes != 0
+        # Each point stands between two steps. Between two without force it is as the one before it.
+        ends = loaded[1:] != loaded[:-1]
+        ends[number == 0] = True
+        wanted = ends | loaded[1:] & (number % self._stride == 0)
+        self._points = np.vstack([self._points, np.column_stack([number, v[:-1]])[wanted]])
+        self._ends = np.append(self._ends, ends[wanted])
+        while len(self._points) >= PATH_POINTS:
+            self._stride *= 2
+            kept = self._points[:, 0] % self._stride == 0
+            # The ends of flights too, as long as there is room for them.
+            if self._ends.sum() < PATH_POINTS // 2:
+                kept |= self._ends
+            self._points, self._ends = self._points[kept], self._ends[kept]
+
+    def closed(self, n_steps: int, v: Floats) -> Floats:
+        """Give all points, with that of the end: the number of steps, and velocities in m/s."""
+        return np.vstack([self._points, [n_steps, *v]])
 
 
 def outcome_of_line(solver: str, column: Column, run: LineRun, settings: Settings) -> ColumnOutcome:
@@ -243,4 +317,5 @@ def outcome_of_line(solver: str, column: Column, run: LineRun, settings: Setting
             "duration": run.duration,
             "energy_gain": run.energy_gain(),
         },
+        path=run.path() if run.points is not None else None,
     )

@@ -143,7 +143,7 @@ class MujocoSolver(EngineSolver):
         """Why MuJoCo cannot take a line: as for two balls."""
         return self.own_refusal(line)
 
-    def run_lines(self, lines: Sequence[Line], max_steps: int) -> list[LineRun]:
+    def run_lines(self, lines: Sequence[Line], max_steps: int, record_path: bool = False) -> list[LineRun]:
         """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order."""
         from mujoco.batch import Batch
 
@@ -156,7 +156,7 @@ class MujocoSolver(EngineSolver):
                 for first in range(0, len(alike), CHUNK):
                     chunk = alike[first : first + CHUNK]
                     batch = Batch(line_model(balls, table), len(chunk), 1)
-                    recorders = load_lines(batch, [lines[i] for i in chunk], max_steps)
+                    recorders = load_lines(batch, [lines[i] for i in chunk], max_steps, record_path)
                     runs |= zip(chunk, self._follow(batch, recorders, max_steps), strict=True)
         return [runs[i] for i in range(len(lines))]
 
@@ -276,9 +276,9 @@ def load(batch: Batch, columns: Sequence[Column], max_steps: int, record_path: b
     return recorders
 
 
-def load_lines(batch: Batch, lines: Sequence[Line], max_steps: int) -> list[LineRecorder]:
+def load_lines(batch: Batch, lines: Sequence[Line], max_steps: int, record_path: bool) -> list[LineRecorder]:
     """Write the parameters and initial states of lines into a batch; give what will follow each."""
     names = [str(i) for i in range(1, len(lines[0].contacts) + 1)]
     for i, (line, radius) in enumerate(zip(lines, _write(batch, lines, names), strict=True)):
         batch.qpos[i], batch.qvel[i] = line.heights(radius), line.velocities
-    return [LineRecorder(line, max_steps) for line in lines]
+    return [LineRecorder(line, max_steps, record_path) for line in lines]

@@ -101,10 +101,10 @@ class PybulletSolver(EngineSolver):
             )
         return _beyond(line, depth_of_line(line))
 
-    def run_lines(self, lines: Sequence[Line], max_steps: int) -> list[LineRun]:
+    def run_lines(self, lines: Sequence[Line], max_steps: int, record_path: bool = False) -> list[LineRun]:
         """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order."""
         with connected() as client:
-            return [run_line(client, line, max_steps) for line in lines]
+            return [run_line(client, line, max_steps, record_path) for line in lines]
 
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` steps are taken; in order."""

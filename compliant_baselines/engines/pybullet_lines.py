@@ -67,7 +67,7 @@ def _iterations(line: Line) -> int:
     return 2 + min(1000, max(2, math.ceil(36.7 / -math.log(shrink))))
 
 
-def run_line(client: int, line: Line, max_steps: int) -> LineRun:
+def run_line(client: int, line: Line, max_steps: int, record_path: bool = False) -> LineRun:
     """Run one line until its collision is over or `max_steps` steps are taken.
 
     Parameters
@@ -76,6 +76,8 @@ def run_line(client: int, line: Line, max_steps: int) -> LineRun:
         A PyBullet client, whose bodies are removed.
     line : Line
     max_steps : int
+    record_path : bool
+        Whether to keep points of its path.
     """
     p, h = import_pybullet(), line.step
     radius = radius_of(depth_of_line(line))
@@ -90,7 +92,7 @@ def run_line(client: int, line: Line, max_steps: int) -> LineRun:
     p.setGravity(0, 0, 0, physicsClientId=client)
     x = line.heights(radius)
     balls = _make(p, client, line, radius, x)
-    recorder = LineRecorder(line, max_steps)
+    recorder = LineRecorder(line, max_steps, record_path)
     step, read, end = p.stepSimulation, p.getBaseVelocity, GOING
     while end == GOING and recorder.n_steps < max_steps:
         left = max_steps - recorder.n_steps

@@ -7,6 +7,7 @@ forces of one column over time.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,9 @@ CURVES = "curves.parquet"
 
 #: Points kept of a curve, enough to draw it.
 _POINTS = 4000
+
+#: How far a force may be from the straight lines it is drawn by, over the largest one: less than a pen is wide.
+_STRAIGHT = 1e-3
 
 
 def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
@@ -110,11 +114,36 @@ def _column_curve(experiment: Experiment, name: str) -> dict[str, Any]:
         if (path := outcome.path) is not None:
             m, k, p = cell.arranged.m, cell.arranged.k, cell.arranged.exponent
             time = (m / k * speed ** (1 - p)) ** (1 / (p + 1))
+            kept = needed(path.time, path.forces)
             row |= {
-                "time": (path.time / time).tolist(),
-                "forces": (path.forces.T / (m * speed / time)).tolist(),
+                "time": (path.time[kept] / time).tolist(),
+                "forces": (path.forces[kept].T / (m * speed / time)).tolist(),
             }
     return row
+
+
+def needed(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Pick points between which straight lines are forces, within `_STRAIGHT` of the largest; peaks among them.
+
+    Ramer, Douglas and Peucker: the point farthest from a line is kept, until none is far.
+    """
+    kept = np.zeros(len(time), bool)
+    kept[[0, -1]] = True
+    kept[forces.argmax(axis=0)] = True
+    far = _STRAIGHT * np.abs(forces).max()
+    spans = list(pairwise(np.flatnonzero(kept).tolist()))
+    while spans:
+        a, b = spans.pop()
+        if b - a < 2:
+            continue
+        share = (time[a : b + 1] - time[a]) / max(time[b] - time[a], np.finfo(float).tiny)
+        line = forces[a] + share[:, None] * (forces[b] - forces[a])
+        distance = np.abs(forces[a : b + 1] - line).max(axis=1)[1:-1]
+        if distance.max() > far:
+            between = a + 1 + int(distance.argmax())
+            kept[between] = True
+            spans += [(a, between), (between, b)]
+    return np.flatnonzero(kept)
 
 
 def write_curves(config: Config, folder: RunFolder, executor: Any) -> None:

@@ -130,11 +130,12 @@ class ColumnPath:
     Attributes
     ----------
     time : ndarray, shape (n,)
-        Since first touch, in s, of positions that stay frozen.
+        Since first touch, in s; of the model that of positions that stay frozen.
     velocities : ndarray, shape (n, N)
         In m/s.
     impulses, forces : ndarray, shape (n, C)
-        Accumulated impulses in N s, and forces in N; of a contact that has become rigid, what it passes on.
+        Accumulated impulses in N s, and forces in N; of a contact that has become rigid, what it passes on. Forces of
+        an engine are means since the point before.
     acting : ndarray of bool, shape (n, C)
         Which contacts act from here on; one that has become rigid does.
     """

@@ -25,8 +25,9 @@ from impact_xval.model.solving import NAME, check_law, nearest_jump
 #: Pieces of segments after which a column is given up, some seconds for five balls.
 MAX_EVENTS = 1_000_000
 
-#: Points of the path in each piece of a segment.
-POINTS = 4
+#: Points of the path in each piece of a segment, as long as its log has no more numbers than this: 64 MB.
+POINTS = 12
+LOG_NUMBERS = 2**23
 
 #: Rows of the first try at a log; a column that needs more is run once more.
 LOG_ROWS = 1024
@@ -88,11 +89,19 @@ def solve_column(
     if outcome.status not in RESULT_STATUSES:
         return outcome
     if result[-1] > LOG_ROWS:
-        log = np.empty((result[-1], log.shape[1]))
+        points, rows = fitting(points, result[-1], log.shape[1])
+        log = np.empty((rows, log.shape[1]))
         result = solve_scaled(scaled, p, rules.stiffens, max_events, points, log)
     log = log[: result[-1]]
     trail = path_of(column, log, result[0], result[5], units) if path else None
     return replace(outcome, states=states_of(column, log), path=trail)
+
+
+def fitting(points: int, rows: int, width: int) -> tuple[int, int]:
+    """Points in each piece of a segment, fewer where a log of so many rows is too large, and the rows they make."""
+    pieces = rows // points
+    points = max(1, min(points, LOG_NUMBERS // (pieces * width)))
+    return points, pieces * points
 
 
 def solve_columns(

@@ -386,3 +386,13 @@ def test_illegal_ways_to_solve_are_refused_by_name():
             solver(exponent=0.5)
     with pytest.raises(ValueError, match="a column on a table has no reverse"):
         two_balls(1, 1, 1, 1).reversed()
+
+
+def test_a_long_path_has_fewer_points_and_the_same_states(monkeypatch):
+    column = Column((1,) * 20, (1,) * 19, (0.8,) * 19, (-1,) + (0,) * 19)
+    long = solve_column(column, path=True)
+    monkeypatch.setattr("impact_xval.model.columns.solving.LOG_NUMBERS", 2**12)
+    short = solve_column(column, path=True)
+    assert len(long.path.time) - 1 == 12 * (len(short.path.time) - 1)
+    assert short.path.forces[:-1].tolist() == long.path.forces[:-1:12].tolist()
+    assert (short.states, short.velocities) == (long.states, long.velocities)

@@ -21,6 +21,7 @@ from impact_xval.model.columns.solving import (
     LOG_ROWS,
     POINTS,
     beyond_precision,
+    fitting,
     impulses_of,
     path_of,
     scaled_column,
@@ -124,6 +125,7 @@ def solve_column(
             law, column, "timeout", f"not over within max_steps = {max_steps} pieces of segments"
         )
     if rows > LOG_ROWS:
+        points, rows = fitting(points, rows, log.shape[1])
         log = np.empty((rows, log.shape[1]))
         collide(*problem, TOLERANCE, max_steps, points, log)
     log = log[:rows]

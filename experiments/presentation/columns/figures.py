@@ -19,6 +19,12 @@ from impact_xval.experiments.presentation.style import drawing, look
 from impact_xval.experiments.sweep.curves import COLUMN_CURVES_SCHEMA, CURVES
 from impact_xval.experiments.tables.store import RunFolder
 
+#: Most panels of the wave in a row.
+_ACROSS = 4
+
+#: Share of the impulses of a column that may pass beyond the end of the time axis.
+_TAIL = 1e-3
+
 #: D below this is drawn at this height: about the rounding of the solvers.
 _FLOOR = 1e-6
 
@@ -28,7 +34,13 @@ def draw_columns(folder: RunFolder, summary: ColumnSummary) -> Iterator[tuple[st
     curves = folder.read_table(CURVES, COLUMN_CURVES_SCHEMA).to_pandas()
     config, rows = summary.config, summary.regular
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
-    facts = {"model": REFERENCE, "floor": _FLOOR, "solvers": solvers, "column": config.figure_column}
+    facts = {
+        "model": REFERENCE,
+        "floor": _FLOOR,
+        "solvers": solvers,
+        "column": config.figure_column,
+        "tail": _TAIL,
+    }
     if solvers:
         yield (
             "divergence-by-balls",
@@ -106,15 +118,31 @@ def _velocities(curves: Frame, solvers: list[str]) -> Figure:
 def _wave(curves: Frame, config: Config) -> Figure:
     """Draw the force of every contact of one column over time, a panel a solver."""
     rows = curves.to_dict("records")
-    with drawing(3.0 * len(rows) + 1.2, 3.2) as figure:
-        axes = figure.subplots(1, len(rows), sharey=True, sharex=True, squeeze=False)[0]
-        for ax, row in zip(axes, rows, strict=True):
+    across = len(rows) if len(rows) <= _ACROSS else -(-len(rows) // 2)
+    down = -(-len(rows) // across)
+    with drawing(3.0 * across + 1.2, 0.5 + 2.7 * down) as figure:
+        grid = figure.subplots(down, across, sharey=True, sharex=True, squeeze=False)
+        axes = grid.ravel()[: len(rows)]
+        for ax in grid.ravel()[len(rows) :]:
+            ax.set_visible(False)
+        for place, (ax, row) in enumerate(zip(axes, rows, strict=True)):
             for contact, forces in enumerate(row["forces"], start=1):
                 shade = colormaps["viridis"](0.92 * (contact - 1) / max(1, len(row["forces"]) - 1))
                 ax.plot(row["time"], forces, color=shade, label=f"contact {contact}", linewidth=1.2)
-            ax.set_xlabel("time / sqrt(m1/k1) (-)" if config.figure_column.exponent == 1 else "time (-)")
+            if place + across >= len(rows):  # nothing below it
+                ax.set_xlabel("time / sqrt(m1/k1) (-)" if config.figure_column.exponent == 1 else "time (-)")
+                ax.tick_params(labelbottom=True)
             ax.set_title(row["solver"])
-        axes[0].set_ylabel("contact force (-)")
+        for ax in grid[:, 0]:
+            ax.set_ylabel("contact force (-)")
+        axes[0].set_xlim(0, 1.05 * max(map(shown_until, rows)))  # shared
         if len(rows[0]["forces"]) <= 12:
-            axes[-1].legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+            figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center")
     return figure
+
+
+def shown_until(row: dict[Any, Any]) -> float:
+    """When all impulses but `_TAIL` of their sum have passed: balls may meet again long after."""
+    time, total = row["time"], np.sum(np.stack(row["forces"]), axis=0)
+    passed = np.cumsum(np.diff(time) * 0.5 * (total[1:] + total[:-1]))
+    return float(time[1 + np.searchsorted(passed, (1 - _TAIL) * passed[-1])])

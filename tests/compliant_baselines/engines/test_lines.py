@@ -1,7 +1,11 @@
-"""Engines for N balls: two balls, the limit dt -> 0 against Kelvin-Voigt, states, and what is refused."""
+"""Engines for N balls: two balls, the limit dt -> 0 against Kelvin-Voigt, states, paths, and what is refused."""
+
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
 from impact_xval.compliant_baselines.contact.line import Line
@@ -10,7 +14,7 @@ from impact_xval.compliant_baselines.contract.solver import Convergence
 from impact_xval.compliant_baselines.contract.state_runs import Runs
 from impact_xval.compliant_baselines.engines.convergence import parted
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.lines import LineRecorder, LineRun
+from impact_xval.compliant_baselines.engines.lines import PATH_POINTS, LineRecorder, LineRun
 from impact_xval.model import Collision, Column
 from tests.model.test_columns import random_column
 
@@ -141,3 +145,70 @@ def test_balls_that_meet_only_after_the_last_step_are_given_up():
     v[0] = [-0.5, -0.5, 0.0]
     recorder.feed(v, x)
     assert "all balls are in flight" in recorder.finish().problem()
+
+
+def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(engine):
+    column = replace(CHAIN, restitutions=(0.8, 0.9))
+    exact = get_solver("kelvin-voigt").solve_column(column, Settings(record_path=True)).path
+    errors = []
+    for fraction in (4e-3, 2e-3, 1e-3):
+        outcome = engine.solve_column(column, Settings(step_fraction=fraction, record_path=True))
+        path, step = outcome.path, outcome.diagnostics["step"]
+        assert len(path.time) == outcome.diagnostics["n_steps"] + 1
+        assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
+        assert path.impulses[-1] == pytest.approx(outcome.impulses, rel=1e-14)
+        assert np.diff(path.time) @ path.forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)
+        assert path.acting[[0, -1]].tolist() == [[True, True], [False, False]]
+        # Means, so that they are those of the middle of a step. The reference has a few points a segment: its
+        # velocities between them are those of the cubic through velocities and forces.
+        middle = 0.5 * (path.time[1:] + path.time[:-1])
+        theirs = np.column_stack([between(exact, i, middle) for i in range(2)])
+        # In the first step MuJoCo has no contacts yet: balls that only just touch have no depth.
+        off = np.abs(path.forces[2:] - theirs[1:])
+        assert off.max() < 1.5 * step
+        # When in its last step a contact opens is chance, and no matter of order.
+        errors.append(np.quantile(off, 0.95))
+    order = np.polyfit(np.log2([4, 2, 1]), np.log2(errors), 1)[0]
+    assert order == pytest.approx(1, abs=0.05)
+
+
+def between(path, contact, time):
+    """Force of a contact between the points of a path, from the cubics through its impulses and forces."""
+    impulses, forces = path.impulses[:, contact], path.forces[:, contact]
+    return CubicHermiteSpline(path.time, impulses, forces).derivative()(time)
+
+
+def test_a_flight_has_no_points_but_its_ends(engine):
+    column = Column((1, 1, 1), (1e4, 1e4), (1, 0.8), (-1, 0, 0), gaps=(0, 0.5))
+    outcome = engine.solve_column(column, Settings(record_path=True))
+    path = outcome.path
+    contact = math.pi * math.sqrt(0.5 / 1e4)
+    assert outcome.diagnostics["duration"] == pytest.approx(0.5 + 1.5 * contact, rel=0.01)
+    (flight,) = np.flatnonzero(np.diff(path.time) > 0.1)
+    assert np.diff(path.time)[flight] == pytest.approx(0.5 - contact / 2, rel=0.01)
+    assert len(path.time) < 1.1 * 2 * contact / outcome.diagnostics["step"]
+    assert path.acting[[0, flight, flight + 1]].tolist() == [[True, False], [False, False], [False, True]]
+    assert path.forces[flight + 1].tolist() == [0.0, 0.0]
+    assert np.diff(path.time) @ path.forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)
+
+
+def test_a_path_is_bounded_however_many_steps_there_are():
+    """Contact 2 presses all along; contact 1 is met 20 times, for the 100 steps after each 5000th."""
+    n, block = 10**5, 250
+    recorder = LineRecorder(replace(line(2), velocities=(-1.0, -1.0, 0.0)), 2 * n, record_path=True)
+    number = np.arange(1, n + 1)
+    pressed = ((number - 1) % 5000 < 100).cumsum() / 4000
+    pushed = 2 * number / n
+    v = np.column_stack([-1 + pressed, -1 - pressed + pushed, -pushed])
+    for first in range(0, n, block):
+        assert recorder.feed(v[first : first + block], np.zeros((block, 3))) == 0
+    v[-1] = [1.0, 0.0, -1.0]
+    recorder.feed(v[-1:], np.zeros((1, 3)))
+    recorder.feed(v[-1:], np.zeros((1, 3)))
+    run = recorder.finish()
+    assert run.over
+    path = run.path()
+    assert PATH_POINTS / 2 <= len(path.time) <= PATH_POINTS
+    assert path.time[-1] == run.duration
+    assert path.impulses[-1] == pytest.approx([2.0, 3.0])
+    assert np.diff(path.time) @ path.forces[1:] == pytest.approx(path.impulses[-1], rel=1e-12)

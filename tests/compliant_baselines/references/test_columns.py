@@ -300,7 +300,12 @@ def test_what_is_refused():
         ("bistiffness", Settings(scenario="drop"), 1, "scenario = 'drop'"),
         ("oracle", Settings(), 1, "oracle does not solve columns of N balls"),
         ("mujoco", Settings(), 1.5, "exponent = 1.5: the contacts of an engine are linear"),
-        ("drake", Settings(), 1, "drake has no adapter for columns of N balls|Drake is not installed"),
+        (
+            "drake",
+            Settings(mapping="naive"),
+            1,
+            "mapping = 'naive': Drake's is that of|Drake is not installed",
+        ),
     ],
 )
 def test_a_solver_refuses_by_name_what_it_cannot_represent(solver, settings, exponent, says):

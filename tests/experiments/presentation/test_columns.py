@@ -3,6 +3,7 @@
 import json
 import re
 
+import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
@@ -10,7 +11,9 @@ import pytest
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import load_config
 from impact_xval.experiments.measures.columns.summary import summarise_columns
+from impact_xval.experiments.presentation.columns.figures import draw_columns, shown_until
 from impact_xval.experiments.presentation.report import present
+from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folders import finished
 
@@ -85,14 +88,41 @@ def test_the_curves_are_of_the_column_of_the_figures(root):
     assert [len(row["velocities"]) for row in curves.values() if row["velocities"]][:3] == [4] * 3
     assert len(model["forces"]) == 3
     assert {len(forces) for forces in model["forces"]} == {len(model["time"])}
-    assert curves["mujoco"]["forces"] is None
+    assert max(len(row["time"]) for row in curves.values()) < 400
     # The impulse of the first contact is what ball 1 loses, per m1 |v0|.
-    for row in (model, law):
+    for row in (model, law, curves["mujoco"]):
         time, force = row["time"], row["forces"][0]
         impulse = sum(
             (b - a) * (f + g) / 2 for a, b, f, g in zip(time, time[1:], force, force[1:], strict=False)
         )
         assert impulse == pytest.approx(1 + row["velocities"][0], rel=2e-2)
+
+
+def test_the_points_that_are_kept_of_forces_are_enough_to_draw_them():
+    time = np.concatenate([np.linspace(0, 10, 9000), np.linspace(1e6, 1e6 + 1, 1000)])
+    forces = np.column_stack([np.sin(3 * time), np.zeros_like(time)])
+    forces[5000, 1] = 7.0
+    forces[5000:5005, 1] = 7.0
+    time[5004:5006] = time[5004]  # a force that ends at once
+    forces[9000:, 0] = 0.0
+    kept = needed(time, forces)
+    assert len(kept) < 250
+    assert {0, 5000, 5004, 5005, 9999} <= set(kept)
+    assert forces[kept].max(axis=0).tolist() == forces.max(axis=0).tolist()
+    other = np.delete(np.arange(len(time)), 5004)  # of the two at one instant
+    drawn = np.column_stack([np.interp(time[other], time[kept], force[kept]) for force in forces.T])
+    assert np.abs(drawn - forces[other]).max() < 1.001e-3 * 7
+
+
+def test_a_meeting_long_after_does_not_stretch_the_axis_of_time(root):
+    summary = summarise_columns(finished(root))
+    figures = {name: figure for name, figure, _ in draw_columns(finished(root), summary)}
+    axes = [ax for ax in figures["wave"].axes if ax.get_visible()]
+    assert [ax.get_title() for ax in axes] == ["state-transition", "bistiffness", "kelvin-voigt", "mujoco"]
+    ends = [max(line.get_xdata().max() for line in ax.lines) for ax in axes]
+    assert 0.9 * max(ends) < axes[0].get_xlim()[1] <= 1.05 * max(ends)
+    late = {"time": np.array([0, 1, 2, 1e6, 1e6 + 1]), "forces": [np.array([0, 1, 0, 0, 1e-4])]}
+    assert shown_until(late) == 2
 
 
 def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_law(tmp_path, capsys):
