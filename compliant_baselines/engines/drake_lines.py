@@ -50,7 +50,7 @@ def shortest_of_line(line: Line) -> str | None:
     """Why a line cannot be taken in discrete time: a step so short that the engine neglects a contact.
 
     The engine compares residuals with the momentum of all bodies, both per sqrt(mass): an impulse M u of a pair that
-    meets at u counts sqrt(M) u beside sqrt(sum m v^2). Such a contact starts late by the phase that is bounded;
+    meets at u counts sqrt(M) u beside sqrt(sum m v^2). Such a contact starts late, by a phase that is bounded here.
     """
     total = math.sqrt(float(np.array(line.masses) @ np.square(line.velocities)))
     slow = min(contact.omega * math.sqrt(contact.mass) for contact in line.contacts)
