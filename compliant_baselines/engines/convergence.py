@@ -66,7 +66,7 @@ from impact_xval.compliant_baselines.contact.column import Column
 from impact_xval.compliant_baselines.contact.line import Line
 from impact_xval.compliant_baselines.contract.solver import Convergence
 from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
-from impact_xval.compliant_baselines.contract.trajectory import Floats
+from impact_xval.compliant_baselines.contract.trajectory import GOING, REST, STUCK, Floats
 from impact_xval.compliant_baselines.engines.lines import LineRun
 from impact_xval.compliant_baselines.engines.recording import Run
 
@@ -84,6 +84,10 @@ GROWTH = 100.0
 
 #: Added to what may be zero.
 TINY = np.finfo(float).tiny
+
+#: How many times the steps that its length asks for a run at a shorter step may take: balls that meet soon at one step
+#: may do so after millions of them at another.
+PATIENCE = 4
 
 #: Factor within which two measures of a regularisation agree.
 ALIKE = 2.0
@@ -105,8 +109,8 @@ class Limit:
         Fitted order of convergence; NaN where there is nothing but rounding.
     step : float
         The shortest step, in s.
-    flight : bool
-        Whether gravity ended in a first flight at that step.
+    flight, rest : bool
+        Whether at that step gravity ended in a first flight, and whether B2 came to rest on the table.
     """
 
     velocities: tuple[float, ...]
@@ -115,6 +119,7 @@ class Limit:
     order: float
     step: float
     flight: bool = False
+    rest: bool = False
 
     @property
     def error(self) -> float:
@@ -232,6 +237,8 @@ class _Case:
     column: Column | Line
     runs: list[Any]
     halvings: int
+    #: Steps that a run at the step h may take.
+    max_steps: int
     #: Largest error, in m/s.
     tolerance: float
     #: Whether what its regularisation does is to be measured.
@@ -264,7 +271,7 @@ class _Case:
             alike=len(paths) == 1,
             gravity_doubt=max(self.flight_doubt(), self.column.gravity * last.column.step),
         )
-        return replace(limit, flight=last.fall is not None)
+        return replace(limit, flight=last.fall is not None, rest=last.end in (REST, STUCK))
 
     def flight_doubt(self) -> float:
         """Bound, in m/s, what gravity does in a contact that a first flight may or may not precede.
@@ -282,10 +289,16 @@ class _Case:
             return 0.0
         return self.column.gravity * 0.5 * (self.column.contact1, self.column.contact2)[contact - 1].period
 
+    #: Steps that the run at the step h took: those that one at a longer step may take.
+    longest: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.longest = self.runs[-1].raw.n_steps
+
     @property
-    def longest(self) -> int:
-        """Steps that a run at a longer step may take: those of the run at the shortest."""
-        return self.runs[-1].raw.n_steps
+    def most(self) -> int:
+        """Steps that the run at the next shorter step may take."""
+        return min(self.max_steps, PATIENCE * self.longest) * 2 ** (self.halved + 1)
 
     def precede(self, run: Run | LineRun) -> None:
         """Put the run at the next longer step before the others, if there is none longer that was left out."""
@@ -293,11 +306,14 @@ class _Case:
             self.runs.insert(0, run)
 
     def take(self, run: Run | LineRun) -> None:
-        """Take the run at the next shorter step; one that came to no end ends the halving."""
-        if run.over and not self.failure:
+        """Take the run at the next shorter step; one that came to no end in its time ends the halving."""
+        most = self.most
+        if run.over and run.raw.n_steps <= most:
             self.runs.append(run)
         else:
-            self.failure = self.failure or f"at a step of {run.column.step:.3g} s: {run.problem()}"
+            end = GOING if run.over else run.end  # what others of the call were given does not count
+            problem = replace(run, end=end, max_steps=most).problem()
+            self.failure = f"at a step of {run.column.step:.3g} s: {problem}"
 
     def probe(self, run: Run | LineRun, own: Run | LineRun, factor: float) -> None:
         """Take a run with more regularisation, if there is one of the same step with the engine's own."""
@@ -328,7 +344,8 @@ class _Case:
         """Why the limit does not satisfy; nothing if it does."""
         limit, speed = self.limit(), self.column.speed
         if limit is None:
-            return f"no limit dt -> 0: {self.failure or 'longer steps come to no end'}"
+            why = self.failure or "runs at longer steps take more of them than that at h, or come to no end"
+            return f"no limit dt -> 0: {why}"
         if limit.error <= self.tolerance:
             return ""
         text = (
@@ -337,7 +354,7 @@ class _Case:
         )
         if self.settled():
             share = limit.regularisation / speed
-            return f"{text}: the engine's own regularisation of contacts is {share:.1e} of it"
+            return f"{text}, and no shorter step helps: the engine's own regularisation of contacts leaves {share:.1e}"
         return f"{text}, at the finest step, {limit.step:.3g} s" + (
             f" ({self.failure})" if self.failure else ""
         )
@@ -363,7 +380,8 @@ def estimate_limits(
     convergence : Convergence
         What is wanted.
     max_steps : int
-        Steps a run at the step h, or a longer one, may take; at shorter ones as many times more.
+        Steps a run at the step h, or a longer one, may take; at shorter ones as many times more, and no more than
+        `PATIENCE` times what the run at h took.
 
     Returns
     -------
@@ -376,6 +394,7 @@ def estimate_limits(
             run.column,
             [run],
             convergence.halvings,
+            max_steps,
             convergence.tolerance * run.column.speed,
             probe is not None and run.column.mapping == "calibrated",
         )
@@ -394,7 +413,8 @@ def estimate_limits(
         if (run := next(answers)).raw.n_steps <= case.longest:
             case.probe(run, case.runs[0], factor)
     while going := [case for case in cases if case.wants_more()]:
-        longest = max_steps * 2 ** max(case.halved + 1 for case in going)
+        # As above, what takes too many of them is left out one by one.
+        longest = max(case.most for case in going)
         # Beside a grazing a probe at a long step may show what is the step's: seen again at the shortest.
         again = [case for case in going if case.doubtful()]
         finest = [replace(case.runs[-1].column, regularisation=factor) for case in again]

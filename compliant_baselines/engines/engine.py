@@ -124,14 +124,14 @@ class EngineSolver(SolverBase):
         done = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
         runs = dict(zip(columns, done, strict=True))
         outcomes |= {i: outcome_of(self.name, run, settings) for i, run in runs.items()}
-        flights = self._add_limits(outcomes, self.run_columns, runs, settings)
+        ends = self._add_limits(outcomes, self.run_columns, runs, settings)
         answered = [outcomes[i] for i in range(len(collisions))]
         if settings.mapping == "naive":
             return answered  # its contacts are not those of the law
         law = registry.law_of(self.name)
         exact = registry.get_solver(law)
         assert isinstance(exact, ReferenceSolver)
-        return mark(answered, collisions, settings, law, exact.batch, flights)
+        return mark(answered, collisions, settings, law, exact.batch, ends)
 
     def _add_limits(
         self,
@@ -139,8 +139,8 @@ class EngineSolver(SolverBase):
         run_again: Callable[[Sequence[Any], int], Sequence[Any]],
         runs: Mapping[int, Run] | Mapping[int, LineRun],
         settings: Settings,
-    ) -> dict[int, bool]:
-        """Add the limits dt -> 0 to outcomes, if they are asked for; whether a limit ended in a flight, where known."""
+    ) -> dict[int, tuple[bool, bool]]:
+        """Add the limits dt -> 0 to outcomes, if they are asked for; how they ended, where known, as for `mark`."""
         over = {i: run for i, run in runs.items() if run.over}
         if settings.convergence is None or not over:
             return {}
@@ -153,7 +153,11 @@ class EngineSolver(SolverBase):
         )
         for i, (limit, reason) in zip(over, limits, strict=True):
             outcomes[i] = with_limit(outcomes[i], limit, reason)
-        return {i: limit.flight for i, (limit, _) in zip(over, limits, strict=True) if limit is not None}
+        return {
+            i: (limit.flight, limit.rest)
+            for i, (limit, _) in zip(over, limits, strict=True)
+            if limit is not None
+        }
 
 
 def _too_shallow(column: Column | Line) -> str | None:

@@ -12,7 +12,8 @@ Next to one an engine cannot be held to the exact outcome, since all that a fini
 smooth outcomes move by less than three times the change over the default box (`benchmarks/limits.py jumps`). The mark
 says which parameter and how far. A limit dt -> 0 is marked too where gravity ended in a first flight at its shortest
 step and does not under the exact law, or the other way round: by what gravity does in one contact of the balls, 1e-3
-|v0| or so, the two are then different collisions.
+|v0| or so, the two are then different collisions. So it is where B2 comes to rest on the table at that step, and leaves
+it under the exact law, or the other way round.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def mark(
     settings: Settings,
     law: str,
     batch: Callable[..., ReferenceBatch],
-    flights: Mapping[int, bool] | None = None,
+    ends: Mapping[int, tuple[bool, bool]] | None = None,
 ) -> list[Outcome]:
     """Mark the outcomes that lie beside a jump of their exact law.
 
@@ -100,8 +101,9 @@ def mark(
         Name of the law.
     batch : callable
         What solves it.
-    flights : dict, optional
-        Of outcomes by their position whether the run that decides on them had a first flight.
+    ends : dict, optional
+        Of outcomes by their position whether the run that decides on them had a first flight, and whether B2 came to
+        rest on the table.
     """
     there = [i for i, outcome in enumerate(outcomes) if isfinite(outcome.v1)]
     marked = list(outcomes)
@@ -113,15 +115,19 @@ def mark(
         [(c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, c.gravity_number(gravity)) for c in some]
     ).T
     excess, which, exact = jumps(batch, *cells)
-    flew = (exact.fall < exact.duration).tolist()
-    for i, over, tried, flight in zip(there, excess.tolist(), which.tolist(), flew, strict=True):
+    exact_ends = (exact.fall < exact.duration).tolist(), np.isin(exact.end, ("rest", "stuck")).tolist()
+    for i, over, tried, *end in zip(there, excess.tolist(), which.tolist(), *exact_ends, strict=True):
         if over > 1:
             parameter, change = TRIED[tried]
             far = over * JUMPS[abs(change)]
             says = f"a change of {change:g} in {CHANGED[parameter]} moves the exact outcome of {law} by {far:.2g} |v0|"
             marked[i] = replace(outcomes[i], marked=says)
-        elif flights and gravity and flights.get(i, flight) != flight:
-            one, other = (f"exact {law}", "the engine") if flight else ("the engine", f"exact {law}")
-            says = f"gravity ends in a first flight of {one}, and {other} has none"
-            marked[i] = replace(outcomes[i], marked=says)
+        elif ends and gravity and (own := ends.get(i, (*end,))) != (*end,):
+            which_end = 0 if own[0] != end[0] else 1
+            one, other = (f"exact {law}", "the engine") if end[which_end] else ("the engine", f"exact {law}")
+            says = (
+                f"gravity ends in a first flight of {one}, and {other} has none",
+                f"by {one} the lower ball comes to rest on the table, and by {other} it leaves",
+            )
+            marked[i] = replace(outcomes[i], marked=says[which_end])
     return marked

@@ -184,7 +184,7 @@ def report(folder: Folder) -> None:
 
 
 #: What is said before.
-COMPILING = "compiling the kernels, once for each installation: a minute or more"
+COMPILING = "compiling the kernels, once for each installation: half a minute or more"
 
 
 def compile_notice() -> str:

@@ -7,7 +7,9 @@ physics.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -77,6 +79,8 @@ class Summary:
         Convergence estimates by solver (`measures.estimates`); empty without any.
     n_cells, n_marked : int
         Cells of the grid, and those of them in which the model is marked.
+    marked_beyond : dict of int
+        Of solvers the number of cells in which they are marked and the model is not, where there are any.
     ladder : LadderSummary
         What the divergence of the engines is made of.
     """
@@ -91,6 +95,7 @@ class Summary:
     estimates: Frame
     n_cells: int
     n_marked: int
+    marked_beyond: dict[str, int]
     ladder: LadderSummary
     _places: dict[tuple[Any, ...], int] = field(init=False, repr=False)
 
@@ -122,7 +127,7 @@ def summarise(folder: RunFolder) -> Summary:
     cells = folder.table_path("cells.parquet", CELLS_SCHEMA)
     table = load_divergence(folder, config)
     outcomes = folder.tally()
-    marks = present(cells, "marked")[codes(cells, "solver", [REFERENCE]) == 0]
+    n_marked, marked_beyond = marks_of(cells, config.solvers)
     return Summary(
         config=config,
         levels=table.levels,
@@ -131,11 +136,23 @@ def summarise(folder: RunFolder) -> Summary:
         statuses=status_frame(outcomes, config),
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         between=between(cells, config),
-        n_cells=len(marks),
-        n_marked=int(marks.sum()),
+        n_cells=sum(n for (name, _, _), n in outcomes.items() if name == REFERENCE),
+        n_marked=n_marked,
+        marked_beyond=marked_beyond,
         estimates=convergence_estimates(cells, config.solvers, config.mapping),
         ladder=summarise_ladder(folder, config),
     )
+
+
+def marks_of(cells: Path, solvers: Sequence[str]) -> tuple[int, dict[str, int]]:
+    """Count the cells in which the model is marked, and by solver those in which it is and the model is not, if any."""
+    names = [REFERENCE, *(name for name in solvers if name != REFERENCE)]
+    counts = np.bincount(
+        codes(cells, "solver", names)[present(cells, "marked")], minlength=len(names)
+    ).tolist()
+    # Where the model is marked every row of the cell is.
+    beyond = {name: n - counts[0] for name, n in zip(names, counts, strict=True) if n > counts[0]}
+    return counts[0], beyond
 
 
 def load_divergence(folder: RunFolder, config: Config) -> Compared:

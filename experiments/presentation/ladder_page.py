@@ -87,7 +87,7 @@ def _found(ladder: LadderSummary, solver: str) -> dict[str, Any]:
         "total": first.total,
         "parts": [
             (share_text(whole, name), _LABELS[name])
-            for name in acting.share.sort_values(ascending=False).index
+            for name in acting.share.abs().sort_values(ascending=False, kind="stable").index
         ],
         "bands": [(_LABELS[name], share_text(region, name), label) for region, name, label in largest],
         "agreed": first.agreed,

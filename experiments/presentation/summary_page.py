@@ -8,6 +8,7 @@ from typing import Any
 
 from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
 from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.estimates import HONEST
 from impact_xval.experiments.measures.summary import FULL_PATHS, OWN_LAW, SUMMARISED, Frame, Summary
 from impact_xval.experiments.presentation.ladder_page import ladder_facts, spread
@@ -29,7 +30,6 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
         Facts by name, and all of them once more as ``facts``, to be handed to macros.
     """
     statuses = summary.statuses
-    marked = {name: _divergence(summary, name, cells="marked").n for name in summary.solvers}
     facts = {
         "config": summary.config,
         "solvers": summary.solvers,
@@ -37,9 +37,9 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
         "measures": list(SUMMARISED.values()),
         "n_cells": summary.n_cells,
         "n_marked": summary.n_marked,
-        "marked_beyond": {
-            name: int(n) - summary.n_marked for name, n in marked.items() if n > summary.n_marked
-        },
+        "marked_beyond": summary.marked_beyond,
+        "compared": [name for name in summary.solvers if _divergence(summary, name).n],
+        "unsolved": unsolved(summary),
         "solvers_found": [_found(summary, name) for name in summary.solvers if _divergence(summary, name).n],
         "closest": _closest(summary),
         "ladder": ladder_facts(summary.ladder),
@@ -63,6 +63,20 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
         "n_reasons": len(summary.reasons),
     }
     return facts | {"facts": facts}
+
+
+def unsolved(summary: Summary) -> list[tuple[str, int, str, str]]:
+    """Tell of every solver without a result in some cells how many, of which status, and the most frequent reason."""
+    found = []
+    for name in (REFERENCE, *summary.solvers):
+        some = summary.reasons[
+            (summary.reasons.solver == name) & ~summary.reasons.status.isin(RESULT_STATUSES)
+        ]
+        if len(some):
+            counts = some.groupby("status", sort=False).n.sum().items()
+            said = ", ".join(f"{n} {status}" for status, n in counts)
+            found.append((name, int(some.n.sum()), said, some.reason.iloc[0]))
+    return found
 
 
 def _divergence(summary: Summary, name: str, *where: Any, **which: Any) -> Frame:

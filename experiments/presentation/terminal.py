@@ -12,7 +12,7 @@ from typing import Any
 
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -120,15 +120,18 @@ def _bar(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[
         TextColumn(unit),
         BarColumn(),
         MofNCompleteColumn(),
-        TimeElapsedColumn(),
+        # rich's own stops with the last cell
+        TextColumn("{task.fields[elapsed]}", style="progress.elapsed"),
         TextColumn("{task.fields[left]}"),
         console=console,
     )
-    task, pace = bar.add_task(unit, total=None, left=""), _Pace()
+    task, pace, start = bar.add_task(unit, total=None, left="", elapsed=""), _Pace(), time.perf_counter()
     medians = _seldom(medians)
 
     def shown() -> Group:
-        bar.update(task, left=phrase("progress.md.j2", "to_come", pace.done, pace.total, pace.left))
+        elapsed = timedelta(seconds=int(time.perf_counter() - start))
+        left = phrase("progress.md.j2", "to_come", pace.done, pace.total, pace.left)
+        bar.update(task, left=left, elapsed=str(elapsed))
         rows = [(*names, number(median)) for *names, median in medians()]
         page = _renderables(render("medians.md.j2", rows=rows))
         return Group(*(Text(each) if isinstance(each, str) else each for each in page), bar)

@@ -265,7 +265,7 @@ def test_a_step_at_which_a_collision_comes_to_no_end_is_left_out(engine, ends, f
     else:
         assert limit is None
         assert "no limit dt -> 0" in reason
-        assert "not over after max_steps = 5" in reason
+        assert "not over after max_steps = " in reason
 
 
 def test_the_naive_mapping_has_a_limit_of_its_own(engine):

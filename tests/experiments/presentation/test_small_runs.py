@@ -1,9 +1,12 @@
 """Runs with little in them, each a result: one cell, one solver, no difference at all, nothing but failures."""
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.measures.summary import marks_of
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
@@ -46,6 +49,29 @@ def test_agreement_is_said(command, runs, capsys):
     assert "mujoco ends where the model does: there is nothing to split." in " ".join(
         capsys.readouterr().out.split()
     )
+
+
+def test_what_has_no_result_is_counted_with_the_most_frequent_reason(runs, capsys):
+    assert main(["table", str(runs("agreement beside a failure"))]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    cells = 3 * 2 * 2
+    assert f"pybullet has no result in {cells} of {cells} cells ({cells} unavailable), most often: " in shown
+    # Who has no result is no vote.
+    assert "asked for the same law" not in shown
+
+
+def test_rows_marked_where_the_model_is_not_are_all_counted(tmp_path):
+    """Those without a result too: of 10 cells the model is marked in 2, the engine in 5."""
+    rows = [
+        {"cell": cell, "solver": name, "status": "ok" if cell % 2 else "timeout", "marked": mark}
+        for cell in range(10)
+        for name, mark in (
+            ("state-transition", "near" if cell < 2 else None),
+            ("mujoco", "near" if cell < 5 else None),
+        )
+    ]
+    pq.write_table(pa.Table.from_pylist(rows), tmp_path / "cells.parquet")
+    assert marks_of(tmp_path / "cells.parquet", ["mujoco"]) == (2, {"mujoco": 3})
 
 
 @pytest.fixture(scope="module")
