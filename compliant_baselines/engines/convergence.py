@@ -87,7 +87,7 @@ TINY = np.finfo(float).tiny
 
 #: How many times the steps that its length asks for a run at a shorter step may take: balls that meet soon at one step
 #: may do so after millions of them at another.
-PATIENCE = 4
+PATIENCE = 8
 
 #: Factor within which two measures of a regularisation agree.
 ALIKE = 2.0
