@@ -219,7 +219,9 @@ V0: Any = typer.Option(metavar="M/S", help="Velocity of what falls or strikes, l
 STEP_FRACTION: Any = typer.Option(
     metavar="X", help="Time step over the period of the fastest contact, at most 0.1."
 )
-SOLVER: Any = typer.Option(metavar="NAME", help="A solver; may be repeated. By default all.")
+SOLVER: Any = typer.Option(
+    metavar="NAME", help="A solver; may be repeated, the model is added. By default all."
+)
 JSON_LIST: Any = typer.Option("--json", help="Print a JSON list, an object a solver.")
 CELL_TIMEOUT: Any = typer.Option(metavar="S", help="Seconds after which a solver is ended.")
 MAPPING: Any = typer.Option(metavar="NAME", help="'calibrated' or 'naive'.")
