@@ -64,7 +64,7 @@ def solve(
     solver: Annotated[list[str] | None, SOLVER] = None,
     json: Annotated[bool, JSON_LIST] = False,
     scenario: Annotated[str, SCENARIO] = "impact",
-    gravity: Annotated[str, GRAVITY] = "9.81",
+    gravity: Annotated[str | None, GRAVITY] = None,
     m1: Annotated[str, M1] = "1",
     k1: Annotated[str, K1] = "1e8",
     v0: Annotated[str, V0] = "-1",
