@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import shlex
 import time
@@ -62,7 +63,7 @@ def run(
 
         summaries.append(present(folder))
 
-    with _writing(root, "parts", words, console, medians.rows) as progress:
+    with _writing(root, "parts", words, console, medians.rows, _size(experiment)) as progress:
         folder = run_sweep(
             experiment,
             root,
@@ -81,7 +82,7 @@ def run(
 
 def search(
     config: Annotated[
-        Path | None, config_file("The experiment, with a table [search]; by default built in.")
+        Path | None, config_file("The experiment; without a table [search], the box of its grid or sample.")
     ] = None,
     out: Annotated[Path | None, folder_to_write("by default runs/NAME-search")] = None,
     solver: Annotated[
@@ -93,22 +94,33 @@ def search(
     scheduler: Scheduler = None,
 ) -> None:
     """Search a box of parameters for the worst divergence of a solver from the model."""
+    from impact_xval.experiments.config.axes import AXES
     from impact_xval.experiments.config.configuration import from_canonical
+    from impact_xval.experiments.presentation.pages import phrase
     from impact_xval.experiments.presentation.search_figure import write_figure
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.presentation.views import show_found
     from impact_xval.experiments.sweep.search import search_worst
 
-    experiment = _experiment(config, "built-in search")
-    box = experiment.search.model_dump() if experiment.search is not None else {}
-    box |= {"solver": solver} if solver is not None else {}
-    experiment = from_canonical(experiment.canonical() | {"search": box}, "--solver")
+    experiment, where = _experiment(config, "built-in search"), str(config or "built-in search")
+    try:
+        table = experiment.search_table()
+    except ValueError as error:
+        raise UserError(f"{where}: {error}") from None
+    experiment = from_canonical(experiment.canonical() | {"search": table}, where)
+    if solver is not None:
+        experiment = from_canonical(
+            experiment.canonical() | {"search": table | {"solver": solver}}, "--solver"
+        )
     root = out if out is not None else Path("runs") / f"{_slug(experiment.name)}-search"
     options = [*_option("--solver", solver), *_option("--scheduler", scheduler)]
     console = make_console()
-    with _writing(
-        root, "generations", ["search", config, "--out", root, *options, "--resume"], console
-    ) as progress:
+    words = ["search", config, "--out", root, *options, "--resume"]
+    assert experiment.search is not None
+    box = phrase(
+        "progress.md.j2", "box", {AXES[name]: ends for name, ends in experiment.search.ends().items()}
+    )
+    with _writing(root, "generations", words, console, before=box) as progress:
         found = search_worst(
             experiment,
             root,
@@ -201,6 +213,19 @@ def _experiment(path: Path | None, built_in: str) -> Config:
     return load_config(path) if path is not None else parse_config({}, built_in)
 
 
+def _size(experiment: Config) -> str:
+    """Say how many cells the axes of an experiment make, and which of them took their defaults; "" without axes."""
+    from impact_xval.experiments.presentation.pages import phrase
+
+    if experiment.sample is not None or experiment.cells is not None:
+        return ""
+    table, column = experiment.column or experiment.grid, experiment.column
+    lengths, given = table.lengths(), table.model_fields_set
+    total = column.columns() if column is not None else math.prod(lengths.values())
+    axes = [(name, length, name in given) for name, length in lengths.items()]
+    return phrase("progress.md.j2", "size", total, "cells" if column is None else "columns", axes)
+
+
 def _kept(root: Path) -> Config | None:
     """Read the configuration of the run in a folder, if there is one that says what it is of."""
     from impact_xval.experiments.tables.store import DamagedManifestError, RunFolder
@@ -222,7 +247,12 @@ def _slug(name: str) -> str:
 
 @contextlib.contextmanager
 def _writing(
-    root: Path, kept: str, words: list[Any], console: Any, medians: MedianRows = lambda: []
+    root: Path,
+    kept: str,
+    words: list[Any],
+    console: Any,
+    medians: MedianRows = lambda: [],
+    before: str = "",
 ) -> Iterator[Progress]:
     """Show the progress of what writes a folder; one line and exit code 1 where it is stopped.
 
@@ -237,6 +267,8 @@ def _writing(
     console : Console
     medians : callable
         As for `terminal.show_progress`.
+    before : str
+        What is said before anything is computed.
     """
     from impact_xval.compliant_baselines.contract.visible import visible
     from impact_xval.experiments.presentation.terminal import show_progress
@@ -244,7 +276,7 @@ def _writing(
     new = [folder for folder in root.parents if not folder.exists()]
     try:
         with show_progress(console, medians=medians) as progress:
-            yield _noticed(progress)
+            yield _noticed(progress, before)
     except UserError:
         for folder in new:
             with contextlib.suppress(OSError):
@@ -256,13 +288,13 @@ def _writing(
         raise typer.Exit(1) from None
 
 
-def _noticed(progress: Callable[[int, int, str], None]) -> Progress:
-    """Add the notice of compilation to the first report: by then the input is known to be legal."""
-    notices = [compile_notice()]
+def _noticed(progress: Callable[[int, int, str], None], before: str) -> Progress:
+    """Add a line and the notice of compilation to the first report: by then the input is known to be legal."""
+    notices = [before, compile_notice()]
 
     def report(done: int, total: int, line: str) -> None:
-        if notices:
-            progress(0, 0, notices.pop())
+        while notices:
+            progress(0, 0, notices.pop(0))
         progress(done, total, line)
 
     return report
