@@ -38,21 +38,32 @@ def run(
     config: Annotated[Path | None, config_file("The experiment; without it, the built-in grid.")] = None,
     out: Annotated[Path | None, folder_to_write("by default runs/NAME")] = None,
     workers: Workers = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A first taste: 40 cells of the built-in grid, in seconds.")
+    ] = False,
     resume: Resume = False,
     take_over: TakeOver = False,
     scheduler: Scheduler = None,
 ) -> None:
-    """Run an experiment over its cells: tables, summary, figures and a report in one folder."""
+    """Run an experiment over its cells: tables, summary, figures and a report in one folder.
+
+    With --resume --out DIR and no file, the experiment is the one that was begun in the folder.
+    """
     start = time.perf_counter()
+    if quick and config is not None:
+        raise UserError(f"--quick with {config}: it is for the built-in grid; legal: one of both")
     kept = _kept(out) if resume and config is None and out is not None else None
-    experiment = kept or _experiment(config, "built-in experiment")
+    if quick and kept is not None and kept.identity() != _quick().identity():
+        raise UserError(f"--quick with --resume --out {out}: holds another run; legal: --resume --out {out}")
+    experiment = kept or (_quick() if quick else _experiment(config, "built-in experiment"))
     # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import run_sweep
     from impact_xval.experiments.sweep.status import Medians
 
     root = out if out is not None else Path("runs") / _slug(experiment.name)
-    words = ["run", config, "--out", root, "--resume", *_option("--scheduler", scheduler)]
+    what = "--quick" if quick else config
+    words = ["run", what, "--out", root, "--resume", *_option("--scheduler", scheduler)]
     console = make_console()
     medians = Medians(experiment.solvers)
     summaries = []
@@ -211,6 +222,15 @@ def _experiment(path: Path | None, built_in: str) -> Config:
     from impact_xval.experiments.config.configuration import load_config, parse_config
 
     return load_config(path) if path is not None else parse_config({}, built_in)
+
+
+def _quick() -> Config:
+    """Return the built-in experiment on a few of its cells: five stiffness ratios, and the ends of the other axes."""
+    from impact_xval.experiments.config.configuration import parse_config
+
+    steps = {"stiffness_ratio": 3, "mass_ratio": 2, "e1": 3, "e2": 3}
+    axes = {name: values[:: steps[name]] for name, values in parse_config({}).grid.axes().items()}
+    return parse_config({"name": "quick", "grid": axes}, "built-in experiment")
 
 
 def _size(experiment: Config) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from datetime import timedelta
 from typing import TYPE_CHECKING
 
@@ -47,6 +48,7 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
     page = render(
         "status.md.j2",
         root=root,
+        command=shlex.join(["impact-xval", "run", "--resume", "--out", root]),
         s=status,
         share=status.cells_done / status.cells if status.cells else 1.0,
         left=None if left is None else str(timedelta(seconds=round(left))),

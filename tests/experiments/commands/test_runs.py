@@ -1,13 +1,18 @@
 """What runs and searches say before they begin, and which cells they take."""
 
+import json
+import os
+import shlex
+
 import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.axes import Search
 from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.sweep import run as sweep
 from impact_xval.experiments.sweep import search as searching
+from impact_xval.experiments.sweep.designs import cells_of
 
 GRID = "[grid]\nstiffness_ratio = [0.1, 2, 10]\nmass_ratio = [1.25]\ne2 = {linear = [0.5, 0.9, 3]}\n"
 QUICK = "[search]\nsolver = 'bistiffness'\npopulation = 8\ngenerations = 4\n"
@@ -39,6 +44,52 @@ def test_a_run_says_how_many_cells_there_are_and_which_axes_took_defaults(
     (tmp_path / "my.toml").write_text(text)
     assert main(["run", str(tmp_path / "my.toml"), "--out", str(tmp_path / "a")]) == 2
     assert says in capsys.readouterr().out.splitlines()
+
+
+def test_a_quick_run_is_of_a_few_cells_of_the_built_in_grid_and_is_continued_as_one(
+    tmp_path, capsys, monkeypatch
+):
+    configs = []
+
+    def begun(config, root, **_):
+        configs.append(config)
+        raise InterruptedRunError("interrupted")
+
+    monkeypatch.setattr(sweep, "run_sweep", begun)
+    root = tmp_path / "my run"
+    assert main(["run", "--quick", "--out", str(root)]) == 1
+    command = capsys.readouterr().err.strip().split("to continue: ")[1]
+    words = shlex.split(command)
+    assert words == ["impact-xval", "run", "--quick", "--out", str(root), "--resume"]
+    assert main(words[1:]) == 1
+    assert configs[0] == configs[1]
+    quick, whole = configs[0], parse_config({})
+    assert len(cells_of(quick)) == 40
+    for name, values in whole.grid.axes().items():
+        taken = quick.grid.axes()[name]
+        assert set(taken) < set(values)
+        assert (taken[0], taken[-1]) == (values[0], values[-1])
+    assert quick.canonical() | {"name": "", "grid": {}} == whole.canonical() | {"name": "", "grid": {}}
+
+
+def test_a_quick_run_takes_neither_a_file_nor_the_folder_of_another(tmp_path, capsys):
+    (tmp_path / "my.toml").write_text(GRID)
+    assert main(["run", str(tmp_path / "my.toml"), "--quick"]) == 2
+    assert f"--quick with {tmp_path / 'my.toml'}: " in capsys.readouterr().err
+    (tmp_path / "a/parts").mkdir(parents=True)
+    (tmp_path / "a/parts/configuration.json").write_text(json.dumps(parse_config({}).canonical()))
+    assert main(["run", "--quick", "--resume", "--out", str(tmp_path / "a")]) == 2
+    assert f"--quick with --resume --out {tmp_path / 'a'}: holds another run" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_quick_run_takes_less_than_20_s_of_two_cores(tmp_path):
+    """Once warm; of processor time, since others may be at work."""
+    root = str(tmp_path / "a")
+    assert main(["run", "--quick", "--out", root]) == 0
+    before = os.times()
+    assert main(["run", "--quick", "--out", root + "b"]) == 0
+    assert sum(os.times()[:4]) - sum(before[:4]) < 40
 
 
 def test_a_search_without_a_box_takes_that_of_the_grid(tmp_path, capsys, monkeypatch):
