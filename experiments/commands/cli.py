@@ -113,6 +113,7 @@ for command in (
     runs.table,
     runs.figures,
     runs.report,
+    runs.compare_runs,
     ladder,
 ):
     app.command(cls=_Command)(command)

@@ -22,6 +22,7 @@ from impact_xval.experiments.commands.options import (
     Workers,
     config_file,
     folder_to_write,
+    number,
     path,
 )
 from impact_xval.experiments.commands.supervision import last_word
@@ -204,6 +205,43 @@ def report(folder: Folder) -> None:
     with at_work("writing the report"):
         page = write_report(finished(folder))
     print_line(make_console(), str(page))
+
+
+def compare_runs(
+    run_a: Annotated[Path, typer.Argument(metavar="RUN_A", parser=path("RUN_A"), help="A finished run.")],
+    run_b: Annotated[
+        Path, typer.Argument(metavar="RUN_B", parser=path("RUN_B"), help="A finished run of the same cells.")
+    ],
+    tolerance: Annotated[
+        str,
+        typer.Option(
+            metavar="X", help="Largest change of a velocity per |v0|, and of D, that is none; 0: no bit."
+        ),
+    ] = "1e-9",
+    json: JsonObject = False,
+) -> None:
+    """Show what moved between two runs, by solver and cell: after an upgrade of an engine, or in CI.
+
+    Exit code 0 if nothing moved, 1 if something did: a status, a velocity or D.
+    """
+    from json import dumps
+
+    from impact_xval.experiments.presentation.terminal import at_work, make_console
+    from impact_xval.experiments.presentation.views import changes_object, show_changes
+    from impact_xval.experiments.tables.comparison import compare
+    from impact_xval.experiments.tables.folders import finished
+
+    allowed = number("--tolerance", tolerance)
+    if not 0 <= allowed < math.inf:
+        raise UserError(f"--tolerance = {tolerance!r:.60}; legal: a finite number >= 0 (of |v0|)")
+    with at_work("comparing the runs"):
+        found = compare(finished(run_a), finished(run_b), allowed)
+    if json:
+        typer.echo(dumps(changes_object(found), indent=2, allow_nan=False))
+    else:
+        show_changes(make_console(), str(run_a), str(run_b), found)
+    if found.moved:
+        raise typer.Exit(1)
 
 
 #: What is said before.
