@@ -45,6 +45,8 @@ class Entry:
         Whether the scene it runs can be written down, to be run without this package or to be examined.
     naive : bool
         Whether it is given the naive mapping whatever is configured, and so does not run what it is asked for.
+    description : str
+        What it is, in a line without a full stop, for the list of solvers.
     """
 
     module: str
@@ -55,6 +57,7 @@ class Entry:
     costly: bool = False
     exportable: bool = False
     naive: bool = False
+    description: str = ""
 
 
 _MODEL, _KELVIN_VOIGT = "contract.state_transition", "references.kelvin_voigt"
@@ -62,28 +65,105 @@ _MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}_engine" for name in ("mujoco", "p
 
 # In the order in which tables list the solvers; those on request after all others.
 _ENTRIES: dict[str, Entry] = {
-    "state-transition": Entry(_MODEL, "StateTransitionSolver", "model", "state-transition"),
-    "bistiffness": Entry("references.bistiffness", "BistiffnessSolver", "reference", "bistiffness"),
-    "kelvin-voigt": Entry(_KELVIN_VOIGT, "KelvinVoigtSolver", "reference"),
-    "mujoco": Entry(_MUJOCO, "MujocoSolver", exportable=True),
-    "pybullet": Entry(_PYBULLET, "PybulletSolver", exportable=True),
-    "drake": Entry(_DRAKE, "DrakeSolver", costly=True),
+    "state-transition": Entry(
+        _MODEL,
+        "StateTransitionSolver",
+        "model",
+        "state-transition",
+        description="the state-transition model, exact: impulses alone, positions stand still",
+    ),
+    "bistiffness": Entry(
+        "references.bistiffness",
+        "BistiffnessSolver",
+        "reference",
+        "bistiffness",
+        description="the model's law in time, exact: springs of two stiffnesses, positions that move",
+    ),
+    "kelvin-voigt": Entry(
+        _KELVIN_VOIGT,
+        "KelvinVoigtSolver",
+        "reference",
+        description="spring and dashpot that never pull, exact: what engines are mapped to",
+    ),
+    "mujoco": Entry(
+        _MUJOCO,
+        "MujocoSolver",
+        exportable=True,
+        description="MuJoCo, its contacts mapped to spring and dashpot",
+    ),
+    "pybullet": Entry(
+        _PYBULLET,
+        "PybulletSolver",
+        exportable=True,
+        description="PyBullet, its contacts mapped to spring and dashpot",
+    ),
+    "drake": Entry(
+        _DRAKE,
+        "DrakeSolver",
+        costly=True,
+        description="Drake in discrete time, its contacts mapped to spring and dashpot",
+    ),
     "kelvin-voigt-anchored": Entry(
-        _KELVIN_VOIGT, "AnchoredKelvinVoigtSolver", "reference", "kelvin-voigt-anchored", on_request=True
+        _KELVIN_VOIGT,
+        "AnchoredKelvinVoigtSolver",
+        "reference",
+        "kelvin-voigt-anchored",
+        on_request=True,
+        description="spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
     ),
     "kelvin-voigt-textbook": Entry(
-        _KELVIN_VOIGT, "TextbookKelvinVoigtSolver", "reference", "kelvin-voigt-textbook", on_request=True
+        _KELVIN_VOIGT,
+        "TextbookKelvinVoigtSolver",
+        "reference",
+        "kelvin-voigt-textbook",
+        on_request=True,
+        description="spring and dashpot, exact, damped as a contact that may pull",
     ),
     "hunt-crossley": Entry(
-        _KELVIN_VOIGT, "HuntCrossleySolver", "reference", "hunt-crossley", on_request=True
+        _KELVIN_VOIGT,
+        "HuntCrossleySolver",
+        "reference",
+        "hunt-crossley",
+        on_request=True,
+        description="Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
     ),
     "liu-zhao-brogliato": Entry(
-        _MODEL, "LiuZhaoBrogliatoSolver", "model", "liu-zhao-brogliato", on_request=True
+        _MODEL,
+        "LiuZhaoBrogliatoSolver",
+        "model",
+        "liu-zhao-brogliato",
+        on_request=True,
+        description="the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
     ),
-    "mujoco-naive": Entry(_MUJOCO, "NaiveMujocoSolver", on_request=True, naive=True),
-    "pybullet-naive": Entry(_PYBULLET, "NaivePybulletSolver", on_request=True, naive=True),
-    "drake-hunt-crossley": Entry(_DRAKE, "DrakeHuntCrossleySolver", law="hunt-crossley", on_request=True),
-    "oracle": Entry(_MODEL, "OracleSolver", "model", "state-transition", on_request=True),
+    "mujoco-naive": Entry(
+        _MUJOCO,
+        "NaiveMujocoSolver",
+        on_request=True,
+        naive=True,
+        description="MuJoCo with stiffness and damping written into its solref as they are",
+    ),
+    "pybullet-naive": Entry(
+        _PYBULLET,
+        "NaivePybulletSolver",
+        on_request=True,
+        naive=True,
+        description="PyBullet with one stiffness and damping on both balls",
+    ),
+    "drake-hunt-crossley": Entry(
+        _DRAKE,
+        "DrakeHuntCrossleySolver",
+        law="hunt-crossley",
+        on_request=True,
+        description="Drake in continuous time, with Hunt and Crossley's contacts",
+    ),
+    "oracle": Entry(
+        _MODEL,
+        "OracleSolver",
+        "model",
+        "state-transition",
+        on_request=True,
+        description="the model again, by numerical integration: a check of the closed forms",
+    ),
 }
 
 #: What a name stands for that is not of this project.
@@ -143,6 +223,11 @@ def is_costly(name: str) -> bool:
 def is_naive(name: str) -> bool:
     """Whether a solver is given the naive mapping whatever is configured."""
     return _ENTRIES.get(name, _UNKNOWN).naive
+
+
+def description_of(name: str) -> str:
+    """Say what a solver is, in a line; empty outside this project."""
+    return _ENTRIES.get(name, _UNKNOWN).description
 
 
 def get_solver(name: str) -> SolverBase:

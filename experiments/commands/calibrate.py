@@ -60,8 +60,9 @@ def calibrate(
 
 
 def _engines(names: list[str] | None) -> list[EngineSolver]:
-    """Find engines by their names; all of them for none."""
+    """Find engines by their names, each of which must be there; for none all, one of which must be."""
     from impact_xval.compliant_baselines import get_solver
+    from impact_xval.compliant_baselines.contract.answers import why_unavailable
     from impact_xval.compliant_baselines.contract.registry import engine_names
     from impact_xval.compliant_baselines.engines.engine import EngineSolver
 
@@ -72,4 +73,9 @@ def _engines(names: list[str] | None) -> list[EngineSolver]:
         if list(names or ()).count(name) > 1:
             raise UserError(f"--engine {name!r} is given more than once; legal: each engine once")
     solvers = [get_solver(name) for name in names or known]
+    reasons = [
+        f"{solver.name}: unavailable: {reason}" for solver in solvers if (reason := why_unavailable(solver))
+    ]
+    if reasons and (names or len(reasons) == len(solvers)):
+        raise UserError(f"--engine {reasons[0]}; legal: an engine that is installed (impact-xval solvers)")
     return [solver for solver in solvers if isinstance(solver, EngineSolver)]

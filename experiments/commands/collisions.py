@@ -64,7 +64,7 @@ def solve(
     solver: Annotated[list[str] | None, SOLVER] = None,
     json: Annotated[bool, JSON_LIST] = False,
     scenario: Annotated[str, SCENARIO] = "impact",
-    gravity: Annotated[str, GRAVITY] = "9.81",
+    gravity: Annotated[str | None, GRAVITY] = None,
     m1: Annotated[str, M1] = "1",
     k1: Annotated[str, K1] = "1e8",
     v0: Annotated[str, V0] = "-1",
@@ -90,24 +90,29 @@ def solve(
         config = one_cell(context.params)
         collision = collision_of(config, config.figure_cell)
         solved = apart.solve(config, _known(solver), get_solver, _say)
+    model = solved[REFERENCE].outcome
     if json:
-        objects = [_object(name, collision, each.outcome, each.diagnostics) for name, each in solved.items()]
+        objects = [
+            _object(name, collision, each.outcome, model, each.diagnostics) for name, each in solved.items()
+        ]
         print(dumps(objects, indent=2, allow_nan=False))
-        return
-    outcomes = {name: each.outcome for name, each in solved.items()}
-    _show(collision, outcomes, outcomes.get(REFERENCE))
+    else:
+        _show(collision, {name: each.outcome for name, each in solved.items()}, model)
 
 
 def _known(solvers: list[str] | None) -> list[str]:
-    """Check the names of solvers; without any, those that a run has by default."""
+    """Check the names of solvers, and add the model, as a run does; without any, those that a run has by default.
+
+    The model comes last where it was not asked for: the objects of ``--json`` begin with those that were.
+    """
     from impact_xval.compliant_baselines.contract.registry import solver_names
-    from impact_xval.experiments.config.configuration import solvers_problem
+    from impact_xval.experiments.config.configuration import REFERENCE, solvers_problem
 
     names = solvers or list(solver_names())
     problem = solvers_problem(names)
     if problem:
         raise UserError(f"--solver {problem}")
-    return names
+    return names if REFERENCE in names else [*names, REFERENCE]
 
 
 def _say(line: str) -> None:
@@ -118,7 +123,7 @@ def _say(line: str) -> None:
     error_line(line or COMPILING)
 
 
-def _show(collision: Collision, outcomes: dict[str, Outcome], model: Outcome | None) -> None:
+def _show(collision: Collision, outcomes: dict[str, Outcome], model: Outcome) -> None:
     """Print one collision by several solvers, grouped by law; velocities per abs(v0), impulses per m1 abs(v0)."""
     from impact_xval.experiments.measures.laws import by_law
     from impact_xval.experiments.presentation.pages import render
@@ -133,25 +138,29 @@ def _show(collision: Collision, outcomes: dict[str, Outcome], model: Outcome | N
     show(make_console(), render("solve.md.j2", rows=rows, solvers=list(outcomes), reasons=reasons))
 
 
-def _numbers(collision: Collision, outcome: Outcome, model: Outcome | None) -> list[str]:
+def _divergence(collision: Collision, outcome: Outcome, model: Outcome) -> float | None:
+    """Return D of an outcome, None where it or the model's has no result."""
+    from impact_xval.experiments.measures.divergence import divergence
+
+    return divergence(collision, model, outcome, ((), ()))["velocity_divergence"]
+
+
+def _numbers(collision: Collision, outcome: Outcome, model: Outcome) -> list[str]:
     from impact_xval.experiments.tables.numbers import number
     from impact_xval.model.collision import RESULT_STATUSES
-    from impact_xval.model.kinetic import kinetic_norm
 
     if outcome.status not in RESULT_STATUSES:
         return ["-"] * 6
     speed = abs(collision.v0)
     impulse = collision.m1 * speed
     scaled = outcome.v1 / speed, outcome.v2 / speed, outcome.impulse1 / impulse, outcome.impulse2 / impulse
-    away = "-"
-    if model is not None and model.status in RESULT_STATUSES:
-        dv1, dv2 = (outcome.v1 - model.v1) / speed, (outcome.v2 - model.v2) / speed
-        away = number(float(kinetic_norm(collision.mass_ratio, dv1, dv2)))
-    return [*(f"{value:.6f}" for value in scaled), away, " ".join(outcome.states)]
+    away = _divergence(collision, outcome, model)
+    shown = "-" if away is None else number(away)
+    return [*(f"{value:.6f}" for value in scaled), shown, " ".join(outcome.states)]
 
 
 def _object(
-    name: str, collision: Collision, outcome: Outcome, diagnostics: dict[str, float]
+    name: str, collision: Collision, outcome: Outcome, model: Outcome, diagnostics: dict[str, float]
 ) -> dict[str, Any]:
     """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
     speed = abs(collision.v0)
@@ -164,6 +173,7 @@ def _object(
         "impulse2": _finite(outcome.impulse2 / impulse),
         "states": list(outcome.states),
         **_said(outcome),
+        "velocity_divergence": _divergence(collision, outcome, model),
         "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
     }
 

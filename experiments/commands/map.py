@@ -50,7 +50,7 @@ def draw_map(
     ] = 1000,
     out: Annotated[Path | None, folder_to_write("by default maps/SCENARIO-e1-E-e2-E")] = None,
     scenario: Annotated[str, SCENARIO] = "drop",
-    gravity: Annotated[str, GRAVITY] = "9.81",
+    gravity: Annotated[str | None, GRAVITY] = None,
     m1: Annotated[str, M1] = "1",
     k1: Annotated[str, K1] = "1e8",
     v0: Annotated[str, V0] = "-1",

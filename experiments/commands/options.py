@@ -139,7 +139,12 @@ def one_cell(parameters: Mapping[str, Any]) -> Config:
         key: str = location[-1] if location else ""
         return _SPELT.get(key, "--" + key.replace("_", "-")) if key else _TOGETHER
 
-    return parse_config(data, where="", name=option)
+    config = parse_config(data, where="", name=option)
+    if "gravity" in data and config.scenario == "impact":
+        raise UserError(
+            f"--gravity = {data['gravity']!r} with --scenario impact, which has no gravity; legal: --scenario drop"
+        )
+    return config
 
 
 def one_column(parameters: Mapping[str, Any]) -> tuple[Arranged, Config]:
@@ -212,14 +217,16 @@ MASS_RATIO: Any = typer.Option(metavar="R", help="m2/m1, greater than 0.")
 E1: Any = typer.Option(metavar="E", help="Restitution of ball on ball, from 0 to 1.")
 E2: Any = typer.Option(metavar="E", help="Restitution of ball on table, from 0 to 1.")
 SCENARIO: Any = typer.Option(metavar="NAME", help="'impact' (no gravity) or 'drop'.")
-GRAVITY: Any = typer.Option(metavar="G", help="In m/s^2; for a drop.")
+GRAVITY: Any = typer.Option(metavar="G", help="In m/s^2, for a drop only; by default 9.81.")
 M1: Any = typer.Option(metavar="KG", help="Mass of the upper ball.")
 K1: Any = typer.Option(metavar="N/M", help="Stiffness of ball on ball.")
 V0: Any = typer.Option(metavar="M/S", help="Velocity of what falls or strikes, less than 0.")
 STEP_FRACTION: Any = typer.Option(
     metavar="X", help="Time step over the period of the fastest contact, at most 0.1."
 )
-SOLVER: Any = typer.Option(metavar="NAME", help="A solver; may be repeated. By default all.")
+SOLVER: Any = typer.Option(
+    metavar="NAME", help="A solver; may be repeated, the model is added. By default all."
+)
 JSON_LIST: Any = typer.Option("--json", help="Print a JSON list, an object a solver.")
 CELL_TIMEOUT: Any = typer.Option(metavar="S", help="Seconds after which a solver is ended.")
 MAPPING: Any = typer.Option(metavar="NAME", help="'calibrated' or 'naive'.")

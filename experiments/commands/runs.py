@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 import shlex
 import time
@@ -21,6 +22,7 @@ from impact_xval.experiments.commands.options import (
     Workers,
     config_file,
     folder_to_write,
+    number,
     path,
 )
 from impact_xval.experiments.commands.supervision import last_word
@@ -37,21 +39,32 @@ def run(
     config: Annotated[Path | None, config_file("The experiment; without it, the built-in grid.")] = None,
     out: Annotated[Path | None, folder_to_write("by default runs/NAME")] = None,
     workers: Workers = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A first taste: 40 cells of the built-in grid, in seconds.")
+    ] = False,
     resume: Resume = False,
     take_over: TakeOver = False,
     scheduler: Scheduler = None,
 ) -> None:
-    """Run an experiment over its cells: tables, summary, figures and a report in one folder."""
+    """Run an experiment over its cells: tables, summary, figures and a report in one folder.
+
+    With --resume --out DIR and no file, the experiment is the one that was begun in the folder.
+    """
     start = time.perf_counter()
+    if quick and config is not None:
+        raise UserError(f"--quick with {config}: it is for the built-in grid; legal: one of both")
     kept = _kept(out) if resume and config is None and out is not None else None
-    experiment = kept or _experiment(config, "built-in experiment")
+    if quick and kept is not None and kept.identity() != _quick().identity():
+        raise UserError(f"--quick with --resume --out {out}: holds another run; legal: --resume --out {out}")
+    experiment = kept or (_quick() if quick else _experiment(config, "built-in experiment"))
     # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import run_sweep
     from impact_xval.experiments.sweep.status import Medians
 
     root = out if out is not None else Path("runs") / _slug(experiment.name)
-    words = ["run", config, "--out", root, "--resume", *_option("--scheduler", scheduler)]
+    what = "--quick" if quick else config
+    words = ["run", what, "--out", root, "--resume", *_option("--scheduler", scheduler)]
     console = make_console()
     medians = Medians(experiment.solvers)
     summaries = []
@@ -62,7 +75,7 @@ def run(
 
         summaries.append(present(folder))
 
-    with _writing(root, "parts", words, console, medians.rows) as progress:
+    with _writing(root, "parts", words, console, medians.rows, _size(experiment)) as progress:
         folder = run_sweep(
             experiment,
             root,
@@ -81,7 +94,7 @@ def run(
 
 def search(
     config: Annotated[
-        Path | None, config_file("The experiment, with a table [search]; by default built in.")
+        Path | None, config_file("The experiment; without a table [search], the box of its grid or sample.")
     ] = None,
     out: Annotated[Path | None, folder_to_write("by default runs/NAME-search")] = None,
     solver: Annotated[
@@ -93,22 +106,33 @@ def search(
     scheduler: Scheduler = None,
 ) -> None:
     """Search a box of parameters for the worst divergence of a solver from the model."""
+    from impact_xval.experiments.config.axes import AXES
     from impact_xval.experiments.config.configuration import from_canonical
+    from impact_xval.experiments.presentation.pages import phrase
     from impact_xval.experiments.presentation.search_figure import write_figure
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.presentation.views import show_found
     from impact_xval.experiments.sweep.search import search_worst
 
-    experiment = _experiment(config, "built-in search")
-    box = experiment.search.model_dump() if experiment.search is not None else {}
-    box |= {"solver": solver} if solver is not None else {}
-    experiment = from_canonical(experiment.canonical() | {"search": box}, "--solver")
+    experiment, where = _experiment(config, "built-in search"), str(config or "built-in search")
+    try:
+        table = experiment.search_table()
+    except ValueError as error:
+        raise UserError(f"{where}: {error}") from None
+    experiment = from_canonical(experiment.canonical() | {"search": table}, where)
+    if solver is not None:
+        experiment = from_canonical(
+            experiment.canonical() | {"search": table | {"solver": solver}}, "--solver"
+        )
     root = out if out is not None else Path("runs") / f"{_slug(experiment.name)}-search"
     options = [*_option("--solver", solver), *_option("--scheduler", scheduler)]
     console = make_console()
-    with _writing(
-        root, "generations", ["search", config, "--out", root, *options, "--resume"], console
-    ) as progress:
+    words = ["search", config, "--out", root, *options, "--resume"]
+    assert experiment.search is not None
+    box = phrase(
+        "progress.md.j2", "box", {AXES[name]: ends for name, ends in experiment.search.ends().items()}
+    )
+    with _writing(root, "generations", words, console, before=box) as progress:
         found = search_worst(
             experiment,
             root,
@@ -183,6 +207,43 @@ def report(folder: Folder) -> None:
     print_line(make_console(), str(page))
 
 
+def compare_runs(
+    run_a: Annotated[Path, typer.Argument(metavar="RUN_A", parser=path("RUN_A"), help="A finished run.")],
+    run_b: Annotated[
+        Path, typer.Argument(metavar="RUN_B", parser=path("RUN_B"), help="A finished run of the same cells.")
+    ],
+    tolerance: Annotated[
+        str,
+        typer.Option(
+            metavar="X", help="Largest change of a velocity per |v0|, and of D, that is none; 0: no bit."
+        ),
+    ] = "1e-9",
+    json: JsonObject = False,
+) -> None:
+    """Show what moved between two runs, by solver and cell: after an upgrade of an engine, or in CI.
+
+    Exit code 0 if nothing moved, 1 if something did: a status, a velocity or D.
+    """
+    from json import dumps
+
+    from impact_xval.experiments.presentation.terminal import at_work, make_console
+    from impact_xval.experiments.presentation.views import changes_object, show_changes
+    from impact_xval.experiments.tables.comparison import compare
+    from impact_xval.experiments.tables.folders import finished
+
+    allowed = number("--tolerance", tolerance)
+    if not 0 <= allowed < math.inf:
+        raise UserError(f"--tolerance = {tolerance!r:.60}; legal: a finite number >= 0 (of |v0|)")
+    with at_work("comparing the runs"):
+        found = compare(finished(run_a), finished(run_b), allowed)
+    if json:
+        typer.echo(dumps(changes_object(found), indent=2, allow_nan=False))
+    else:
+        show_changes(make_console(), str(run_a), str(run_b), found)
+    if found.moved:
+        raise typer.Exit(1)
+
+
 #: What is said before.
 COMPILING = "compiling the kernels, once for each installation: half a minute or more"
 
@@ -199,6 +260,28 @@ def _experiment(path: Path | None, built_in: str) -> Config:
     from impact_xval.experiments.config.configuration import load_config, parse_config
 
     return load_config(path) if path is not None else parse_config({}, built_in)
+
+
+def _quick() -> Config:
+    """Return the built-in experiment on a few of its cells: five stiffness ratios, and the ends of the other axes."""
+    from impact_xval.experiments.config.configuration import parse_config
+
+    steps = {"stiffness_ratio": 3, "mass_ratio": 2, "e1": 3, "e2": 3}
+    axes = {name: values[:: steps[name]] for name, values in parse_config({}).grid.axes().items()}
+    return parse_config({"name": "quick", "grid": axes}, "built-in experiment")
+
+
+def _size(experiment: Config) -> str:
+    """Say how many cells the axes of an experiment make, and which of them took their defaults; "" without axes."""
+    from impact_xval.experiments.presentation.pages import phrase
+
+    if experiment.sample is not None or experiment.cells is not None:
+        return ""
+    table, column = experiment.column or experiment.grid, experiment.column
+    lengths, given = table.lengths(), table.model_fields_set
+    total = column.columns() if column is not None else math.prod(lengths.values())
+    axes = [(name, length, name in given) for name, length in lengths.items()]
+    return phrase("progress.md.j2", "size", total, "cells" if column is None else "columns", axes)
 
 
 def _kept(root: Path) -> Config | None:
@@ -222,7 +305,12 @@ def _slug(name: str) -> str:
 
 @contextlib.contextmanager
 def _writing(
-    root: Path, kept: str, words: list[Any], console: Any, medians: MedianRows = lambda: []
+    root: Path,
+    kept: str,
+    words: list[Any],
+    console: Any,
+    medians: MedianRows = lambda: [],
+    before: str = "",
 ) -> Iterator[Progress]:
     """Show the progress of what writes a folder; one line and exit code 1 where it is stopped.
 
@@ -237,6 +325,8 @@ def _writing(
     console : Console
     medians : callable
         As for `terminal.show_progress`.
+    before : str
+        What is said before anything is computed.
     """
     from impact_xval.compliant_baselines.contract.visible import visible
     from impact_xval.experiments.presentation.terminal import show_progress
@@ -244,7 +334,7 @@ def _writing(
     new = [folder for folder in root.parents if not folder.exists()]
     try:
         with show_progress(console, medians=medians) as progress:
-            yield _noticed(progress)
+            yield _noticed(progress, before)
     except UserError:
         for folder in new:
             with contextlib.suppress(OSError):
@@ -256,13 +346,13 @@ def _writing(
         raise typer.Exit(1) from None
 
 
-def _noticed(progress: Callable[[int, int, str], None]) -> Progress:
-    """Add the notice of compilation to the first report: by then the input is known to be legal."""
-    notices = [compile_notice()]
+def _noticed(progress: Callable[[int, int, str], None], before: str) -> Progress:
+    """Add a line and the notice of compilation to the first report: by then the input is known to be legal."""
+    notices = [before, compile_notice()]
 
     def report(done: int, total: int, line: str) -> None:
-        if notices:
-            progress(0, 0, notices.pop())
+        while notices:
+            progress(0, 0, notices.pop(0))
         progress(done, total, line)
 
     return report

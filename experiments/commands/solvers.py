@@ -18,9 +18,9 @@ _LONGEST = 300.0
 
 
 def solvers() -> None:
-    """List the solvers: their versions, where they come from, and why one cannot run here."""
+    """List the solvers: what each is, its version, where it comes from, and why one cannot run here."""
     from impact_xval.compliant_baselines.contract.answers import stated_version, why_unavailable
-    from impact_xval.compliant_baselines.contract.registry import get_solver, law_of, origins
+    from impact_xval.compliant_baselines.contract.registry import description_of, get_solver, law_of, origins
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import at_work, make_console, show
     from impact_xval.experiments.sweep.third_party import contained
@@ -30,8 +30,8 @@ def solvers() -> None:
         solver = find(name)
         with at_work(f"asking {name} what it is"):
             reason, version = why_unavailable(solver), stated_version(solver)
-        why = "" if reason is None else f"unavailable: {reason}"
-        rows.append((name, law_of(name), version or "-", origin, why))
+        what = [description_of(name), "" if reason is None else f"unavailable: {reason}"]
+        rows.append((name, law_of(name), version or "-", origin, "; ".join(filter(None, what))))
     show(make_console(), render("solvers.md.j2", rows=rows))
 
 

@@ -21,7 +21,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from impact_xval.experiments.config.axes import MAX_CELLS, Axis, Strict, axis_problem, expand_axis
+from impact_xval.experiments.config.axes import (
+    MAX_CELLS,
+    Axis,
+    Strict,
+    axis_length,
+    axis_problem,
+    expand_axis,
+)
 from impact_xval.experiments.config.config_errors import short
 from impact_xval.model.columns.column import MAX_BALLS, Column
 from impact_xval.model.inputs import E1, EXPONENT, V0, Legal
@@ -208,10 +215,19 @@ class ColumnTable(Strict):
             if most >= fewest_given:
                 legal = f"legal: a whole number from 1 to {fewest_given - 1}, for {fewest_given} balls"
                 raise ValueError(f"strike = {most}; {legal}")
-        columns = sum(math.prod(map(len, self.axes(name).values())) for name in self.arrangement)
-        if columns > MAX_CELLS:
-            raise ValueError(f"the axes make {columns} columns; legal: 1 to {MAX_CELLS}")
+        if self.columns() > MAX_CELLS:
+            raise ValueError(f"the axes make {self.columns()} columns; legal: 1 to {MAX_CELLS}")
         return self
+
+    def columns(self) -> int:
+        """Count the columns of all arrangements."""
+        return sum(math.prod(map(len, self.axes(name).values())) for name in self.arrangement)
+
+    def lengths(self) -> dict[str, int]:
+        """Count the values of every axis that is there, the arrangements among them."""
+        axes = {name: getattr(self, name) for name in COLUMN_LEGAL}
+        there = {name: axis_length(axis) for name, axis in axes.items() if axis is not None}
+        return {"arrangement": len(self.arrangement)} | there
 
     def axes(self, arrangement: str) -> dict[str, list[float]]:
         """Values of every axis of an arrangement, the first varies slowest; strikers are NaN in what is no cradle."""

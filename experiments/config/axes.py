@@ -114,6 +114,11 @@ def expand_axis(axis: Axis) -> list[float]:
     return [float(value) for value in axis]
 
 
+def axis_length(axis: Axis) -> int:
+    """Count the values of a legal axis, without making them."""
+    return int(next(iter(axis.values()))[2]) if isinstance(axis, dict) else len(axis)
+
+
 def _spaced(kind: str, lo: float, hi: float, count: int) -> NDArray[np.float64]:
     if kind == "linear":
         return np.linspace(lo, hi, count)
@@ -187,6 +192,27 @@ class Box(Strict):
             inside = _between(lo, hi, u) if "log" in range_ else lo + (hi - lo) * u
             placed[:, i] = np.clip(inside, lo, hi)
         return placed
+
+
+def box_around(axes: dict[str, list[float]]) -> dict[str, Range]:
+    """Return the smallest box around the axes of a grid, ratios above 0 evenly in their logarithms.
+
+    Parameters
+    ----------
+    axes : dict
+        Values by parameter.
+
+    Returns
+    -------
+    dict
+        A range by parameter, a number where an axis has one value; what is legal of it is for `Box` to say.
+    """
+    box: dict[str, Range] = {}
+    for name, values in axes.items():
+        low, high = min(values), max(values)
+        even = "log" if name in ("stiffness_ratio", "mass_ratio") and low > 0 else "linear"
+        box[name] = low if low == high else {even: [low, high]}
+    return box
 
 
 def whole(default: int | None, low: int, high: int, what: str = "") -> Any:

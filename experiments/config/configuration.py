@@ -25,7 +25,9 @@ from impact_xval.experiments.config.axes import (
     Sample,
     Search,
     Strict,
+    axis_length,
     axis_problem,
+    box_around,
     expand_axis,
     whole,
 )
@@ -92,7 +94,7 @@ class Grid(Strict):
 
     @model_validator(mode="after")
     def _affordable(self) -> Grid:
-        cells = math.prod(self.lengths())
+        cells = math.prod(self.lengths().values())
         if cells > MAX_CELLS:
             raise ValueError(f"the axes make {cells} cells; legal: 1 to {MAX_CELLS}")
         return self
@@ -101,10 +103,9 @@ class Grid(Strict):
         """Values of every axis, in the order of the grid: the last axis varies fastest."""
         return {name: expand_axis(getattr(self, name)) for name in type(self).model_fields}
 
-    def lengths(self) -> list[int]:
+    def lengths(self) -> dict[str, int]:
         """Count the values of every axis, without making them."""
-        axes = (getattr(self, name) for name in type(self).model_fields)
-        return [int(next(iter(axis.values()))[2]) if isinstance(axis, dict) else len(axis) for axis in axes]
+        return {name: axis_length(getattr(self, name)) for name in type(self).model_fields}
 
 
 class ConvergenceTable(Strict):
@@ -329,6 +330,22 @@ class Config(Strict):
         if self.sample is not None or self.cells is not None:
             of_others = (*of_others, "grid")
         return {key: value for key, value in plain.items() if key not in of_others}
+
+    def search_table(self) -> dict[str, Any]:
+        """Return the table ``[search]`` as plain values; without one, the box that the grid or the sample spans.
+
+        Raises
+        ------
+        ValueError
+            If the cells are a list, which spans none.
+        """
+        if self.search is not None:
+            return self.search.model_dump()
+        if self.cells is not None:
+            raise ValueError(
+                "cells is given without search; legal: a table search, or a grid or sample as its box"
+            )
+        return self.sample.ranges() if self.sample is not None else box_around(self.grid.axes())
 
     def identity(self) -> str:
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import shlex
+from dataclasses import asdict
 from datetime import timedelta
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -17,6 +20,7 @@ if TYPE_CHECKING:  # each command has imported what it shows, and needs none of 
     from impact_xval.experiments.measures.summary import Summary
     from impact_xval.experiments.sweep.search import Found
     from impact_xval.experiments.sweep.status import RunStatus
+    from impact_xval.experiments.tables.comparison import Comparison
 
 #: Reasons that `show_status` prints.
 _REASONS = 12
@@ -47,6 +51,7 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
     page = render(
         "status.md.j2",
         root=root,
+        command=shlex.join(["impact-xval", "run", "--resume", "--out", root]),
         s=status,
         share=status.cells_done / status.cells if status.cells else 1.0,
         left=None if left is None else str(timedelta(seconds=round(left))),
@@ -76,6 +81,49 @@ def show_found(console: Console, found: Found) -> None:
     ]
     facts = {"f": found, "rows": rows, "labels": list(AXES.values()), "measure": SUMMARISED[measure]}
     show(console, render("found.md.j2", **facts))
+
+
+def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
+    """Print what moved between two runs."""
+
+    def shown(change: float) -> str:
+        return "one only" if math.isinf(change) else number(change, 2)
+
+    solvers = [
+        (name, each.compared, each.moved, each.statuses, number(each.velocity, 2), number(each.divergence, 2))
+        for name, each in found.solvers.items()
+    ]
+    worst = [
+        (row.cell, row.solver, row.status_a, row.status_b, shown(row.velocity), shown(row.divergence))
+        for row in found.worst
+    ]
+    show(console, render("changes.md.j2", c=found, a=a, b=b, solvers=solvers, worst=worst))
+
+
+def changes_object(found: Comparison) -> dict[str, Any]:
+    """Return what moved between two runs as a JSON object; a change is null where one run alone has a number."""
+
+    def finite(change: float) -> float | None:
+        return None if math.isinf(change) else change
+
+    return {
+        "tolerance": found.tolerance,
+        "moved": found.moved,
+        "solvers": {name: asdict(each) for name, each in found.solvers.items()},
+        "worst": [
+            {
+                "cell": row.cell,
+                "solver": row.solver,
+                "statuses": [row.status_a, row.status_b],
+                "velocity": finite(row.velocity),
+                "divergence": finite(row.divergence),
+            }
+            for row in found.worst
+        ],
+        "not_compared": found.alone,
+        "settings": found.settings,
+        "versions": found.versions,
+    }
 
 
 def _short_path(states: str | None) -> str:

@@ -211,6 +211,9 @@ class _Evolution:
         cells = [dataclasses.replace(cell, index=first + cell.index) for cell in cells]
         identity = hashlib.sha256(self._identity.encode() + ratios.astype("<f8").tobytes()).hexdigest()[:32]
         part = self._folder.find_part(number, identity)
+        total = self._search.population * (self._search.generations + 1)
+        if part is None:
+            self._progress(first, total, "")  # the pace is that of what is solved, not of what is kept
         rows = read_part(part) if part is not None else self._solve(cells)
         if part is None:
             self._folder.write_part(number, identity, part_bytes(rows))
@@ -218,8 +221,8 @@ class _Evolution:
         self._generations.append(rows.filter(pc.field("solver") != REFERENCE))
         values = self._values(self._generations[-1])
         self._best.append(max([*self._best[-1:], float(values.max())]))
-        total = self._search.population * (self._search.generations + 1)
-        self._progress(len(self._cells), total, "")
+        if part is None or len(self._cells) == total:
+            self._progress(len(self._cells), total, "")
         return -values
 
     def _solve(self, cells: list[GridCell]) -> pa.Table:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -128,7 +129,7 @@ def finished(root: Path) -> RunFolder:
     _check_own(root)
     if folder.manifest()["state"] not in FINISHED:
         raise UserError(
-            f"{root}: the run is not finished; continue it with impact-xval run --out {root} --resume"
+            f"{root}: the run is not finished; continue it with impact-xval run --resume --out {shlex.quote(str(root))}"
         )
     return folder
 

@@ -9,6 +9,7 @@ from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.references.bistiffness import BistiffnessSolver
 from impact_xval.compliant_baselines.references.kelvin_voigt import KelvinVoigtSolver
 from impact_xval.compliant_baselines.references.solver import ReferenceSolver
+from impact_xval.experiments.commands.cli import main
 
 FIRST = ("state-transition", "mujoco", "pybullet")
 
@@ -70,3 +71,15 @@ def test_what_a_solver_is_can_be_told_without_importing_it():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
+
+
+def test_every_solver_is_described_in_a_line_of_its_own(capsys):
+    names = solver_names(on_request=True)
+    described = [registry.description_of(name) for name in names]
+    assert len(set(described)) == len(names)
+    assert all(0 < len(text) <= 82 and text.isprintable() and text[-1] != "." for text in described)
+    assert registry.description_of("no-such-solver") == ""
+    assert main(["solvers"]) == 0
+    rows = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()[2:] if line.strip()}
+    for name, text in zip(names, described, strict=True):
+        assert text[:40] in rows[name]  # the rest may be on the next line

@@ -4,6 +4,7 @@ import pandas as pd
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract import registry
 from impact_xval.experiments.commands import calibration
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.sweep.sandbox import FaultError
@@ -46,10 +47,28 @@ def test_an_engine_that_is_missing_is_said_not_raised(few, tmp_path, capsys, mon
     from impact_xval.compliant_baselines.engines.pybullet_engine import PybulletSolver
 
     monkeypatch.setattr(PybulletSolver, "unavailable", lambda self: "no wheel: use Python 3.11")
-    assert main(["calibrate", "--engine", "pybullet", "--out", str(tmp_path / "c")]) == 0
+    monkeypatch.setattr(registry, "engine_names", lambda **_: ("mujoco", "pybullet"))
+    assert main(["calibrate", "--out", str(tmp_path / "c")]) == 0
     assert "pybullet gave no result: no wheel: use Python 3.11." in capsys.readouterr().out
     steps = pd.read_csv(tmp_path / "c/calibration.csv")
-    assert set(steps.status) == {"unavailable"}
+    assert set(steps[steps.engine == "pybullet"].status) == {"unavailable"}
+    assert set(steps[steps.engine == "mujoco"].status) == {"ok"}
+
+
+@pytest.mark.parametrize("asked", [["--engine", "mujoco", "--engine", "pybullet"], []])
+def test_where_no_engine_that_was_meant_is_there_nothing_is_tried(asked, tmp_path, capsys, monkeypatch):
+    from impact_xval.compliant_baselines.engines.pybullet_engine import PybulletSolver
+
+    monkeypatch.setattr(PybulletSolver, "unavailable", lambda self: "no wheel: use Python 3.11")
+    monkeypatch.setattr(
+        registry, "engine_names", lambda **_: ("mujoco", "pybullet") if asked else ("pybullet",)
+    )
+    assert main(["calibrate", *asked, "--out", str(tmp_path / "c")]) == 2
+    assert capsys.readouterr().err == (
+        "impact-xval: --engine pybullet: unavailable: no wheel: use Python 3.11; legal: an engine that is installed "
+        "(impact-xval solvers)\n"
+    )
+    assert not (tmp_path / "c").exists()
 
 
 class DyingSandbox:

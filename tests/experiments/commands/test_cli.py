@@ -32,7 +32,9 @@ def _json(capsys, *arguments):
 
 def test_solve_json_keeps_the_contract(capsys):
     (found,) = _json(capsys, *CELL, "--solver", "state-transition")
-    assert {"solver", "v1", "v2", "impulse1", "impulse2", "states", "status"} <= set(found)
+    assert {"solver", "v1", "v2", "impulse1", "impulse2", "states", "status", "velocity_divergence"} <= set(
+        found
+    )
     assert found["solver"] == "state-transition"
     assert found["v1"] == pytest.approx(0.88981120733190, abs=1e-12)
     assert found["v2"] == pytest.approx(0.00016910787873, abs=1e-12)
@@ -58,8 +60,8 @@ SOFT = ["--stiffness-ratio", "0.1", "--mass-ratio", "0.5", "--e1", "0.9", "--e2"
 def test_no_number_of_the_list_depends_on_the_speed(capsys, solver, scenario, cell):
     # g in proportion to |v0| keeps the gravity number of a drop; times do not depend on the speed anyway
     plain, fast = (
-        _json(capsys, *cell, "--solver", solver, "--scenario", scenario, "--v0", v0, "--gravity", g)[0]
-        for v0, g in (("-1", "9.81"), ("-4", "39.24"))
+        _json(capsys, *cell, "--solver", solver, "--scenario", scenario, "--v0", v0, *gravity)[0]
+        for v0, gravity in (("-1", []), ("-4", ["--gravity", "39.24"] if scenario == "drop" else []))
     )
     assert fast["states"] == plain["states"]
     for key in ("v1", "v2", "impulse1", "impulse2"):
@@ -69,6 +71,30 @@ def test_no_number_of_the_list_depends_on_the_speed(capsys, solver, scenario, ce
         assert fast["diagnostics"][key] == pytest.approx(value, rel=1e-3, abs=1e-9), key
     assert ("v1_limit" in plain["diagnostics"]) == (solver == "mujoco")
     assert ("rest_speed" in plain["diagnostics"]) == (cell is SOFT and solver in ("mujoco", "kelvin-voigt"))
+
+
+def test_the_model_is_added_so_that_any_solver_has_a_divergence(capsys):
+    engine, model = _json(capsys, *CELL, "--solver", "kelvin-voigt")
+    assert [each["solver"] for each in (engine, model)] == ["kelvin-voigt", "state-transition"]
+    # by its definition (docs/experiments.md): sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2))
+    masses = 1, 2 / math.sqrt(3)
+    squares = [m * (engine[key] - model[key]) ** 2 for m, key in zip(masses, ("v1", "v2"), strict=True)]
+    assert engine["velocity_divergence"] == pytest.approx(math.sqrt(sum(squares)), rel=1e-12)
+    assert engine["velocity_divergence"] > 0.01
+    assert model["velocity_divergence"] == 0
+    assert main(["solve", *CELL, "--solver", "kelvin-voigt"]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()[1:3]]
+    assert [row[1] for row in rows] == ["kelvin-voigt", "state-transition"]
+    assert float(rows[0][7]) == pytest.approx(engine["velocity_divergence"], rel=1e-2)
+    assert rows[1][7] == "0"
+
+
+def test_an_outcome_without_a_result_has_no_divergence(capsys):
+    found = _json(capsys, *LONG, "--solver", "mujoco", "--cell-timeout", "1")
+    assert [(each["status"], each["velocity_divergence"]) for each in found] == [
+        ("unrepresentable", None),
+        ("timeout", None),
+    ]
 
 
 def test_solve_takes_an_infinite_ratio_and_shows_refusals(capsys):

@@ -72,6 +72,14 @@ def test_two_strike_and_about_two_leave(capsys):
     assert "exponent = 1.5" in engine["reason"]
 
 
+def test_the_model_is_added_so_that_any_solver_has_a_divergence(capsys):
+    found = _json(capsys, "cradle", "--balls", "3", "--e", "0.9", *_asked("bistiffness"))
+    assert list(found) == ["bistiffness", "state-transition"]
+    assert (
+        found["bistiffness"]["velocity_divergence"] >= found["state-transition"]["velocity_divergence"] == 0
+    )
+
+
 def test_contacts_each_much_softer_than_the_last_make_the_cradle_of_the_textbooks(capsys):
     arguments = ["--balls", "4", "--e", "1", "--stiffness-taper", "1e-5", *_asked("state-transition")]
     (found,) = _json(capsys, "cradle", *arguments).values()

@@ -55,7 +55,7 @@ def test_an_exported_scene_gives_the_numbers_of_solve(engine, options, tmp_path,
     assert main(["export-scene", *common, "--out", str(tmp_path)]) == 0
     assert f"to check: python {tmp_path}" in capsys.readouterr().out
     assert main(["solve", *common, "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)
+    row, _ = json.loads(capsys.readouterr().out)  # and the model
     speed = 3.3 if "--v0" in options else 1.0
     v1, v2 = run_alone(tmp_path / engine / "run.py")
     assert v1 / speed == pytest.approx(row["v1"], abs=1e-12)

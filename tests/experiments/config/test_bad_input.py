@@ -275,6 +275,10 @@ OPTIONS = {
     "m1": ({"--m1": "0"}, ["--m1 = 0", "a finite number > 0"]),
     "k1": ({"--k1": "-1"}, ["--k1 = -1", "a finite number > 0"]),
     "gravity": ({"--gravity": "-9"}, ["--gravity = -9", "a finite number > 0"]),
+    "gravity of an impact": (
+        {"--gravity": "500"},
+        ["--gravity = 500", "--scenario impact, which has no gravity; legal: --scenario drop"],
+    ),
     "cut-off": ({"--cutoff": "0.5"}, ["--cutoff = 0.5", "greater than 1"]),
     "cut-off is another word": (
         {"--cutoff": "none"},
@@ -284,6 +288,21 @@ OPTIONS = {
     "no impulse": ({"--m1": "1e-200", "--v0": "-1e-200"}, ["--m1", "times |v0| = 1e-200", "product > 0"]),
     "overflow": ({"--stiffness-ratio": "1e305"}, ["--stiffness-ratio", "1e+305", "double precision"]),
 }
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["export-scene", *RATIOS], ["map", "--e1", "0.9", "--e2", "0.7", "--scenario", "impact"]],
+    ids=lambda command: command[0],
+)
+def test_gravity_is_for_a_drop_only(command, tmp_path, capsys):
+    out = tmp_path / "out"
+    _fails(
+        capsys,
+        [*command, "--gravity", "9.81", "--out", str(out)],
+        ["--gravity = 9.81", "legal: --scenario drop"],
+    )
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("case", OPTIONS)

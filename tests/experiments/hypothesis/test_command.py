@@ -1,5 +1,6 @@
 """The command: what it writes, and what it says of what it cannot do."""
 
+import contextlib
 import json
 import re
 import tomllib
@@ -152,8 +153,17 @@ def test_a_folder_that_holds_files_is_refused(tmp_path, capsys):
 def done(tmp_path_factory):
     root = tmp_path_factory.mktemp("hypothesis")
     (root / "h.toml").write_text(SMALL)
-    assert main(["hypothesis", str(root / "h.toml"), "--out", str(root / "out"), "--workers", "1"]) == 0
+    with (root / "said.txt").open("w", encoding="utf-8") as said, contextlib.redirect_stdout(said):
+        assert main(["hypothesis", str(root / "h.toml"), "--out", str(root / "out"), "--workers", "1"]) == 0
     return root / "out"
+
+
+def test_it_says_what_is_left(done):
+    lines = done.with_name("said.txt").read_text(encoding="utf-8").splitlines()
+    counts = [line for line in lines if " cells after " in line]
+    assert "left" not in counts[0]  # one piece of work has no pace
+    assert len(counts) > 5
+    assert all(" left at this rate" in line for line in counts[1:])
 
 
 def test_it_writes_the_page_its_tables_and_its_figures(done):

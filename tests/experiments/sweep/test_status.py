@@ -2,6 +2,7 @@
 
 import functools
 import json
+import shlex
 
 import numpy as np
 import pyarrow as pa
@@ -11,6 +12,7 @@ from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.sweep import run as sweep
 from impact_xval.experiments.sweep.designs import cells_of
 from impact_xval.experiments.sweep.executors import DirectExecutor
 from impact_xval.experiments.sweep.run import run_sweep
@@ -68,6 +70,24 @@ def test_status_of_a_stopped_run_counts_what_is_damaged(tmp_path, capsys):
     text = capsys.readouterr().out
     assert "1 parts are damaged" in text
     assert "to continue: impact-xval run" in text
+
+
+def test_the_command_to_continue_can_be_pasted(tmp_path, capsys, monkeypatch):
+    """As it stands, without the file of the configuration, from a folder whose name a shell would take apart."""
+    root = tmp_path / "my *runs* _a_ & 'b' | $c"
+    with pytest.raises(InterruptedRunError):
+        run_sweep(parse_config(SMALL), root, isolate=False, resolve=fakes.interrupting)
+    kept = {path.name: path.read_bytes() for path in (root / "parts").glob("0*")}
+    assert main(["status", str(root)]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("to continue: ")]
+    program, *words = shlex.split(line.removeprefix("to continue: "))
+    assert (program, words) == ("impact-xval", ["run", "--resume", "--out", str(root)])
+    monkeypatch.setattr(
+        sweep, "run_sweep", functools.partial(run_sweep, isolate=False, resolve=fakes.shifted)
+    )
+    assert main(words) == 0
+    assert status_of(root).state == "complete"
+    assert {path.name: path.read_bytes() for path in (root / "parts").glob("0*")}.items() >= kept.items()
 
 
 def test_status_of_no_run_is_one_line(tmp_path, capsys):

@@ -174,6 +174,7 @@ def test_commands_that_call_one_solver_say_what_it_did(tmp_path):
         *2 * ["unavailable"],
         *2 * ["crashed"],
         "ok",
+        "ok",  # the model, which is added
     ]
     assert _python(tmp_path, "impact_xval", "conform", "import-leave").returncode == 2
     conform = _python(tmp_path, "impact_xval", "conform", "once-dead", "--law", "none")
