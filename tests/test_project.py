@@ -92,6 +92,15 @@ def test_every_file_of_a_run_is_in_the_docs():
         assert f"`{name}`" in text
 
 
+def test_no_merge_was_left_unfinished():
+    begun = [
+        path.name
+        for path in (ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"))
+        if re.search(r"^(<{7}|={7}|>{7})( |$)", path.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    assert begun == []
+
+
 def test_links_between_pages_lead_somewhere():
     for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):

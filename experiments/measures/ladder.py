@@ -193,7 +193,8 @@ class Split:
     norms, along : ndarray, shape (m, n)
         Kinetic norm of each, and its component along the total; `along` is NaN where D is 0.
     orders : ndarray, shape (6, m, n)
-        `along` by each order of the causes; all the same for those that have one order.
+        `along` by each order of the causes, without gravity two orders three times each; all the same for those that
+        have one order.
     divergence : ndarray, shape (n,)
         D.
     """
@@ -213,7 +214,7 @@ class Split:
 
     @property
     def ranges(self) -> tuple[Floats, Floats]:
-        """Least and largest share by the six orders, shape (m, n) each."""
+        """Least and largest share by the orders, shape (m, n) each."""
         shares = self._over_divergence(self.orders)
         return shares.min(axis=0), shares.max(axis=0)
 
@@ -226,7 +227,7 @@ class Split:
         return np.where(self.divergence >= NOTHING, _largest(self.along), -1)
 
     def agreed(self) -> NDArray[np.bool_]:
-        """Whether the same contribution has the largest share by all six orders."""
+        """Whether the same contribution has the largest share by all orders."""
         return np.all([_largest(along) == self.dominant() for along in self.orders], axis=0)
 
 
