@@ -31,7 +31,7 @@ def test_both_words_for_help_are_legal_everywhere(command, capsys):
 )
 def test_a_usage_error_names_the_command_whose_help_is_meant(arguments, says, command, capsys):
     assert main(arguments) == 2
-    said = capsys.readouterr().err.replace("argument (b)", "argument(s) (b)")  # as older versions of typer say it
+    said = capsys.readouterr().err.replace("argument (b)", "argument(s) (b)")  # older versions of typer
     assert said == f"impact-xval: {says} Try '{command} --help'.\n"
 
 
