@@ -1,0 +1,54 @@
+"""A browser for tests of pages: Debian's chromium, without a network, that reports every complaint of a page."""
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+
+@contextmanager
+def opened(address, width=1200, scheme="light", offline=True) -> Iterator:
+    """Open a page; it fails the test if the page has an error, writes a warning or asks for anything else.
+
+    Skips where no chromium is installed. `offline` is False for a page of a server on this machine.
+    """
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no chromium is installed")
+    from playwright.sync_api import sync_playwright
+
+    complaints = []
+    with sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+        page.on("pageerror", lambda error: complaints.append(f"error: {error}"))
+        page.on(
+            "console",
+            lambda said: complaints.append(said.text) if said.type in ("error", "warning") else None,
+        )
+        if offline:
+            page.on(
+                "request",
+                lambda request: (
+                    None
+                    if request.url.startswith(("data:", "blob:")) or request.url == address
+                    else complaints.append(f"asks for {request.url}")
+                ),
+            )
+        page.goto(address)
+        yield page
+        browser.close()
+    assert not complaints, complaints
+
+
+def violations(page) -> list[str]:
+    """Return what axe-core finds serious or critical in a page: the rule, and the elements."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    return [
+        f"{rule['id']}: {[node['html'][:120] for node in rule['nodes'][:3]]}"
+        for rule in found
+        if rule["impact"] in ("serious", "critical")
+    ]
