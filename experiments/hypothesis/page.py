@@ -41,7 +41,8 @@ from impact_xval.experiments.hypothesis.tables import (
 )
 from impact_xval.experiments.hypothesis.verdicts import CaseResult, Group
 from impact_xval.experiments.measures.laws import voters
-from impact_xval.experiments.presentation.pages import html_of, latex_of, render
+from impact_xval.experiments.presentation.page.html import html_of
+from impact_xval.experiments.presentation.pages import latex_of, render
 from impact_xval.experiments.sweep.executors import available_cores
 from impact_xval.experiments.sweep.third_party import contained
 from impact_xval.experiments.tables.store import write_json, write_text

@@ -1,20 +1,19 @@
 """Pages: words from templates, facts from Python; Markdown is the one form from which all others are made.
 
 `render` fills a template with facts. A ``.md.j2`` template is Markdown: whatever it shows of a variable is escaped, so
-that text of a user can be nothing but text. `html_of` and `latex_of` turn the result into a page, `blocks_of` into
-pieces for a terminal. Tables come from the macro of ``table.md.j2``: a paragraph in bold, the caption, and below it a
-table; of a caption in italics the table is a detail, which HTML folds away and LaTeX leaves out.
+that text of a user can be nothing but text. `page.html` turns the result into a page for a browser, `latex_of` into
+one for print, `blocks_of` into pieces for a terminal. Tables come from the macro of ``table.md.j2``: a paragraph in
+bold, the caption, and below it a table; of a caption in italics the table is a detail, which HTML folds away and LaTeX
+leaves out.
 """
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise, takewhile
-from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, pass_context
@@ -26,9 +25,6 @@ from markupsafe import Markup
 from impact_xval.compliant_baselines.contract.visible import visible
 from impact_xval.experiments.measures.laws import by_law
 from impact_xval.experiments.tables.numbers import listed, number, percent, short
-
-#: Cells of a table with more letters than this are wrapped in HTML.
-_LONG = 60
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -108,6 +104,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
     environment.filters |= {"number": number, "short": short, "percent": percent}
     environment.filters |= {"listed": listed, "by_law": by_law}
     return environment
@@ -138,7 +135,7 @@ def render(name: str, /, **facts: Any) -> str:
 def phrase(name: str, macro: str, *facts: Any, **named: Any) -> str:
     """Return what a macro of a Markdown template says, as plain text on one line."""
     said = getattr(_environment().get_template(name).module, macro)(*facts, **named)
-    return " ".join(_plain(token) for token in _markdown().parse(str(said)) if token.type == "inline")
+    return " ".join(plain_text(token) for token in parser().parse(str(said)) if token.type == "inline")
 
 
 def _one_line_a_paragraph(text: str) -> str:
@@ -153,62 +150,17 @@ def _one_line_a_paragraph(text: str) -> str:
 
 
 @cache
-def _markdown() -> MarkdownIt:
+def parser() -> MarkdownIt:
+    """Return what takes Markdown apart: with tables, without HTML."""
     return MarkdownIt("commonmark", {"html": False}).enable("table")
 
 
-def _plain(inline: Token) -> str:
-    """Text of an inline token without its marks."""
+def plain_text(inline: Token) -> str:
+    """Return the text of an inline token without its marks."""
     return "".join(" " if t.type == "softbreak" else t.content for t in inline.children or [])
 
 
-def html_of(markdown: str, title: str, pictures: Path | None = None) -> str:
-    """Turn Markdown into one self-contained HTML page.
-
-    Parameters
-    ----------
-    markdown : str
-        Without HTML: tags in it are shown as text.
-    title : str
-        Of the page.
-    pictures : Path, optional
-        The folder that addresses of pictures begin in; the pictures become part of the page.
-    """
-    tokens = _markdown().parse(markdown)
-    for token in tokens:
-        for image in token.children or []:
-            if image.type == "image" and pictures is not None:
-                data = base64.b64encode((pictures / str(image.attrs["src"])).read_bytes()).decode("ascii")
-                image.attrs["src"] = f"data:image/png;base64,{data}"
-    for at, token in enumerate(tokens):
-        if token.type == "table_open":
-            _caption_into_table(tokens, at)
-        if token.type == "inline" and len(token.content) > _LONG and tokens[at - 1].type == "td_open":
-            tokens[at - 1].attrSet("class", "long")
-    markdown_it = _markdown()
-    body = markdown_it.renderer.render(tokens, markdown_it.options, {})
-    return render("page.html.j2", title=title, body=Markup(body))  # markdown-it has escaped it
-
-
-def _caption_into_table(tokens: list[Token], at: int) -> None:
-    """Move the caption before the table at a place into it; fold the table of a detail."""
-    caption = _caption(tokens, at)
-    end = at + next(i for i, token in enumerate(tokens[at:]) if token.type == "table_close")
-    before, after = '<div class="wide"><table>', "</table></div>"
-    if caption is not None:
-        text, detail = caption
-        for token in tokens[at - 3 : at]:
-            token.type, token.children, token.content = "html_block", None, ""
-        text = Markup.escape(text)
-        if detail:
-            before, after = f"<details><summary>{text}</summary>{before}", f"{after}</details>"
-        else:
-            before += f"<caption>{text}</caption>\n"
-    tokens[at] = Token("html_block", "", 0, content=before)
-    tokens[end] = Token("html_block", "", 0, content=f"{after}\n")
-
-
-def _caption(tokens: Sequence[Token], at: int) -> tuple[str, bool] | None:
+def caption_of(tokens: Sequence[Token], at: int) -> tuple[str, bool] | None:
     """Return the caption of the table that begins at a place, and whether it is a detail; None without one."""
     if at < 3 or tokens[at - 3].type != "paragraph_open":
         return None
@@ -216,22 +168,22 @@ def _caption(tokens: Sequence[Token], at: int) -> tuple[str, bool] | None:
     kinds = [child.type for child in tokens[at - 2].children or [] if child.content or child.tag]
     for mark, detail in (("strong", False), ("em", True)):
         if (kinds[0], kinds[-1]) == (f"{mark}_open", f"{mark}_close"):
-            return _plain(tokens[at - 2]), detail
+            return plain_text(tokens[at - 2]), detail
     return None
 
 
 def blocks_of(markdown: str) -> Iterator[Block]:
     """Take Markdown apart: headings, paragraphs and tables, as plain text, in their order."""
-    tokens = _markdown().parse(markdown)
-    captions = {at - 2: _caption(tokens, at) for at, t in enumerate(tokens) if t.type == "table_open"}
+    tokens = parser().parse(markdown)
+    captions = {at - 2: caption_of(tokens, at) for at, t in enumerate(tokens) if t.type == "table_open"}
     for at, token in enumerate(tokens):
         if token.type == "table_open":
             inside = list(takewhile(lambda t: t.type != "table_close", tokens[at:]))
             yield _table(inside, *(captions[at - 2] or ("", False)))
         elif token.type == "inline" and tokens[at - 1].type == "heading_open":
-            yield Heading(_plain(token), int(tokens[at - 1].tag[1:]))
+            yield Heading(plain_text(token), int(tokens[at - 1].tag[1:]))
         elif token.type == "inline" and tokens[at - 1].type == "paragraph_open" and not captions.get(at):
-            yield Paragraph(_plain(token))
+            yield Paragraph(plain_text(token))
 
 
 def _table(tokens: Sequence[Token], caption: str, detail: bool) -> Table:
@@ -241,7 +193,7 @@ def _table(tokens: Sequence[Token], caption: str, detail: bool) -> Table:
         if before.type == "tr_open":
             rows.append([])
         if token.type == "inline":
-            rows[-1].append(_plain(token))
+            rows[-1].append(plain_text(token))
             if before.type == "th_open":
                 numeric.append("right" in str(before.attrs.get("style")))
     return Table(caption, rows[0], rows[1:], numeric, detail)

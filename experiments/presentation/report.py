@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from markupsafe import Markup
 
 from impact_xval.experiments.measures.columns.summary import ColumnSummary, summarise_columns
 from impact_xval.experiments.measures.ladder_summary import csv_rows
-from impact_xval.experiments.measures.summary import Summary, summarise
+from impact_xval.experiments.measures.summary import Summary, load_divergence, summarise
 from impact_xval.experiments.presentation.apart import Wait, process_apart
 from impact_xval.experiments.presentation.columns.page import column_facts
 from impact_xval.experiments.presentation.figures import CAPTIONS, draw_divergences, write_figures
-from impact_xval.experiments.presentation.pages import html_of, latex_of, render
+from impact_xval.experiments.presentation.page.cells import packed_cells
+from impact_xval.experiments.presentation.page.charts import charts, scripts
+from impact_xval.experiments.presentation.page.headlines import cells_piece, matrix, numbers, subjects
+from impact_xval.experiments.presentation.page.html import html_of, render_markup
+from impact_xval.experiments.presentation.page.tiles import Tiles, tiles_of
+from impact_xval.experiments.presentation.pages import latex_of, render
 from impact_xval.experiments.presentation.summary_page import summary_facts
 from impact_xval.experiments.sweep.designs import cells_of_run
 from impact_xval.experiments.sweep.examination import failed_note, traps_note
@@ -51,15 +58,23 @@ def present(folder: RunFolder) -> Summary | ColumnSummary:
         write_report(folder, summary)
         return summary
     with process_apart(folder) as begin:
-        divergences, traps = begin(draw_divergences), begin(_traps)
+        divergences, apart = begin(draw_divergences), Apart(begin(_opened), begin(_traps))
         summary = write_tables(folder)
         write_figures(folder, summary, divergences)
-        write_report(folder, summary, traps)
+        write_report(folder, summary, apart)
     return summary
 
 
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """Waits for what another process finds out for the page: the cells that open, and the traps of the engines."""
+
+    opened: Wait
+    traps: Wait
+
+
 def write_report(
-    folder: RunFolder, summary: Summary | ColumnSummary | None = None, traps: Wait | None = None
+    folder: RunFolder, summary: Summary | ColumnSummary | None = None, apart: Apart | None = None
 ) -> Path:
     """Write ``report.html`` of a finished run; its figures are drawn if they are not there.
 
@@ -68,8 +83,8 @@ def write_report(
     folder : RunFolder
     summary : Summary or ColumnSummary, optional
         That of the run, where it is known; by default it is computed.
-    traps : callable, optional
-        Waits for the note on traps, at which another process is; by default one is started. Of columns there is none.
+    apart : Apart, optional
+        What another process is at; by default one is started. Of columns there is none.
 
     Returns
     -------
@@ -77,27 +92,61 @@ def write_report(
         The page.
     """
     of_columns = folder.config().column is not None
-    if traps is None and not of_columns:
+    if apart is None and not of_columns:
         with process_apart(folder) as begin:
-            return write_report(folder, summary, begin(_traps))
+            return write_report(folder, summary, Apart(begin(_opened), begin(_traps)))
     summary = _summarised(folder) if summary is None else summary
     figures = folder.root / "figures"
     if not (figures / CAPTIONS).is_file():
         write_figures(folder, summary)
     captions: dict[str, str] = json.loads((figures / CAPTIONS).read_text(encoding="utf-8"))
-    facts = {
-        "figures": {name: text for name, text in captions.items() if (figures / f"{name}.png").is_file()},
-        "provenance": _provenance(folder.manifest()),
-    }
+    drawn = {name: text for name, text in captions.items() if (figures / f"{name}.png").is_file()}
+    facts = {"figures": drawn, "provenance": _provenance(folder.manifest())}
     if isinstance(summary, ColumnSummary):
-        page = render("report_columns.md.j2", **column_facts(summary), **facts)
+        page, pieces = _page_of_columns(summary, facts)
     else:
-        assert traps is not None
-        facts |= {"gravity_number": _gravity_number(folder), "traps": _noted(traps)}
-        page = render("report.md.j2", **summary_facts(summary), **facts)
+        assert apart is not None
+        page, pieces = _page_of_collisions(folder, summary, facts, apart)
     path = folder.root / "report.html"
-    write_text(path, html_of(page, f"impact-xval: {summary.config.name}", figures))
+    title = f"impact-xval: {summary.config.name}"
+    write_text(path, html_of(page, title, figures, pieces, scripts()))
     return path
+
+
+def _page_of_columns(summary: ColumnSummary, facts: dict[str, Any]) -> tuple[str, dict[str, Markup]]:
+    found = column_facts(summary)["facts"]
+    closest = [row | {"limit": True} for row in summary.engines]
+    found = {**found, "closest": closest, "subjects": subjects(found["found"], closest)}
+    page = render("report_columns.md.j2", **found, facts=found, **facts)
+    return page, {"numbers": numbers(found, "columns")}
+
+
+def _page_of_collisions(
+    folder: RunFolder, summary: Summary, facts: dict[str, Any], apart: Apart
+) -> tuple[str, dict[str, Markup]]:
+    """Write the page as Markdown, and what stands in the place of its pictures that are none."""
+    found = summary_facts(summary)["facts"]
+    found = {**found, "subjects": subjects(found["solvers_found"], found["closest"])}
+    facts |= {"gravity_number": _gravity_number(folder), "traps": _noted(apart.traps)}
+    page = render("report.md.j2", **found, facts=found, **facts)
+    try:
+        tiles, packed = apart.opened()
+        cells = cells_piece(tiles, packed, charts(tiles, summary.config.solvers))
+    except FaultError as fault:
+        cells = render_markup("no_cells.html.j2", reason=fault.reason)
+    sketch = render_markup("sketch.html.j2")
+    return page, {
+        "sketch": sketch,
+        "numbers": numbers(found, "cells"),
+        "matrix": matrix(summary),
+        "cells": cells,
+    }
+
+
+def _opened(folder: RunFolder) -> tuple[Tiles, str]:
+    """Lay out the map whose tiles open, and collect what they open, in a process of its own: engines are imported."""
+    tiles = tiles_of(load_divergence(folder, folder.config()))
+    return tiles, packed_cells(folder, tiles.cells)
 
 
 def _traps(folder: RunFolder) -> dict[str, Any]:

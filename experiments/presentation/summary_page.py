@@ -135,6 +135,7 @@ def _closest(summary: Summary) -> list[dict[str, Any]]:
             "max": row.max,
             "n": row.n,
             "model": _divergence(summary, name)["median"],
+            "limit": False,
         }
         for row in summary.between.itertuples()
         for name, law in ((row.solver, row.other), (row.other, row.solver))

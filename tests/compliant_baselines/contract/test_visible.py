@@ -5,7 +5,8 @@ import pytest
 from impact_xval.compliant_baselines.contract.visible import visible
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.presentation.pages import html_of, latex_of, render
+from impact_xval.experiments.presentation.page.html import html_of
+from impact_xval.experiments.presentation.pages import latex_of, render
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,10 @@ import re
 
 import pytest
 from jinja2 import DictLoader, UndefinedError
+from markupsafe import Markup
 
 from impact_xval.experiments.presentation import pages
+from impact_xval.experiments.presentation.page.html import html_of
 from impact_xval.experiments.presentation.pages import (
     Heading,
     Paragraph,
@@ -13,7 +15,6 @@ from impact_xval.experiments.presentation.pages import (
     blocks_of,
     escape_latex,
     escape_markdown,
-    html_of,
     latex_of,
     render,
 )
@@ -93,12 +94,23 @@ def test_escapes():
     assert escape_latex("50% & \\x{é漢}") == r"50\% \& \textbackslash{}x\{é{[}U+6F22{]}\}"
 
 
-def test_pictures_become_part_of_the_page(tmp_path):
-    (tmp_path / "a.png").write_bytes(b"png")
-    page = html_of("![Figure 1](a.png)\n", "", tmp_path)
-    assert re.findall(r'<img src="([^"]*)" alt="([^"]*)"', page) == [
-        ("data:image/png;base64,cG5n", "Figure 1")
+def test_pictures_become_figures_of_the_page(tmp_path):
+    (tmp_path / "a-b.png").write_bytes(b"png")
+    page = html_of("![What *it* shows](a-b.png)\n\n![](piece)\n", "", tmp_path, {"piece": Markup("<hr>")})
+    assert re.findall(r'<img src="([^"]*)" alt="([^"]*)"', page) == [("data:image/png;base64,cG5n", "a b")]
+    assert "<figcaption><b>Figure 1.</b> What it shows</figcaption>" in page
+    assert "<hr>" in page
+
+
+def test_sections_have_names_and_contents_lead_to_them():
+    page = html_of("# T\n\n## A & b\n\n## A, b\n\n### c\n\n![](contents)\n", "")
+    assert re.findall(r'<h([23]) id="([^"]*)">', page) == [
+        ("2", "a-b"),
+        ("2", "a-b-"),
+        ("3", "c"),
+        ("2", "contents"),
     ]
+    assert re.findall(r'<a href="#([^"]*)">([^<]*)</a>', page) == [("a-b", "A &amp; b"), ("a-b-", "A, b")]
 
 
 def test_a_template_without_one_of_its_facts_fails():

@@ -1,0 +1,152 @@
+"""What the page shows of a cell that is opened: results, impulse curves, causes, commands, and its scene."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import shlex
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
+
+from impact_xval.compliant_baselines.calibration.scene_text import mjcf
+from impact_xval.compliant_baselines.contract.registry import engine_free_names, get_solver, is_costly
+from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
+from impact_xval.experiments.sweep.curves import needed
+from impact_xval.experiments.sweep.designs import cells_of_run
+from impact_xval.experiments.sweep.kinds.kind import settings_of
+from impact_xval.experiments.tables.numbers import number
+from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.model.collision import RESULT_STATUSES, Collision
+
+#: Digits of an impulse of a curve: a tenth of what a screen tells apart.
+_DIGITS = 4
+
+_RESULT = ("solver", "status", "marked", "reason", "v1", "v2", "states_compared", "impulse1", "impulse2")
+
+
+def packed_cells(folder: RunFolder, cells: Sequence[int]) -> str:
+    """Collect what is shown of some cells of a run of two balls, as JSON, compressed, in letters (base64)."""
+    text = json.dumps(opened_cells(folder, cells), separators=(",", ":"), allow_nan=False)
+    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
+
+
+def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str, Any]]:
+    """Collect what is shown of some cells of a run of two balls.
+
+    Curves are those of the exact solvers of the run, solved again; of the others the table holds the end.
+
+    Returns
+    -------
+    dict
+        By number of the cell, ``at`` (k2/k1, m2/m1, e1, e2), ``results``, ``causes``, ``curves``, ``commands`` and
+        ``scene`` (MJCF; None where MuJoCo is not in the run).
+    """
+    config = folder.config()
+    index = cells_of_run(folder, config)
+    collisions = [index[cell].collision for cell in cells]
+    shown: dict[int, dict[str, Any]] = {cell: {"results": [], "causes": []} for cell in cells}
+    divergences = {
+        (row["cell"], row["solver"]): row["velocity_divergence"]
+        for row in _rows(folder, "divergence", ("cell", "solver", "velocity_divergence"), cells)
+    }
+    for row in _rows(folder, "cells", ("cell", *AXES, "m1", "v0", *_RESULT), cells):
+        speed = abs(row["v0"])
+        end = [_per(row[name], row["m1"] * speed) for name in ("impulse1", "impulse2")]
+        shown[row["cell"]]["at"] = [number(row[axis], 6) for axis in AXES]
+        shown[row["cell"]]["commands"] = _commands(folder.root.name, config, row)
+        shown[row["cell"]]["results"].append(
+            {
+                **{name: row[name] for name in ("solver", "status", "marked", "reason")},
+                "v1": _per(row["v1"], speed),
+                "v2": _per(row["v2"], speed),
+                "d": divergences.get((row["cell"], row["solver"])),
+                "states": row["states_compared"],
+                "end": None if None in end else end,
+            }
+        )
+    for row in _rows(folder, "ladder", None, cells):
+        shown[row["cell"]]["causes"].append(_causes(row))
+    for cell, curves in zip(cells, _curves(config, collisions), strict=True):
+        shown[cell]["curves"] = curves
+    for cell, scene in zip(cells, _scenes(config, collisions), strict=True):
+        shown[cell]["scene"] = scene
+    return shown
+
+
+def _rows(
+    folder: RunFolder, table: str, columns: Sequence[str] | None, cells: Sequence[int]
+) -> list[dict[str, Any]]:
+    path = folder.root / f"{table}.parquet"
+    if not path.is_file():
+        return []
+    wanted = pc.field("cell").isin(list(cells))
+    return ds.dataset(path).to_table(columns=columns and list(columns), filter=wanted).to_pylist()
+
+
+def _per(value: float | None, unit: float) -> float | None:
+    return None if value is None else value / unit
+
+
+def _causes(row: dict[str, Any]) -> dict[str, Any]:
+    causes = [
+        [c.label, row[f"{c.name}_share"], row[f"{c.name}_norm"]]
+        for c in CONTRIBUTIONS
+        if row.get(f"{c.name}_norm") is not None
+    ]
+    return {"solver": row["solver"], "said": row["sentence"] or row["reason"], "causes": causes}
+
+
+def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]:
+    """Write what opens a cell on a terminal, as it is typed beside the run's folder."""
+    options = {
+        **{axis.replace("_", "-"): row[axis] for axis in AXES},
+        "scenario": config.scenario,
+        **({"gravity": config.gravity} if config.scenario == "drop" else {}),
+        **{name: getattr(config, name) for name in ("m1", "k1", "v0")},
+        "step-fraction": config.step_fraction,
+        "mapping": config.mapping,
+    }
+    again = " ".join(f"--{name} {value}" for name, value in options.items())
+    run = f"{shlex.quote(root)} --cell {row['cell']}"
+    return [
+        ["every cause, in every order", f"impact-xval ladder {run}"],
+        ["scenes that run in the engine alone", f"impact-xval export-scene {run}"],
+        ["once more, by every solver", f"impact-xval solve {again}"],
+    ]
+
+
+def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, list[list[float]]]]:
+    """Solve collisions by the exact solvers of a run: impulses per m1 |v0| by solver, as few points as a line needs."""
+    found: list[dict[str, list[list[float]]]] = [{} for _ in collisions]
+    settings = replace(settings_of(config), record_path=True)
+    for name in config.solvers:
+        if name not in engine_free_names() or is_costly(name):
+            continue
+        for curves, collision, outcome in zip(
+            found, collisions, get_solver(name).solve_many(collisions, settings), strict=True
+        ):
+            if outcome.status in RESULT_STATUSES and (path := outcome.path) is not None:
+                unit = collision.m1 * abs(collision.v0)
+                points = np.column_stack([path.impulse1, path.impulse2]) / unit
+                kept = points[needed(points.sum(axis=1), points)]
+                curves[name] = kept.T.round(_DIGITS).tolist()
+    return found
+
+
+def _scenes(config: Config, collisions: Sequence[Collision]) -> list[str | None]:
+    """Write the MJCF of every collision that MuJoCo represents, where it is in the run."""
+    if "mujoco" not in config.solvers or get_solver("mujoco").unavailable() is not None:
+        return [None] * len(collisions)
+    solver, settings = get_solver("mujoco"), settings_of(config)
+    assert isinstance(solver, EngineSolver)
+    columns = [solver.column_or_refusal(collision, settings) for collision in collisions]
+    return [None if isinstance(column, str) else mjcf(column) for column in columns]

@@ -1,0 +1,169 @@
+"""What moves on the page, by Bokeh: the map whose tiles open, and the impulse curves of the cell that is open.
+
+The scripts of Bokeh and DataTables are in their packages, and go into the page: it asks for nothing.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bokeh.core.types import ID
+from bokeh.embed import json_item
+from bokeh.models import (
+    ColorBar,
+    ColumnDataSource,
+    FixedTicker,
+    HoverTool,
+    LogColorMapper,
+    TapTool,
+)
+from bokeh.plotting import figure
+from bokeh.resources import Resources
+from itables import options
+from markupsafe import Markup
+
+from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.presentation.page.html import render_markup
+from impact_xval.experiments.presentation.page.tiles import Tiles
+from impact_xval.experiments.presentation.style import look
+
+#: D below this has the colour of this: about the rounding of the solvers.
+_FLOOR = 1e-4
+
+#: Labels of an axis at most.
+_LABELS = 60
+
+#: How Bokeh draws the dashes of `style`.
+_DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
+
+
+def charts(tiles: Tiles, solvers: Sequence[str]) -> list[Any]:
+    """Draw the map and the frame of the impulse curves.
+
+    Parameters
+    ----------
+    tiles : Tiles
+    solvers : sequence of str
+        All of the run, the model among them.
+
+    Returns
+    -------
+    list
+        What Bokeh embeds in the elements ``map`` and ``curves`` of the page, as JSON objects.
+    """
+    drawn = {"map": _map(tiles), "curves": _curves(solvers)}
+    return [_numbered(json_item(plot, ID(name))) for name, plot in drawn.items()]
+
+
+def _numbered(item: Any) -> Any:
+    """Count the models of a chart from one, as equal data give equal pages; Bokeh counts through all that is drawn."""
+    known: dict[str, str] = {}
+    text = json.dumps(item)
+    return json.loads(re.sub(r'"p\d+"', lambda id: known.setdefault(id[0], f'"p{len(known) + 1}"'), text))
+
+
+def scripts() -> Markup:
+    """Return what moves the page: the libraries' scripts and its own."""
+    bundle = Path(str(options.dt_bundle))
+    tables = base64.b64encode(bundle.read_bytes()).decode("ascii")
+    style = bundle.with_suffix(".css").read_text(encoding="utf-8")
+    bokeh = Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
+    return render_markup("moving.html.j2", bokeh=bokeh, tables=tables, style=Markup(style))
+
+
+def _map(tiles: Tiles) -> Any:
+    """Draw one tile a cell, or the median of several, coloured by the D of one solver."""
+    names = [name for name, medians in tiles.medians.items() if any(d is not None for d in medians)]
+    shown = names[-1] if names else REFERENCE
+    values = [d for name in names for d in tiles.medians[name] if d is not None]
+    highest = max([*values, 10 * _FLOOR])
+    source = ColumnDataSource(
+        {
+            "across": tiles.across,
+            "above": tiles.above,
+            "column": [tiles.across_labels[place] for place in tiles.across],
+            "row": [tiles.up_labels[place] for place in tiles.above],
+            "cell": tiles.cells,
+            "shown": _floored(tiles.medians.get(shown, [None] * len(tiles.cells))),
+            **{f"d {name}": _floored(tiles.medians[name]) for name in names},
+        },
+        name="tiles",
+    )
+    mapper = LogColorMapper(palette="Viridis256", low=_FLOOR, high=highest, nan_color="#dddddd")
+    rows = len(tiles.up_labels)
+    plot = figure(
+        height=min(1000, 110 + max(9, 13 if rows > 30 else 22) * rows),
+        sizing_mode="stretch_width",
+        tools=[
+            TapTool(),
+            HoverTool(tooltips=[*_hover(tiles), ("D", "@shown{0.0000}"), ("opens cell", "@cell")]),
+        ],
+        toolbar_location=None,
+        x_axis_label="stiffness ratio k2/k1 (-)",
+        y_axis_label=" · ".join(AXES[axis] for axis in tiles.up),
+        name="map",
+    )
+    plot.rect(
+        "across",
+        "above",
+        width=0.96,
+        height=0.92,
+        source=source,
+        fill_color={"field": "shown", "transform": mapper},
+        line_color=None,
+        nonselection_fill_alpha=1.0,
+        line_width=3,
+        selection_line_color="#d00000",
+    )
+    for axis, labels in ((plot.xaxis, tiles.across_labels), (plot.yaxis, tiles.up_labels)):
+        axis.ticker = FixedTicker(ticks=list(range(0, len(labels), -(-len(labels) // _LABELS))))
+        axis.major_label_overrides = dict(enumerate(labels))
+    plot.xaxis.major_label_orientation = "vertical"
+    plot.yaxis.major_label_text_font_size = "10px"
+    plot.grid.visible = False
+    plot.add_layout(ColorBar(color_mapper=mapper, title="D", width=10), "right")
+    return plot
+
+
+def _floored(medians: Sequence[float | None]) -> list[float]:
+    return [float("nan") if d is None else max(d, _FLOOR) for d in medians]
+
+
+def _hover(tiles: Tiles) -> list[tuple[str, str]]:
+    return [("k2/k1", "@column"), (" · ".join(AXES[axis] for axis in tiles.up), "@row")]
+
+
+def _curves(solvers: Sequence[str]) -> Any:
+    """Draw empty impulse curves, a line and an end for each solver, to be filled when a cell is opened."""
+    plot = figure(
+        height=420,
+        sizing_mode="stretch_width",
+        tools="pan,wheel_zoom,box_zoom,reset",
+        active_scroll=None,
+        x_axis_label="I1/(m1 |v0|), ball on ball (-)",
+        y_axis_label="I2/(m1 |v0|), ball on table (-)",
+        name="curves",
+    )
+    for line, dash in (("l1: v1 = v2", "dashed"), ("l2: v2 = 0", "dotted")):
+        source = ColumnDataSource({"x": [], "y": []}, name=f"line {line[:2]}")
+        plot.line("x", "y", source=source, color="#808080", line_dash=dash, legend_label=line)
+    for position, name in enumerate(solvers):
+        style = look(name, position)
+        dash = _DASHES.get(style.dash, "solid") if isinstance(style.dash, str) else list(style.dash[1])
+        line = ColumnDataSource({"x": [], "y": []}, name=f"curve {name}")
+        end = ColumnDataSource({"x": [], "y": []}, name=f"end {name}")
+        width = 3 if name == REFERENCE else 2
+        plot.line(
+            "x", "y", source=line, color=style.color, line_dash=dash, line_width=width, legend_label=name
+        )
+        plot.scatter("x", "y", source=end, color=style.color, size=9, legend_label=name)
+    plot.legend.location = "top_left"
+    plot.legend.label_text_font_size = "11px"
+    plot.legend.background_fill_alpha = 0.6
+    return plot

@@ -1,0 +1,146 @@
+"""Markdown as one self-contained page for a browser: contents, figures, tables with captions; no network.
+
+A picture of the Markdown stands for a figure of a folder, which becomes part of the page, or for a piece of HTML by its
+name; ``contents`` is the list of sections.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from markdown_it.token import Token
+from markupsafe import Markup
+
+from impact_xval.experiments.presentation.pages import caption_of, parser, plain_text, render
+
+#: Cells of a table with more letters than this are wrapped.
+_LONG = 60
+
+#: Tables with more rows than this can be sorted and filtered.
+_MANY = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A section: its title, and the name by which an address finds it."""
+
+    text: str
+    name: str
+
+
+def html_of(
+    markdown: str,
+    title: str,
+    pictures: Path | None = None,
+    pieces: Mapping[str, Markup] | None = None,
+    scripts: Markup | None = None,
+) -> str:
+    """Turn Markdown into one self-contained HTML page.
+
+    Parameters
+    ----------
+    markdown : str
+        Without HTML: tags in it are shown as text.
+    title : str
+        Of the page.
+    pictures : Path, optional
+        The folder that addresses of pictures begin in; the pictures become part of the page, their texts captions.
+    pieces : mapping, optional
+        HTML that stands in the place of a picture of that address.
+    scripts : Markup, optional
+        Put at the end of the page.
+    """
+    tokens = parser().parse(markdown)
+    headings = _name_sections(tokens)
+    pieces = {"contents": render_markup("contents.html.j2", headings=headings), **(pieces or {})}
+    figures = 0
+    for at, token in enumerate(tokens):
+        if token.type == "inline" and (image := _image(token)) is not None:
+            address = str(image.attrs["src"])
+            figures += address not in pieces
+            piece = pieces.get(address) or _figure(image, pictures, address, figures)
+            _put(tokens[at - 1 : at + 2], piece)
+        if token.type == "table_open":
+            _caption_into_table(tokens, at)
+        if token.type == "inline" and len(token.content) > _LONG and tokens[at - 1].type == "td_open":
+            tokens[at - 1].attrSet("class", "long")
+    renderer = parser()
+    body = renderer.renderer.render(tokens, renderer.options, {})
+    # markdown-it has escaped it
+    return render("page.html.j2", title=title, body=Markup(body), scripts=scripts or "")
+
+
+def render_markup(name: str, /, **facts: object) -> Markup:
+    """Fill a template of HTML, which escapes what it is given."""
+    return Markup(render(name, **facts))
+
+
+def _name_sections(tokens: Sequence[Token]) -> list[Heading]:
+    """Give every heading below the title a name of its own; those of the second level, for the contents."""
+    found: list[Heading] = []
+    names: set[str] = set()
+    for token, inline in pairwise(tokens):
+        if token.type == "heading_open" and token.tag != "h1":
+            text = plain_text(inline)
+            name = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-") or "section"
+            while name in names:
+                name += "-"
+            names.add(name)
+            token.attrSet("id", name)
+            if token.tag == "h2":
+                found.append(Heading(text, name))
+    return found
+
+
+def _image(token: Token) -> Token | None:
+    """Return the picture that a paragraph consists of, if it does."""
+    children = token.children or []
+    return children[0] if len(children) == 1 and children[0].type == "image" else None
+
+
+def _figure(image: Token, pictures: Path | None, address: str, place: int) -> Markup:
+    if pictures is None:
+        raise ValueError(f"there is no folder of pictures for {address}")
+    data = base64.b64encode((pictures / address).read_bytes()).decode("ascii")
+    return render_markup(
+        "figure.html.j2",
+        data=data,
+        name=Path(address).stem,
+        words=Path(address).stem.replace("-", " "),
+        caption=image.content and plain_text(image),
+        place=place,
+    )
+
+
+def _put(tokens: Sequence[Token], piece: str) -> None:
+    """Put HTML in the place of a paragraph."""
+    for token in tokens:
+        token.type, token.children, token.content = "html_block", None, ""
+    tokens[0].content = piece
+
+
+def _caption_into_table(tokens: list[Token], at: int) -> None:
+    """Move the caption before the table at a place into it; fold the table of a detail."""
+    caption = caption_of(tokens, at)
+    end = at + next(i for i, token in enumerate(tokens[at:]) if token.type == "table_close")
+    many = sum(token.type == "tr_open" for token in tokens[at:end]) > _MANY + 1
+    table = '<table class="many">' if many else "<table>"
+    before, after = (
+        f'<div class="wide" tabindex="0" role="region" aria-label="table">{table}',
+        "</table></div>",
+    )
+    if caption is not None:
+        text, detail = caption
+        _put(tokens[at - 3 : at], "")
+        text = Markup.escape(text)
+        if detail:
+            before, after = f"<details><summary>{text}</summary>{before}", f"{after}</details>"
+        else:
+            before += f"<caption>{text}</caption>\n"
+    tokens[at] = Token("html_block", "", 0, content=before)
+    tokens[end] = Token("html_block", "", 0, content=f"{after}\n")

@@ -1,0 +1,83 @@
+"""What a cell shows when it is opened, held against the tables, the engine and the commands it names."""
+
+import base64
+import gzip
+import json
+import shlex
+
+import pandas as pd
+import pytest
+
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.presentation.page.cells import opened_cells, packed_cells
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables.store import RunFolder
+from tests.experiments.conftest import SMALL
+
+CELLS = [0, 7, 11]
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    root = tmp_path_factory.mktemp("runs") / "a run"
+    solvers = ["kelvin-voigt", "bistiffness", "mujoco"]
+    run_sweep(parse_config(SMALL | {"solvers": solvers, "scenario": "drop", "v0": -2.0}), root)
+    return root
+
+
+@pytest.fixture(scope="module")
+def cells(root):
+    return opened_cells(RunFolder(root), CELLS)
+
+
+def test_it_shows_the_tables(root, cells):
+    table = pd.read_parquet(root / "cells.parquet").set_index(["cell", "solver"])
+    d = pd.read_parquet(root / "divergence.parquet").set_index(["cell", "solver"]).velocity_divergence
+    ladder = pd.read_parquet(root / "ladder.parquet").set_index("cell")
+    assert list(cells) == CELLS
+    for number, cell in cells.items():
+        assert [row["solver"] for row in cell["results"]] == list(table.loc[number].index)
+        for row in cell["results"]:
+            stored = table.loc[(number, row["solver"])]
+            assert (row["v1"], row["v2"]) == (stored.v1 / 2, stored.v2 / 2)
+            assert row["d"] == d.get((number, row["solver"]))
+            assert row["states"] == stored.states_compared
+        (engine,) = cell["causes"]
+        shares = [share for _, share, _ in engine["causes"]]
+        assert engine["said"] == ladder.loc[number].sentence
+        assert sum(shares) == pytest.approx(1, abs=1e-12)
+
+
+def test_curves_end_where_the_tables_do(cells):
+    for cell in cells.values():
+        ends = {row["solver"]: row["end"] for row in cell["results"]}
+        assert list(cell["curves"]) == ["state-transition", "kelvin-voigt", "bistiffness"]
+        for name, (impulse1, impulse2) in cell["curves"].items():
+            assert [impulse1[-1], impulse2[-1]] == pytest.approx(ends[name], abs=1e-4)
+            assert (impulse1[0], impulse2[0]) == (0, 0)
+            assert impulse1 == sorted(impulse1)
+            assert impulse2 == sorted(impulse2)
+
+
+def test_its_commands_can_be_pasted(root, cells, monkeypatch, capsys):
+    monkeypatch.chdir(root.parent)
+    expected = {row["solver"]: row["v1"] for row in cells[7]["results"]}
+    for _, command in cells[7]["commands"]:
+        _, *arguments = shlex.split(command)
+        asked = ["--json"] if arguments[0] == "solve" else []
+        asked += [word for name in expected for word in ("--solver", name)] if asked else []
+        assert main([*arguments, *asked]) == 0, capsys.readouterr().err
+    found = json.loads(capsys.readouterr().out.splitlines()[-1]) if not asked else None
+    assert found is None or {row["solver"]: row["v1"] for row in found} == expected
+
+
+def test_its_scene_is_one(cells):
+    mujoco = pytest.importorskip("mujoco")
+    for cell in cells.values():
+        assert mujoco.MjModel.from_xml_string(cell["scene"]).npair == 2
+
+
+def test_what_is_packed_is_that(root, cells):
+    unpacked = json.loads(gzip.decompress(base64.b64decode(packed_cells(RunFolder(root), CELLS))))
+    assert unpacked == {str(number): cell for number, cell in cells.items()}

@@ -1,0 +1,78 @@
+"""The map of a run whose tiles open: what its colours are, and which cell a tile opens."""
+
+import pandas as pd
+import pytest
+
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.measures.summary import load_divergence
+from impact_xval.experiments.presentation.page.tiles import TILES, tiles_of
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables.store import RunFolder
+from tests.experiments.conftest import SMALL
+
+
+def tiles(root, **fields):
+    """Run an experiment of exact solvers, and give its tiles and its table."""
+    solvers = ["kelvin-voigt", "bistiffness"]
+    given = SMALL | {"solvers": solvers, "chunk_size": 512} | fields
+    config = parse_config({key: value for key, value in given.items() if value is not None})
+    folder = RunFolder(root)
+    run_sweep(config, root)
+    return tiles_of(load_divergence(folder, config)), pd.read_csv(root / "divergence.csv")
+
+
+def test_a_tile_of_a_grid_is_a_cell(tmp_path):
+    found, table = tiles(tmp_path / "run")
+    assert found.up == ("mass_ratio", "e1", "e2")
+    assert sorted(found.cells) == list(range(12))
+    for name, medians in found.medians.items():
+        d = table[table.solver == name].set_index("cell").velocity_divergence
+        assert medians == [d[cell] for cell in found.cells]
+    for cell, across, above in zip(found.cells, found.across, found.above, strict=True):
+        row = table[table.cell == cell].iloc[0]
+        assert float(found.across_labels[across]) == row.stiffness_ratio
+        assert [float(part) for part in found.up_labels[above].split(" · ")] == [
+            row.mass_ratio,
+            row.e1,
+            row.e2,
+        ]
+
+
+def test_scattered_cells_share_tiles_of_bins(tmp_path):
+    found, table = tiles(tmp_path / "run", grid=None, sample={"n": 2400, "seed": 1})
+    assert len(found.cells) <= TILES < found.n_cells == 2400
+    assert len(set(zip(found.across, found.above, strict=True))) == len(found.cells)
+    regular = table[table.marked.isna() & table.velocity_divergence.notna()]
+    worst = regular.loc[regular.velocity_divergence.idxmax()]
+    at = found.cells.index(worst.cell)  # it opens
+    assert float(found.across_labels[found.across[at]]) == pytest.approx(worst.stiffness_ratio, rel=0.6)
+
+
+def test_a_grid_too_fine_for_a_map_is_shown_in_bins(tmp_path):
+    grid = {"stiffness_ratio": {"log": [1e-2, 1e2, 40]}, "mass_ratio": {"log": [0.3, 3, 60]},
+            "e1": [0.7], "e2": [0.7]}  # fmt: skip
+    found, _ = tiles(tmp_path / "run", grid=grid)
+    assert (found.up, len(found.cells), found.n_cells) == (("mass_ratio",), 144, 2400)
+
+
+def test_the_colour_of_a_shared_tile_is_the_median(tmp_path):
+    grid = {"stiffness_ratio": {"log": [0.01, 100, 24]}, "mass_ratio": {"log": [0.3, 3, 24]},
+            "e1": [0.5, 0.7, 0.9], "e2": [0.7]}  # fmt: skip
+    found, table = tiles(tmp_path / "run", grid=grid)
+    assert found.up == ("mass_ratio",)
+    assert len(found.cells) == 24 * 24
+    regular = table[table.marked.isna()]
+    for name, medians in found.medians.items():
+        rows = regular[regular.solver == name].set_index(["stiffness_ratio", "mass_ratio"]).sort_index()
+        for at in (0, 100, 575):
+            cell = table[table.cell == found.cells[at]].iloc[0]
+            of_tile = sorted(rows.loc[(cell.stiffness_ratio, cell.mass_ratio)].velocity_divergence)
+            assert 2 <= len(of_tile) <= 3  # of three cells; a marked one is left out
+            assert medians[at] == pytest.approx(
+                (of_tile[(len(of_tile) - 1) // 2] + of_tile[len(of_tile) // 2]) / 2
+            )
+    one = regular.set_index("cell").velocity_divergence.groupby("cell").max()
+    for at in (0, 100, 575):
+        cell = table[table.cell == found.cells[at]].iloc[0]
+        same = table[(table.stiffness_ratio == cell.stiffness_ratio) & (table.mass_ratio == cell.mass_ratio)]
+        assert one[cell.cell] == one[one.index.isin(same.cell)].max()
