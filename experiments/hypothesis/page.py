@@ -130,6 +130,10 @@ def build_page(
         "mapping": _mapping(results),
         "no_limit": _no_limit(results) if results.branches else None,
         "verdicts": results.verdicts,
+        "by_case": {
+            case.key: {found.solver: found for found in results.verdicts if found.case == case}
+            for case in CASES
+        },
         "lossy": lossy.groupby(["case", "n_supported", "points"], sort=False).solver.agg(list).to_dict(),
         "rule": verdicts,
         "judging": judging,

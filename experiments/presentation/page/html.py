@@ -1,7 +1,8 @@
 """Markdown as one self-contained page for a browser: contents, figures, tables with captions; no network.
 
 A picture of the Markdown stands for a figure of a folder, which becomes part of the page, or for a piece of HTML by its
-name; ``contents`` is the list of sections.
+name; ``contents`` is the list of sections, which else comes before the first of them. Sections after a line across the
+page are folded.
 """
 
 from __future__ import annotations
@@ -56,15 +57,18 @@ def html_of(
         Put at the end of the page.
     """
     tokens = parser().parse(markdown)
-    headings = _name_sections(tokens)
-    pieces = {"contents": render_markup("contents.html.j2", headings=headings), **(pieces or {})}
+    contents = render_markup("contents.html.j2", headings=_name_sections(tokens))
+    _fold_sections(tokens)
+    if "](contents)" not in markdown:
+        first = next((at for at, token in enumerate(tokens) if token.tag == "h2"), len(tokens))
+        tokens.insert(first, Token("html_block", "", 0, content=contents))
+    pieces = {"contents": contents, **(pieces or {})}
     figures = 0
     for at, token in enumerate(tokens):
         if token.type == "inline" and (image := _image(token)) is not None:
             address = str(image.attrs["src"])
             figures += address not in pieces
-            piece = pieces.get(address) or _figure(image, pictures, address, figures)
-            _put(tokens[at - 1 : at + 2], piece)
+            _put(tokens[at - 1 : at + 2], pieces.get(address) or _figure(tokens, at, pictures, figures))
         if token.type == "table_open":
             _caption_into_table(tokens, at)
         if token.type == "inline" and len(token.content) > _LONG and tokens[at - 1].type == "td_open":
@@ -103,18 +107,39 @@ def _image(token: Token) -> Token | None:
     return children[0] if len(children) == 1 and children[0].type == "image" else None
 
 
-def _figure(image: Token, pictures: Path | None, address: str, place: int) -> Markup:
+def _figure(tokens: Sequence[Token], at: int, pictures: Path | None, place: int) -> Markup:
+    """Make a figure of a picture; its caption is a paragraph below that begins in bold, or else the picture's text."""
+    (image,) = tokens[at].children or []
+    path = Path(str(image.attrs["src"]))
     if pictures is None:
-        raise ValueError(f"there is no folder of pictures for {address}")
-    data = base64.b64encode((pictures / address).read_bytes()).decode("ascii")
-    return render_markup(
-        "figure.html.j2",
-        data=data,
-        name=Path(address).stem,
-        words=Path(address).stem.replace("-", " "),
-        caption=image.content and plain_text(image),
-        place=place,
-    )
+        raise ValueError(f"there is no folder of pictures for {path}")
+    caption = Markup.escape(plain_text(image))
+    below = tokens[at + 3].children if at + 3 < len(tokens) and tokens[at + 3].type == "inline" else []
+    if any(child.type == "strong_open" for child in (below or [])[:2]):
+        caption = Markup(parser().renderer.renderInline(below or [], parser().options, {}))
+        _put(tokens[at + 2 : at + 5], "")
+    else:
+        caption = Markup("<b>Figure {}.</b> {}").format(place, caption)
+    data = base64.b64encode((pictures / path).read_bytes()).decode("ascii")
+    words = path.stem.replace("-", " ")
+    return render_markup("figure.html.j2", data=data, name=path.stem, words=words, caption=caption)
+
+
+def _fold_sections(tokens: list[Token]) -> None:
+    """Fold the sections of the second level that come after a line across the page."""
+    folding = inside = False
+    for token in tokens:
+        if token.type == "hr":
+            folding, token.type, token.hidden = True, "html_block", True
+        elif folding and token.tag == "h2":
+            if token.type == "heading_open":
+                text = f'<details class="section"><summary><h2 id="{token.attrs["id"]}">'
+                token.content, inside = "</details>\n" * inside + text, True
+            else:
+                token.content = "</h2></summary>\n"
+            token.type = "html_block"
+    if inside:
+        tokens.append(Token("html_block", "", 0, content="</details>\n"))
 
 
 def _put(tokens: Sequence[Token], piece: str) -> None:

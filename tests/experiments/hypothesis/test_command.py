@@ -158,6 +158,32 @@ def done(tmp_path_factory):
     return root / "out"
 
 
+def test_the_page_begins_with_one_table_of_verdicts(done):
+    page = (done / "hypothesis.md").read_text()
+    first = page.partition("## Verdicts\n")[2].partition("\n![")[0]
+    header, _, *rows = (line.strip("| ").split(" | ") for line in first.splitlines() if line.startswith("|"))
+    frame = pd.read_csv(done / "verdicts.csv")
+    whole = frame[frame["class"] == "all"].set_index(["case", "solver"])
+    assert [row[0] for row in rows] == [case.key for case in CASES]
+    assert header[2:] == list(dict.fromkeys(frame.solver))
+    for row in rows:
+        for name, said in zip(header[2:], row[2:], strict=True):
+            found = whole.loc[(row[0], name)]
+            counted = found.n_refuted if found.verdict == "undecided" else found[f"n_{found.verdict}"]
+            assert said.startswith(f"{found.verdict}, {100 * counted / found.points:.1f} %")
+            assert ("rate" in said) == (found.verdict == "supported")
+            if "rate" in said:
+                assert float(said.rpartition(" ")[2]) == pytest.approx(found["rate"], abs=0.006)
+
+
+def test_what_is_not_for_everyone_is_folded(done):
+    page = (done / "report.html").read_text(encoding="utf-8")
+    open_part, _, folded = page.partition('<details class="section">')
+    assert re.findall(r'<h2 id="([^"]*)">', open_part) == ["contents", "verdicts", "limit-by-limit"]
+    assert folded.count("</h2></summary>") == page.count('<details class="section">') > 8
+    assert page.count("<details") == page.count("</details>")
+
+
 def test_it_says_what_is_left(done):
     lines = done.with_name("said.txt").read_text(encoding="utf-8").splitlines()
     counts = [line for line in lines if " cells after " in line]
