@@ -91,7 +91,14 @@ class EngineSolver(SolverBase):
         runs = dict(zip(lines, done, strict=True))
         outcomes |= {i: outcome_of_line(self.name, columns[i], run, settings) for i, run in runs.items()}
         self._add_limits(outcomes, self.run_lines, runs, settings)
-        return [outcomes[i] for i in range(len(columns))]
+        answered = [outcomes[i] for i in range(len(columns))]
+        if settings.mapping == "naive" or not settings.mark or not runs:
+            return answered  # its contacts are not those of the law
+        from impact_xval.compliant_baselines.references.columns.rounding import mark_columns
+
+        return mark_columns(
+            answered, columns, registry.law_of(self.name), exponent, max_steps=settings.max_steps
+        )
 
     def column_or_refusal(self, collision: Collision, settings: Settings) -> Column | str:
         """Set a collision up as a column that this engine takes, or say in one sentence why it takes none."""

@@ -57,6 +57,7 @@ class ReferenceSolver(SolverBase):
     ) -> list[ColumnOutcome]:
         """Answer every column of N balls, in order."""
         # With scipy's integrators, which nobody else here needs.
+        from impact_xval.compliant_baselines.references.columns.rounding import mark_columns
         from impact_xval.compliant_baselines.references.columns.solving import LAWS, solve_column
 
         reason = no_gravity(settings)
@@ -64,16 +65,14 @@ class ReferenceSolver(SolverBase):
             reason = f"{self.name} is a law of two balls on a table; legal for columns: {', '.join(LAWS)}"
         if reason is not None:
             return [ColumnOutcome.failure(self.name, column, "unrepresentable", reason) for column in columns]
-        return [
-            solve_column(
-                column,
-                self.name,
-                exponent=exponent,
-                path=settings.record_path,
-                max_steps=settings.max_steps,
-            )
+        steps = settings.max_steps
+        outcomes = [
+            solve_column(column, self.name, exponent=exponent, path=settings.record_path, max_steps=steps)
             for column in columns
         ]
+        if not settings.mark:
+            return outcomes
+        return mark_columns(outcomes, columns, self.name, exponent, max_steps=steps)
 
     def _one(self, c: Collision, settings: Settings) -> Outcome:
         reason = unrepresentable(c)

@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
 
 #: Error of their velocities per speed of impact (docs/columns.md, sections 6 and 7).
-ERROR = 1e-10
+ERROR = 1e-9
 
 #: Masses and stiffnesses are drawn between these, logarithmically; restitutions of lossy contacts uniformly.
 SPREAD, RESTITUTION = (0.3, 3.0), (0.5, 0.99)

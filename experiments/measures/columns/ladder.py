@@ -2,8 +2,8 @@
 
 There is no gravity. Between the model and the law that the engine was asked for lie the model's law with positions
 (bistiffness) and the engine's law with frozen ones. The outcomes are those of the references, exact where contacts are
-linear, whether or not a run lists them as solvers; the model's is the run's own row. Dashpots do not jump: a ladder is
-marked where the bistiffness law grazes, as the model is.
+linear, whether or not a run lists them as solvers; the model's is the run's own row. A ladder is marked where the
+bistiffness law grazes, as the model is, and where rounding decides on a corner.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import pyarrow.compute as pc
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, law_of
 from impact_xval.compliant_baselines.references.columns import solving
+from impact_xval.compliant_baselines.references.columns.rounding import mark_columns
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures import corners
@@ -150,7 +151,7 @@ def column_corners(
     -------
     corners : Corners
     marks : list of str
-        Of each column: empty, or that the bistiffness law grazes.
+        Of each column: empty, or which corner grazes or is decided by rounding.
 
     Raises
     ------
@@ -170,6 +171,8 @@ def column_corners(
             velocities[index][i] = np.array(outcome.velocities) / abs(arranged.v0)
             if outcome.grazing_margin is not None and outcome.grazing_margin < GRAZING_THRESHOLD:
                 mark = f"ladder: {corners.called(index, laws)} grazes by {outcome.grazing_margin:.2g}"
+            elif outcome.marked:
+                mark = f"ladder: {corners.called(index, laws)}: {outcome.marked}"
         reasons.append(reason)
         marks.append(mark)
     return Corners(velocities, np.array(reasons, dtype="U80")), marks
@@ -182,12 +185,9 @@ def _solved(arranged: Arranged, laws: Sequence[str]) -> Iterator[tuple[Index, Co
         index = positions, law, WEIGHTLESS
         if index != MODEL:
             frozen = positions == FROZEN
-            yield (
-                index,
-                solving.solve_column(
-                    column, laws[law], exponent=exponent, frozen=frozen, max_steps=_MAX_STEPS
-                ),
-            )
+            asked = {"exponent": exponent, "frozen": frozen, "max_steps": _MAX_STEPS}
+            outcome = solving.solve_column(column, laws[law], **asked)
+            yield index, mark_columns([outcome], [column], laws[law], **asked)[0]
 
 
 def _arranged(row: dict[str, Any]) -> Arranged:

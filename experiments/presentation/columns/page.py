@@ -88,11 +88,11 @@ def _where(summary: ColumnSummary, row: Any) -> str:
 
 
 def _short(summary: ColumnSummary, name: str) -> tuple[str, ...]:
-    """How far a solver is from the model, in a row for a terminal; unsolved is what one of the two has no result of."""
+    """How far a solver is from the model, in a row for a terminal; not compared is what one of the two has no result of."""
     row, marked = (summary.get(name, "velocity_divergence", cells=cells) for cells in ("regular", "marked"))
-    unsolved = summary.n_cells - row.n - marked.n
+    not_compared = summary.n_cells - row.n - marked.n
     by_balls = (_median(summary, name, "balls", n) for n in _balls(summary))
-    return law_of(name), name, str(row.n), *(number(row[cut]) for cut in _CUTS), *by_balls, str(unsolved)
+    return law_of(name), name, str(row.n), *(number(row[cut]) for cut in _CUTS), *by_balls, str(not_compared)
 
 
 def _along(summary: ColumnSummary, axis: str, values: list[Any]) -> dict[str, Any]:

@@ -116,7 +116,8 @@ def _figure(tokens: Sequence[Token], at: int, pictures: Path | None, place: int)
     caption = Markup.escape(plain_text(image))
     below = tokens[at + 3].children if at + 3 < len(tokens) and tokens[at + 3].type == "inline" else []
     if any(child.type == "strong_open" for child in (below or [])[:2]):
-        caption = Markup(parser().renderer.renderInline(below or [], parser().options, {}))
+        renderer = parser()
+        caption = Markup(renderer.renderer.render([tokens[at + 3]], renderer.options, {}))
         _put(tokens[at + 2 : at + 5], "")
     else:
         caption = Markup("<b>Figure {}.</b> {}").format(place, caption)
