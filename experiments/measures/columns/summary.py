@@ -19,10 +19,9 @@ from impact_xval.experiments.measures.columns.ladder import LINE_LADDERS
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, ladder_statistics
 from impact_xval.experiments.measures.ladder_table import LADDER
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.measures.summary import status_frame
+from impact_xval.experiments.measures.summary import marks_of, status_frame
 from impact_xval.experiments.tables.schema import LINES
 from impact_xval.experiments.tables.store import RunFolder
-from impact_xval.experiments.tables.streams import codes, present
 
 #: Measures that are summarised, by their size, and how a reader knows them.
 SUMMARISED = {
@@ -64,6 +63,8 @@ class ColumnSummary:
         ``solver, status, reason, n``: the most frequent reasons first.
     n_cells, n_marked : int
         Columns of the run, and those in which the model is marked.
+    marked_beyond : dict of int
+        As of `Summary`.
     """
 
     config: Config
@@ -77,6 +78,7 @@ class ColumnSummary:
     reasons: Frame
     n_cells: int
     n_marked: int
+    marked_beyond: dict[str, int]
 
     @property
     def solvers(self) -> list[str]:
@@ -104,7 +106,7 @@ def summarise_columns(folder: RunFolder) -> ColumnSummary:
     """Compute the statistics of a finished run of columns from its stored tables."""
     config = folder.config()
     cells = folder.table_path("cells.parquet", LINES.cells)
-    of_model = present(cells, "marked")[codes(cells, "solver", [REFERENCE]) == 0]
+    n_marked, marked_beyond = marks_of(cells, config.solvers)
     table = folder.read_table("divergence.parquet", LINES.divergence).to_pandas()
     outcomes = folder.tally()
     compared, marked = table.velocity_divergence.notna(), table.marked.notna()
@@ -127,8 +129,9 @@ def summarise_columns(folder: RunFolder) -> ColumnSummary:
         ),
         statuses=status_frame(outcomes, config),
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
-        n_cells=len(of_model),
-        n_marked=int(of_model.sum()),
+        n_cells=sum(n for (name, _, _), n in outcomes.items() if name == REFERENCE),
+        n_marked=n_marked,
+        marked_beyond=marked_beyond,
     )
 
 

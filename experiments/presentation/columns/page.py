@@ -28,6 +28,7 @@ def column_facts(summary: ColumnSummary) -> dict[str, Any]:
         "solvers": summary.solvers,
         "n_cells": summary.n_cells,
         "n_marked": summary.n_marked,
+        "marked_beyond": summary.marked_beyond,
         "found": [
             _found(summary, name) for name in summary.solvers if summary.get(name, "velocity_divergence").n
         ],
