@@ -89,7 +89,7 @@ def _where(summary: ColumnSummary, row: Any) -> str:
 
 
 def _short(summary: ColumnSummary, name: str) -> tuple[str, ...]:
-    """How far a solver is from the model, in a row for a terminal; not compared is what one of the two has no result of."""
+    """How far a solver is from the model, in a row for a terminal; not compared: one of the two has no result."""
     row, marked = (summary.get(name, "velocity_divergence", cells=cells) for cells in ("regular", "marked"))
     not_compared = summary.n_cells - row.n - marked.n
     by_balls = (_median(summary, name, "balls", n) for n in _balls(summary))
