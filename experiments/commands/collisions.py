@@ -89,7 +89,7 @@ def solve(
 
         config = one_cell(context.params)
         collision = collision_of(config, config.figure_cell)
-        solved = apart.solve(config, _known(solver), get_solver, _say)
+        solved = apart.solve(config, known_solvers(solver), get_solver, say)
     model = solved[REFERENCE].outcome
     if json:
         objects = [
@@ -100,7 +100,7 @@ def solve(
         _show(collision, {name: each.outcome for name, each in solved.items()}, model)
 
 
-def _known(solvers: list[str] | None) -> list[str]:
+def known_solvers(solvers: list[str] | None) -> list[str]:
     """Check the names of solvers, and add the model, as a run does; without any, those that a run has by default.
 
     The model comes last where it was not asked for: the objects of ``--json`` begin with those that were.
@@ -115,7 +115,7 @@ def _known(solvers: list[str] | None) -> list[str]:
     return names if REFERENCE in names else [*names, REFERENCE]
 
 
-def _say(line: str) -> None:
+def say(line: str) -> None:
     """Say what is waited for, on standard error."""
     from impact_xval.experiments.commands.runs import COMPILING
     from impact_xval.experiments.presentation.terminal import error_line
@@ -216,7 +216,7 @@ def cradle(
 
         arranged, config = one_column(context.params)
         column = arranged.column()
-        solved = apart.solve_column(column, arranged.exponent, config, _known(solver), get_solver, _say)
+        solved = apart.solve_column(column, arranged.exponent, config, known_solvers(solver), get_solver, say)
     outcomes = {name: each.outcome for name, each in solved.items()}
     measures = measures_of(column, outcomes, config.mapping)
     if json:

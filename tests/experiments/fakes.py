@@ -150,6 +150,16 @@ def refusing_all(name):
     return RefusingModel() if name == "state-transition" else Refusing()
 
 
+class MissingMuJoCo(Missing):
+    """The same engine by another name."""
+
+    name = "mujoco"
+
+
+def without_mujoco(name):
+    return MissingMuJoCo() if name == "mujoco" else get_solver(name)
+
+
 class Columns(Shifted):
     """The model's columns, every ball 0.01 m/s faster."""
 
