@@ -35,6 +35,7 @@ from impact_xval.experiments.commands.options import (
     E,
     K,
     M,
+    file_to_write,
     folder_to_write,
     one_cell,
     one_column,
@@ -63,6 +64,14 @@ def solve(
     e2: Annotated[str, E2],
     solver: Annotated[list[str] | None, SOLVER] = None,
     json: Annotated[bool, JSON_LIST] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            parser=path("--plot"),
+            help="Draw impulse curves and velocities into a file that ends in .png, .svg or .pdf.",
+        ),
+    ] = None,
     scenario: Annotated[str, SCENARIO] = "impact",
     gravity: Annotated[str | None, GRAVITY] = None,
     m1: Annotated[str, M1] = "1",
@@ -82,6 +91,8 @@ def solve(
 
     from impact_xval.experiments.sweep.single import solvers_apart
 
+    if plot is not None:
+        file_to_write("--plot", plot, (".png", ".svg", ".pdf"))
     with solvers_apart(solver or ()) as apart:
         from impact_xval.compliant_baselines.contract.registry import get_solver
         from impact_xval.experiments.config.configuration import REFERENCE
@@ -98,6 +109,21 @@ def solve(
         print(dumps(objects, indent=2, allow_nan=False))
     else:
         _show(collision, {name: each.outcome for name, each in solved.items()}, model)
+    if plot is not None:
+        _plot(plot, collision, {name: each.outcome for name, each in solved.items()}, config.scenario)
+
+
+def _plot(file: Path, collision: Collision, outcomes: dict[str, Outcome], scenario: str) -> None:
+    """Draw one collision into a file; what is said goes to standard error, beside JSON."""
+    from impact_xval.experiments.presentation.pictures.one import drawn_paths, write_plot
+    from impact_xval.experiments.presentation.terminal import error_line
+
+    paths = drawn_paths(collision, outcomes)
+    if not paths:
+        raise UserError(
+            f"--plot {file}: no solver has a path to draw; legal: a collision that one of them solves"
+        )
+    error_line(f"{file}: {write_plot(collision, paths, scenario, file)}")
 
 
 def known_solvers(solvers: list[str] | None) -> list[str]:

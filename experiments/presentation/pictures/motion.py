@@ -34,7 +34,7 @@ Pixels = NDArray[np.uint8]
 SUFFIXES = (".gif", ".html", ".mp4")
 
 #: Pictures of a collision, and pictures a second.
-FRAMES, RATE = 100, 12.5
+FRAMES, RATE = 100, 10
 
 _DPI = 100
 #: Colours of a picture, but in a film.
