@@ -68,8 +68,7 @@ class History:
     @property
     def ended(self) -> float:
         """When all impulses but `TAIL` of their sum have passed."""
-        passed = self.impulses.sum(axis=1)
-        return float(self.time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
+        return passed_at(self.time, self.impulses)
 
     def height(self, time: Floats) -> Floats:
         """Heights at instants, shape (m, 2); after the last one bodies fly on as they do then."""
@@ -89,6 +88,12 @@ class History:
         """State at instants, shape (m,); S4 after the last one."""
         at = np.searchsorted(self.time, time, side="right") - 1
         return np.where(time >= self.time[-1], 4, self.state[at])
+
+
+def passed_at(time: Floats, impulses: Floats) -> float:
+    """Return when all impulses but `TAIL` of their sum have passed, for impulses so far of shape (n, 2)."""
+    passed = impulses.sum(axis=1)
+    return float(time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
 
 
 def history_of(collision: Collision, path: ImpulseCurve, gravity: float = 0.0) -> History | None:
