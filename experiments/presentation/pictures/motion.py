@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib.animation import FFMpegWriter, FuncAnimation
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -55,13 +55,13 @@ _ARROW, _BAR = 0.7, 0.75
 #: What the controls of matplotlib's player show in place of the icons that it would fetch from the network.
 _ICONS = {
     "minus": "\N{MINUS SIGN}",
-    "fast-backward": "\N{BLACK LEFT-POINTING DOUBLE TRIANGLE WITH VERTICAL BAR}",
-    "step-backward": "\N{LEFTWARDS TRIANGLE-HEADED ARROW TO BAR}",
+    "fast-backward": "|\N{BLACK LEFT-POINTING TRIANGLE}",
+    "step-backward": "\N{SINGLE LEFT-POINTING ANGLE QUOTATION MARK}",
     "play fa-flip-horizontal": "\N{BLACK LEFT-POINTING TRIANGLE}",
-    "pause": "\N{DOUBLE VERTICAL BAR}",
+    "pause": "||",
     "play": "\N{BLACK RIGHT-POINTING TRIANGLE}",
-    "step-forward": "\N{RIGHTWARDS TRIANGLE-HEADED ARROW TO BAR}",
-    "fast-forward": "\N{BLACK RIGHT-POINTING DOUBLE TRIANGLE WITH VERTICAL BAR}",
+    "step-forward": "\N{SINGLE RIGHT-POINTING ANGLE QUOTATION MARK}",
+    "fast-forward": "\N{BLACK RIGHT-POINTING TRIANGLE}|",
     "plus": "+",
 }
 
@@ -88,6 +88,10 @@ class Motion:
         """Instants of the pictures: a little beyond the last one that matters to a solver."""
         last = 1.12 * max(each.ended for each in self.histories.values())
         return np.linspace(0.0, last, FRAMES)
+
+    def title(self) -> str:
+        """Say who is shown."""
+        return phrase(_TEMPLATE, "motion_title", list(self.histories))
 
     def caption(self) -> str:
         """Say what is shown, and what the clock is."""
@@ -248,6 +252,11 @@ def player_of(motion: Motion) -> Markup:
 
     html = re.sub(r"(?<=data:image/png;base64,)[^\"]+", picture, html)
     html = re.sub(r"<link\b[^>]*>", "", html)
+    # What a screen reader says of the picture and of the slider.
+    picture_is = f' alt="{escape(motion.title())}"'
+    slider_is = f' aria-label="{escape(phrase(_TEMPLATE, "frame"))}"'
+    html = re.sub(r"<img\b", lambda tag: tag[0] + picture_is, html)
+    html = re.sub(r'<input(?=[^>]*type="range")', lambda tag: tag[0] + slider_is, html)
     return Markup(re.sub(r'<i class="fa fa-([^"]*)"></i>', lambda icon: _ICONS.get(icon[1], icon[1]), html))
 
 
@@ -255,7 +264,7 @@ def _in_few_colors(frames: Iterable[Pixels]) -> list[Image.Image]:
     """Give pictures one palette, that of the first and the middle one: in these are all colours."""
     pictures = list(frames)
     both = np.vstack([pictures[0], pictures[len(pictures) // 2]])
-    palette = Image.fromarray(both).quantize(_COLORS)
+    palette = Image.fromarray(both).quantize(_COLORS, Image.Quantize.MAXCOVERAGE)  # white stays white
     return [Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
 
 
@@ -269,8 +278,9 @@ def write_animation(motion: Motion, path: Path) -> None:
     """
     with replacing(path) as temporary:
         if path.suffix == ".html":
-            title = phrase(_TEMPLATE, "motion_title", list(motion.histories))
-            page = render("motion.html.j2", title=title, caption=motion.caption(), player=player_of(motion))
+            page = render(
+                "motion.html.j2", title=motion.title(), caption=motion.caption(), player=player_of(motion)
+            )
             temporary.write_text(page, encoding="utf-8")
         elif path.suffix == ".mp4":
             _film(motion, temporary, path)

@@ -45,9 +45,12 @@ def test_a_page_needs_nothing_else(tmp_path):
     assert len(pictures) == FRAMES
     with Image.open(BytesIO(base64.b64decode(pictures[10]))) as picture:
         assert min(picture.size) > 400
+        assert picture.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
     rest = re.sub(r"data:image/png;base64,[^\"]+", "", page)
     assert not re.search(r"https?:|<link|fa fa-|@import|url\(", rest)
     assert "has no time and no positions" in _words(rest)
+    assert '<img alt="One collision in slow motion: state-transition and kelvin-voigt"' in rest
+    assert re.search(r'<input aria-label="[^"]+" id="[^"]+" type="range"', rest)
     assert path.stat().st_size < 5e6
 
 
