@@ -88,11 +88,14 @@ class TrustMap:
     stiffness_ratio, mass_ratio : list of float
         Values along the plane, rising.
     engines : list of Trust
+    whole : int
+        Cells of a field of a grid, one a pair of restitutions; 0 where cells are scattered.
     """
 
     stiffness_ratio: list[float]
     mass_ratio: list[float]
     engines: list[Trust]
+    whole: int
 
 
 def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
@@ -135,7 +138,8 @@ def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
         if rows.any():
             trust = _trust(name, field[rows], total[rows], sums[:, place], shape)
             found.append(trust)
-    return TrustMap(values[1], values[0], found)
+    whole = 0 if scattered else len(config.grid.axes()["e1"]) * len(config.grid.axes()["e2"])
+    return TrustMap(values[1], values[0], found, whole)
 
 
 def _trust(
@@ -181,6 +185,8 @@ def _figure(trust: TrustMap) -> Figure:
         for row, each in zip(axes, trust.engines, strict=True):
             for ax, codes_ in zip(row, (each.typical, each.strict), strict=False):
                 _show(ax, codes_ + 1, [_EMPTY, *_COLORS])
+                y, x = np.nonzero((each.cells > 0) & (each.cells < trust.whole))
+                ax.plot(x, y, "o", color="white", markeredgecolor="black", markersize=4)
             blamed = np.where(each.typical < 0, 0, 1)
             for place, i in enumerate(shown):
                 blamed[each.blamed == i] = 2 + place

@@ -53,7 +53,17 @@ def test_the_figure_shows_a_row_an_engine_and_its_caption_the_shares(graded):
     assert np.array_equal(images[0], trust.engines[0].typical + 1)
     assert np.array_equal(images[1], trust.engines[0].strict + 1)
     assert (images[2][:, 0] == 1).all()
+    assert not figure.axes[0].lines[0].get_xdata().size  # no field lacks a cell
+    assert "Dot: of its 2 cells some have no result" in caption
     assert "mujoco: the median cell is within 5 % in 66.7 % of the fields" in caption
+
+
+def test_a_dot_marks_a_field_that_lacks_cells(graded):
+    trust = trust_of(graded, graded.config())
+    trust.engines[0].cells[1, 2] = 1
+    ((_, figure, _),) = draw_trust(trust)
+    for ax in figure.axes[:2]:
+        assert ax.lines[0].get_xydata().tolist() == [[2, 1]]
 
 
 @pytest.mark.parametrize("axis", ["stiffness_ratio", "mass_ratio"])
