@@ -19,7 +19,8 @@ import typer.core
 from impact_xval.experiments.commands import calibrate, collisions, doctor, hypothesis, runs, solvers
 from impact_xval.experiments.commands.contact import contact
 from impact_xval.experiments.commands.ladder import ladder
-from impact_xval.experiments.commands.map import draw_map
+from impact_xval.experiments.commands.pictures.animate import animate
+from impact_xval.experiments.commands.pictures.map import draw_map
 from impact_xval.experiments.commands.supervision import last_word
 from impact_xval.experiments.config.errors import UserError
 
@@ -103,6 +104,7 @@ for command in (
     runs.status,
     collisions.solve,
     collisions.cradle,
+    animate,
     hypothesis.hypothesis,
     calibrate.calibrate,
     collisions.export_scene,

@@ -35,6 +35,7 @@ from impact_xval.experiments.commands.options import (
     E,
     K,
     M,
+    file_to_write,
     folder_to_write,
     one_cell,
     one_column,
@@ -63,6 +64,14 @@ def solve(
     e2: Annotated[str, E2],
     solver: Annotated[list[str] | None, SOLVER] = None,
     json: Annotated[bool, JSON_LIST] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            parser=path("--plot"),
+            help="Draw impulse curves and velocities into a file that ends in .png, .svg or .pdf.",
+        ),
+    ] = None,
     scenario: Annotated[str, SCENARIO] = "impact",
     gravity: Annotated[str | None, GRAVITY] = None,
     m1: Annotated[str, M1] = "1",
@@ -82,6 +91,8 @@ def solve(
 
     from impact_xval.experiments.sweep.single import solvers_apart
 
+    if plot is not None:
+        file_to_write("--plot", plot, (".png", ".svg", ".pdf"))
     with solvers_apart(solver or ()) as apart:
         from impact_xval.compliant_baselines.contract.registry import get_solver
         from impact_xval.experiments.config.configuration import REFERENCE
@@ -89,7 +100,7 @@ def solve(
 
         config = one_cell(context.params)
         collision = collision_of(config, config.figure_cell)
-        solved = apart.solve(config, _known(solver), get_solver, _say)
+        solved = apart.solve(config, known_solvers(solver), get_solver, say)
     model = solved[REFERENCE].outcome
     if json:
         objects = [
@@ -98,9 +109,24 @@ def solve(
         print(dumps(objects, indent=2, allow_nan=False))
     else:
         _show(collision, {name: each.outcome for name, each in solved.items()}, model)
+    if plot is not None:
+        _plot(plot, collision, {name: each.outcome for name, each in solved.items()}, config.scenario)
 
 
-def _known(solvers: list[str] | None) -> list[str]:
+def _plot(file: Path, collision: Collision, outcomes: dict[str, Outcome], scenario: str) -> None:
+    """Draw one collision into a file; what is said goes to standard error, beside JSON."""
+    from impact_xval.experiments.presentation.pictures.one import drawn_paths, write_plot
+    from impact_xval.experiments.presentation.terminal import error_line
+
+    paths = drawn_paths(collision, outcomes)
+    if not paths:
+        raise UserError(
+            f"--plot {file}: no solver has a path to draw; legal: a collision that one of them solves"
+        )
+    error_line(f"{file}: {write_plot(collision, paths, scenario, file)}")
+
+
+def known_solvers(solvers: list[str] | None) -> list[str]:
     """Check the names of solvers, and add the model, as a run does; without any, those that a run has by default.
 
     The model comes last where it was not asked for: the objects of ``--json`` begin with those that were.
@@ -115,7 +141,7 @@ def _known(solvers: list[str] | None) -> list[str]:
     return names if REFERENCE in names else [*names, REFERENCE]
 
 
-def _say(line: str) -> None:
+def say(line: str) -> None:
     """Say what is waited for, on standard error."""
     from impact_xval.experiments.commands.runs import COMPILING
     from impact_xval.experiments.presentation.terminal import error_line
@@ -216,7 +242,7 @@ def cradle(
 
         arranged, config = one_column(context.params)
         column = arranged.column()
-        solved = apart.solve_column(column, arranged.exponent, config, _known(solver), get_solver, _say)
+        solved = apart.solve_column(column, arranged.exponent, config, known_solvers(solver), get_solver, say)
     outcomes = {name: each.outcome for name, each in solved.items()}
     measures = measures_of(column, outcomes, config.mapping)
     if json:

@@ -7,7 +7,7 @@ option, the value and the legal range. Nothing heavy is imported, so that help c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -107,6 +107,24 @@ def path(name: str) -> Callable[[str], Path]:
         raise UserError(f"{name} = {text!r:.60}: {problem}; legal: a path")
 
     return read
+
+
+def file_to_write(option: str, file: Path, suffixes: Sequence[str]) -> None:
+    """Check that a file may be written, before anything is computed.
+
+    Raises
+    ------
+    UserError
+        If its suffix is none of these, it is a folder, or its folder is not there.
+    """
+    if file.suffix not in suffixes:
+        raise UserError(f"{option} {file}: legal: a file that ends in {', '.join(suffixes)}")
+    if file.is_dir():
+        raise UserError(f"{option} {file}: is a folder; legal: a file")
+    if not file.parent.is_dir():
+        raise UserError(
+            f"{option} {file}: {file.parent} is no folder; legal: a file in a folder that is there"
+        )
 
 
 def typed(parameters: Mapping[str, Any]) -> dict[str, str]:

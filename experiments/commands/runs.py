@@ -183,15 +183,36 @@ def table(folder: Folder) -> None:
     print_line(console, f"summary.md, summary.csv and summary.tex are in {folder}")
 
 
-def figures(folder: Folder) -> None:
-    """Draw the figures of a finished run again."""
-    from impact_xval.experiments.presentation.figures import write_figures
+def figures(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[DIR]", parser=path("DIR"), help="Folder of a finished run.")
+    ] = None,
+    supplement: Annotated[
+        bool, typer.Option("--supplement", help="Draw the figures of the model's supplement; needs no run.")
+    ] = False,
+    out: Annotated[Path | None, folder_to_write("with --supplement, by default supplement")] = None,
+) -> None:
+    """Draw the figures of a finished run again, or the six panels of the model's supplement."""
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
-    from impact_xval.experiments.tables.folders import finished
+    from impact_xval.experiments.tables.folders import finished, new_folder
 
+    if (folder is not None) == supplement:
+        given = f"{folder} with --supplement" if supplement else "DIR missing"
+        raise UserError(f"{given}; legal: the folder of a run, or --supplement")
+    if out is not None and not supplement:
+        raise UserError(f"--out {out}: figures of a run are in its folder; legal: with --supplement")
     console = make_console()
     with at_work("drawing the figures"):
-        there = write_figures(finished(folder))
+        if folder is not None:
+            from impact_xval.experiments.presentation.figures import write_figures
+
+            there = write_figures(finished(folder))
+        else:
+            from impact_xval.experiments.presentation.pictures.supplement import write_supplement_figures
+
+            root = out or Path("supplement")
+            new_folder(root)
+            there = write_supplement_figures(root)
     for drawn, caption in there:
         print_line(console, f"{drawn}: {caption}")
 

@@ -15,7 +15,7 @@ from impact_xval.experiments.presentation.style import drawing, look
 from impact_xval.experiments.sweep.curves import FIGURE_CELL
 
 #: Colours of the states along a curve, from the palette of `style`; S4 has no extent.
-_STATES = {1: ("S1", "#000000"), 2: ("S2", "#0072B2"), 3: ("S3", "#D55E00")}
+STATE_LOOKS = {1: ("S1", "#000000"), 2: ("S2", "#0072B2"), 3: ("S3", "#D55E00")}
 
 
 def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> Figure:
@@ -47,8 +47,8 @@ def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> Figure:
                 ax.plot(rows.impulse1, rows.impulse2, color=style.color, label=name, **line)
                 ax.plot(*end, color=style.color, marker=style.marker or "*")
         for ax in (whole, detail):
-            _compression_lines(ax, mass_ratio, 1.05 * reach)
-            _impulse_labels(ax)
+            compression_lines(ax, mass_ratio, 1.05 * reach)
+            impulse_labels(ax)
         whole.legend(loc="upper left")
         ends = cell.groupby("solver")[["impulse1", "impulse2"]].last()
         _frame(detail, ends)
@@ -74,14 +74,14 @@ def draw_supplement(curves: Frame) -> Figure:
             i1, i2 = rows.impulse1.to_numpy(), rows.impulse2.to_numpy()
             away = i2 - i1 if line == "l2" else -1 + (1 + 1 / mass_ratio) * i1 - i2 / mass_ratio
             travelled = i1 if line == "l2" else i2
-            for state, start, end in _segments(rows.state.to_numpy()):
-                if state not in _STATES:
+            for state, start, end in segments(rows.state.to_numpy()):
+                if state not in STATE_LOOKS:
                     continue
-                name, color = _STATES[state]
+                name, color = STATE_LOOKS[state]
                 upper.plot(i1[start:end], i2[start:end], color=color, label=name)
                 lower.plot(travelled[start:end], away[start:end], color=color)
-            _compression_lines(upper, mass_ratio, 1.05 * max(i1.max(), i2.max()))
-            _impulse_labels(upper)
+            compression_lines(upper, mass_ratio, 1.05 * max(i1.max(), i2.max()))
+            impulse_labels(upper)
             upper.set_title(title)
             handles, labels = upper.get_legend_handles_labels()
             unique = sorted(dict(zip(labels, handles, strict=True)).items())
@@ -94,7 +94,7 @@ def draw_supplement(curves: Frame) -> Figure:
     return figure
 
 
-def _compression_lines(ax: Any, mass_ratio: float, reach: float) -> None:
+def compression_lines(ax: Any, mass_ratio: float, reach: float) -> None:
     """Draw l1: -1 + (1 + 1/m2) I1 - I2/m2 = 0 and l2: I1 = I2, in units of m1 |v0| with m2 per m1."""
     foot = mass_ratio / (1 + mass_ratio)
     top = (reach + mass_ratio) / (1 + mass_ratio)
@@ -105,7 +105,8 @@ def _compression_lines(ax: Any, mass_ratio: float, reach: float) -> None:
         ax.annotate(name, (end, reach), color="0.35", **where)
 
 
-def _impulse_labels(ax: Any) -> None:
+def impulse_labels(ax: Any) -> None:
+    """Label the axes of an impulse curve, of one scale."""
     ax.set_xlabel(r"$I_1\,/\,(m_1 |v_0|)$, ball on ball")
     ax.set_ylabel(r"$I_2\,/\,(m_1 |v_0|)$, ball on table")
     ax.set_aspect("equal", adjustable="box")
@@ -120,7 +121,7 @@ def _frame(ax: Any, ends: Frame) -> None:
     ax.set_ylim(centre[1] - half, centre[1] + half)
 
 
-def _segments(state: np.ndarray) -> list[tuple[int, int, int]]:
+def segments(state: np.ndarray) -> list[tuple[int, int, int]]:
     """Split a curve where its state changes: (state, start, end) of each segment, ends exclusive."""
     borders = [0, *(np.flatnonzero(np.diff(state)) + 1).tolist(), len(state)]
     return [

@@ -20,6 +20,8 @@ from impact_xval.experiments.presentation.columns.figures import draw_columns
 from impact_xval.experiments.presentation.curve_figures import draw_cell_curves, draw_supplement
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
 from impact_xval.experiments.presentation.pages import phrase
+from impact_xval.experiments.presentation.pictures.timelines import draw_timelines
+from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
 from impact_xval.experiments.presentation.style import Look, drawing, look, save
 from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL, SUPPLEMENT
 from impact_xval.experiments.sweep.sandbox import FaultError
@@ -98,6 +100,7 @@ def _collision_figures(
     curves = folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
     ladder = summarise_ladder(folder, config) if ladder is None else ladder
     first = draw_divergences(folder) if divergences is None else {}
+    trusted = _saved(folder, draw_trust(trust_of(folder, config)))
     ladders = _saved(folder, draw_ladders(ladder))
     last = _saved(folder, _draw_curves(curves, config))
     if divergences is not None:
@@ -105,7 +108,7 @@ def _collision_figures(
             first = divergences()
         except FaultError:
             first = draw_divergences(folder)
-    return {**first, **ladders, **last}
+    return {**first, **trusted, **ladders, **last}
 
 
 def draw_divergences(folder: RunFolder) -> dict[str, str]:
@@ -154,6 +157,7 @@ def _draw_curves(curves: Frame, config: Config) -> Iterator[tuple[str, Figure, s
     facts = {"model": REFERENCE, "solvers": in_order_of_laws(config.solvers), "cell": cell}
     if first:
         yield "impulse-curves", draw_cell_curves(curves, facts["solvers"]), _caption("impulse-curves", facts)
+        yield from draw_timelines(curves[curves.curve == FIGURE_CELL], facts["solvers"], cell)
     if curves.curve.isin(SUPPLEMENT).any():
         yield "supplement-1b-2b", draw_supplement(curves), _caption("supplement-1b-2b", facts)
 

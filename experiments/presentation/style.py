@@ -82,3 +82,10 @@ def save(figure: Figure, folder: Path, name: str, dpi: int = 160) -> None:
     figure.set_layout_engine("none")  # it is laid out
     with replacing(folder / f"{name}.pdf") as temporary, temporary.open("wb") as file:
         FigureCanvasPdf(figure).print_pdf(file, metadata={"CreationDate": None})
+
+
+def save_as(figure: Figure, path: Path, dpi: int = 200) -> None:
+    """Write a figure as its suffix says: .png, .svg or .pdf; one that is drawn again gives the same file."""
+    dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with mpl.rc_context(_PARAMETERS), replacing(path) as temporary:
+        figure.savefig(temporary, format=path.suffix[1:], dpi=dpi, metadata=dates.get(path.suffix))

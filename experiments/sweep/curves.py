@@ -52,6 +52,9 @@ CURVES_SCHEMA = pa.schema(
     [
         _field("curve", pa.string(), "which collision"),
         *schema((*AXES, "solver")),
+        _field(
+            "time", pa.float64(), "since first touch, per sqrt(m1/k1); of the model how long its forces take"
+        ),
         _field("impulse1", pa.float64(), "ball-ball impulse so far, per m1 |v0|"),
         _field("impulse2", pa.float64(), "ball-table impulse so far, per m1 |v0|"),
         _field("state", pa.int64(), "1 to 4 for S1 to S4"),
@@ -188,6 +191,7 @@ def _curve(experiment: Experiment, label: str, cell: Cell, name: str) -> pa.Tabl
         "curve": [label] * len(kept),
         **{key: [value] * len(kept) for key, value in cell.model_dump().items()},
         "solver": [name] * len(kept),
+        "time": path.time[kept] / collision.units.time,
         "impulse1": i1[kept],
         "impulse2": i2[kept],
         "state": path.state[kept],

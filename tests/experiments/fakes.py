@@ -150,6 +150,42 @@ def refusing_all(name):
     return RefusingModel() if name == "state-transition" else Refusing()
 
 
+#: By k2/k1 and e1 how much faster than the model's B1 of `Graded` is, per abs(v0).
+GRADES = {
+    (0.5, 0.5): 0.002,
+    (0.5, 0.9): 0.004,
+    (1.0, 0.5): 0.004,
+    (1.0, 0.9): 0.03,
+    (2.0, 0.5): 0.1,
+    (2.0, 0.9): 0.4,
+}
+
+
+class Graded(Shifted):
+    """The model's answer, B1 faster by k2/k1 and e1."""
+
+    def solve_many(self, collisions, settings):
+        outcomes = [solve(c, path=settings.record_path) for c in collisions]
+        return [
+            dataclasses.replace(o, solver=self.name, v1=o.v1 + GRADES[c.stiffness_ratio, c.e1] * -c.v0)
+            for c, o in zip(collisions, outcomes, strict=True)
+        ]
+
+
+def graded(name):
+    return _resolver(Graded)(name)
+
+
+class MissingMuJoCo(Missing):
+    """The same engine by another name."""
+
+    name = "mujoco"
+
+
+def without_mujoco(name):
+    return MissingMuJoCo() if name == "mujoco" else get_solver(name)
+
+
 class Columns(Shifted):
     """The model's columns, every ball 0.01 m/s faster."""
 

@@ -1,0 +1,207 @@
+"""The six panels of the supplement's figures: exact impulse curves beside the numbers that are printed there.
+
+The supplement of Jia, Mason and Erdmann (IJRR 32(1), 2013) draws I2 over I1 with the compression lines l1 and l2, per
+m1 abs(v0). Its parameters (44), and what its printed digits can bear, are in docs/errata.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from impact_xval.experiments.config.configuration import REFERENCE, Cell
+from impact_xval.experiments.presentation.curve_figures import (
+    STATE_LOOKS,
+    compression_lines,
+    impulse_labels,
+    segments,
+)
+from impact_xval.experiments.presentation.pages import phrase
+from impact_xval.experiments.presentation.style import drawing, save
+from impact_xval.experiments.sweep.curves import SUPPLEMENT
+from impact_xval.experiments.tables.store import write_json
+from impact_xval.model import Collision, Outcome, solve
+
+_TEMPLATE = "pictures.md.j2"
+
+#: Colour of what is printed: that of no state.
+_PRINTED = "#AA3377"
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One panel of the supplement's figures.
+
+    Attributes
+    ----------
+    name : str
+        That of the panel, such as ``"1a"``.
+    section : str
+        Of the supplement, from which the printed numbers are.
+    cell : Cell
+        Its parameters.
+    ratio : str
+        Its stiffness ratio as it is printed.
+    velocities : tuple of str, or None
+        Final v1 and v2 as they are printed; None where none are.
+    corners : tuple of (float, float)
+        Points (I1, I2) on the way that the text states.
+    states : str
+        The state sequence as the text has it.
+    detail : float
+        Half the width of the window that shows where the curve ends; 0: none.
+    """
+
+    name: str
+    section: str
+    cell: Cell
+    ratio: str
+    velocities: tuple[str, str] | None
+    corners: tuple[tuple[float, float], ...]
+    states: str
+    detail: float = 0.0
+
+    def printed_end(self) -> tuple[float, float] | None:
+        """Return the final (I1, I2) of the printed velocities: I1 = 1 + v1, I2 = I1 + m2 v2."""
+        if self.velocities is None:
+            return None
+        v1, v2 = map(float, self.velocities)
+        return 1 + v1, 1 + v1 + self.cell.mass_ratio * v2
+
+
+def _panels() -> tuple[Panel, ...]:
+    stiff, soft = SUPPLEMENT["supplement-1b"], SUPPLEMENT["supplement-2b"]
+    m2, e1 = stiff.mass_ratio, stiff.e1
+    foot = m2 / (1 + m2)
+    return (
+        Panel(
+            "1a",
+            "3.1",
+            stiff.model_copy(update={"stiffness_ratio": math.inf}),
+            "\N{INFINITY}",
+            ("0.9", "0"),
+            ((1.0, 1.0),),
+            "S1 S4",
+        ),
+        Panel("1b", "3.1", stiff, "40", ("0.88922", "0.00022"), (), "S1 S3, six times, S1 S2 S4", 0.004),
+        Panel(
+            "2a",
+            "3.2",
+            stiff.model_copy(update={"stiffness_ratio": 0.0}),
+            "0",
+            ("0.45203", "0.45203"),
+            ((foot, 0.0), ((1 + e1) * foot, 0.0), ((1 + e1) * foot, e1 * m2)),
+            "S1 S2 S1 S4",
+        ),
+        Panel(
+            "2b", "3.2", soft, "1/40", ("0.4573", "0.44281"), (), "ten, the first eight S1 S2 by turns", 0.03
+        ),
+        Panel(
+            "3a",
+            "3.4",
+            stiff.model_copy(update={"stiffness_ratio": 7 / 2, "e1": 0.2}),
+            "7/2",
+            None,
+            (),
+            "S1 S2 by turns, ever nearer to l1",
+        ),
+        Panel(
+            "3b",
+            "3.4",
+            stiff.model_copy(update={"stiffness_ratio": 2 / 9, "e2": 0.2, "mass_ratio": 1 / math.sqrt(3)}),
+            "2/9",
+            None,
+            (),
+            "S1 S3 by turns, ever nearer to l2",
+        ),
+    )
+
+
+#: The panels in the order of the supplement.
+PANELS = _panels()
+
+
+def draw_supplement_figures() -> Iterator[tuple[str, Figure, str]]:
+    """Draw the supplement's three figures, two panels each: name, figure, caption."""
+    for row in "123":
+        panels = [panel for panel in PANELS if panel.name[0] == row]
+        figure = _figure(panels)
+        yield f"supplement-{row}", figure, phrase(_TEMPLATE, "supplement", row, panels, REFERENCE)
+
+
+def write_supplement_figures(root: Path) -> list[tuple[Path, str]]:
+    """Draw the figures into a folder: the PNG and the caption of each; ``captions.json`` holds the captions."""
+    captions = {}
+    for name, figure, caption in draw_supplement_figures():
+        save(figure, root, name, dpi=200)
+        captions[name] = caption
+    write_json(root / "captions.json", captions)
+    return [(root / f"{name}.png", caption) for name, caption in captions.items()]
+
+
+def _figure(panels: list[Panel]) -> Figure:
+    with drawing(7.2, 4.9) as figure:
+        upper, lower = figure.subplots(2, len(panels), height_ratios=(6, 1))
+        for ax, below, panel in zip(upper, lower, panels, strict=True):
+            outcome = solve(Collision.from_ratios(**panel.cell.model_dump()), path=True)
+            _draw(ax, panel, outcome)
+            below.axis("off")
+            _compare(below, panel, outcome)
+    return figure
+
+
+def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
+    """Draw the exact curve, coloured by state, and the printed points."""
+    path = outcome.path
+    assert path is not None
+    i1, i2, end = path.impulse1, path.impulse2, panel.printed_end()
+    printed = [*panel.corners, *([end] if end else [])]
+    reach = 1.06 * max(i1.max(), i2.max(), *(max(point) for point in printed), 0.0)
+    axes = [ax]
+    if panel.detail and end:
+        exact = np.array([outcome.impulse1, outcome.impulse2])
+        window = ax.inset_axes((0.56, 0.07, 0.4, 0.4))
+        middle = (exact + end) / 2
+        window.set_xlim(middle[0] - panel.detail, middle[0] + panel.detail)
+        window.set_ylim(middle[1] - panel.detail, middle[1] + panel.detail)
+        window.tick_params(labelsize=6, length=2)
+        window.locator_params(nbins=3)
+        ax.indicate_inset_zoom(window, edgecolor="0.4")
+        axes.append(window)
+    for each in axes:
+        for state, start, stop in segments(path.state):
+            if state in STATE_LOOKS:
+                name, color = STATE_LOOKS[state]
+                each.plot(i1[start:stop], i2[start:stop], color=color, label=name)
+        each.plot(outcome.impulse1, outcome.impulse2, "o", color="black", markersize=4, label="exact end")
+        if printed:
+            marks = {"marker": "o", "markersize": 9, "markeredgewidth": 1.3, "fillstyle": "none"}
+            each.plot(*np.transpose(printed), linestyle="none", color=_PRINTED, label="printed", **marks)
+        compression_lines(each, panel.cell.mass_ratio, reach)
+    ax.set_xlim(-0.04 * reach, reach)
+    ax.set_ylim(-0.04 * reach, reach)
+    impulse_labels(ax)
+    ax.set_title(f"({panel.name[1]}) k2/k1 = {panel.ratio}")
+    handles, labels = ax.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    ordered = sorted(unique, key=lambda name: (name[0] != "S", name))  # states first
+    ax.legend([unique[name] for name in ordered], ordered, loc="upper left", fontsize=8)
+
+
+def _compare(ax: Any, panel: Panel, outcome: Outcome) -> None:
+    """Write the exact numbers below the printed ones."""
+    rows = [
+        ("", "v1/|v0|", "v2/|v0|", "states"),
+        ("printed", *(panel.velocities or ("none", "none")), panel.states),
+        ("exact", f"{outcome.v1:.6f}", f"{outcome.v2:.6f}", " ".join(outcome.states)),
+    ]
+    for line, row in enumerate(rows):
+        style = {"fontsize": 7.5, "color": _PRINTED if line == 1 else "black", "va": "top"}
+        for place, text in zip((-0.12, 0.06, 0.25, 0.44), row, strict=True):
+            ax.text(place, 1.1 - 0.4 * line, text, transform=ax.transAxes, **style)

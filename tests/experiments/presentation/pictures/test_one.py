@@ -1,0 +1,84 @@
+"""``solve --plot``: what is drawn of one collision against printed digits, and what is refused."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.presentation.pictures.one import draw_collision, drawn_paths
+from impact_xval.model import Collision, Outcome, solve
+
+M2 = 2 / math.sqrt(3)
+CELL = ["--stiffness-ratio", "40", "--mass-ratio", str(M2), "--e1", "0.9", "--e2", "0.7"]
+#: tests/published/test_printed_values.py has where they are from.
+V1, V2 = 0.88981120733190, 0.00016910787873
+
+
+def test_curves_end_at_the_published_numbers_whatever_the_units():
+    collision = Collision(m1=3.0, m2=3.0 * M2, k1=1e7, k2=40e7, e1=0.9, e2=0.7, v0=-2.0)
+    outcomes = {
+        "state-transition": solve(collision, path=True),
+        "kelvin-voigt": get_solver("kelvin-voigt").solve(collision, Settings(record_path=True)),
+        "mujoco": Outcome.failure("mujoco", "timeout", "too long"),
+    }
+    figure = draw_collision(collision, drawn_paths(collision, outcomes))
+    curve, upper, lower = figure.axes
+    assert [line.get_label() for line in upper.lines[:-1]] == ["kelvin-voigt", "state-transition"]
+    ends = [1 + V1, 1 + V1 + M2 * V2]
+    lines = {ax: [line for line in ax.lines if line.get_label() == "state-transition"] for ax in figure.axes}
+    assert lines[curve][0].get_xydata()[-1] == pytest.approx(ends, abs=1e-11)
+    for ax, start, end in ((upper, -1.0, V1), (lower, 0.0, V2)):
+        (line,) = lines[ax]
+        assert line.get_xydata()[0] == pytest.approx([0, start], abs=1e-12)
+        assert line.get_xydata()[-1] == pytest.approx([sum(ends), end], abs=1e-11)
+
+
+def test_velocities_and_curve_are_of_one_balance():
+    """-1 + I1 and (I2 - I1)/m2, of what is drawn: equations (11) and (12) of the paper."""
+    collision = Collision.from_ratios(40.0, M2, 0.9, 0.7)
+    outcomes = {"bistiffness": get_solver("bistiffness").solve(collision, Settings(record_path=True))}
+    curve, upper, lower = draw_collision(collision, drawn_paths(collision, outcomes)).axes
+    i1, i2 = curve.lines[0].get_xydata().T
+    assert np.abs(upper.lines[0].get_ydata() - (-1 + i1)).max() < 1e-9
+    assert np.abs(lower.lines[0].get_ydata() - (i2 - i1) / M2).max() < 1e-9
+
+
+@pytest.mark.parametrize(("suffix", "first"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_the_suffix_says_what_is_written_and_json_stays_json(tmp_path, capsys, suffix, first):
+    file = tmp_path / f"one.{suffix}"
+    assert main(["solve", *CELL, "--solver", "kelvin-voigt", "--json", "--plot", str(file)]) == 0
+    said = capsys.readouterr()
+    assert len(json.loads(said.out)) == 2
+    assert f"one.{suffix}: One collision by kelvin-voigt, state-transition: k2/k1 = 40" in said.err
+    assert file.read_bytes().startswith(first)
+    assert [each.name for each in tmp_path.iterdir()] == [file.name]
+    if suffix == "png":
+        with Image.open(file) as picture:
+            assert min(picture.size) > 500
+
+
+@pytest.mark.parametrize(
+    ("file", "says"),
+    [
+        ("one.jpg", "--plot one.jpg: legal: a file that ends in .png, .svg, .pdf"),
+        (
+            "there/one.png",
+            "--plot there/one.png: there is no folder; legal: a file in a folder that is there",
+        ),
+        ("folder.png", "--plot folder.png: is a folder; legal: a file"),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_refused_before_anything_is_solved(
+    tmp_path, monkeypatch, capsys, file, says
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.png").mkdir()
+    assert main(["solve", *CELL, "--plot", file]) == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", f"impact-xval: {says}\n")
+    assert [each.name for each in tmp_path.iterdir()] == ["folder.png"]

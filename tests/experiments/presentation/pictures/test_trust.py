@@ -1,0 +1,98 @@
+"""Trust maps of a run whose engine is off by known amounts."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
+from impact_xval.experiments.presentation.figures import write_figures
+from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
+from impact_xval.experiments.sweep.run import run_sweep
+from tests.experiments import fakes
+from tests.experiments.conftest import SMALL
+
+
+@pytest.fixture(scope="module")
+def graded(tmp_path_factory):
+    root = tmp_path_factory.mktemp("run") / "run"
+    return run_sweep(parse_config(SMALL), root, isolate=False, resolve=fakes.graded)
+
+
+def test_levels_are_those_of_the_amounts(graded):
+    """D is the amount itself. Of two cells of a field the median is their mean: 0.3 %, 1.7 % and 25 %."""
+    trust = trust_of(graded, graded.config())
+    assert (trust.stiffness_ratio, trust.mass_ratio) == ([0.5, 1.0, 2.0], [1.0, 1.5])
+    (engine,) = trust.engines  # pybullet has no result anywhere
+    assert engine.solver == "mujoco"
+    assert engine.cells.tolist() == [[2, 2, 2]] * 2
+    assert engine.typical.tolist() == [[0, 1, 3]] * 2
+    assert engine.strict.tolist() == [[0, 1, 3]] * 2
+    assert [engine.share(level) for level in (0.01, 0.05, 0.2)] == pytest.approx([1 / 3, 2 / 3, 2 / 3])
+
+
+def test_to_blame_is_the_largest_sum_of_components_in_the_table(graded):
+    (engine,) = trust_of(graded, graded.config()).engines
+    table = pd.read_parquet(graded.root / "ladder.parquet")
+    beyond = table[(table.solver == "mujoco") & (table.velocity_divergence > 0.01)]
+    names = [f"{c.name}_share" for c in CONTRIBUTIONS if f"{c.name}_share" in table]
+    along = beyond[names].fillna(0).mul(beyond.velocity_divergence, axis=0)
+    sums = along.groupby([beyond.mass_ratio, beyond.stiffness_ratio]).sum()
+    for (mass_ratio, stiffness_ratio), row in sums.iterrows():
+        place = [1.0, 1.5].index(mass_ratio), [0.5, 1.0, 2.0].index(stiffness_ratio)
+        assert f"{CONTRIBUTIONS[engine.blamed[place]].name}_share" == row.idxmax()
+    assert (engine.blamed[:, 0] == -1).all()  # within 1 %
+    assert sum(share for _, share in engine.causes()) == pytest.approx(1.0)
+
+
+def test_the_figure_shows_a_row_an_engine_and_its_caption_the_shares(graded):
+    trust = trust_of(graded, graded.config())
+    ((name, figure, caption),) = draw_trust(trust)
+    assert name == "trust-map"
+    images = [ax.images[0].get_array() for ax in figure.axes[:3]]
+    assert np.array_equal(images[0], trust.engines[0].typical + 1)
+    assert np.array_equal(images[1], trust.engines[0].strict + 1)
+    assert (images[2][:, 0] == 1).all()
+    assert not figure.axes[0].lines[0].get_xdata().size  # no field lacks a cell
+    assert "Dot: of its 2 cells some have no result" in caption
+    assert "mujoco: the median cell is within 5 % in 66.7 % of the fields" in caption
+
+
+def test_a_dot_marks_a_field_that_lacks_cells(graded):
+    trust = trust_of(graded, graded.config())
+    trust.engines[0].cells[1, 2] = 1
+    ((_, figure, _),) = draw_trust(trust)
+    for ax in figure.axes[:2]:
+        assert ax.lines[0].get_xydata().tolist() == [[2, 1]]
+
+
+@pytest.mark.parametrize("axis", ["stiffness_ratio", "mass_ratio"])
+def test_a_grid_without_a_plane_has_no_map(tmp_path, axis):
+    grid = SMALL["grid"] | {axis: [1.0]}
+    folder = run_sweep(
+        parse_config(SMALL | {"grid": grid}), tmp_path / "run", isolate=False, resolve=fakes.graded
+    )
+    assert trust_of(folder, folder.config()) is None
+    assert list(draw_trust(None)) == []
+    assert "trust-map" not in [path.stem for path, _ in write_figures(folder)]
+
+
+def test_scattered_cells_go_into_bins(tmp_path):
+    box = {
+        "method": "sobol",
+        "n": 64,
+        "seed": 1,
+        "stiffness_ratio": {"log": [0.1, 10.0]},
+        "mass_ratio": {"linear": [0.5, 2.0]},
+        "e1": {"linear": [0.5, 0.9]},
+        "e2": {"linear": [0.5, 0.9]},
+    }
+    config = {key: value for key, value in SMALL.items() if key != "grid"} | {"sample": box}
+    folder = run_sweep(parse_config(config), tmp_path / "run", isolate=False, resolve=fakes.shifted)
+    trust = trust_of(folder, folder.config())
+    (engine,) = trust.engines
+    table = pd.read_parquet(folder.root / "ladder.parquet")
+    compared = table[(table.solver == "mujoco") & (table.status == "ok") & table.marked.isna()]
+    assert engine.cells.sum() == len(compared)
+    assert engine.cells.shape == (len(trust.mass_ratio), len(trust.stiffness_ratio))
+    assert min(engine.cells.shape) >= 2
