@@ -18,6 +18,7 @@ import typer.core
 
 from impact_xval.experiments.commands import calibrate, collisions, doctor, hypothesis, runs, solvers
 from impact_xval.experiments.commands.contact import contact
+from impact_xval.experiments.commands.explore import explore
 from impact_xval.experiments.commands.ladder import ladder
 from impact_xval.experiments.commands.map import draw_map
 from impact_xval.experiments.commands.supervision import last_word
@@ -103,6 +104,7 @@ for command in (
     runs.status,
     collisions.solve,
     collisions.cradle,
+    explore,
     hypothesis.hypothesis,
     calibrate.calibrate,
     collisions.export_scene,
