@@ -43,6 +43,7 @@ class SolversApart:
 
     def __init__(self, executor: Any) -> None:
         self._executor = executor
+        self._ready: set[str] = set()  # solvers that have answered since the last fault
 
     def solve(
         self,
@@ -119,10 +120,20 @@ class SolversApart:
         at_work = f" has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
         solved = {}
         for name in names:
-            within = longest(name, 1, config.cell_timeout), function, name, config, resolve, asked, ordinary
+            within = (
+                longest(name, 1, config.cell_timeout),
+                function,
+                name,
+                config,
+                resolve,
+                asked,
+                () if name in self._ready else ordinary,
+            )
             try:
                 solved[name] = self._wait(say, name + at_work, _within, *within)
+                self._ready.add(name)
             except FaultError as fault:
+                self._ready.clear()
                 solved[name] = Solved(failure(name, fault.status, fault.reason), {})
         return solved
 
@@ -202,7 +213,7 @@ def _within(
 ) -> _Answer:
     """Call for a solver within its limit, after an ordinary call: what is imported and read first has no limit."""
     sandbox.start()
-    if is_ours(name):
+    if is_ours(name) and ordinary:
         with contextlib.suppress(FaultError):  # the call that is asked for is to say so
             impact = parse_config({"scenario": "impact"})
             sandbox.call(function, name, impact, resolve, *ordinary, timeout=TO_PREPARE)
