@@ -7,8 +7,9 @@ Nothing here computes a collision.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from html import escape
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -261,6 +262,23 @@ class Outcome:
     path: ImpulseCurve | None = None
     events: tuple[Event, ...] = ()
 
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return html_table(
+            self.solver,
+            (
+                ("status", self.status),
+                ("reason", self.reason),
+                ("v1 (m/s)", self.v1),
+                ("v2 (m/s)", self.v2),
+                ("impulse of ball on ball (N s)", self.impulse1),
+                ("impulse of ball on table (N s)", self.impulse2),
+                ("states", " ".join(self.states)),
+                ("grazing margin", self.grazing_margin),
+                ("marked", self.marked),
+            ),
+        )
+
     def retained_energy(self, collision: Collision) -> float:
         """Kinetic energy after the collision over that before it, dimensionless."""
         c = collision
@@ -270,3 +288,25 @@ class Outcome:
     def failure(cls, solver: str, status: Status, reason: str) -> Outcome:
         """Record that a solver gave no result, and why."""
         return cls(solver, math.nan, math.nan, math.nan, math.nan, (), status, reason)
+
+
+def html_table(title: str, rows: Iterable[tuple[str, object]]) -> str:
+    """Return a table of two columns as HTML; rows without a value are left out, and any text stays text.
+
+    Parameters
+    ----------
+    title : str
+        Its caption.
+    rows : iterable of (str, object)
+        What a value is, and the value; numbers get six digits.
+    """
+    shown = [
+        f'<tr><th scope="row" style="text-align: left">{escape(name)}</th><td>{escape(_text(value))}</td></tr>'
+        for name, value in rows
+        if value is not None and value != ""
+    ]
+    return f"<table><caption>{escape(title)}</caption><tbody>{''.join(shown)}</tbody></table>"
+
+
+def _text(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

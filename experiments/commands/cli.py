@@ -18,6 +18,7 @@ import typer.core
 
 from impact_xval.experiments.commands import calibrate, collisions, doctor, hypothesis, runs, solvers
 from impact_xval.experiments.commands.contact import contact
+from impact_xval.experiments.commands.explore import explore
 from impact_xval.experiments.commands.ladder import ladder
 from impact_xval.experiments.commands.pictures.animate import animate
 from impact_xval.experiments.commands.pictures.map import draw_map
@@ -105,6 +106,7 @@ for command in (
     collisions.solve,
     collisions.cradle,
     animate,
+    explore,
     hypothesis.hypothesis,
     calibrate.calibrate,
     collisions.export_scene,

@@ -47,7 +47,7 @@ from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
-    from impact_xval.experiments.config.arrangements import Arranged
+    from impact_xval.experiments.cells.compared import Compared
     from impact_xval.experiments.measures.columns.measuring import ColumnMeasures
     from impact_xval.experiments.tables.store import RunFolder
     from impact_xval.model import Collision, ColumnOutcome, Outcome
@@ -101,16 +101,19 @@ def solve(
         config = one_cell(context.params)
         collision = collision_of(config, config.figure_cell)
         solved = apart.solve(config, known_solvers(solver), get_solver, say)
-    model = solved[REFERENCE].outcome
+    outcomes = {name: each.outcome for name, each in solved.items()}
     if json:
+        model = outcomes[REFERENCE]
         objects = [
             _object(name, collision, each.outcome, model, each.diagnostics) for name, each in solved.items()
         ]
         print(dumps(objects, indent=2, allow_nan=False))
     else:
-        _show(collision, {name: each.outcome for name, each in solved.items()}, model)
+        from impact_xval.experiments.cells.compared import Compared
+
+        _show(Compared(collision, outcomes))
     if plot is not None:
-        _plot(plot, collision, {name: each.outcome for name, each in solved.items()}, config.scenario)
+        _plot(plot, collision, outcomes, config.scenario)
 
 
 def _plot(file: Path, collision: Collision, outcomes: dict[str, Outcome], scenario: str) -> None:
@@ -149,46 +152,19 @@ def say(line: str) -> None:
     error_line(line or COMPILING)
 
 
-def _show(collision: Collision, outcomes: dict[str, Outcome], model: Outcome) -> None:
-    """Print one collision by several solvers, grouped by law; velocities per abs(v0), impulses per m1 abs(v0)."""
-    from impact_xval.experiments.measures.laws import by_law
-    from impact_xval.experiments.presentation.pages import render
+def _show(compared: Compared) -> None:
+    """Print one collision, or one column, by several solvers."""
     from impact_xval.experiments.presentation.terminal import make_console, show
 
-    rows = [
-        (law, name, outcomes[name].status, *_numbers(collision, outcomes[name], model))
-        for law, group in by_law(outcomes).items()
-        for name in group
-    ]
-    reasons = [(name, outcome) for name, outcome in outcomes.items() if outcome.reason]
-    show(make_console(), render("solve.md.j2", rows=rows, solvers=list(outcomes), reasons=reasons))
-
-
-def _divergence(collision: Collision, outcome: Outcome, model: Outcome) -> float | None:
-    """Return D of an outcome, None where it or the model's has no result."""
-    from impact_xval.experiments.measures.divergence import divergence
-
-    return divergence(collision, model, outcome, ((), ()))["velocity_divergence"]
-
-
-def _numbers(collision: Collision, outcome: Outcome, model: Outcome) -> list[str]:
-    from impact_xval.experiments.tables.numbers import number
-    from impact_xval.model.collision import RESULT_STATUSES
-
-    if outcome.status not in RESULT_STATUSES:
-        return ["-"] * 6
-    speed = abs(collision.v0)
-    impulse = collision.m1 * speed
-    scaled = outcome.v1 / speed, outcome.v2 / speed, outcome.impulse1 / impulse, outcome.impulse2 / impulse
-    away = _divergence(collision, outcome, model)
-    shown = "-" if away is None else number(away)
-    return [*(f"{value:.6f}" for value in scaled), shown, " ".join(outcome.states)]
+    show(make_console(), compared.markdown())
 
 
 def _object(
     name: str, collision: Collision, outcome: Outcome, model: Outcome, diagnostics: dict[str, float]
 ) -> dict[str, Any]:
     """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
+    from impact_xval.experiments.measures.divergence import velocity_divergence
+
     speed = abs(collision.v0)
     impulse = collision.m1 * speed
     return {
@@ -199,7 +175,7 @@ def _object(
         "impulse2": _finite(outcome.impulse2 / impulse),
         "states": list(outcome.states),
         **_said(outcome),
-        "velocity_divergence": _divergence(collision, outcome, model),
+        "velocity_divergence": velocity_divergence(collision, model, outcome),
         "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
     }
 
@@ -244,8 +220,8 @@ def cradle(
         column = arranged.column()
         solved = apart.solve_column(column, arranged.exponent, config, known_solvers(solver), get_solver, say)
     outcomes = {name: each.outcome for name, each in solved.items()}
-    measures = measures_of(column, outcomes, config.mapping)
     if json:
+        measures = measures_of(column, outcomes, config.mapping)
         units = abs(config.v0), arranged.m * abs(config.v0)
         objects = [
             _column_object(name, each.outcome, each.diagnostics, measures[name], *units)
@@ -253,50 +229,9 @@ def cradle(
         ]
         print(dumps(objects, indent=2, allow_nan=False))
     else:
-        _show_column(arranged, outcomes, measures)
+        from impact_xval.experiments.cells.compared import Compared
 
-
-def _show_column(
-    arranged: Arranged, outcomes: dict[str, ColumnOutcome], measures: dict[str, ColumnMeasures]
-) -> None:
-    """Print one column by several solvers, a column of the table each; those of one law stand together."""
-    from impact_xval.experiments.measures.laws import in_order_of_laws
-    from impact_xval.experiments.presentation.pages import render
-    from impact_xval.experiments.presentation.terminal import make_console, show
-    from impact_xval.model.collision import RESULT_STATUSES
-
-    shown = [name for name in in_order_of_laws(outcomes) if outcomes[name].status in RESULT_STATUSES]
-    columns = [_facts(name, outcomes[name], measures[name], abs(arranged.v0)) for name in shown]
-    rows = [(fact, *(column[fact] for column in columns)) for fact in (columns[0] if columns else ())]
-    page = render(
-        "cradle.md.j2",
-        arranged=arranged,
-        shown=shown,
-        rows=rows,
-        solvers=list(outcomes),
-        outcomes=outcomes,
-    )
-    show(make_console(), page)
-
-
-def _facts(name: str, outcome: ColumnOutcome, measures: ColumnMeasures, speed: float) -> dict[str, str]:
-    from impact_xval.compliant_baselines.contract.registry import law_of
-    from impact_xval.experiments.tables.numbers import number
-
-    def rough(value: float | None) -> str:
-        return number(math.nan if value is None else value, 2)
-
-    return {
-        "law": law_of(name),
-        "status": outcome.status,
-        **{f"v{i}": f"{round(v / speed, 6) + 0.0:.6f}" for i, v in enumerate(outcome.velocities, 1)},
-        "D": rough(measures.velocity_divergence),
-        "limit": rough(measures.limit_distance),
-        "error": rough(measures.limit_error),
-        "E/E0": f"{measures.retained_energy:.6f}",
-        "p/p0": f"{measures.retained_momentum:.6f}",
-        "states": str(len(outcome.states)),
-    }
+        _show(Compared(column, outcomes, arranged, config.mapping))
 
 
 def _column_object(

@@ -39,7 +39,7 @@ def divergence(
     impulse = collision.m1 * speed
     dv1, dv2 = (other.v1 - model.v1) / speed, (other.v2 - model.v2) / speed
     return {
-        "velocity_divergence": float(kinetic_norm(collision.mass_ratio, dv1, dv2)),
+        "velocity_divergence": velocity_divergence(collision, model, other),
         "dv1": dv1,
         "dv2": dv2,
         "dimpulse1": (other.impulse1 - model.impulse1) / impulse,
@@ -50,6 +50,18 @@ def divergence(
         "states_edit_distance": edit_distance(*paths),
         "curve_distance": curve_distance(model.path, other.path, impulse),
     }
+
+
+def velocity_divergence(collision: Collision, model: Outcome, other: Outcome) -> float | None:
+    """D of two balls: the kinetic norm of the difference of final velocities, per abs(v0), dimensionless.
+
+    None where one of the two has no result.
+    """
+    if model.status not in RESULT_STATUSES or other.status not in RESULT_STATUSES:
+        return None
+    speed = abs(collision.v0)
+    dv1, dv2 = (other.v1 - model.v1) / speed, (other.v2 - model.v2) / speed
+    return float(kinetic_norm(collision.mass_ratio, dv1, dv2))
 
 
 def part_at(a: Sequence[str], b: Sequence[str]) -> int | None:

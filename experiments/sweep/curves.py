@@ -186,7 +186,7 @@ def _curve(experiment: Experiment, label: str, cell: Cell, name: str) -> pa.Tabl
     i1, i2 = path.impulse1 / unit, path.impulse2 / unit
     if not max(np.abs(i1).max(), np.abs(i2).max()) <= LARGEST:  # nor has it a measure
         return None
-    kept = _thinned(i1, i2, path.state)
+    kept = thinned(i1, i2, path.state)
     columns: dict[str, Any] = {
         "curve": [label] * len(kept),
         **{key: [value] * len(kept) for key, value in cell.model_dump().items()},
@@ -199,11 +199,11 @@ def _curve(experiment: Experiment, label: str, cell: Cell, name: str) -> pa.Tabl
     return pa.table(columns, schema=CURVES_SCHEMA)
 
 
-def _thinned(i1: np.ndarray, i2: np.ndarray, state: np.ndarray) -> np.ndarray:
+def thinned(i1: np.ndarray, i2: np.ndarray, state: np.ndarray, points: int = _POINTS) -> np.ndarray:
     """Pick points about evenly spaced along the curve, its ends and every change of state among them."""
-    if len(i1) <= _POINTS:
+    if len(i1) <= points:
         return np.arange(len(i1))
     length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(i1), np.diff(i2)))])
-    even = np.searchsorted(length, np.linspace(0, length[-1], _POINTS)).clip(max=len(i1) - 1)
+    even = np.searchsorted(length, np.linspace(0, length[-1], points)).clip(max=len(i1) - 1)
     change = np.flatnonzero(np.diff(state))
     return np.unique(np.concatenate([[0, len(i1) - 1], even, change, change + 1]))

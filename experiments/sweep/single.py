@@ -15,11 +15,12 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from impact_xval.compliant_baselines.contract.registry import is_ours
 from impact_xval.experiments.config.configuration import Config, parse_config
+from impact_xval.experiments.config.grid import collision_of
 from impact_xval.experiments.sweep.executors import open_executor
 from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox
 from impact_xval.experiments.sweep.third_party import contained, longest
-from impact_xval.model.collision import Outcome, Status
-from impact_xval.model.columns.column import ORDINARY, Column, ColumnOutcome
+from impact_xval.model.collision import Collision, Outcome, Status
+from impact_xval.model.columns.column import ORDINARY, Column, ColumnOutcome, ColumnPath
 
 _Answer = TypeVar("_Answer")
 _Outcome = TypeVar("_Outcome", Outcome, ColumnOutcome)
@@ -42,9 +43,15 @@ class SolversApart:
 
     def __init__(self, executor: Any) -> None:
         self._executor = executor
+        self._ready: set[str] = set()  # solvers that have answered since the last fault
 
     def solve(
-        self, config: Config, names: Sequence[str], resolve: Callable[[str], Any], say: Callable[[str], None]
+        self,
+        config: Config,
+        names: Sequence[str],
+        resolve: Callable[[str], Any],
+        say: Callable[[str], None],
+        collision: Collision | None = None,
     ) -> dict[str, Solved[Outcome]]:
         """Solve the figure cell of a configuration.
 
@@ -58,13 +65,18 @@ class SolversApart:
             Finds a solver by its name; at the top level of a module.
         say : callable
             Given a line about what is waited for; empty once kernels are about to be compiled.
+        collision : Collision, optional
+            Solved in the place of the figure cell, which may round its masses and stiffnesses.
 
         Returns
         -------
         dict
             By solver; one that crashed or did not answer in time has an outcome that says so.
         """
-        return self._solve(config, names, resolve, say, _answer, Outcome.failure)
+        asked = (collision or collision_of(config, config.figure_cell),)
+        usual = parse_config({"scenario": "impact"})
+        ordinary = (collision_of(usual, usual.figure_cell),)
+        return self._solve(config, names, resolve, say, _answer, Outcome.failure, asked, ordinary)
 
     def solve_column(
         self,
@@ -74,16 +86,21 @@ class SolversApart:
         names: Sequence[str],
         resolve: Callable[[str], Any],
         say: Callable[[str], None],
+        points: int | None = 0,
     ) -> dict[str, Solved[ColumnOutcome]]:
         """Solve a column of N balls with contacts of an exponent, as `solve` the figure cell of a configuration.
 
-        Diagnostics are per speed of the configuration's ``v0``.
+        Diagnostics are per speed of the configuration's ``v0``; outcomes carry a path of so many points at most, none
+        with 0 and the whole with None.
         """
 
         def failure(name: str, status: Status, reason: str) -> ColumnOutcome:
             return ColumnOutcome.failure(name, column, status, reason)
 
-        return self._solve(config, names, resolve, say, _answer_column, failure, column, exponent)
+        more = exponent, points
+        return self._solve(
+            config, names, resolve, say, _answer_column, failure, (column, *more), (ORDINARY, *more)
+        )
 
     def _solve(
         self,
@@ -93,19 +110,30 @@ class SolversApart:
         say: Callable[[str], None],
         function: Callable[..., Any],
         failure: Callable[[str, Status, str], Any],
-        *asked: Any,
+        asked: tuple[Any, ...],
+        ordinary: tuple[Any, ...],
     ) -> dict[str, Any]:
-        """Call a function in the sandbox for each solver, each within its limit of time."""
+        """Call a function in the sandbox for each solver, with what is ordinary and, within its limit, asked."""
         if not self._executor.submit(_is_compiled).result():
             say("")
             self._wait(say, f"compiling has taken {{:.0f}} s; it is ended after {_TO_COMPILE:g} s", _compile)
         at_work = f" has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
         solved = {}
         for name in names:
-            within = longest(name, 1, config.cell_timeout), function, name, config, resolve, *asked
+            within = (
+                longest(name, 1, config.cell_timeout),
+                function,
+                name,
+                config,
+                resolve,
+                asked,
+                () if name in self._ready else ordinary,
+            )
             try:
                 solved[name] = self._wait(say, name + at_work, _within, *within)
+                self._ready.add(name)
             except FaultError as fault:
+                self._ready.clear()
                 solved[name] = Solved(failure(name, fault.status, fault.reason), {})
         return solved
 
@@ -180,36 +208,52 @@ def _within(
     name: str,
     config: Config,
     resolve: Any,
-    *asked: Any,
+    asked: tuple[Any, ...],
+    ordinary: tuple[Any, ...],
 ) -> _Answer:
     """Call for a solver within its limit, after an ordinary call: what is imported and read first has no limit."""
     sandbox.start()
-    if is_ours(name):
-        ordinary = [ORDINARY, *asked[1:]] if asked else []
+    if is_ours(name) and ordinary:
         with contextlib.suppress(FaultError):  # the call that is asked for is to say so
             impact = parse_config({"scenario": "impact"})
             sandbox.call(function, name, impact, resolve, *ordinary, timeout=TO_PREPARE)
     return sandbox.call(function, name, config, resolve, *asked, timeout=limit)
 
 
-def _answer(context: object, name: str, config: Config, resolve: Any) -> Solved[Outcome]:
+def _answer(
+    context: object, name: str, config: Config, resolve: Any, collision: Collision
+) -> Solved[Outcome]:
     from impact_xval.compliant_baselines.contract.answers import answer
-    from impact_xval.experiments.config.grid import collision_of
     from impact_xval.experiments.sweep.kinds.kind import scaled_diagnostics, settings_of
 
-    collision = collision_of(config, config.figure_cell)
     solver = contained(resolve, config.cell_timeout)(name)
     outcome = answer(solver, [collision], settings_of(config))[0]
     return Solved(outcome, scaled_diagnostics(outcome, abs(collision.v0)))
 
 
 def _answer_column(
-    context: object, name: str, config: Config, resolve: Any, column: Column, exponent: float
+    context: object,
+    name: str,
+    config: Config,
+    resolve: Any,
+    column: Column,
+    exponent: float,
+    points: int | None,
 ) -> Solved[ColumnOutcome]:
     from impact_xval.compliant_baselines.contract.answers import answer_columns
     from impact_xval.experiments.sweep.kinds.kind import scaled_diagnostics, settings_of
 
     solver = contained(resolve, config.cell_timeout)(name)
-    settings = dataclasses.replace(settings_of(config), record_path=False)
+    settings = dataclasses.replace(settings_of(config), record_path=points != 0)
     outcome = answer_columns(solver, [column], settings, exponent)[0]
+    if points and outcome.path is not None:
+        outcome = dataclasses.replace(outcome, path=_fewer(outcome.path, points))
     return Solved(outcome, scaled_diagnostics(outcome, abs(config.v0)))
+
+
+def _fewer(path: ColumnPath, points: int) -> ColumnPath:
+    """Pick so many points of a path at most, its ends among them: of many balls it is large to be sent."""
+    import numpy as np
+
+    kept = np.unique(np.linspace(0, len(path.time) - 1, points).astype(int))
+    return ColumnPath(*(getattr(path, each.name)[kept] for each in dataclasses.fields(ColumnPath)))

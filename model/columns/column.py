@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Status
+from impact_xval.model.collision import Status, html_table
 from impact_xval.model.inputs import Legal
 from impact_xval.model.kinetic import column_norm
 
@@ -189,6 +189,23 @@ class ColumnOutcome:
     n_events: int = 0
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     path: ColumnPath | None = None
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        velocities = ((f"v{i} (m/s)", v) for i, v in enumerate(self.velocities, 1))
+        impulses = ((f"impulse of contact {i} (N s)", value) for i, value in enumerate(self.impulses, 1))
+        return html_table(
+            self.solver,
+            (
+                ("status", self.status),
+                ("reason", self.reason),
+                *velocities,
+                *impulses,
+                ("states", len(self.states) or None),
+                ("grazing margin", self.grazing_margin),
+                ("marked", self.marked),
+            ),
+        )
 
     def retained_energy(self, column: Column) -> float:
         """Kinetic energy after the collision over that before it, dimensionless."""

@@ -55,7 +55,7 @@ def draw_columns(folder: RunFolder, summary: ColumnSummary) -> Iterator[tuple[st
     moved = curves[curves.velocities.notna()]
     if len(moved):
         shown = in_order_of_laws(moved.solver)
-        yield "velocities", _velocities(moved, shown), _caption("velocities", facts | {"solvers": shown})
+        yield "velocities", draw_velocities(moved, shown), _caption("velocities", facts | {"solvers": shown})
     yield from draw_ladders(summary.ladder)
     followed = curves[curves.time.notna()]
     if len(followed):
@@ -95,7 +95,7 @@ def _by_balls(rows: Frame, solvers: list[str], measure: str) -> Figure:
     return figure
 
 
-def _velocities(curves: Frame, solvers: list[str]) -> Figure:
+def draw_velocities(curves: Frame, solvers: list[str]) -> Figure:
     """Draw the final velocities of one column, solver beside solver."""
     by_solver = curves.set_index("solver").velocities
     balls = np.arange(1, 1 + len(by_solver.iloc[0]))

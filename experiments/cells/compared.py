@@ -1,0 +1,301 @@
+"""One collision, or one column, by several solvers: how far each is from the model, as text, as HTML, as a picture."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
+
+from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.compliant_baselines.contract.solver import MappingName
+from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.measures.columns.measuring import ColumnMeasures, measures_of
+from impact_xval.experiments.measures.divergence import velocity_divergence
+from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
+from impact_xval.experiments.presentation.pages import blocks_of, phrase, render
+from impact_xval.experiments.tables.numbers import number
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.columns.column import Column, ColumnOutcome
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from impact_xval.experiments.config.arrangements import Arranged
+
+#: Letters of a line of the text of a comparison.
+_WIDTH = 150
+#: Dots per inch of the picture in a notebook.
+_DPI = 100
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Compared:
+    """What several solvers made of one collision or column; a notebook shows it as a table and a picture.
+
+    Attributes
+    ----------
+    problem : Collision or Column
+    outcomes : mapping of str to Outcome or ColumnOutcome
+        By solver, the model (`REFERENCE`) among them; velocities in m/s, impulses in N s, with their paths.
+    arranged : Arranged or None
+        How a column was set up, if it is known: in words above its table.
+    mapping : str
+        That engines were given.
+    """
+
+    problem: Collision | Column
+    outcomes: Mapping[str, Any]
+    arranged: Arranged | None = None
+    mapping: MappingName = "calibrated"
+
+    @property
+    def divergences(self) -> dict[str, float | None]:
+        """Velocity divergence D from the model, by solver; None where one of the two has no result."""
+        if isinstance(self.problem, Column):
+            measures = measures_of(self.problem, self.outcomes, self.mapping)
+            return {name: each.velocity_divergence for name, each in measures.items()}
+        model = self.outcomes[REFERENCE]
+        return {name: velocity_divergence(self.problem, model, each) for name, each in self.outcomes.items()}
+
+    @property
+    def velocities(self) -> dict[str, tuple[float, ...]]:
+        """Final velocities in m/s, ball 1 (on top) first, by solver; NaN where there is no result."""
+        return {
+            name: each.velocities if isinstance(each, ColumnOutcome) else (each.v1, each.v2)
+            for name, each in self.outcomes.items()
+        }
+
+    @property
+    def statuses(self) -> dict[str, str]:
+        """Status by solver: ``ok``, ``limit``, or why there is no result; the sentence is the outcome's ``reason``."""
+        return {name: each.status for name, each in self.outcomes.items()}
+
+    @property
+    def states(self) -> dict[str, tuple[Any, ...]]:
+        """State path by solver: of two balls names of states, of a column the sets of contacts that act."""
+        return {name: each.states for name, each in self.outcomes.items()}
+
+    def plot(self) -> Figure:
+        """Draw the impulse curves of two balls, or the final velocities of a column, of all that have a result.
+
+        Raises
+        ------
+        ValueError
+            If none has.
+        """
+        drawn = self._results()
+        if not drawn:
+            raise ValueError(f"no solver has a result to draw; statuses: {self.statuses}")
+        import pandas as pd
+
+        if isinstance(self.problem, Column):
+            from impact_xval.experiments.presentation.columns.figures import draw_velocities
+
+            speed = max(map(abs, self.problem.velocities))
+            rows = [(name, [v / speed for v in self.outcomes[name].velocities]) for name in drawn]
+            return draw_velocities(pd.DataFrame(rows, columns=["solver", "velocities"]), drawn)
+        from impact_xval.experiments.presentation.curve_figures import draw_cell_curves
+        from impact_xval.experiments.sweep.curves import FIGURE_CELL
+
+        curves = [
+            pd.DataFrame({"curve": FIGURE_CELL, "solver": name, "impulse1": i1, "impulse2": i2})
+            for name, (i1, i2) in impulse_curves(self.problem, self.outcomes).items()
+        ]
+        return draw_cell_curves(pd.concat(curves).assign(mass_ratio=self.problem.mass_ratio), drawn)
+
+    def markdown(self) -> str:
+        """Return the table of all solvers, as commands print it."""
+        if isinstance(self.problem, Column):
+            return self._column_markdown(self.problem)
+        return self._collision_markdown(self.problem)
+
+    def fragment(self, lines: Mapping[str, Any] | None = None, paths: bool = False) -> str:
+        """Return the table as a piece of HTML.
+
+        Parameters
+        ----------
+        lines : mapping of str to Line, optional
+            How each solver is drawn (`cells.figures`), shown beside its name.
+        paths : bool
+            Whether the state paths of a column follow, folded away.
+        """
+        shown = {}
+        if paths and isinstance(self.problem, Column):
+            shown = {name: [" ".join(map(str, s)) for s in self.states[name]] for name in self._results()}
+        return render("compared.html.j2", blocks=_blocks(self.markdown()), lines=lines or {}, paths=shown)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the table, and the picture as part of it."""
+        if not self._results():
+            return self.fragment()
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        figure, file = self.plot(), io.BytesIO()
+        figure.dpi = _DPI
+        FigureCanvasAgg(figure).print_png(file)
+        data = base64.b64encode(file.getvalue()).decode("ascii")
+        picture = render("compared_picture.html.j2", data=data, column=isinstance(self.problem, Column))
+        return Markup(self.fragment()) + Markup(picture)
+
+    def __str__(self) -> str:
+        from rich.console import Console
+
+        from impact_xval.experiments.presentation.terminal import show
+
+        console = Console(file=io.StringIO(), width=_WIDTH)
+        show(console, self.markdown())
+        return console.file.getvalue()  # type: ignore[attr-defined]
+
+    __repr__ = __str__
+
+    def _results(self) -> list[str]:
+        """Solvers with a result, in the order of laws."""
+        return [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
+
+    def _collision_markdown(self, collision: Collision) -> str:
+        away = self.divergences
+        rows = [
+            (law, name, self.outcomes[name].status, *_numbers(collision, self.outcomes[name], away[name]))
+            for law, group in by_law(self.outcomes).items()
+            for name in group
+        ]
+        reasons = [(name, each) for name, each in self.outcomes.items() if each.reason]
+        return render("solve.md.j2", rows=rows, solvers=list(self.outcomes), reasons=reasons)
+
+    def _column_markdown(self, column: Column) -> str:
+        shown, measures = self._results(), measures_of(column, self.outcomes, self.mapping)
+        speed = max(map(abs, column.velocities))
+        columns = [_facts(name, self.outcomes[name], measures[name], speed) for name in shown]
+        rows = [(fact, *(each[fact] for each in columns)) for fact in (columns[0] if columns else ())]
+        return render(
+            "cradle.md.j2",
+            arranged=self.arranged,
+            shown=shown,
+            rows=rows,
+            solvers=list(self.outcomes),
+            outcomes=self.outcomes,
+        )
+
+
+def compare(
+    problem: Collision | Column,
+    solvers: Sequence[str] | None = None,
+    *,
+    exponent: float = 1.0,
+    timeout: float = 300.0,
+) -> Compared:
+    """Solve one collision, or one column, by several solvers without gravity, and compare them with the model.
+
+    Each solver runs in a process of its own, within a limit of time: one that crashes or hangs has a status that says
+    so. The first comparison of an installation has kernels compiled, a minute or two.
+
+    Parameters
+    ----------
+    problem : Collision or Column
+    solvers : sequence of str, optional
+        Names of solvers, to which the model is added; by default those that a run has.
+    exponent : float
+        p of the springs' forces k delta^p, for a column.
+    timeout : float
+        Seconds after which a solver is ended.
+
+    Returns
+    -------
+    Compared
+
+    Raises
+    ------
+    TypeError
+        If the problem is neither.
+    ValueError
+        For names that are no solvers, an exponent of a collision, or an illegal time; the message says what is legal.
+    """
+    from impact_xval.compliant_baselines.contract.registry import get_solver, solver_names
+    from impact_xval.experiments.config.configuration import parse_config, solvers_problem
+    from impact_xval.experiments.config.errors import UserError
+    from impact_xval.experiments.sweep.single import solvers_apart
+    from impact_xval.model.inputs import EXPONENT
+
+    if not isinstance(problem, Collision | Column):
+        raise TypeError(f"compare was given {type(problem).__name__}; legal: a Collision or a Column")
+    names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
+    wrong = solvers_problem(names)
+    if wrong:
+        raise ValueError(f"solvers: {wrong}")
+    if exponent != 1 and isinstance(problem, Collision):
+        raise ValueError(f"exponent = {exponent!r}: a collision has linear contacts; legal: 1, or a Column")
+    exponent = EXPONENT.number(exponent)
+    names = [REFERENCE, *(name for name in names if name != REFERENCE)]
+    try:
+        config = parse_config({"scenario": "impact", "cell_timeout": timeout}, where="")
+    except UserError as error:
+        raise ValueError(str(error)) from None
+    with solvers_apart(names, columns=isinstance(problem, Column)) as apart:
+        if isinstance(problem, Column):
+            solved = apart.solve_column(problem, exponent, config, names, get_solver, _say, points=None)
+        else:
+            solved = apart.solve(config, names, get_solver, _say, problem)
+    return Compared(problem, {name: each.outcome for name, each in solved.items()})
+
+
+def impulse_curves(
+    collision: Collision, outcomes: Mapping[str, Outcome], points: int = 4000
+) -> dict[str, tuple[Sequence[float], Sequence[float]]]:
+    """Return the impulse curves of all that have one: by solver I1 and I2 per m1 abs(v0), of some `points`."""
+    from impact_xval.experiments.sweep.curves import thinned
+
+    curves = {}
+    for name in in_order_of_laws(outcomes):
+        path = outcomes[name].path
+        if outcomes[name].status in RESULT_STATUSES and path is not None:
+            i1, i2 = (impulse / collision.units.impulse for impulse in (path.impulse1, path.impulse2))
+            kept = thinned(i1, i2, path.state, points)
+            curves[name] = i1[kept], i2[kept]
+    return curves
+
+
+def _say(line: str) -> None:
+    """Say what is waited for, on standard error."""
+    from impact_xval.experiments.presentation.terminal import error_line
+
+    error_line(line or phrase("compared_words.md.j2", "compiling"))
+
+
+def _blocks(markdown: str) -> list[tuple[str, Any]]:
+    """Take Markdown apart for a template, each block with the name of its kind."""
+    return [(type(block).__name__, block) for block in blocks_of(markdown)]
+
+
+def _numbers(collision: Collision, outcome: Outcome, away: float | None) -> list[str]:
+    """Cells of the table of a collision: velocities per abs(v0), impulses per m1 abs(v0), D, states."""
+    if outcome.status not in RESULT_STATUSES:
+        return ["-"] * 6
+    speed = abs(collision.v0)
+    impulse = collision.m1 * speed
+    scaled = outcome.v1 / speed, outcome.v2 / speed, outcome.impulse1 / impulse, outcome.impulse2 / impulse
+    shown = "-" if away is None else number(away)
+    return [*(f"{value:.6f}" for value in scaled), shown, " ".join(outcome.states)]
+
+
+def _facts(name: str, outcome: ColumnOutcome, measures: ColumnMeasures, speed: float) -> dict[str, str]:
+    """Return a column of the table of a column: velocities per speed of impact, measures, number of states."""
+
+    def rough(value: float | None) -> str:
+        return number(math.nan if value is None else value, 2)
+
+    return {
+        "law": law_of(name),
+        "status": outcome.status,
+        **{f"v{i}": f"{round(v / speed, 6) + 0.0:.6f}" for i, v in enumerate(outcome.velocities, 1)},
+        "D": rough(measures.velocity_divergence),
+        "limit": rough(measures.limit_distance),
+        "error": rough(measures.limit_error),
+        "E/E0": f"{measures.retained_energy:.6f}",
+        "p/p0": f"{measures.retained_momentum:.6f}",
+        "states": str(len(outcome.states)),
+    }

@@ -1,0 +1,123 @@
+"""The explorer: what an address asks for, how it is served, and how it looks and moves in a browser."""
+
+import math
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+
+import pytest
+
+from impact_xval import Collision, Column, solve
+from impact_xval.experiments.cells.asked import asked
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.errors import UserError
+from tests.browser import violations
+from tests.experiments.cells.explored import explored, redraws, served, wait_for
+
+
+def test_an_address_names_two_balls():
+    cell = asked("stiffness_ratio=inf&mass_ratio=2&e1=0&e2=1").problem
+    assert isinstance(cell, Collision)
+    assert (cell.stiffness_ratio, cell.mass_ratio, cell.e1, cell.e2) == (math.inf, 2.0, 0.0, 1.0)
+    assert asked("e1=0.5").problem.stiffness_ratio == 40
+
+
+def test_an_address_names_a_column():
+    cell = asked("kind=column&balls=3&strike=2&e=0.5&mass_taper=2").problem
+    assert cell == Column((1, 2, 4), (1e8, 1e8), (0.5, 0.5), (-1, -1, 0))
+    assert asked("kind=column&arrangement=stack&balls=2&strike=7").problem.table
+
+
+@pytest.mark.parametrize(
+    ("query", "says"),
+    [
+        ("kind=cube", "kind = 'cube'; legal: 'collision', 'column'"),
+        ("e3=1", "'e3' is no parameter of a collision; legal: stiffness_ratio, mass_ratio, e1, e2"),
+        ("e1=2", "e1 = 2.0; legal: from 0 to 1"),
+        ("e1=<b>", "e1 = '<b>'; legal: a number"),
+        ("mass_ratio=", "mass_ratio = ''; legal: a number"),
+        ("kind=column&balls=51", "balls = 51; legal here: at most 50"),
+        ("kind=column&balls=3&strike=3", "strike = 3; legal: a whole number from 1 to 2"),
+    ],
+)
+def test_what_is_illegal_in_an_address_is_named(query, says):
+    with pytest.raises(UserError) as error:
+        asked(query)
+    assert str(error.value).startswith(says)
+
+
+@pytest.mark.parametrize("port", ["-1", "65536", "x"])
+def test_a_port_out_of_range_is_one_line_and_2(port, capsys):
+    assert main(["explore", "--port", port]) == 2
+    said = capsys.readouterr().err
+    assert said == f"impact-xval: --port = '{port}'; legal: a whole number from 0 to 65535\n"
+
+
+def refused(*options):
+    """The line by which the command, in a process of its own, refuses to serve."""
+    command = [sys.executable, "-m", "impact_xval", "explore", "--no-browser", *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done
+    return done.stderr
+
+
+def test_a_port_in_use_is_one_line_and_2():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        said = refused("--port", str(taken.getsockname()[1]))
+    assert "Address already in use; legal:" in said
+
+
+def test_an_address_that_is_none_is_one_line_and_2():
+    assert refused("--port", "0", "--address", "999.1.1.1").startswith("impact-xval: --address = '999.1.1.1'")
+
+
+def test_it_listens_on_this_machine_alone_and_ctrl_c_ends_it():
+    with served() as (process, address):
+        assert address.startswith("http://127.0.0.1:")
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert (process.returncode, said) == (1, "impact-xval: interrupted\n")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slider", ["stiffness_ratio", "e2"])
+def test_a_slider_redraws_within_a_tenth_of_a_second(slider):
+    with explored() as page:
+        redraws(page, slider, 5)
+        times = redraws(page, slider, 30)
+    median = statistics.median(times)
+    assert median < 100, f"median of 30 redraws by {slider}: {median:.0f} ms, largest {max(times):.0f} ms"
+
+
+@pytest.mark.slow
+def test_a_move_shows_the_cell_of_its_address():
+    with explored("?stiffness_ratio=40&mass_ratio=1.5&e1=0.9&e2=0.7") as page:
+        page.fill("#stiffness_ratio", "3")
+        wait_for(page, "models.answer.data.query[0] === query() && location.search.includes('ratio=3&')")
+        expected = solve(Collision.from_ratios(3, 1.5, 0.9, 0.7))
+        assert f"{expected.v1:.6f}" in page.inner_text("#results")
+        assert " ".join(expected.states) in page.inner_text("#results")
+        x = page.evaluate("Array.from(found('ends_data').data.x)")
+        assert x[0] == pytest.approx(expected.impulse1, rel=1e-9)
+        page.fill("#e1", "<b>2")
+        wait_for(page, "models.answer.data.problem[0]")
+        assert page.inner_text("#problem") == "e1 = '<b>2'; legal: a number"
+
+
+@pytest.mark.slow
+def test_the_button_adds_the_engines():
+    with explored("?stiffness_ratio=2") as page:
+        page.click("#engines")
+        wait_for(page, "document.getElementById('results').textContent.includes('mujoco')")
+        assert "mujoco" in page.inner_text("#legend")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1200, 390])
+def test_the_page_fits_and_is_accessible(width, scheme):
+    with explored("?e1=0.8", width=width, scheme=scheme) as page:
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert violations(page) == []
