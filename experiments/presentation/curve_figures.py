@@ -57,43 +57,6 @@ def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> Figure:
     return figure
 
 
-def draw_supplement(curves: Frame) -> Figure:
-    """Redraw figures 1(b) and 2(b) of the supplement, and below each the distance from the line it nears."""
-    panels = (
-        ("supplement-1b", "l2", "$I_2 - I_1$, per $m_1 |v_0|$", "figure 1(b): k2/k1 = 40"),
-        ("supplement-2b", "l1", "$v_1 - v_2$, per $|v_0|$", "figure 2(b): k2/k1 = 1/40"),
-    )
-    with drawing(9.2, 6.4) as figure:
-        axes = figure.subplots(2, 2, height_ratios=(2.2, 1), squeeze=False)
-        for column, (label, line, quantity, title) in enumerate(panels):
-            rows = curves[(curves.curve == label) & (curves.solver == REFERENCE)]
-            upper, lower = axes[0, column], axes[1, column]
-            if not len(rows):
-                continue
-            mass_ratio = float(rows.mass_ratio.iloc[0])
-            i1, i2 = rows.impulse1.to_numpy(), rows.impulse2.to_numpy()
-            away = i2 - i1 if line == "l2" else -1 + (1 + 1 / mass_ratio) * i1 - i2 / mass_ratio
-            travelled = i1 if line == "l2" else i2
-            for state, start, end in segments(rows.state.to_numpy()):
-                if state not in STATE_LOOKS:
-                    continue
-                name, color = STATE_LOOKS[state]
-                upper.plot(i1[start:end], i2[start:end], color=color, label=name)
-                lower.plot(travelled[start:end], away[start:end], color=color)
-            compression_lines(upper, mass_ratio, 1.05 * max(i1.max(), i2.max()))
-            impulse_labels(upper)
-            upper.set_title(title)
-            handles, labels = upper.get_legend_handles_labels()
-            unique = sorted(dict(zip(labels, handles, strict=True)).items())
-            upper.legend([handle for _, handle in unique], [name for name, _ in unique], loc="upper left")
-            lower.axhline(0, color="0.45", linewidth=1)
-            lower.set_xlabel(f"${'I_1' if line == 'l2' else 'I_2'}\\,/\\,(m_1 |v_0|)$")
-            lower.set_ylabel(quantity)
-            zero = f"zero: on $\\ell_{line[1]}$"
-            lower.text(0.99, 0.04, zero, transform=lower.transAxes, ha="right", color="0.35")
-    return figure
-
-
 def compression_lines(ax: Any, mass_ratio: float, reach: float) -> None:
     """Draw l1: -1 + (1 + 1/m2) I1 - I2/m2 = 0 and l2: I1 = I2, in units of m1 |v0| with m2 per m1."""
     foot = mass_ratio / (1 + mass_ratio)

@@ -17,13 +17,13 @@ from impact_xval.experiments.measures.ladder_summary import LadderSummary, summa
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, Summary, load_divergence
 from impact_xval.experiments.presentation.columns.figures import draw_columns
-from impact_xval.experiments.presentation.curve_figures import draw_cell_curves, draw_supplement
+from impact_xval.experiments.presentation.curve_figures import draw_cell_curves
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.pictures.timelines import draw_timelines
 from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
 from impact_xval.experiments.presentation.style import Look, drawing, look, save
-from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL, SUPPLEMENT
+from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL
 from impact_xval.experiments.sweep.sandbox import FaultError
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_json
@@ -100,7 +100,6 @@ def _collision_figures(
     curves = folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
     ladder = summarise_ladder(folder, config) if ladder is None else ladder
     first = draw_divergences(folder) if divergences is None else {}
-    trusted = _saved(folder, draw_trust(trust_of(folder, config)))
     ladders = _saved(folder, draw_ladders(ladder))
     last = _saved(folder, _draw_curves(curves, config))
     if divergences is not None:
@@ -108,12 +107,14 @@ def _collision_figures(
             first = divergences()
         except FaultError:
             first = draw_divergences(folder)
-    return {**first, **trusted, **ladders, **last}
+    return {**first, **ladders, **last}
 
 
 def draw_divergences(folder: RunFolder) -> dict[str, str]:
     """Draw what the table of divergence holds: the figures' captions by name."""
-    return _saved(folder, _draw_divergences(_divergences(folder, folder.config())))
+    config = folder.config()
+    captions = _saved(folder, _draw_divergences(_divergences(folder, config)))
+    return captions | _saved(folder, draw_trust(trust_of(folder, config)))
 
 
 def _saved(folder: RunFolder, drawn: Iterable[tuple[str, Figure, str]]) -> dict[str, str]:
@@ -158,8 +159,6 @@ def _draw_curves(curves: Frame, config: Config) -> Iterator[tuple[str, Figure, s
     if first:
         yield "impulse-curves", draw_cell_curves(curves, facts["solvers"]), _caption("impulse-curves", facts)
         yield from draw_timelines(curves[curves.curve == FIGURE_CELL], facts["solvers"], cell)
-    if curves.curve.isin(SUPPLEMENT).any():
-        yield "supplement-1b-2b", draw_supplement(curves), _caption("supplement-1b-2b", facts)
 
 
 def _caption(figure: str, facts: dict[str, Any]) -> str:

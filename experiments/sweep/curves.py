@@ -1,12 +1,10 @@
 """Curves kept for the figures.
 
-Of two balls impulse curves, of one cell by every solver and of two of the supplement's by the model; of N balls the
-forces of one column over time.
+Of two balls impulse curves of one cell by every solver; of N balls the forces of one column over time.
 """
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 from typing import Any
 
@@ -16,7 +14,7 @@ import pyarrow.parquet as pq
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.columns import ColumnCell
-from impact_xval.experiments.config.configuration import REFERENCE, Cell, Config
+from impact_xval.experiments.config.configuration import Cell, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.kinds.columns import Lines
@@ -28,12 +26,6 @@ from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import replacing
 from impact_xval.model.collision import RESULT_STATUSES
 
-#: Parameters (44) of the main paper, inferred from the supplement, at the ratios of its figures 1(b) and
-#: 2(b).
-SUPPLEMENT = {
-    "supplement-1b": Cell(stiffness_ratio=40.0, mass_ratio=2 / math.sqrt(3), e1=0.9, e2=0.7),
-    "supplement-2b": Cell(stiffness_ratio=1 / 40, mass_ratio=2 / math.sqrt(3), e1=0.9, e2=0.7),
-}
 FIGURE_CELL = "figure-cell"
 CURVES = "curves.parquet"
 
@@ -160,7 +152,6 @@ def write_curves(config: Config, folder: RunFolder, executor: Any) -> None:
         One of `sweep.executors`.
     """
     wanted = [(FIGURE_CELL, config.figure_cell, name) for name in config.solvers]
-    wanted += [(label, cell, REFERENCE) for label, cell in SUPPLEMENT.items()]
     calls = [executor.submit(_solve, *one, config.cell_timeout) for one in wanted]
     curves = [CURVES_SCHEMA.empty_table(), *(curve for call in calls if (curve := call.result()) is not None)]
     with replacing(folder.root / CURVES) as temporary:

@@ -121,6 +121,7 @@ def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]
         ["every cause, in every order", f"impact-xval ladder {run}"],
         ["scenes that run in the engine alone", f"impact-xval export-scene {run}"],
         ["once more, by every solver", f"impact-xval solve {again}"],
+        ["in slow motion", f"impact-xval animate {again} --out cell-{row['cell']}.html"],
     ]
 
 

@@ -24,7 +24,6 @@ from impact_xval.experiments.presentation.curve_figures import (
 )
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing, save
-from impact_xval.experiments.sweep.curves import SUPPLEMENT
 from impact_xval.experiments.tables.store import write_json
 from impact_xval.model import Collision, Outcome, solve
 
@@ -76,7 +75,9 @@ class Panel:
 
 
 def _panels() -> tuple[Panel, ...]:
-    stiff, soft = SUPPLEMENT["supplement-1b"], SUPPLEMENT["supplement-2b"]
+    # Parameters (44) of the main paper, inferred from the supplement, at the ratios of its figures 1(b) and 2(b).
+    stiff = Cell(stiffness_ratio=40.0, mass_ratio=2 / math.sqrt(3), e1=0.9, e2=0.7)
+    soft = stiff.model_copy(update={"stiffness_ratio": 1 / 40})
     m2, e1 = stiff.mass_ratio, stiff.e1
     foot = m2 / (1 + m2)
     return (
