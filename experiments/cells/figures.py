@@ -11,7 +11,7 @@ from bokeh.plotting import figure
 from impact_xval.experiments.cells.compared import Compared, impulse_curves
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.presentation.style import look
+from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.sweep.curves import needed
 from impact_xval.model.collision import RESULT_STATUSES, Collision
 from impact_xval.model.columns.column import Column, ColumnPath

@@ -218,10 +218,6 @@ class Page:
             self._document.add_next_tick_callback(function)
 
 
-def _words(name: str, *columns: str) -> ColumnDataSource:
-    return ColumnDataSource({column: [] for column in columns}, name=name)
-
-
 def _environment() -> Environment:
     return Environment(
         loader=PackageLoader("impact_xval.experiments.presentation"),

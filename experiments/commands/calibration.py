@@ -26,8 +26,9 @@ from impact_xval.compliant_baselines.calibration.calibration import (
 )
 from impact_xval.compliant_baselines.contract.solver import MappingName
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pages import render
-from impact_xval.experiments.presentation.style import drawing, look, save
+from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import write_text

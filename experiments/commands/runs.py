@@ -109,7 +109,7 @@ def search(
     from impact_xval.experiments.config.axes import AXES
     from impact_xval.experiments.config.configuration import from_canonical
     from impact_xval.experiments.presentation.pages import phrase
-    from impact_xval.experiments.presentation.search_figure import write_figure
+    from impact_xval.experiments.presentation.pictures.search import write_figure
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.presentation.views import show_found
     from impact_xval.experiments.sweep.search import search_worst

@@ -17,7 +17,8 @@ from impact_xval.experiments.hypothesis.maps import grid_of
 from impact_xval.experiments.hypothesis.mechanism import end_share
 from impact_xval.experiments.hypothesis.run import DRAWN, Results
 from impact_xval.experiments.hypothesis.verdicts import CaseResult, Series
-from impact_xval.experiments.presentation.style import Look, drawing, look, save
+from impact_xval.experiments.presentation.looks import Look, look
+from impact_xval.experiments.presentation.style import drawing, save
 
 _DPI = 150
 

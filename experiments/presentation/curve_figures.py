@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.summary import Frame
-from impact_xval.experiments.presentation.style import drawing, look
+from impact_xval.experiments.presentation.looks import look
+from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.sweep.curves import FIGURE_CELL
 
 #: Colours of the states along a curve, from the palette of `style`; S4 has no extent.

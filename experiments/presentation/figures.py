@@ -19,10 +19,11 @@ from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, Summary,
 from impact_xval.experiments.presentation.columns.figures import draw_columns
 from impact_xval.experiments.presentation.curve_figures import draw_cell_curves
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
+from impact_xval.experiments.presentation.looks import Look, look
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.pictures.timelines import draw_timelines
 from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
-from impact_xval.experiments.presentation.style import Look, drawing, look, save
+from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL
 from impact_xval.experiments.sweep.sandbox import FaultError
 from impact_xval.experiments.tables.numbers import number

@@ -1,10 +1,9 @@
-"""How figures look, and how they are saved: a colour, marker and dash for each solver, safe for the colour-blind."""
+"""How figures look, and how they are saved."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +13,6 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.tables.streams import replacing
-
-#: Okabe and Ito's palette; the model is black.
-_PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-_FIXED = {
-    "state-transition": ("#000000", "", "-"),
-    "mujoco": ("#0072B2", "o", "-"),
-    "pybullet": ("#D55E00", "s", "--"),
-    "kelvin-voigt": ("#009E73", "^", "-."),
-    "bistiffness": ("#CC79A7", "D", ":"),
-    "drake": ("#E69F00", "v", (0, (5, 1, 1, 1, 1, 1))),
-}
 
 _PARAMETERS: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
@@ -39,22 +27,6 @@ _PARAMETERS: dict[Any, Any] = {
     "lines.markersize": 4.5,
     "svg.hashsalt": "impact-xval",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """How one solver is drawn."""
-
-    color: str
-    marker: str
-    dash: str | tuple[int, tuple[int, ...]]
-
-
-def look(solver: str, position: int = 0) -> Look:
-    """Return the look of a solver; an unknown one gets a colour by its position."""
-    if solver in _FIXED:
-        return Look(*_FIXED[solver])
-    return Look(_PALETTE[position % len(_PALETTE)], "P", "--")
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from impact_xval.compliant_baselines.contract.visible import visible
+from impact_xval.experiments.presentation.looks import BLACK, look
 from impact_xval.experiments.presentation.pages import Table, blocks_of, phrase, render
 from impact_xval.experiments.tables.numbers import number
 
@@ -55,11 +56,17 @@ def _renderables(markdown: str) -> Iterator[Any]:
             for title, right in zip(block.header, block.numeric, strict=True):
                 table.add_column(Text(title), justify="right" if right else "left")
             for row in block.rows:
-                table.add_row(*map(Text, row))
+                table.add_row(*(_cell(*cell) for cell in zip(block.header, row, strict=True)))
             yield table
         else:
             yield block.text
         last = block
+
+
+def _cell(title: str, text: str) -> Text:
+    """Write a cell of a table; a solver has the colour that it has in figures, the model, black there, none."""
+    color = look(text).color if title == "solver" else BLACK
+    return Text(text, style="" if color == BLACK else color)
 
 
 @contextmanager

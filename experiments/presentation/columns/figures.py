@@ -14,8 +14,9 @@ from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.columns.summary import ColumnSummary
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
+from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pages import phrase
-from impact_xval.experiments.presentation.style import drawing, look
+from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.sweep.curves import COLUMN_CURVES_SCHEMA, CURVES
 from impact_xval.experiments.tables.store import RunFolder
 

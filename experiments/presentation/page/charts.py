@@ -29,9 +29,9 @@ from markupsafe import Markup
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.page.html import render_markup
 from impact_xval.experiments.presentation.page.tiles import Tiles
-from impact_xval.experiments.presentation.style import look
 
 #: D below this has the colour of this: about the rounding of the solvers.
 _FLOOR = 1e-4

@@ -13,8 +13,9 @@ from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.curve_figures import compression_lines, impulse_labels
+from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pages import phrase
-from impact_xval.experiments.presentation.style import drawing, look, save_as
+from impact_xval.experiments.presentation.style import drawing, save_as
 from impact_xval.model.collision import RESULT_STATUSES, Collision, ImpulseCurve, Outcome
 
 #: What is written, by the suffix of the file.

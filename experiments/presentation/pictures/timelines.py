@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.summary import Frame
+from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.pictures.history import passed_at
-from impact_xval.experiments.presentation.style import drawing, look
+from impact_xval.experiments.presentation.style import drawing
 
 #: Clocks, in the order of the columns.
 _CLOCKS = ("impulse", "time")

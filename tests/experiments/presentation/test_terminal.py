@@ -3,6 +3,7 @@
 import errno
 import io
 import os
+import re
 import subprocess
 import sys
 import time
@@ -211,3 +212,19 @@ def test_a_page_is_shown_line_by_line():
     assert [line.rstrip() for line in console.file.getvalue().splitlines()] == [
         "One", "", "Of", "a  b", "c  1", "", "Two",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_solver_has_the_colour_of_the_figures_on_a_terminal(terminal):
+    page = "| solver | n |\n| --- | --- |\n| mujoco | 1 |\n| state-transition | 2 |\n"
+    file = io.StringIO()
+    show(
+        Console(
+            file=file, force_terminal=terminal, color_system="truecolor" if terminal else "auto", width=60
+        ),
+        page,
+    )
+    blue = "\x1b[38;2;0;114;178mmujoco"  # #0072B2
+    assert (blue in file.getvalue()) == terminal
+    assert ("\x1b" in file.getvalue()) == terminal
+    assert re.search(r"^state-transition +2", file.getvalue(), re.M)

@@ -11,7 +11,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import load_config, parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
-from impact_xval.experiments.presentation.search_figure import write_figure
+from impact_xval.experiments.presentation.pictures.search import write_figure
 from impact_xval.experiments.sweep.designs import cells_of
 from impact_xval.experiments.sweep.search import FORMAT, search_worst
 from impact_xval.experiments.tables.store import RunFolder
