@@ -131,7 +131,9 @@ def _page_of_collisions(
     page = render("report.md.j2", **found, facts=found, **facts)
     try:
         tiles, packed = apart.opened()
-        cells = cells_piece(tiles, packed, charts(tiles, summary.config.solvers))
+        cells = Markup("")
+        if tiles.cells:
+            cells = cells_piece(tiles, packed, charts(tiles, summary.config.solvers))
     except FaultError as fault:
         cells = render_markup("no_cells.html.j2", reason=fault.reason)
     sketch = render_markup("sketch.html.j2")

@@ -68,7 +68,8 @@ def html_of(
         if token.type == "inline" and (image := _image(token)) is not None:
             address = str(image.attrs["src"])
             figures += address not in pieces
-            _put(tokens[at - 1 : at + 2], pieces.get(address) or _figure(tokens, at, pictures, figures))
+            piece = pieces[address] if address in pieces else _figure(tokens, at, pictures, figures)
+            _put(tokens[at - 1 : at + 2], piece)
         if token.type == "table_open":
             _caption_into_table(tokens, at)
         if token.type == "inline" and len(token.content) > _LONG and tokens[at - 1].type == "td_open":
@@ -108,14 +109,14 @@ def _image(token: Token) -> Token | None:
 
 
 def _figure(tokens: Sequence[Token], at: int, pictures: Path | None, place: int) -> Markup:
-    """Make a figure of a picture; its caption is a paragraph below that begins in bold, or else the picture's text."""
+    """Make a figure of a picture; its caption is a paragraph below that begins with its number, or else its own text."""
     (image,) = tokens[at].children or []
     path = Path(str(image.attrs["src"]))
     if pictures is None:
         raise ValueError(f"there is no folder of pictures for {path}")
     caption = Markup.escape(plain_text(image))
     below = tokens[at + 3].children if at + 3 < len(tokens) and tokens[at + 3].type == "inline" else []
-    if any(child.type == "strong_open" for child in (below or [])[:2]):
+    if plain_text(tokens[at + 3] if below else image).startswith(f"Figure {place}."):
         renderer = parser()
         caption = Markup(renderer.renderer.render([tokens[at + 3]], renderer.options, {}))
         _put(tokens[at + 2 : at + 5], "")

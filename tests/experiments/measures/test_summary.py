@@ -18,7 +18,8 @@ from impact_xval.experiments.measures.aggregates import between
 from impact_xval.experiments.measures.summary import SUMMARISED, summarise
 from impact_xval.experiments.presentation.apart import process_apart
 from impact_xval.experiments.presentation.figures import draw_divergences, write_figures
-from impact_xval.experiments.presentation.report import write_report, write_tables
+from impact_xval.experiments.presentation.page.charts import scripts
+from impact_xval.experiments.presentation.report import Apart, write_report, write_tables
 from impact_xval.experiments.sweep.curves import CURVES
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
@@ -126,14 +127,19 @@ def test_report_is_one_safe_page(hostile):
     parser = _Tags()
     parser.feed(page)
     names = [tag for tag, _ in parser.tags]
-    assert "script" not in names
+    # Its own scripts, the charts and the cells that open, and no other.
+    assert names.count("script") == scripts().count("<script") + 2
     assert HOSTILE in parser.text
     images = [attributes for tag, attributes in parser.tags if tag == "img"]
     assert len(images) >= 5
-    assert all(
-        image["src"].startswith("data:image/png;base64,") and len(image["alt"]) > 60 for image in images
-    )
-    assert not re.search(r"(src|href)=[\"']?(https?:|//)", page)
+    assert all(image["src"].startswith("data:image/png;base64,") and image["alt"] for image in images)
+    figures = re.findall(r"<figcaption><b>Figure \d+\.</b> (.*?)</figcaption>", page, re.DOTALL)
+    assert len(figures) == len(images)
+    assert all(len(caption) > 60 for caption in figures)
+    bare = re.sub(
+        r"<script.*?</script>", "", page, flags=re.DOTALL
+    )  # a browser test has what scripts ask for
+    assert not re.search(r"(src|href)=[\"']?(https?:|//)", bare)
     captions = json.loads((hostile.root / "figures/captions.json").read_text())
     assert len(captions) == len(images)
     for name in captions:
@@ -164,7 +170,11 @@ def test_a_report_says_that_scenes_could_not_be_examined(hostile):
     def died():
         raise FaultError("crashed", "its process died: SIGSEGV")
 
-    page = write_report(hostile, summarise(hostile), died).read_text()
+    page = write_report(hostile, summarise(hostile), Apart(died, died)).read_text()
+    assert (
+        "Cells do not open here: what is shown of them could not be collected (its process died: SIGSEGV)."
+        in page
+    )
     assert "were examined by impact-xval doctor, which failed: its process died: SIGSEGV." in page
 
 

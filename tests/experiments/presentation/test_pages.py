@@ -121,3 +121,13 @@ def test_a_template_without_one_of_its_facts_fails():
 def test_many_solvers_of_one_law_are_counted_in_figures():
     names = [f"engine-{i}" for i in range(12)]
     assert pages.phrase("table.md.j2", "one_vote", names).endswith("the same law: one vote, not 12.")
+
+
+def test_a_paragraph_with_its_number_is_the_caption_of_a_figure_and_that_of_a_table_is_not(tmp_path):
+    (tmp_path / "a.png").write_bytes(b"png")
+    table = "\n\n**Of a table.**\n\n| a |\n| --- |\n| 1 |\n"
+    page = html_of("![x](a.png)\n\n**Figure 1.** What *it* shows." + table, "", tmp_path)
+    assert "<figcaption><strong>Figure 1.</strong> What <em>it</em> shows.</figcaption>" in page
+    page = html_of("![What it shows.](a.png)" + table, "", tmp_path)
+    assert "<figcaption><b>Figure 1.</b> What it shows.</figcaption>" in page
+    assert page.count("<caption>Of a table.</caption>") == 1

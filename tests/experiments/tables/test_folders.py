@@ -20,6 +20,7 @@ from impact_xval.experiments.measures.arrays import to_xarray
 from impact_xval.experiments.presentation import report
 from impact_xval.experiments.sweep import run as sweep
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.sandbox import FaultError
 from impact_xval.experiments.tables.files import is_regular
 from impact_xval.experiments.tables.folders import discard, finished, missing, open_folder
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA
@@ -264,7 +265,11 @@ def _spoilt(value, rng):
 @pytest.mark.parametrize("block", range(6))
 def test_no_type_in_a_manifest_is_a_traceback(run, block, capsys, monkeypatch):
     """Ten values a block; what needs long and reads no more of a manifest than others is left out."""
-    known = functools.partial(report.write_report, traps=lambda: {"introduction": "", "found": []})
+
+    def died():
+        raise FaultError("crashed", "its process died")
+
+    known = functools.partial(report.write_report, apart=report.Apart(died, died))
     monkeypatch.setattr(report, "write_report", known)
     (run / "figures").mkdir()
     (run / "figures" / "captions.json").write_text("{}")

@@ -63,13 +63,15 @@ def test_curves_end_where_the_tables_do(cells):
 def test_its_commands_can_be_pasted(root, cells, monkeypatch, capsys):
     monkeypatch.chdir(root.parent)
     expected = {row["solver"]: row["v1"] for row in cells[7]["results"]}
-    for _, command in cells[7]["commands"]:
-        _, *arguments = shlex.split(command)
-        asked = ["--json"] if arguments[0] == "solve" else []
-        asked += [word for name in expected for word in ("--solver", name)] if asked else []
-        assert main([*arguments, *asked]) == 0, capsys.readouterr().err
-    found = json.loads(capsys.readouterr().out.splitlines()[-1]) if not asked else None
-    assert found is None or {row["solver"]: row["v1"] for row in found} == expected
+    ladder, scene, solve, animate = (shlex.split(command)[1:] for _, command in cells[7]["commands"])
+    for command in (ladder, scene):
+        assert main(command) == 0, capsys.readouterr().err
+    capsys.readouterr()
+    assert main([*solve, "--json", *(word for name in expected for word in ("--solver", name))]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {row["solver"]: row["v1"] for row in found} == expected
+    assert main([*animate, "--solver", "kelvin-voigt"]) == 0, capsys.readouterr().err
+    assert (root.parent / "cell-7.html").is_file()
 
 
 def test_its_scene_is_one(cells):
