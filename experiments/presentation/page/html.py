@@ -109,7 +109,7 @@ def _image(token: Token) -> Token | None:
 
 
 def _figure(tokens: Sequence[Token], at: int, pictures: Path | None, place: int) -> Markup:
-    """Make a figure of a picture; its caption is a paragraph below that begins with its number, or else its own text."""
+    """Make a figure of a picture; its caption is a paragraph below that begins with its number, or else its text."""
     (image,) = tokens[at].children or []
     path = Path(str(image.attrs["src"]))
     if pictures is None:
