@@ -61,7 +61,7 @@ def html_of(
     _fold_sections(tokens)
     if "](contents)" not in markdown:
         first = next((at for at, token in enumerate(tokens) if token.tag == "h2"), len(tokens))
-        tokens.insert(first, Token("html_block", "", 0, content=contents))
+        tokens.insert(first, Token("html_block", "", 0, content=str(contents)))
     pieces = {"contents": contents, **(pieces or {})}
     figures = 0
     for at, token in enumerate(tokens):
@@ -148,7 +148,7 @@ def _put(tokens: Sequence[Token], piece: str) -> None:
     """Put HTML in the place of a paragraph."""
     for token in tokens:
         token.type, token.children, token.content = "html_block", None, ""
-    tokens[0].content = piece
+    tokens[0].content = str(piece)  # no Markup, which would escape what an older markdown-it adds it to
 
 
 def _caption_into_table(tokens: list[Token], at: int) -> None:

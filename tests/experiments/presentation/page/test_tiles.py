@@ -18,7 +18,7 @@ def tiles(root, **fields):
     config = parse_config({key: value for key, value in given.items() if value is not None})
     folder = RunFolder(root)
     run_sweep(config, root)
-    return tiles_of(load_divergence(folder, config)), pd.read_csv(root / "divergence.csv")
+    return tiles_of(load_divergence(folder, config)), pd.read_parquet(root / "divergence.parquet")
 
 
 def test_a_tile_of_a_grid_is_a_cell(tmp_path):
