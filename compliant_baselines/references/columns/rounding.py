@@ -54,7 +54,9 @@ def mark_columns(
     for i, (outcome, column) in enumerate(zip(outcomes, columns, strict=True)):
         if outcome.marked or not np.isfinite(outcome.velocities).all():
             continue
-        exact, speed = solved(column), max(map(abs, column.velocities))
+        # The outcome of an engine is not that of its law.
+        exact = outcome if outcome.solver == law else solved(column)
+        speed = max(map(abs, column.velocities))
         if exact.status not in RESULT_STATUSES:
             continue
         error = exact.diagnostics.get("velocity_error")

@@ -128,7 +128,7 @@ def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]
 def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, list[list[float]]]]:
     """Solve collisions by the exact solvers of a run: impulses per m1 |v0| by solver, as few points as a line needs."""
     found: list[dict[str, list[list[float]]]] = [{} for _ in collisions]
-    settings = replace(settings_of(config), record_path=True)
+    settings = replace(settings_of(config), record_path=True, mark=False)
     for name in config.solvers:
         if name not in engine_free_names() or is_costly(name):
             continue

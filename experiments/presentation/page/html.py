@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,14 +23,6 @@ _LONG = 60
 
 #: Tables with more rows than this can be sorted and filtered.
 _MANY = 12
-
-
-@dataclass(frozen=True, slots=True)
-class Heading:
-    """A section: its title, and the name by which an address finds it."""
-
-    text: str
-    name: str
 
 
 def html_of(
@@ -85,9 +76,9 @@ def render_markup(name: str, /, **facts: object) -> Markup:
     return Markup(render(name, **facts))
 
 
-def _name_sections(tokens: Sequence[Token]) -> list[Heading]:
-    """Give every heading below the title a name of its own; those of the second level, for the contents."""
-    found: list[Heading] = []
+def _name_sections(tokens: Sequence[Token]) -> list[tuple[str, str]]:
+    """Give every heading below the title a name of its own; return text and name of those of the second level."""
+    found: list[tuple[str, str]] = []
     names: set[str] = set()
     for token, inline in pairwise(tokens):
         if token.type == "heading_open" and token.tag != "h1":
@@ -98,7 +89,7 @@ def _name_sections(tokens: Sequence[Token]) -> list[Heading]:
             names.add(name)
             token.attrSet("id", name)
             if token.tag == "h2":
-                found.append(Heading(text, name))
+                found.append((text, name))
     return found
 
 
