@@ -5,6 +5,8 @@
 columns a second. ``... engines`` compares those of ``--engine`` at their limit dt -> 0 with the exact solver of their
 law, N from 3 to 10: how far the limit is off, and in how many columns by more than once and three times the error that
 was estimated; without gaps unless ``--with-gaps``. ``... gaps`` shows a cradle of steel balls whose gaps grow.
+``... sensitive`` counts random tapered cradles and stacks that are marked under each solver, and those unmarked that a
+millionth of one velocity moves by more than 1e-4 |v0| under the model.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from impact_xval.compliant_baselines.references.columns.solving import (
     solve_column,
 )
 from impact_xval.model import Column
+from impact_xval.model.columns.column import ColumnOutcome
 from tests.compliant_baselines.column_in_time import integrate
 
 #: Laws and exponents that are compared, and the largest N: the integration has to be kept short of rigid contacts.
@@ -140,9 +143,56 @@ def gaps(console: Console) -> None:
     console.print(table)
 
 
+def tapered_column(rng: np.random.Generator) -> Column:
+    """Draw a cradle of strikers, or a stack, of two to six balls whose masses and stiffnesses go as powers."""
+    balls, table = int(rng.integers(2, 7)), bool(rng.integers(2))
+    contacts = balls - 1 + table
+    strikers = balls if table else int(rng.integers(1, balls))
+    mass, stiffness = 2 ** rng.uniform(-1.5, 1.5, 2)
+    e = min(1.0, float(rng.uniform(0.3, 1.1)))  # a good tenth of them elastic
+    velocities = [-1.0] * strikers + [0.0] * (balls - strikers)
+    return Column(
+        tuple(mass ** np.arange(balls)),
+        tuple(stiffness ** np.arange(contacts)),
+        (e,) * contacts,
+        tuple(velocities),
+        table,
+    )
+
+
+def moved_by_a_velocity(columns: list[Column], outcomes: list[ColumnOutcome]) -> list[float]:
+    """Of each unmarked outcome of the model: how far a millionth of one velocity moves it at most."""
+    found = []
+    for column, outcome in zip(columns, outcomes, strict=True):
+        if outcome.marked:
+            continue
+        velocities = np.array(column.velocities)
+        changes = [sign * 1e-6 * each for each in np.eye(len(velocities)) for sign in (-1, 1)]
+        others = [replace(column, velocities=tuple(velocities + change)) for change in changes]
+        ends = [other.velocities for other in get_solver(outcome.solver).solve_columns(others, Settings())]
+        found.append(float(np.abs(np.subtract(ends, outcome.velocities)).max()))
+    return found
+
+
+def sensitive(console: Console, count: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    columns = [tapered_column(rng) for _ in range(count)]
+    for name in ("state-transition", "bistiffness", "kelvin-voigt"):
+        outcomes = get_solver(name).solve_columns(columns, Settings())
+        marked = sum(bool(outcome.marked) for outcome in outcomes)
+        console.print(f"{name}: {marked} of {count} columns are marked", highlight=False)
+        if name == "state-transition":
+            moved = np.array(moved_by_a_velocity(columns, outcomes))
+            console.print(
+                f"  of the others a millionth of one velocity moves {np.sum(moved > 1e-4)} by more than 1e-4 |v0|, "
+                f"the worst by {moved.max():.2g}",
+                highlight=False,
+            )
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("what", choices=("references", "engines", "gaps"))
+    parser.add_argument("what", choices=("references", "engines", "gaps", "sensitive"))
     parser.add_argument("--count", type=int, default=60, help="columns (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument("--engine", nargs="+", default=["mujoco", "pybullet"], help="(default: %(default)s)")
@@ -154,6 +204,8 @@ def main() -> int:
         references(console, options.count, options.seed)
     elif options.what == "engines":
         engines(console, options.engine, options.count, options.seed, options.with_gaps)
+    elif options.what == "sensitive":
+        sensitive(console, options.count, options.seed)
     else:
         gaps(console)
     return 0

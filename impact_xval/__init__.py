@@ -11,15 +11,20 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.experiments.cells.compared import compare
+    from impact_xval.experiments.fit.notebook import fit
     from impact_xval.model import Collision, Column, solve, solve_batch, solve_column
 
-__all__ = ["Collision", "Column", "compare", "get_solver", "solve", "solve_batch", "solve_column"]
+__all__ = ["Collision", "Column", "compare", "fit", "get_solver", "solve", "solve_batch", "solve_column"]
 
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = {"get_solver": "compliant_baselines", "compare": "experiments.cells.compared"}.get(name, "model")
+    module = {
+        "get_solver": "compliant_baselines",
+        "compare": "experiments.cells.compared",
+        "fit": "experiments.fit.notebook",
+    }.get(name, "model")
     return getattr(import_module(f"{__name__}.{module}"), name)
 
 

@@ -1,5 +1,6 @@
 """The command ``impact-xval``, also as ``python -m impact_xval``."""
 
+import gc
 import os
 import sys
 
@@ -15,9 +16,10 @@ def entry() -> int:
 def _main() -> int:
     # Takes a third of a second, in which signals come too.
     from impact_xval.experiments.commands.cli import main
-    from impact_xval.experiments.sweep.sandbox import NO_WINDOW
+    from impact_xval.experiments.sweep.sandbox import NO_WINDOW, SELDOM
 
     os.environ.update(NO_WINDOW | os.environ)
+    gc.set_threshold(SELDOM)
     return main()
 
 

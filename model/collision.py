@@ -258,7 +258,7 @@ class Outcome:
     grazing_margin: float | None = None
     marked: str = ""
     n_events: int = 0
-    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    diagnostics: Mapping[str, float] = field(default_factory=dict[str, float])
     path: ImpulseCurve | None = None
     events: tuple[Event, ...] = ()
 

@@ -21,7 +21,7 @@ from impact_xval.model.collision import (
     ImpulseCurve,
     in_unit,
 )
-from impact_xval.model.compiled import compiled
+from impact_xval.model.compiled import Floats, compiled
 from impact_xval.model.diagram import (
     RATE1,
     RATE2,
@@ -121,7 +121,7 @@ def trace(
         phase1=per_piece("phase1"),
         phase2=per_piece("phase2"),
     )
-    events = []
+    events: list[Event] = []
     for kind, contact, before in happened:
         i = first[before]
         numbers = (float(x[i]) for x in (path.time, path.impulse1, path.impulse2, path.v1, path.v2))
@@ -179,7 +179,9 @@ def _both_contacts(collision: Collision, row: Row) -> Piece:
 
 
 @compiled
-def _points(mu, k1, k2, d1, v2, E1, E2, duration):
+def _points(
+    mu: float, k1: float, k2: float, d1: float, v2: float, E1: float, E2: float, duration: float
+) -> Floats:
     """Rows t, d1, v2, E1, E2 at the points of a segment of S1; shape (5, n)."""
     modes = modes_of(mu, k1, k2)
     a, b = amplitudes(d1, v2, sqrt(2 * E1 / k1), sqrt(2 * E2 / k2), modes)

@@ -16,13 +16,14 @@ from __future__ import annotations
 from math import inf, isnan, sqrt
 
 from impact_xval.model.collision import Status
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.compiled import Floats, compiled, inlined
 from impact_xval.model.events import first_event, next_turn
 from impact_xval.model.law import (
     COMPRESSION,
     INACTIVE,
     RESTITUTION,
     Contact,
+    ImpactLaw,
     after_event,
     end_of_compression,
     restart,
@@ -76,7 +77,18 @@ RUNAWAY_RATIO = 1e3
 
 
 @inlined
-def both_contacts(mu, modes, d1, v2, one, two, law, exact, loss, margin):
+def both_contacts(
+    mu: float,
+    modes: Modes,
+    d1: float,
+    v2: float,
+    one: Contact,
+    two: Contact,
+    law: ImpactLaw,
+    exact: bool,
+    loss: float,
+    margin: float,
+) -> tuple[float, float, Contact, Contact, int, float, float, float, int]:
     """Follow S1 to its first event, and apply the impact law there."""
     a, b = amplitudes(d1, v2, one.F / one.k, two.F / two.k, modes)
     signs = (1.0 if one.phase == COMPRESSION else -1.0, -1.0 if two.phase == COMPRESSION else 1.0)
@@ -103,7 +115,9 @@ def both_contacts(mu, modes, d1, v2, one, two, law, exact, loss, margin):
 
 
 @inlined
-def ball_on_table(mu, d1, v2, one, two, law, loss):
+def ball_on_table(
+    mu: float, d1: float, v2: float, one: Contact, two: Contact, law: ImpactLaw, loss: float
+) -> tuple[float, float, Contact, Contact, int, float]:
     """Follow S2 to its end."""
     returns, ended, _, d2, two, loss = alone(two, mu, -v2, max(0.0, -mu * d1), loss)
     cause = RATE2 * ended | (RETURN1 if returns else SPENT2)
@@ -113,7 +127,9 @@ def ball_on_table(mu, d1, v2, one, two, law, loss):
 
 
 @inlined
-def ball_on_ball(mu, M, d1, v2, one, two, law, loss):
+def ball_on_ball(
+    mu: float, M: float, d1: float, v2: float, one: Contact, two: Contact, law: ImpactLaw, loss: float
+) -> tuple[float, float, Contact, Contact, int, float]:
     """Follow S3 to its end."""
     returns, ended, impulse, d1, one, loss = alone(one, M, d1, max(0.0, mu * v2), loss)
     cause = RATE1 * ended | (RETURN2 if returns else SPENT1)
@@ -123,7 +139,9 @@ def ball_on_ball(mu, M, d1, v2, one, two, law, loss):
 
 
 @inlined
-def alone(c, mass, rate, impulse_to_return, loss):
+def alone(
+    c: Contact, mass: float, rate: float, impulse_to_return: float, loss: float
+) -> tuple[bool, bool, float, float, Contact, float]:
     """Follow the one contact that acts, against one mass, until it is spent or the other one returns.
 
     Returns
@@ -145,7 +163,18 @@ def alone(c, mass, rate, impulse_to_return, loss):
 
 
 @inlined
-def taken_for_rigid(mu, M, d1, v2, one, two, law, highest, cutoff, loss):
+def taken_for_rigid(
+    mu: float,
+    M: float,
+    d1: float,
+    v2: float,
+    one: Contact,
+    two: Contact,
+    law: ImpactLaw,
+    highest: float,
+    cutoff: float,
+    loss: float,
+) -> tuple[int, int, Contact, Contact, float]:
     """Tell which contact is rigid from here on in S1, 0 if none is; how that ends; both contacts, and the loss."""
     rigid1, rigid2 = two.k < one.k / highest, one.k < two.k / highest
     if rigid1 or rigid2:
@@ -163,7 +192,18 @@ def taken_for_rigid(mu, M, d1, v2, one, two, law, highest, cutoff, loss):
 
 
 @inlined
-def rigid_contact(mu, M, first, d1, v2, one, two, law, highest, loss):
+def rigid_contact(
+    mu: float,
+    M: float,
+    first: bool,
+    d1: float,
+    v2: float,
+    one: Contact,
+    two: Contact,
+    law: ImpactLaw,
+    highest: float,
+    loss: float,
+) -> tuple[float, float, Contact, Contact, int, float]:
     """Take the first contact, or the second, for rigid: it completes its impact, or its bodies go on as one to the end.
 
     The former where it holds energy that can part them (`model.limits`).
@@ -202,7 +242,7 @@ def rigid_contact(mu, M, first, d1, v2, one, two, law, highest, loss):
 
 
 @inlined
-def loss_ahead(c, mass, rate, loss):
+def loss_ahead(c: Contact, mass: float, rate: float, loss: float) -> float:
     """Add to the loss what a contact will lose that works against one mass from here on."""
     if c.phase == COMPRESSION:
         _, loss = end_of_compression(with_energy(c, c.E + 0.5 * mass * rate * rate), loss)
@@ -210,13 +250,13 @@ def loss_ahead(c, mass, rate, loss):
 
 
 @inlined
-def state_of(one, two):
+def state_of(one: Contact, two: Contact) -> int:
     """Return the state in which contacts are: it says which of them act."""
     return S1 + (one.phase == INACTIVE) + 2 * (two.phase == INACTIVE)
 
 
 @inlined
-def number_of_events(cause):
+def number_of_events(cause: int) -> int:
     """Count the bits of what ended a segment."""
     n = 0
     for i in range(6):
@@ -225,7 +265,7 @@ def number_of_events(cause):
 
 
 @inlined
-def write_start(log, n, state, d1, v2, one, two):
+def write_start(log: Floats, n: int, state: int, d1: float, v2: float, one: Contact, two: Contact) -> None:
     """Write the columns of the log that are known as a segment begins."""
     log[n, 0], log[n, 1], log[n, 2] = state, one.phase, two.phase
     log[n, 3], log[n, 4], log[n, 5], log[n, 6] = d1, v2, one.E, two.E
@@ -233,7 +273,9 @@ def write_start(log, n, state, d1, v2, one, two):
 
 
 @compiled
-def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
+def collide(
+    kappa: float, mu: float, e1: float, e2: float, cutoff: float, max_events: int, law: ImpactLaw, log: Floats
+) -> tuple[float, float, int, int, int, int, float, float, int]:
     """Follow one collision through the diagram.
 
     Parameters

@@ -21,14 +21,17 @@ events in any order gives the same state, since each changes only variables of i
 and restart of compression of one contact coincide, restitution ends (what is left to restart is zero).
 """
 
+# The symbols of the paper, F1 and F2, are variables here.
+# pyright: reportConstantRedefinition=false
+
 from __future__ import annotations
 
 from math import atan2, cos, inf, pi, sin, sqrt
 
-from impact_xval.model.compiled import inlined
+from impact_xval.model.compiled import Flags, Jet, Pair, State, inlined
 from impact_xval.model.grazing import NEAR, STAKE, extremum_between, near_miss, two_extrema
 from impact_xval.model.limits import CLEAR
-from impact_xval.model.motion import cos_sin, modal, motion, turn, turn_little
+from impact_xval.model.motion import Modes, cos_sin, modal, motion, turn, turn_little
 from impact_xval.model.roots import (
     EPSILON,
     envelope_time,
@@ -65,7 +68,17 @@ LONGEST_STEP, LAST_STEP = 0.1, 1e-8
 
 
 @inlined
-def jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M):
+def jets(
+    d1: float,
+    v2: float,
+    F1: float,
+    F2: float,
+    signs: Pair,
+    k1: float,
+    k2: float,
+    inverse_mu: float,
+    inverse_M: float,
+) -> tuple[Jet, Jet, Jet, Jet]:
     """(f, f', f'') of the four watched functions in a state: both rates with their signs, both forces."""
     s1, s2 = signs
     a1, a2 = F2 * inverse_mu - F1 * inverse_M, (F2 - F1) * inverse_mu
@@ -79,7 +92,7 @@ def jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M):
 
 
 @inlined
-def behind(below, h, end):
+def behind(below: bool, h: float, end: Jet) -> float:
     """How far before the end of a window of length h a function that is negative there vanished, by Newton's step."""
     back = end[0] / end[1]
     back = back if (end[1] < 0) & (back < h) else 0.5 * h
@@ -87,7 +100,7 @@ def behind(below, h, end):
 
 
 @inlined
-def pick(is0, is1, is2, x0, x1, x2, x3):
+def pick(is0: bool, is1: bool, is2: bool, x0: Jet, x1: Jet, x2: Jet, x3: Jet) -> Jet:
     """Return the jet that a flag chooses, the last if none is set; without a branch, for none could be foretold."""
     return (
         x0[0] if is0 else (x1[0] if is1 else (x2[0] if is2 else x3[0])),
@@ -97,7 +110,17 @@ def pick(is0, is1, is2, x0, x1, x2, x3):
 
 
 @inlined
-def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
+def first_event(
+    mu: float,
+    modes: Modes,
+    state: State,
+    signs: Pair,
+    watched: tuple[bool, bool],
+    losses: Pair,
+    a: Pair,
+    b: Pair,
+    margin: float,
+) -> tuple[float, Flags, State, float, int]:
     """Time of the first event of a segment of S1, and which of the watched functions fire.
 
     One function, with the four watched ones as separate variables, because that is faster: split into
@@ -180,7 +203,7 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
         F1, F2 = (0.0 if chased == 2 else F1), (0.0 if chased == 3 else F2)
         g0, g1, g2, g3 = jets(d1, v2, F1, F2, signs, k1, k2, inverse_mu, inverse_M)
         spared0, spared1 = fresh0 & leaves_zero(h, f0, B0, w1), fresh1 & leaves_zero(h, f1, B1, w1)
-        below0, below1 = (g0[0] < -z0) & ~spared0, (g1[0] < -z1) & ~spared1
+        below0, below1 = (g0[0] < -z0) & (not spared0), (g1[0] < -z1) & (not spared1)
         below2, below3 = (g2[0] < -z2) & watched[0], (g3[0] < -z3) & watched[1]
 
         if below0 | below1 | below2 | below3:
@@ -217,8 +240,8 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
         spared0 |= fresh0 & (g0[0] <= z0) & (g0[1] >= 0)
         spared1 |= fresh1 & (g1[0] <= z1) & (g1[1] >= 0)
         sure0, sure1 = spared0 | positive_between(f0, g0, h, C0), spared1 | positive_between(f1, g1, h, C1)
-        sure2 = positive_between(f2, g2, h, C2) | ~watched[0]
-        sure3 = positive_between(f3, g3, h, C3) | ~watched[1]
+        sure2 = positive_between(f2, g2, h, C2) | (not watched[0])
+        sure3 = positive_between(f3, g3, h, C3) | (not watched[1])
         sure = sure0 & sure1 & sure2 & sure3
         waves = (two_extrema(h, f0, g0) | two_extrema(h, f1, g1)) & (h * w1 > SHORTEST_WAVE)
         if (not sure and h * w1 > SHORTEST_WINDOW) or waves:
@@ -241,8 +264,8 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
             margin = min(margin, extremum_between(c, t, h, f1, g1, size1, omega, a, b))
         t += h
         # Zero within rounding fires; so does what is unsure at the shortest window and as good as zero.
-        fired0 = ~spared0 & (g0[0] <= (z0 if sure0 else 4 * z0))
-        fired1 = ~spared1 & (g1[0] <= (z1 if sure1 else 4 * z1))
+        fired0 = (not spared0) & (g0[0] <= (z0 if sure0 else 4 * z0))
+        fired1 = (not spared1) & (g1[0] <= (z1 if sure1 else 4 * z1))
         fired2 = watched[0] & (g2[0] <= (z2 if sure2 else 4 * z2))
         fired3 = watched[1] & (g3[0] <= (z3 if sure3 else 4 * z3))
         if fired0 | fired1 | fired2 | fired3:
@@ -281,7 +304,7 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
 
 
 @inlined
-def next_turn(modes, state, signs, a, b):
+def next_turn(modes: Modes, state: State, signs: Pair, a: Pair, b: Pair) -> tuple[float, Flags, State]:
     """Find the first event of a segment of S1 where it is sure to be the next zero of a ringing contact's rate.
 
     It saves `first_event` where a stiff contact rings and its rate is zero at the start. While the slow

@@ -13,7 +13,7 @@ from math import inf
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.compiled import Jet, Pair, compiled, inlined
 from impact_xval.model.inputs import GRAZING_THRESHOLD
 from impact_xval.model.motion import modal
 
@@ -56,7 +56,7 @@ def mark_codes(
 
 
 @inlined
-def near_miss(h, start, end):
+def near_miss(h: float, start: Jet, end: Jet) -> float:
     """Magnitude of an extremum inside a window, by a parabola; infinite if there is none."""
     spread = start[1] - end[1]
     value = abs(start[0] + 0.5 * h * start[1] * start[1] / spread)
@@ -64,14 +64,16 @@ def near_miss(h, start, end):
 
 
 @inlined
-def two_extrema(h, start, end):
+def two_extrema(h: float, start: Jet, end: Jet) -> bool:
     """Whether a function may turn twice inside a window: seen from either end, its slope tends to zero and beyond."""
     here, there = start[1] * (start[1] + h * start[2]), end[1] * (end[1] - h * end[2])
     return (start[1] * end[1] > 0) & (here < 0) & (there < 0)
 
 
 @compiled
-def extremum_between(c, t, h, start, end, size, omega, a, b):
+def extremum_between(
+    c: Pair, t: float, h: float, start: Jet, end: Jet, size: float, omega: Pair, a: Pair, b: Pair
+) -> float:
     """Magnitude, relative to `size`, of the extremum in (t, t + h) of a rate, given (f, f', f'') at both ends.
 
     A parabola places it; where it comes near zero, Newton's iteration on f' makes it exact.

@@ -65,19 +65,19 @@ class Contact(NamedTuple):
 
 
 @inlined
-def with_energy(c, E):
+def with_energy(c: Contact, E: float) -> Contact:
     """Return the contact with another strain energy."""
     return Contact(c.phase, c.k, E, c.F, c.e, c.original)
 
 
 @inlined
-def with_force(c, F):
+def with_force(c: Contact, F: float) -> Contact:
     """Return the contact at another force, F^2 = 2 k E."""
     return Contact(c.phase, c.k, 0.5 * F * F / c.k, F, c.e, c.original)
 
 
 @inlined
-def end_of_compression(c, loss):
+def end_of_compression(c: Contact, loss: float) -> tuple[Contact, float]:
     """End compression: the contact after it, and `loss` with the energy that it loses."""
     return (
         Contact(RESTITUTION, c.k / (c.e * c.e), c.e * c.e * c.E, c.F, c.e, c.original),
@@ -86,7 +86,7 @@ def end_of_compression(c, loss):
 
 
 @inlined
-def restart(law, c, loss):
+def restart(law: ImpactLaw, c: Contact, loss: float) -> tuple[Contact, float]:
     """Restart compression during restitution; `loss` less what a law that takes back the end gives back."""
     if law.stiffens:
         return Contact(COMPRESSION, c.k, c.E, c.F, c.e, c.original), loss
@@ -97,19 +97,21 @@ def restart(law, c, loss):
 
 
 @inlined
-def returned(law, c):
+def returned(law: ImpactLaw, c: Contact) -> Contact:
     """Return an inactive contact, in compression from E = 0."""
     return Contact(COMPRESSION, c.k if law.stiffens else c.original, 0.0, 0.0, c.e, c.original)
 
 
 @inlined
-def spent(c):
+def spent(c: Contact) -> Contact:
     """End restitution: the contact becomes inactive and keeps its stiffness."""
     return Contact(INACTIVE, c.k, 0.0, 0.0, c.e, c.original)
 
 
 @inlined
-def after_event(law, c, rate_is_zero, force_is_zero, loss):
+def after_event(
+    law: ImpactLaw, c: Contact, rate_is_zero: bool, force_is_zero: bool, loss: float
+) -> tuple[Contact, float]:
     """Apply the law where the compression rate or the force of a contact that acts has come to zero, or both.
 
     A plastic contact has no restitution: it is spent as its compression ends.

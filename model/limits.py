@@ -27,45 +27,45 @@ from __future__ import annotations
 
 from math import inf, nan, pi, sqrt
 
-from impact_xval.model.compiled import compiled
+from impact_xval.model.compiled import Pair, compiled
 from impact_xval.model.motion import single_contact
 
 
 @compiled
-def static_energy1(mu, E1, E2, k1, k2):
+def static_energy1(mu: float, E1: float, E2: float, k1: float, k2: float) -> float:
     """F1 F_s/k1 of the ball-ball contact under the static force F_s = F2 m1/(m1 + m2) that B1 as a rider needs."""
     return 2 * sqrt(E1 * E2 * (k2 / k1)) / (1 + mu)
 
 
 @compiled
-def static_energy2(E1, E2, k1, k2):
+def static_energy2(E1: float, E2: float, k1: float, k2: float) -> float:
     """F2 F_s/k2 of the ball-table contact under the static force F_s = F1 that B2 passes on to the table."""
     return 2 * sqrt(E1 * E2 * (k1 / k2))
 
 
 @compiled
-def complete_ball_ball(mu, d1, v2, E1, e1, compressing1):
+def complete_ball_ball(mu: float, d1: float, v2: float, E1: float, e1: float, compressing1: bool) -> Pair:
     """Run the stiff ball-ball contact through its impact, B1 and B2 as free: d1, v2 after (supplement (11), (12))."""
     _, _, impulse, d1, _ = single_contact(mu / (1 + mu), d1, E1, e1, compressing1, inf)
     return d1, v2 - impulse / mu
 
 
 @compiled
-def complete_ball_table(mu, d1, v2, E2, e2, compressing2):
+def complete_ball_table(mu: float, d1: float, v2: float, E2: float, e2: float, compressing2: bool) -> Pair:
     """Run the stiff ball-table contact through its impact, B2 as free: d1 and v2 after it."""
     _, _, _, d2, _ = single_contact(mu, -v2, E2, e2, compressing2, inf)
     return d1 - v2 - d2, -d2
 
 
 @compiled
-def one_body(mu, d1, v2, E2, e2, compressing2):
+def one_body(mu: float, d1: float, v2: float, E2: float, e2: float, compressing2: bool) -> Pair:
     """Both balls as one body finish against the table: d1 and v2 at the end (supplement, 3.3, S1)."""
     _, _, _, d2, _ = single_contact(1 + mu, -(v2 - d1 / (1 + mu)), E2, e2, compressing2, inf)
     return 0.0, -d2
 
 
 @compiled
-def part_of_table(d1, v2, E1, e1, compressing1):
+def part_of_table(d1: float, v2: float, E1: float, e1: float, compressing1: bool) -> Pair:
     """B1 finishes against B2, which rests on the table: d1 and v2 at the end (supplement, 3.3)."""
     _, _, _, d1, _ = single_contact(1.0, -(v2 - d1), E1, e1, compressing1, inf)
     return d1, 0.0
@@ -83,7 +83,9 @@ CLEAR = 1e-4
 
 
 @compiled
-def runaway(united, mass, share, V, G, k_soft, F, k, e):
+def runaway(
+    united: float, mass: float, share: float, V: float, G: float, k_soft: float, F: float, k: float, e: float
+) -> float:
     """Tell what a stiff contact does to the soft one's energy until it is rigid, if that is all it can do.
 
     The stiff contact has just ended a compression. It rings about the static force F_s = share G, with an amplitude

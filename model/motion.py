@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.compiled import Pair, State, compiled, inlined
 
 #: pi in two parts; the first has 33 bits, so that its product with the multiples in use is exact.
 PI = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a626331p-33"))
@@ -37,7 +37,7 @@ LARGEST_ANGLE = 1e5
 
 
 @inlined
-def cos_sin(x):
+def cos_sin(x: float) -> Pair:
     """Cosine and sine of an angle x >= 0, to within 4e-16, together and without a branch.
 
     The library's pair tells cases apart that do not occur here, and a branch that cannot be foretold costs more than
@@ -102,7 +102,7 @@ class Modes(NamedTuple):
 
 
 @inlined
-def modes_of(mu, k1, k2):
+def modes_of(mu: float, k1: float, k2: float) -> Modes:
     """Solve the eigenvalue problem of `Modes`."""
     inverse_mu = 1 / mu
     s12 = -k1 * sqrt(inverse_mu)
@@ -133,7 +133,7 @@ def modes_of(mu, k1, k2):
 
 
 @inlined
-def amplitudes(d1, v2, u1, u2, modes):
+def amplitudes(d1: float, v2: float, u1: float, u2: float, modes: Modes) -> tuple[Pair, Pair]:
     """Modal coordinates of a state: q_j = phi1 v1 + mu phi2 v2 and r_j = q_j'/omega_j.
 
     u1 = F1/k1 and u2 = F2/k2 are the compressions that linear springs would have.
@@ -151,14 +151,16 @@ def amplitudes(d1, v2, u1, u2, modes):
 
 
 @inlined
-def modal(t, omega, a, b):
+def modal(t: float, omega: Pair, a: Pair, b: Pair) -> tuple[Pair, Pair]:
     """q_j and r_j of both modes at time t: (q_slow, q_fast), (r_slow, r_fast)."""
     (cs, ss), (cf, sf) = cos_sin(omega[0] * t), cos_sin(omega[1] * t)
     return turn(cs, ss, cf, sf, a, b)
 
 
 @inlined
-def turn(cos_slow, sin_slow, cos_fast, sin_fast, q, r):
+def turn(
+    cos_slow: float, sin_slow: float, cos_fast: float, sin_fast: float, q: Pair, r: Pair
+) -> tuple[Pair, Pair]:
     """q_j and r_j when the modes have turned by two angles."""
     return (
         (q[0] * cos_slow + r[0] * sin_slow, q[1] * cos_fast + r[1] * sin_fast),
@@ -167,7 +169,7 @@ def turn(cos_slow, sin_slow, cos_fast, sin_fast, q, r):
 
 
 @inlined
-def turn_little(h, omega, q, r):
+def turn_little(h: float, omega: Pair, q: Pair, r: Pair) -> tuple[Pair, Pair]:
     """q_j and r_j a short time h later, abs(omega_j h) <= 0.1: series of sine and cosine, to rounding."""
     x, y = omega[0] * h, omega[1] * h
     x2, y2 = x * x, y * y
@@ -179,7 +181,7 @@ def turn_little(h, omega, q, r):
 
 
 @inlined
-def motion(q, r, modes):
+def motion(q: Pair, r: Pair, modes: Modes) -> State:
     """State (d1, v2, F1, F2) of modal coordinates q and r; the inverse of `amplitudes`.
 
     F1 = m1 v1' and F2 = F1 + m2 v2' (equations (11), (12) differentiated).
@@ -194,7 +196,9 @@ def motion(q, r, modes):
 
 
 @compiled
-def single_contact(mass, d, E, e, compressing, impulse_to_return):
+def single_contact(
+    mass: float, d: float, E: float, e: float, compressing: bool, impulse_to_return: float
+) -> tuple[bool, bool, float, float, float]:
     """S2 or S3 from entry to exit: one contact acts, until it ends or the other contact returns.
 
     The supplement's section 1, read for either contact: equation (1) with M the mass the contact works against

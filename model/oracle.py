@@ -25,11 +25,15 @@ The step is then repeated up to the first one.
 Units: m1 = 1, k1 = 1, v0 = -1 (Theorem 5); impulses per m1 |v0|, energies per m1 v0^2.
 """
 
+# The symbols of the paper, I1 and E1, are variables here; scipy states no types.
+# pyright: reportConstantRedefinition=false, reportMissingTypeStubs=false
+
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from itertools import groupby
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.polynomial import Polynomial, chebyshev
@@ -80,6 +84,22 @@ _REAL = 1e-9
 
 Vector = NDArray[np.float64]
 Slope = Callable[[float, Vector], list[float]]
+
+
+class Integrator(Protocol):
+    """What is used of scipy's integrators."""
+
+    t: float
+    y: Vector
+    status: str
+
+    def step(self) -> str | None:
+        """Make one step; say what went wrong, if anything did."""
+        ...
+
+    def dense_output(self) -> Callable[[Vector], Vector]:
+        """Return the solution over the last step."""
+        ...
 
 
 def solve_oracle(
@@ -223,7 +243,7 @@ class _Run:
         """Integrate to the next event and apply it; say what went wrong, if anything did."""
         slope = self._slope()
         names, forms, offsets = self._watched()
-        integrator = DOP853(slope, 0.0, self.y, math.inf, rtol=self.rtol, atol=ATOL)
+        integrator = cast(Integrator, DOP853(slope, 0.0, self.y, math.inf, rtol=self.rtol, atol=ATOL))
         while True:
             if self.n_steps >= self.max_steps:
                 return f"not over after {self.max_steps} steps"
@@ -269,7 +289,9 @@ class _Run:
 
     def _watched(self) -> tuple[list[tuple[str, int]], Vector, Vector]:
         """Linear forms that are positive until their events: names, forms in y, constants."""
-        names, forms, offsets = [], [], []
+        names: list[tuple[str, int]] = []
+        forms: list[Vector] = []
+        offsets: list[float] = []
         for i, phase in enumerate(self.phase):
             sign = 1.0 if phase == COMPRESSION else -1.0
             names.append((("return", "end", "restart")[phase], i))
@@ -298,7 +320,7 @@ class _Run:
 
 def _reach(slope: Slope, s: float, y: Vector, end: float, rtol: float) -> Vector:
     """Repeat a step, up to `end`."""
-    integrator = DOP853(slope, s, y, end, rtol=rtol, atol=ATOL, first_step=end - s)
+    integrator = cast(Integrator, DOP853(slope, s, y, end, rtol=rtol, atol=ATOL, first_step=end - s))
     while integrator.status == "running":
         integrator.step()
     return integrator.y

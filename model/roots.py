@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from math import acos, atan2, pi, sqrt
 
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.compiled import Jet, Pair, compiled, inlined
 from impact_xval.model.motion import modal, turn_little
 
 EPSILON = 2.0**-52
@@ -35,7 +35,7 @@ SERIES = 0.05
 
 
 @inlined
-def predicted_root(h, start, end):
+def predicted_root(h: float, start: Jet, end: Jet) -> float:
     """Where in (0, h) a function with end[0] < 0 vanished, as nearly as (f, f', f'') at both ends tell.
 
     Halley's step from the end, bettered by another on the quintic through both ends.
@@ -56,7 +56,7 @@ def predicted_root(h, start, end):
 
 
 @inlined
-def step_to_root(x0, x1, y0, y1, w0, w1):
+def step_to_root(x0: float, x1: float, y0: float, y1: float, w0: float, w1: float) -> float:
     """Step from a point to a root nearby of f = x_0 + x_1, f' = y_0 + y_1, x_j'' = w_j x_j.
 
     Householder's step of third order, bettered by one of Newton's on the Taylor polynomial of degree seven.
@@ -75,7 +75,9 @@ def step_to_root(x0, x1, y0, y1, w0, w1):
 
 
 @inlined
-def root_before(c, t, h, low, start, end, noise, omega, a, b):
+def root_before(
+    c: Pair, t: float, h: float, low: float, start: Jet, end: Jet, noise: float, omega: Pair, a: Pair, b: Pair
+) -> tuple[float, Pair, Pair]:
     """Root of sum c_j q_j in (t + low, t + h), at whose end it is negative; alone, so that an iteration costs little.
 
     From each point tried the step of `step_to_root`, inside a bracket that is halved now and then, whatever the step.
@@ -111,7 +113,7 @@ def root_before(c, t, h, low, start, end, noise, omega, a, b):
 
 
 @compiled
-def envelope_time(order, c, t, omega, a, b, radius):
+def envelope_time(order: int, c: Pair, t: float, omega: Pair, a: Pair, b: Pair, radius: Pair) -> float:
     """Earliest time from t on at which the slow sinusoid of a watched function comes near its fast amplitude.
 
     Near is within `ENVELOPE_RESERVE` of the slow amplitude, so that no near-miss is stepped over unseen.
@@ -137,7 +139,7 @@ def envelope_time(order, c, t, omega, a, b, radius):
 
 
 @inlined
-def positive_between(start, end, h, C):
+def positive_between(start: Jet, end: Jet, h: float, C: float) -> bool:
     """Certify f > 0 inside an interval of length h, given (f, f', f'') at its ends and its sixth derivative's bound.
 
     C is that bound divided by 28800. The end may be a zero, and is taken for one where rounding makes it negative.
@@ -153,7 +155,7 @@ def positive_between(start, end, h, C):
 
 
 @inlined
-def time_above_zero(start, B, w1):
+def time_above_zero(start: Jet, B: float, w1: float) -> float:
     """How long a function is positive that leaves zero with start[1] > 0, or with start[1] = 0 and start[2] > 0.
 
     With abs(f'') <= B it is so up to t = 2 f'/B. Where its slope vanishes (contact 2 when the collision begins) its
@@ -163,6 +165,6 @@ def time_above_zero(start, B, w1):
 
 
 @inlined
-def leaves_zero(h, start, B, w1):
+def leaves_zero(h: float, start: Jet, B: float, w1: float) -> bool:
     """Whether h is below `time_above_zero`, without its division."""
     return (B * h < 1.98 * start[1]) | ((start[1] == 0) & (B * (w1 * h) * (w1 * h) < 11.7 * start[2]))

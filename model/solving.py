@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import ArrayLike, NDArray
 
 from impact_xval.model.collision import STATES, Collision, Outcome
-from impact_xval.model.compiled import OPTIONS
+from impact_xval.model.compiled import Floats, compiled_in_parallel
 from impact_xval.model.curve import trace
 from impact_xval.model.diagram import (
     BEYOND_PRECISION,
@@ -101,8 +101,8 @@ def solve(
     if code == TOO_MANY_EVENTS:
         return Outcome.failure(NAME, STATUS_OF[code], f"not over after {max_events} events")
     log = log[:n_rows]
-    states = log[:, 0].astype(int)
-    sequence = states[np.concatenate([[True], states[1:] != states[:-1]])]
+    states = log[:, 0].astype(np.int64)
+    sequence: list[int] = states[np.concatenate([[True], states[1:] != states[:-1]])].tolist()
     speed = -collision.v0
     effect = 0.0
     if code == LIMIT and cutoff != math.inf:
@@ -266,15 +266,16 @@ def solve_batch(
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
     cutoff, law = check_cutoff(stiffness_ratio_cutoff), check_law(impact_law)
-    shape, flat = broadcast_inputs(stiffness_ratio, mass_ratio, e1, e2)
-    v1, v2, code, n_states, n_events, margin, residual = _solve_all(*flat, cutoff, max_events, law)  # pyright: ignore
+    shape, (kappa, mu, r1, r2) = broadcast_inputs(stiffness_ratio, mass_ratio, e1, e2)
+    v1, v2, code, n_states, n_events, margin, residual = _solve_all(
+        kappa, mu, r1, r2, cutoff, max_events, law
+    )
     effect = None
     if cutoff_effect or 1 < cutoff < math.inf:
         effect = np.zeros(v1.shape)
         used = np.flatnonzero(code == LIMIT)
-        cells = [a[used] for a in flat]
-        u1, u2, *_ = _solve_all(*cells, beyond(cutoff), max_events, law)  # pyright: ignore
-        effect[used] = np.hypot(u1 - v1[used], np.sqrt(cells[1]) * (u2 - v2[used]))
+        u1, u2, *_ = _solve_all(kappa[used], mu[used], r1[used], r2[used], beyond(cutoff), max_events, law)
+        effect[used] = np.hypot(u1 - v1[used], np.sqrt(mu[used]) * (u2 - v2[used]))
     mark = mark_codes(nearest_jump(margin, law), 0.0 if effect is None or cutoff == EXACT else effect)
     return BatchOutcome(
         v1=v1.reshape(shape),
@@ -289,8 +290,10 @@ def solve_batch(
     )
 
 
-@njit(parallel=True, **OPTIONS)
-def _solve_all(kappa, mu, e1, e2, cutoff, max_events, law):
+@compiled_in_parallel
+def _solve_all(
+    kappa: Floats, mu: Floats, e1: Floats, e2: Floats, cutoff: float, max_events: int, law: ImpactLaw
+) -> tuple[Floats, Floats, NDArray[np.uint8], NDArray[np.int32], NDArray[np.int32], Floats, Floats]:
     n = kappa.size
     v1, v2 = np.empty(n), np.empty(n)
     code, n_states, n_events = np.empty(n, np.uint8), np.empty(n, np.int32), np.empty(n, np.int32)

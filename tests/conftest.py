@@ -1,9 +1,13 @@
-"""What must hold before any test runs: no stale compiled kernel, and Ctrl-C that reaches the runs that tests start."""
+"""What must hold before any test runs: no stale compiled kernel, Ctrl-C that reaches the runs that tests start, and
+properties that say how to replay what they found.
+"""
 
 import signal
 from collections import Counter
 from contextlib import suppress
 from pathlib import Path
+
+from hypothesis import settings
 
 # Numba keys its cache by a kernel's own file, not by those it calls: drop what a later edit made stale.
 folders = [Path(__file__).parents[1] / floor for floor in ("model", "compliant_baselines")]
@@ -18,6 +22,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+# A property that fails prints the line, @reproduce_failure(...), that finds the example again on another machine.
+settings.register_profile("replayable", print_blob=True)
+settings.load_profile("replayable")
 
 
 def pytest_collection_modifyitems(items):

@@ -37,10 +37,14 @@ pytestmark = pytest.mark.exhaustive
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """A folder that holds the built wheel's files."""
-    folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", folder, ROOT]
+    """A folder that holds the files of the wheel that is built of the source distribution, as a release is."""
+    folder, dist = tmp_path_factory.mktemp("wheel"), tmp_path_factory.mktemp("dist")
+    subprocess.run([sys.executable, "-m", "build", "-o", dist, ROOT], check=True, capture_output=True)
+    (built,) = dist.glob("*.whl")
+    command = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", folder, built]
     subprocess.run(command, check=True, capture_output=True)
+    floors = {path.name for path in (folder / "impact_xval").iterdir() if path.is_dir()}
+    assert floors >= {"model", "compliant_baselines", "experiments"}
     assert {path.name for path in folder.iterdir() if "dist-info" not in path.name} == {"bin", "impact_xval"}
     assert not any(path.is_symlink() for path in folder.rglob("*"))
     return folder

@@ -32,7 +32,7 @@ def _run(*command):
 
 @pytest.mark.parametrize("arguments", [["check"], ["format", "--check"]])
 def test_style(arguments):
-    folders = ("impact_xval", *FLOORS, "tests", "benchmarks")
+    folders = ("impact_xval", *FLOORS, "tests", "benchmarks", "docs", "examples")
     _run(sys.executable, "-m", "ruff", *arguments, *folders)
 
 
@@ -144,3 +144,47 @@ def test_the_worked_example_of_the_mapping_page_is_what_the_mapping_gives():
             "textbook ζ, and the e it has": f"{textbook:.6g}, {restitution(textbook):.6g}",
         }
         assert {name: table[name][i] for name in expected} == expected
+
+
+def test_a_citation_names_the_version():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall(r"^version: (.*)$", text, re.M) == [project["version"]]
+    assert re.findall(r"^license: (.*)$", text, re.M) == [project["license"]]
+
+
+@pytest.mark.slow
+def test_a_property_that_fails_says_how_to_replay_it(tmp_path):
+    test = tmp_path / "test_property.py"
+    imports = "from hypothesis import given, reproduce_failure, strategies\n"
+    text = imports + "{}@given(strategies.integers())\ndef test_it(n):\n    assert n < 100\n"
+    options = ("-n", "0", "-c", ROOT / "pyproject.toml", "-p", "tests.conftest")
+
+    def run(line):
+        test.write_text(text.format(line), encoding="utf-8")
+        command = (sys.executable, "-m", "pytest", *options, test)
+        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+    (line,) = re.findall(r"@reproduce_failure\(.*\)", run("").stdout)
+    replayed = run(line + "\n")
+    assert replayed.returncode == 1
+    assert "assert 100 < 100" in replayed.stdout
+
+
+def test_the_page_of_benchmarks_names_each():
+    text = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\| `(\w+\.py)`", text, re.M)) == sorted(
+        path.name
+        for path in (ROOT / "benchmarks").glob("*.py")
+        if path.name not in ("__init__.py", "baseline.py")
+    )
+
+
+def test_what_contributors_are_told_to_touch_is_there():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    table = text.partition("## What to touch")[2].partition("Imports go down")[0]
+    named = [name for name in re.findall(r"`([\w./-]+)`", table) if "/" in name]
+    assert len(named) > 10
+    assert [name for name in named if not (ROOT / name).exists()] == []
+    for target in re.findall(r"\]\(([^)#:]+)\)", text):
+        assert (ROOT / target).exists(), target

@@ -133,17 +133,28 @@ BEYOND = (
 )
 
 
-def unrepresentable(collision: Collision) -> str | None:
-    """Why no contact of spring and dashpot represents this collision, in one sentence; None if one does."""
+def unrepresentable(
+    collision: Collision,
+    contact: str = "a contact of spring and dashpot",
+    plastic: str = "no finite damping makes a dashpot perfectly plastic",
+) -> str | None:
+    """Why no contact in time represents this collision, in one sentence; None if one does.
+
+    Parameters
+    ----------
+    collision : Collision
+    contact, plastic : str
+        What has no limits of stiffness, and why it is not perfectly plastic.
+    """
     for i, k, e in ((1, collision.k1, collision.e1), (2, collision.k2, collision.e2)):
         if k == 0 or math.isinf(k):
             return (
-                f"k{i} = {k!r} N/m: a contact of spring and dashpot needs a finite stiffness > 0; "
+                f"k{i} = {k!r} N/m: {contact} needs a finite stiffness > 0; "
                 "take a large or small finite k2/k1, or the state-transition model, which knows the limit"
             )
         if e == 0:
             return (
-                f"e{i} = 0: no finite damping makes a dashpot perfectly plastic; "
+                f"e{i} = 0: {plastic}; "
                 "take a small positive e, or the state-transition model, which knows the limit"
             )
     return None

@@ -109,6 +109,15 @@ def damping_ratio(e: float) -> float:
     return exp(root_between(excess, low - 1e-9, high + 1e-9))
 
 
+def compression_damping_ratio(e: float) -> float:
+    """Damping ratio of a contact of restitution e whose dashpot acts in compression only; refuses as `damping_ratio`.
+
+    Compression takes arccos(zeta)/sqrt(1 - zeta^2) over omega, half of `contact_time`, and decompression loses nothing:
+    e = exp(-zeta arccos(zeta)/sqrt(1 - zeta^2)), the square root of `restitution`.
+    """
+    return damping_ratio(e * e)
+
+
 def textbook_damping_ratio(e: float) -> float:
     """Give the damping ratio -ln e/sqrt(pi^2 + ln^2 e) of a contact that may pull (the naive mapping's).
 

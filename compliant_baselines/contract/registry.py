@@ -18,7 +18,7 @@ from typing import Literal
 from impact_xval.compliant_baselines.contract import plugins
 from impact_xval.compliant_baselines.contract.solver import SolverBase
 
-Kind = Literal["model", "reference", "engine"]
+Kind = Literal["model", "reference", "rigid", "engine"]
 
 #: The law engines are mapped to, unless an entry says otherwise.
 KELVIN_VOIGT = "kelvin-voigt"
@@ -32,9 +32,10 @@ class Entry:
     ----------
     module, cls : str
         Where its class is; the module below `compliant_baselines`.
-    kind : {"model", "reference", "engine"}
+    kind : {"model", "reference", "rigid", "engine"}
         ``model``: at the level of impulses, positions frozen. ``reference``: contacts in time, solved without an
-        engine. ``engine``: an adapter of a physics engine.
+        engine. ``rigid``: impulses by coefficients of restitution alone, without stiffness or time. ``engine``: an
+        adapter of a physics engine.
     law : str
         Name of the exact solver whose contact law this one has, or is asked for: its own, for that solver.
     on_request : bool
@@ -58,6 +59,11 @@ class Entry:
     exportable: bool = False
     naive: bool = False
     description: str = ""
+
+
+def _rigid(name: str, cls: str, description: str) -> Entry:
+    """Enter a rigid law, which is a law of its own."""
+    return Entry("rigid.solver", cls, "rigid", name, on_request=True, description=description)
 
 
 _MODEL, _KELVIN_VOIGT = "contract.state_transition", "references.kelvin_voigt"
@@ -127,6 +133,14 @@ _ENTRIES: dict[str, Entry] = {
         on_request=True,
         description="Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
     ),
+    "compression-dashpot": Entry(
+        _KELVIN_VOIGT,
+        "CompressionDashpotSolver",
+        "reference",
+        "compression-dashpot",
+        on_request=True,
+        description="springs with dashpots that act in compression only, exact, as Newton has them",
+    ),
     "liu-zhao-brogliato": Entry(
         _MODEL,
         "LiuZhaoBrogliatoSolver",
@@ -134,6 +148,23 @@ _ENTRIES: dict[str, Entry] = {
         "liu-zhao-brogliato",
         on_request=True,
         description="the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
+    ),
+    "newton": _rigid("newton", "NewtonSolver", "rigid: Newton's restitution at all contacts at once"),
+    "poisson": _rigid("poisson", "PoissonSolver", "rigid: Poisson's restitution, compression then expansion"),
+    "sequential-top": _rigid(
+        "sequential-top",
+        "SequentialTopSolver",
+        "rigid: single impacts to the end, the topmost contact first",
+    ),
+    "sequential-bottom": _rigid(
+        "sequential-bottom",
+        "SequentialBottomSolver",
+        "rigid: single impacts to the end, the lowest contact first",
+    ),
+    "generalised-reflection": _rigid(
+        "generalised-reflection",
+        "GeneralisedReflectionSolver",
+        "rigid: approaching contacts reflected together (Smith and others, 2012)",
     ),
     "mujoco-naive": Entry(
         _MUJOCO,
@@ -191,7 +222,7 @@ def engine_names(*, on_request: bool = False) -> tuple[str, ...]:
 
 
 def engine_free_names() -> tuple[str, ...]:
-    """Names of all models and references, those on request among them."""
+    """Names of all models, references and rigid laws, those on request among them."""
     return tuple(name for name, entry in _ENTRIES.items() if entry.kind != "engine")
 
 

@@ -93,23 +93,20 @@ def diagnose_mujoco(model: Any) -> list[Finding]:
 def _pairs(model: Any) -> Iterator[_Contact]:
     for i in range(model.npair):
         a, b = int(model.pair_geom1[i]), int(model.pair_geom2[i])
-        name = model.pair(i).name or f"{_name(model, a)} and {_name(model, b)}"
+        name = model.pair(i).name or f"{geom_name(model, a)} and {geom_name(model, b)}"
         solref, solimp = model.pair_solref[i].tolist(), model.pair_solimp[i].tolist()
         yield _Contact(f"pair {name}", tuple(solref), solimp[0], solimp[1], _inverse_mass(model, a, b))
 
 
 def _geom_pairs(model: Any) -> Iterator[_Contact]:
     """Contacts that two geoms make without a <pair>; one for each combination of parameters."""
-    own = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
     seen: set[tuple[_Geom, _Geom, float]] = set()
-    for a, b in itertools.islice(itertools.combinations(range(model.ngeom), 2), MOST_PAIRS):
-        if frozenset((a, b)) in own or not _collide(model, a, b):
-            continue
+    for a, b in touching_geoms(model):
         one, two, inverse_mass = _geom(model, a), _geom(model, b), _inverse_mass(model, a, b)
         if inverse_mass == 0 or (one, two, inverse_mass) in seen:
             continue
         seen.add((one, two, inverse_mass))
-        where = f"geoms {_name(model, a)} and {_name(model, b)}"
+        where = f"geoms {geom_name(model, a)} and {geom_name(model, b)}"
         if one.priority != two.priority:
             first = max(one, two, key=lambda geom: geom.priority)
             yield _Contact(where, first.solref, first.solimp[0], first.solimp[1], inverse_mass)
@@ -132,12 +129,37 @@ def _weighted(share: float, one: tuple[float, ...], two: tuple[float, ...]) -> t
     return tuple(share * x + (1 - share) * y for x, y in zip(one, two, strict=True))
 
 
-def _collide(model: Any, a: int, b: int) -> bool:
-    body_a, body_b = model.geom_bodyid[a], model.geom_bodyid[b]
-    if model.body_weldid[body_a] == model.body_weldid[body_b]:
-        return False
-    type_, affinity = model.geom_contype, model.geom_conaffinity
-    return bool((type_[a] & affinity[b]) or (type_[b] & affinity[a]))
+def touching_geoms(model: Any) -> Iterator[tuple[int, int]]:
+    """List the geoms that can touch without a <pair>, as the engine filters them; of `MOST_PAIRS` pairs.
+
+    Left out are geoms whose contype and conaffinity do not match, of bodies without a joint between them, of a body
+    and its parent (unless the parent is fixed, or `filterparent` is off), of bodies that <exclude> names, and the two
+    kinds of geoms, planes and height fields, that do not collide with each other
+    (MuJoCo documentation, "Computation", section "Collision detection").
+    """
+    mujoco: Any = import_module("mujoco")
+    own = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
+    excluded = set(model.exclude_signature.tolist())
+    parents = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+    flat = {int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)}
+    body, weld = model.geom_bodyid.tolist(), model.body_weldid.tolist()
+    above = [weld[parent] for parent in model.body_parentid.tolist()]
+    type_, affinity = model.geom_contype.tolist(), model.geom_conaffinity.tolist()
+    kind = model.geom_type.tolist()
+    for a, b in itertools.islice(itertools.combinations(range(model.ngeom), 2), MOST_PAIRS):
+        one, two = sorted((body[a], body[b]))
+        weld_one, weld_two = weld[one], weld[two]
+        if (
+            frozenset((a, b)) in own
+            or not (type_[a] & affinity[b] or type_[b] & affinity[a])
+            or weld_one == weld_two
+            or (kind[a] in flat and kind[b] in flat)
+            or (one << 16) + two in excluded
+        ):
+            continue
+        chained = weld_one == above[weld_two] or weld_two == above[weld_one]
+        if not (parents and weld_one and weld_two and chained):
+            yield a, b
 
 
 def _of_contact(contact: _Contact, step: float, safe: bool) -> list[Finding]:
@@ -163,7 +185,8 @@ def _inverse_mass(model: Any, a: int, b: int) -> float:
     return float(sum(model.body_invweight0[model.geom_bodyid[geom], 0] for geom in (a, b)))
 
 
-def _name(model: Any, geom: int) -> str:
+def geom_name(model: Any, geom: int) -> str:
+    """Name a geom, by its number if it has no name."""
     return model.geom(geom).name or f"#{geom}"
 
 

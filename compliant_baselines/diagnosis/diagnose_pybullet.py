@@ -19,11 +19,12 @@ import itertools
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
 from impact_xval.compliant_baselines.contact.mapping import PYBULLET_RIGID, PybulletBody
 from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding, finding, long_step
-from impact_xval.compliant_baselines.engines.packages import standing_in
+from impact_xval.compliant_baselines.engines.packages import import_pybullet, standing_in
 
 #: Engine's default of `contactSlop`, in m.
 DEFAULT_SLOP = 1e-5
@@ -37,21 +38,36 @@ RIGID = 1e15
 #: Type of a body in maximal coordinates, in `getDynamicsInfo`.
 MAXIMAL = 1
 
+#: Diagonal in m up to which a box may be the margin of no shape: 1 mm to each side, and rounding.
+_MARGIN = 4e-3
+
 #: Pairs of bodies looked at, at most.
 MOST_PAIRS = 100_000
 
 #: What `changeDynamics` was given, by body and link.
 Dynamics = Mapping[tuple[int, int], Mapping[str, Any]]
 
+_Seen = TypeVar("_Seen")
 
-class _Link(NamedTuple):
-    """Name, mass in kg (0: fixed), restitution, contact parameters, height of the lowest point in m (fixed: -inf)."""
+#: Looks at a client: its id, what `setPhysicsEngineParameter` was given, what `changeDynamics` was given.
+Look: TypeAlias = Callable[[int, dict[str, Any], Dynamics], _Seen]
+
+
+class Link(NamedTuple):
+    """A link that can touch.
+
+    Name, mass in kg (0: fixed), restitution, contact parameters, height of the lowest point in m (fixed: -inf), number
+    of its body and its own, whether it is in maximal coordinates.
+    """
 
     name: str
     mass: float
     restitution: float
     contact: PybulletBody | None
     height: float
+    body: int
+    link: int
+    maximal: bool
 
 
 def diagnose_pybullet(
@@ -82,7 +98,7 @@ def diagnose_pybullet(
     """
     import pybullet as p
 
-    links, findings = _links(p, client, dynamics)
+    links, findings = links_of(client, dynamics)
     if column:
         links.sort(key=lambda link: link.height)
     settings = p.getPhysicsEngineParameters(physicsClientId=client)
@@ -98,7 +114,7 @@ def diagnose_pybullet(
     return list(dict.fromkeys(findings))
 
 
-def _of_pair(one: _Link, two: _Link, step: float) -> list[Finding]:
+def _of_pair(one: Link, two: Link, step: float) -> list[Finding]:
     where = f"{one.name} and {two.name}"
     if one.contact is None and two.contact is None:
         return [finding("no-stiffness", where)]
@@ -115,22 +131,23 @@ def _of_pair(one: _Link, two: _Link, step: float) -> list[Finding]:
     return findings + long_step(where, (pair.stiffness / mass) ** 0.5, pair.damping / mass, step)
 
 
-def _links(p: Any, client: int, dynamics: Dynamics | None) -> tuple[list[_Link], list[Finding]]:
+def links_of(client: int, dynamics: Dynamics | None) -> tuple[list[Link], list[Finding]]:
     """List every link that can touch, and those whose parameters cannot be read."""
-    links: list[_Link] = []
+    import pybullet as p
+
+    links: list[Link] = []
     unreadable: list[Finding] = []
     at = {"physicsClientId": client}
     for body in (p.getBodyUniqueId(i, **at) for i in range(p.getNumBodies(**at))):
         name = p.getBodyInfo(body, **at)[1].decode()
         for link in range(-1, p.getNumJoints(body, **at)):
-            # A link without a collision shape has an empty box; the shapes of maximal bodies cannot be asked for.
-            low, high = p.getAABB(body, link, **at)
-            if low == high:
+            info, (low, high) = p.getDynamicsInfo(body, link, **at), p.getAABB(body, link, **at)
+            if low == high or _shapeless(p, client, body, link, math.dist(low, high), info[10] == MAXIMAL):
                 continue
-            info = p.getDynamicsInfo(body, link, **at)
             words = f"body {body}" + (f" ({name})" if name else "") + (f" link {link}" if link >= 0 else "")
             mass, restitution, damping, stiffness = info[0], info[5], info[8], info[9]
-            if info[10] == MAXIMAL:  # the engine leaves these numbers as they were, whatever they were
+            maximal = info[10] == MAXIMAL
+            if maximal:  # the engine leaves these numbers as they were, whatever they were
                 if dynamics is None:
                     unreadable.append(finding("unreadable", words))
                     continue
@@ -138,22 +155,28 @@ def _links(p: Any, client: int, dynamics: Dynamics | None) -> tuple[list[_Link],
                 stiffness, damping = known.get("contactStiffness", -1.0), known.get("contactDamping", -1.0)
                 restitution = known.get("restitution", 0.0)
             own = PybulletBody(stiffness, damping) if stiffness > 0 else None
-            links.append(_Link(words, mass, restitution, own, low[2] if mass else -math.inf))
+            height = low[2] if mass else -math.inf
+            links.append(Link(words, mass, restitution, own, height, body, link, maximal))
     return links, unreadable
 
 
-class _Stopped(BaseException):
-    """Ends a script at its first step; not an `Exception`, so that the script does not catch it."""
+def _shapeless(p: Any, client: int, body: int, link: int, size: float, maximal: bool) -> bool:
+    """Tell whether a link has no collision shape though its box is not empty: that of a URDF is a margin then."""
+    if maximal or size > _MARGIN:  # shapes of maximal bodies cannot be asked for
+        return False
+    return not p.getCollisionShapeData(body, link, physicsClientId=client)
 
 
-class _Watching:
+class _Watching(Generic[_Seen]):
     """The module pybullet until the first step: notes engine parameters, opens no window."""
 
-    def __init__(self, module: Any, column: bool) -> None:
-        self._module, self._column = module, column
+    def __init__(self, module: Any, look: Look[_Seen]) -> None:
+        self._module, self._look = module, look
         self._parameters: dict[int, dict[str, Any]] = defaultdict(dict)
         self._dynamics: dict[int, dict[tuple[int, int], dict[str, Any]]] = defaultdict(dict)
-        self.findings: list[Finding] | None = None
+        self.seen: _Seen | None = None
+        self.failure: Exception | None = None
+        self.stopped = False
         self.clients: list[int] = []
 
     def __getattr__(self, name: str) -> Any:
@@ -167,6 +190,12 @@ class _Watching:
         self._parameters[kwargs.get("physicsClientId", 0)].update(kwargs)
         return self._module.setPhysicsEngineParameter(*args, **kwargs)
 
+    def setDefaultContactERP(self, *args: Any, **kwargs: Any) -> Any:  # noqa: N802
+        value = args[0] if args else kwargs["defaultContactERP"]
+        client = args[1] if len(args) > 1 else kwargs.get("physicsClientId", 0)
+        self._parameters[client]["contactERP"] = value
+        return self._module.setDefaultContactERP(*args, **kwargs)
+
     def changeDynamics(self, *args: Any, **kwargs: Any) -> Any:  # noqa: N802
         body = kwargs["bodyUniqueId"] if "bodyUniqueId" in kwargs else args[0]
         link = kwargs["linkIndex"] if "linkIndex" in kwargs else args[1]
@@ -176,9 +205,12 @@ class _Watching:
 
     def stepSimulation(self, *args: Any, **kwargs: Any) -> None:  # noqa: N802
         client = args[0] if args else kwargs.get("physicsClientId", 0)
-        parameters, dynamics = self._parameters[client], self._dynamics[client]
-        self.findings = diagnose_pybullet(client, parameters, dynamics, column=self._column)
-        raise _Stopped
+        try:
+            self.seen = self._look(client, self._parameters[client], self._dynamics[client])
+        except Exception as error:  # which the script is not to catch
+            self.failure = error
+        self.stopped = True
+        raise SystemExit  # no `Exception`, which the script may catch; a thread ends by it without a word
 
 
 def diagnose_at_first_step(run: Callable[[], object], *, column: bool = False) -> list[Finding] | None:
@@ -187,9 +219,7 @@ def diagnose_at_first_step(run: Callable[[], object], *, column: bool = False) -
     Parameters
     ----------
     run : callable
-        For example a script. It imports pybullet itself; windows it asks for are not opened, and clients it
-        leaves connected are disconnected. What it raises
-        before its first step is raised here.
+        As in `at_first_step`.
     column : bool
         As in `diagnose_pybullet`.
 
@@ -198,16 +228,39 @@ def diagnose_at_first_step(run: Callable[[], object], *, column: bool = False) -
     list of Finding or None
         None if it ended without a step.
     """
-    import pybullet
+    return at_first_step(run, partial(diagnose_pybullet, column=column))
 
-    watching = _Watching(pybullet, column)
+
+def at_first_step(run: Callable[[], object], look: Look[_Seen]) -> _Seen | None:
+    """Run something that uses PyBullet up to its first step, and look at the client that was to step.
+
+    Parameters
+    ----------
+    run : callable
+        For example a script. It imports pybullet itself; windows it asks for are not opened, and clients it
+        leaves connected are disconnected. What it raises
+        before its first step is raised here.
+    look : callable
+        Given the client, and what `setPhysicsEngineParameter` and `changeDynamics` were given, as `diagnose_pybullet`
+        has them.
+
+    Returns
+    -------
+    object
+        What `look` returned; None if it ended without a step. What `look` raises is raised.
+    """
+    pybullet = import_pybullet()
+    watching = _Watching(pybullet, look)
     try:
         with standing_in("pybullet", watching):
             run()
-    except _Stopped:
-        pass
+    except SystemExit:
+        if not watching.stopped:
+            raise
     finally:
         for client in watching.clients:
             if pybullet.isConnected(client):
                 pybullet.disconnect(client)
-    return watching.findings
+    if watching.failure is not None:
+        raise watching.failure
+    return watching.seen

@@ -36,18 +36,22 @@ class Finding:
 
 
 @functools.cache
-def _traps() -> Any:
+def _words(template: str) -> Any:
     environment = Environment(
         loader=PackageLoader("impact_xval.compliant_baselines.diagnosis"), undefined=StrictUndefined
     )
     environment.filters["g"] = lambda value, digits=6: f"{value:.{digits}g}"
-    return environment.get_template("traps.j2").module
+    return environment.get_template(template).module
+
+
+def sentence(template: str, macro: str, **facts: Any) -> str:
+    """Return what a macro of a template says of some facts, on one line."""
+    return " ".join(getattr(_words(template), macro)(**facts).split())
 
 
 def finding(trap: str, where: str, **facts: Any) -> Finding:
     """Describe a trap by its macro in ``traps.j2``, which is given the facts."""
-    text = getattr(_traps(), trap.replace("-", "_"))(**facts)
-    return Finding(trap, where, " ".join(text.split()))
+    return Finding(trap, where, sentence("traps.j2", trap.replace("-", "_"), **facts))
 
 
 def long_step(where: str, omega: float, damping_rate: float, step: float) -> list[Finding]:

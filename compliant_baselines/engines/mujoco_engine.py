@@ -128,7 +128,7 @@ class MujocoSolver(EngineSolver):
     def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every column until its collision is over or `max_steps` steps are taken; in order."""
         runs = []
-        with _warnings_kept():
+        with warnings_kept():
             for first in range(0, len(columns), CHUNK):
                 runs += self._run_chunk(columns[first : first + CHUNK], max_steps, record_path)
         return runs
@@ -150,7 +150,7 @@ class MujocoSolver(EngineSolver):
         runs: dict[int, LineRun] = {}
         # One compiled model serves all lines of as many balls.
         sizes = {(len(line.masses), line.table) for line in lines}
-        with _warnings_kept():
+        with warnings_kept():
             for balls, table in sorted(sizes):
                 alike = [i for i, c in enumerate(lines) if (len(c.masses), c.table) == (balls, table)]
                 for first in range(0, len(alike), CHUNK):
@@ -197,7 +197,7 @@ class NaiveMujocoSolver(MujocoSolver):
 
 
 @contextmanager
-def _warnings_kept() -> Iterator[None]:
+def warnings_kept() -> Iterator[None]:
     """Keep the engine's warnings from the terminal and its log file; the batch counts them all the same."""
     mujoco: Any = import_module("mujoco")
     before = mujoco.get_mju_user_warning()

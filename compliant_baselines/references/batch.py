@@ -27,8 +27,8 @@ MAX_STEPS = 1_000_000
 #: How a collision ended, by the code of the driver.
 ENDS = np.array(["", "free", "rest", "stuck", *[""] * 6])
 
-#: Collisions that a thread is given at once: a few milliseconds of work.
-_SHARE = 2048
+#: Collisions that a thread is given at once: one to ten milliseconds of work.
+_SHARE = 256
 
 #: What a batch takes for gravity beside the ratios of the collision.
 GRAVITY_NUMBER = Legal(

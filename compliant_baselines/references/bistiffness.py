@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from impact_xval.compliant_baselines.contact.column import unrepresentable
 from impact_xval.compliant_baselines.references.batch import MAX_STEPS, Floats, ReferenceBatch, follow_batch
 from impact_xval.compliant_baselines.references.contact_law import BISTIFFNESS
 from impact_xval.compliant_baselines.references.driver import Law
@@ -80,6 +81,14 @@ class BistiffnessSolver(ReferenceSolver):
     def batch(self, *cells: Floats) -> ReferenceBatch:
         """Follow many collisions at once."""
         return bistiffness_batch(*cells)
+
+    def refusal(self, collision: Collision) -> str | None:
+        """Say why the law does not represent a collision: its springs are stiffer in restitution, by 1/e^2."""
+        return unrepresentable(
+            collision,
+            "a contact of two stiffnesses",
+            "no finite stiffness of restitution makes a spring perfectly plastic",
+        )
 
     def law(self, collision: Collision) -> Law:
         """Give the law its restitutions."""

@@ -10,7 +10,15 @@ from __future__ import annotations
 from numba import njit
 
 #: Laws, as the driver knows them.
-BISTIFFNESS, KELVIN_VOIGT, HUNT_CROSSLEY = 0, 1, 2
+BISTIFFNESS, KELVIN_VOIGT, HUNT_CROSSLEY, COMPRESSION_DASHPOT = 0, 1, 2, 3
+#: Those of columns of N balls, by name.
+COLUMN_LAWS = {
+    "bistiffness": BISTIFFNESS,
+    "kelvin-voigt": KELVIN_VOIGT,
+    "kelvin-voigt-textbook": KELVIN_VOIGT,
+    "hunt-crossley": HUNT_CROSSLEY,
+    "compression-dashpot": COMPRESSION_DASHPOT,
+}
 
 #: Modes of a contact. OPEN: its bodies are apart; SLACK: they overlap without force; the others carry force. HELD is no
 #: mode but the row of an OPEN contact in `WATCHED` where positions are frozen.

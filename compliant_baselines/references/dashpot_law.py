@@ -16,6 +16,13 @@ that of F:
 A linear dashpot pushes from the first touch (F = c p' at p = 0) and is spent before its bodies are apart. A
 slack contact becomes loaded again without having opened when the third body pushes its bodies together.
 Without a dashpot the force ends where the bodies part: the contact is never slack.
+
+`COMPRESSION_DASHPOT` is another: D = c max(0, p'). The force k p + D is positive as long as the bodies overlap, and
+the modes are those of the bistiffness law, of one stiffness:
+
+    OPEN          p <= 0, no force -> COMPRESSION where the gap has closed, p = 0 rising
+    COMPRESSION   p rising         -> RESTITUTION at p' = 0, same force
+    RESTITUTION   p falling        -> COMPRESSION at p' = 0, or OPEN at p = 0
 """
 
 from __future__ import annotations
@@ -23,6 +30,7 @@ from __future__ import annotations
 import numpy as np
 
 from impact_xval.compliant_baselines.references.contact_law import (
+    COMPRESSION,
     FORCE,
     GAP,
     HELD,
@@ -31,6 +39,7 @@ from impact_xval.compliant_baselines.references.contact_law import (
     N_MODES,
     OPEN,
     RATE,
+    RESTITUTION,
     SLACK,
     part,
 )
@@ -42,6 +51,20 @@ KELVIN_VOIGT_WATCHED[SLACK, FORCE], KELVIN_VOIGT_WATCHED[SLACK, GAP] = -1, 1
 
 HUNT_CROSSLEY_WATCHED = KELVIN_VOIGT_WATCHED.copy()
 HUNT_CROSSLEY_WATCHED[LOADED, GAP] = 1
+
+
+COMPRESSION_WATCHED = np.zeros((N_MODES, 3))
+COMPRESSION_WATCHED[OPEN, GAP] = COMPRESSION_WATCHED[HELD, RATE] = -1
+COMPRESSION_WATCHED[COMPRESSION, RATE] = 1
+COMPRESSION_WATCHED[RESTITUTION, GAP], COMPRESSION_WATCHED[RESTITUTION, RATE] = 1, -1
+
+
+@part
+def change_of_compression(mode, what):
+    """Mode of a contact after an event, its dashpot acting in compression only."""
+    if mode == COMPRESSION:
+        return RESTITUTION
+    return OPEN if mode == RESTITUTION and what == GAP else COMPRESSION
 
 
 @part

@@ -26,6 +26,7 @@ from impact_xval.compliant_baselines.references.bistiffness_law import as_one, b
 from impact_xval.compliant_baselines.references.contact_law import (
     BISTIFFNESS,
     COMPRESSION,
+    COMPRESSION_DASHPOT,
     END_OF_COMPRESSION,
     FORCE,
     GAP,
@@ -59,7 +60,12 @@ from impact_xval.compliant_baselines.references.taylor import (
 
 #: What each law watches: by law, mode and what.
 WATCHED = np.stack(
-    [bistiffness_law.WATCHED, dashpot_law.KELVIN_VOIGT_WATCHED, dashpot_law.HUNT_CROSSLEY_WATCHED]
+    [
+        bistiffness_law.WATCHED,
+        dashpot_law.KELVIN_VOIGT_WATCHED,
+        dashpot_law.HUNT_CROSSLEY_WATCHED,
+        dashpot_law.COMPRESSION_WATCHED,
+    ]
 )
 
 #: Rows of a table of coefficients beyond those of `taylor`: the force of each contact, up to a positive factor.
@@ -81,7 +87,7 @@ class Law(NamedTuple):
     Attributes
     ----------
     code : int
-        `BISTIFFNESS`, `KELVIN_VOIGT` or `HUNT_CROSSLEY`.
+        `BISTIFFNESS`, `KELVIN_VOIGT`, `HUNT_CROSSLEY` or `COMPRESSION_DASHPOT`.
     a1, a2
         What the law has of each contact: e, greater than 0; c per sqrt(k1 m1); or a times abs(v0). NaN or infinite:
         unrepresentable.
@@ -165,6 +171,14 @@ def fill_motion(table, degree, h, law, on1, on2, mu, k1, k2, c1, c2, r2, g):
 
 
 @part
+def dampings(law, mode1, mode2, c1, c2):
+    """Give c of both contacts in their modes."""
+    if law != COMPRESSION_DASHPOT:
+        return c1, c2
+    return c1 if mode1 == COMPRESSION else 0.0, c2 if mode2 == COMPRESSION else 0.0
+
+
+@part
 def begin_segment(table, law, mode1, mode2, mu, k1, k2, c1, c2, r2, g):
     """Fill in the motion: its length, its degree, and up to which part of the length it is trusted."""
     on1, on2 = carries(mode1), carries(mode2)
@@ -219,6 +233,9 @@ def after_event(law, what, mode, k, q, rate, rest, a, frozen):
         rate = 0.0
     if law == BISTIFFNESS:
         after, k, q = bistiffness_law.change(mode, what, k, q, a)
+    elif law == COMPRESSION_DASHPOT:
+        after = dashpot_law.change_of_compression(mode, what)
+        q = 0.0 - rest if after == OPEN else q
     else:
         after = dashpot_law.change(mode, what, frozen or (law == KELVIN_VOIGT and a == 0))
         q = 0.0 - rest if after == OPEN else q
@@ -280,7 +297,7 @@ def collide(law, kappa, mu, a1, a2, g, cutoff, frozen, max_steps, log):
     Parameters
     ----------
     law : int
-        `BISTIFFNESS`, `KELVIN_VOIGT` or `HUNT_CROSSLEY`.
+        `BISTIFFNESS`, `KELVIN_VOIGT`, `HUNT_CROSSLEY` or `COMPRESSION_DASHPOT`.
     kappa, mu : float
         k2/k1 and m2/m1, positive and finite.
     a1, a2 : float
@@ -302,7 +319,7 @@ def collide(law, kappa, mu, a1, a2, g, cutoff, frozen, max_steps, log):
     """
     table = np.empty((N_ROWS, ORDER + 1))
     c1, c2 = (0.0, 0.0) if law == BISTIFFNESS else (a1, a2)
-    mode1 = mode2 = COMPRESSION if law == BISTIFFNESS else LOADED
+    mode1 = mode2 = COMPRESSION if law in (BISTIFFNESS, COMPRESSION_DASHPOT) else LOADED
     k1, k2, p1, d1, q2, v2 = 1.0, kappa, 0.0, 1.0, 0.0, 0.0
     time, fall, limited, spent = 0.0, np.inf, False, 0
     state, sequence, n_states, n_events, n, last = 1, np.uint64(0), 1, 0, 0, 0
@@ -319,7 +336,8 @@ def collide(law, kappa, mu, a1, a2, g, cutoff, frozen, max_steps, log):
         if g > 0 and mode1 == OPEN and mode2 == OPEN:
             q2, g, fall = q2 + mu * g / k2, 0.0, time  # in flight: from here on the bodies no longer fall
 
-        r2, column = mu * g / k2, (law, mode1, mode2, mu, k1, k2, c1, c2)
+        b1, b2 = dampings(law, mode1, mode2, c1, c2)
+        r2, column = mu * g / k2, (law, mode1, mode2, mu, k1, k2, b1, b2)
         table[P1, 0], table[D1, 0], table[Q2, 0], table[V2, 0] = p1, d1, q2, v2
         h, degree, x = begin_segment(table, *column, r2, g)
         x, contact, what = end_of_segment(table, degree, x, *column, r2, g, frozen, spent)

@@ -9,6 +9,7 @@ made from has a name:
 | kelvin-voigt-anchored | `anchored` | 2 zeta sqrt(k1 m1): B2 as part of the table | 2 zeta sqrt(k2 m2) |
 | kelvin-voigt-textbook | `textbook` | as `pair`, zeta from the textbook | likewise |
 | hunt-crossley | `hunt-crossley` | F = k1 delta (1 + a delta'), a = A(e1)/\|v0\| | likewise with e2 |
+| compression-dashpot | `compression` | as `pair`, F = k1 delta + c1 max(0, delta'), with the zeta of that | likewise |
 
 zeta is the damping ratio that gives e to a contact that ends at zero force (docs/theory.md, section 7; the
 default) or the textbook's -ln e/sqrt(pi^2 + ln^2 e). In `pair` the mass is that of the two bodies of the contact, as
@@ -31,12 +32,16 @@ from impact_xval.compliant_baselines.contact.restitution_laws import (
     textbook_damping_ratios,
 )
 from impact_xval.compliant_baselines.references.batch import MAX_STEPS, Floats, ReferenceBatch, follow_batch
-from impact_xval.compliant_baselines.references.contact_law import HUNT_CROSSLEY, KELVIN_VOIGT
+from impact_xval.compliant_baselines.references.contact_law import (
+    COMPRESSION_DASHPOT,
+    HUNT_CROSSLEY,
+    KELVIN_VOIGT,
+)
 from impact_xval.compliant_baselines.references.driver import Law
 from impact_xval.compliant_baselines.references.solver import ReferenceSolver
 from impact_xval.model.collision import Collision
 
-Damping = Literal["pair", "anchored", "textbook", "hunt-crossley"]
+Damping = Literal["pair", "anchored", "textbook", "hunt-crossley", "compression"]
 DAMPINGS: tuple[str, ...] = get_args(Damping)
 
 
@@ -61,6 +66,9 @@ def dampings(
         raise ValueError(f"damping = {damping!r}; legal: {', '.join(DAMPINGS)}")
     if damping == "hunt-crossley":
         return HUNT_CROSSLEY, hunt_crossley_coefficients(e1), hunt_crossley_coefficients(e2)
+    law = KELVIN_VOIGT
+    if damping == "compression":
+        law, e1, e2 = COMPRESSION_DASHPOT, e1 * e1, e2 * e2  # `restitution_laws.compression_damping_ratio`
     ratios = textbook_damping_ratios if damping == "textbook" else damping_ratios
     mass1 = np.ones_like(mu) if damping == "anchored" else 1 / (1 + 1 / mu)
     with np.errstate(
@@ -68,7 +76,7 @@ def dampings(
     ):  # NaN, refused, for an infinite stiffness without damping
         root = np.sqrt(kappa * mu)
         root = np.where(np.isinf(root), np.sqrt(kappa) * np.sqrt(mu), root)
-        return KELVIN_VOIGT, 2 * ratios(e1) * np.sqrt(mass1), 2 * ratios(e2) * root
+        return law, 2 * ratios(e1) * np.sqrt(mass1), 2 * ratios(e2) * root
 
 
 def kelvin_voigt_batch(
@@ -147,3 +155,10 @@ class HuntCrossleySolver(KelvinVoigtSolver):
 
     name = "hunt-crossley"
     damping = "hunt-crossley"
+
+
+class CompressionDashpotSolver(KelvinVoigtSolver):
+    """Springs with dashpots that act in compression only, F = k delta + c max(0, delta')."""
+
+    name = "compression-dashpot"
+    damping = "compression"

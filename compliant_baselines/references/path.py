@@ -18,7 +18,7 @@ from impact_xval.compliant_baselines.references.contact_law import (
     SLACK,
     carries,
 )
-from impact_xval.compliant_baselines.references.driver import Law, fill_motion
+from impact_xval.compliant_baselines.references.driver import Law, dampings, fill_motion
 from impact_xval.compliant_baselines.references.taylor import ORDER, evaluate
 from impact_xval.model.collision import STATES, Collision, Event, ImpulseCurve, in_unit
 
@@ -52,7 +52,8 @@ def _sample(log, law, mu, c1, c2, points):
             table[i, 0] = log[n, 1 + i]
         on1, on2 = carries(log[n, 8]), carries(log[n, 9])
         k1, k2, g = log[n, 6], log[n, 7], log[n, 11]
-        fill_motion(table, degree, log[n, 5], law, on1, on2, mu, k1, k2, c1, c2, mu * g / k2, g)
+        b1, b2 = dampings(law, log[n, 8], log[n, 9], c1, c2)
+        fill_motion(table, degree, log[n, 5], law, on1, on2, mu, k1, k2, b1, b2, mu * g / k2, g)
         for j in range(points):
             at = evaluate(table, degree, j / (points - 1))
             for i in range(4):

@@ -17,6 +17,7 @@ from impact_xval.compliant_baselines.contact.column import unrepresentable
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, no_gravity
 from impact_xval.compliant_baselines.contract.trajectory import FREE, STUCK
 from impact_xval.compliant_baselines.references.batch import Floats, ReferenceBatch
+from impact_xval.compliant_baselines.references.contact_law import COLUMN_LAWS
 from impact_xval.compliant_baselines.references.driver import LOG_WIDTH, Followed, Law, collide
 from impact_xval.compliant_baselines.references.ending import TOO_LONG
 from impact_xval.compliant_baselines.references.jumps import mark
@@ -58,11 +59,13 @@ class ReferenceSolver(SolverBase):
         """Answer every column of N balls, in order."""
         # With scipy's integrators, which nobody else here needs.
         from impact_xval.compliant_baselines.references.columns.rounding import mark_columns
-        from impact_xval.compliant_baselines.references.columns.solving import LAWS, solve_column
+        from impact_xval.compliant_baselines.references.columns.solving import solve_column
 
         reason = no_gravity(settings)
-        if self.name not in LAWS:
-            reason = f"{self.name} is a law of two balls on a table; legal for columns: {', '.join(LAWS)}"
+        if self.name not in COLUMN_LAWS:
+            reason = (
+                f"{self.name} is a law of two balls on a table; legal for columns: {', '.join(COLUMN_LAWS)}"
+            )
         if reason is not None:
             return [ColumnOutcome.failure(self.name, column, "unrepresentable", reason) for column in columns]
         steps = settings.max_steps
@@ -74,8 +77,12 @@ class ReferenceSolver(SolverBase):
             return outcomes
         return mark_columns(outcomes, columns, self.name, exponent, max_steps=steps)
 
+    def refusal(self, collision: Collision) -> str | None:
+        """Say why the law does not represent a collision; None if it does."""
+        return unrepresentable(collision)
+
     def _one(self, c: Collision, settings: Settings) -> Outcome:
-        reason = unrepresentable(c)
+        reason = self.refusal(c)
         if reason is not None:
             return Outcome.failure(self.name, "unrepresentable", reason)
         unit, law = c.units, self.law(c)

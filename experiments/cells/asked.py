@@ -151,7 +151,8 @@ def _last(location: Any) -> str:
 
 
 def _number(key: str, text: str) -> float | int:
+    read, legal = (int, "a whole number") if key in ("balls", "strike") else (float, "a number")
     try:
-        return int(text) if key in ("balls", "strike") else float(text)
+        return read(text)
     except ValueError:
-        raise UserError(f"{key} = {text!r:.60}; legal: a number") from None
+        raise UserError(f"{key} = {text!r:.60}; legal: {legal}") from None

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Letters of a line of the text of a comparison.
 _WIDTH = 150
+#: States of a path that are shown.
+_STATES = 24
 #: Dots per inch of the picture in a notebook.
 _DPI = 100
 
@@ -147,7 +149,8 @@ class Compared:
 
         from impact_xval.experiments.presentation.terminal import show
 
-        console = Console(file=io.StringIO(), width=_WIDTH)
+        # In a notebook a console displays what it prints, and in colours, whatever its file.
+        console = Console(file=io.StringIO(), width=_WIDTH, force_jupyter=False, force_terminal=False)
         show(console, self.markdown())
         return console.file.getvalue()  # type: ignore[attr-defined]
 
@@ -279,7 +282,14 @@ def _numbers(collision: Collision, outcome: Outcome, away: float | None) -> list
     impulse = collision.m1 * speed
     scaled = outcome.v1 / speed, outcome.v2 / speed, outcome.impulse1 / impulse, outcome.impulse2 / impulse
     shown = "-" if away is None else number(away)
-    return [*(f"{value:.6f}" for value in scaled), shown, " ".join(outcome.states)]
+    return [*(f"{value:.6f}" for value in scaled), shown, _in_short(outcome.states)]
+
+
+def _in_short(states: Sequence[str]) -> str:
+    """Write a state path; of a long one the beginning, how many there are, and the end."""
+    if len(states) > _STATES:
+        states = [*states[: _STATES - 4], f"... ({len(states)} states) ...", *states[-2:]]
+    return " ".join(states)
 
 
 def _facts(name: str, outcome: ColumnOutcome, measures: ColumnMeasures, speed: float) -> dict[str, str]:

@@ -26,7 +26,6 @@ from bokeh.models import ColumnDataSource, CustomJS
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from bokeh.server.util import bind_sockets
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 
@@ -38,7 +37,7 @@ from impact_xval.experiments.cells.figures import Charts, compression_lines, dra
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.presentation.pages import phrase, render
+from impact_xval.experiments.presentation.pages import phrase, render, template
 from impact_xval.experiments.sweep.single import SolversApart, solvers_apart
 
 #: Solved at every move, and on request.
@@ -130,7 +129,7 @@ class Page:
         self._asked = ColumnDataSource({"query": [], "scheme": []}, name="asked")
         self._engines = ColumnDataSource({"query": []}, name="engines")
         self._answer = ColumnDataSource(
-            {"query": [], "html": [], "legend": [], "charts": [], "said": [], "problem": []}, name="answer"
+            {each: [""] for each in ("query", "html", "legend", "charts", "said", "problem")}, name="answer"
         )
         self._asked.on_change("data", lambda attr, old, new: self._move())
         self._engines.on_change("data", lambda attr, old, new: self._run_engines())
@@ -138,7 +137,7 @@ class Page:
             document.add_root(chart)
         self._charts.curves.tags = [self._asked, self._engines, self._answer]
         document.js_on_event(DocumentReady, CustomJS(code="explore()"))
-        document.template = _environment().get_template("explore.html.j2")
+        document.template = template("explore.html.j2")
         document.template_variables["controls"] = CONTROLS
         document.title = "impact-xval explore"
 
@@ -216,16 +215,6 @@ class Page:
         """Call a function once nothing else changes the document; not where its page is closed."""
         with contextlib.suppress(Exception):
             self._document.add_next_tick_callback(function)
-
-
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("impact_xval.experiments.presentation"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
 
 
 @contextlib.contextmanager

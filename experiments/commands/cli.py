@@ -17,11 +17,15 @@ import typer
 import typer.core
 
 from impact_xval.experiments.commands import calibrate, collisions, doctor, hypothesis, runs, solvers
-from impact_xval.experiments.commands.contact import contact
+from impact_xval.experiments.commands.contacts.contact import contact
+from impact_xval.experiments.commands.contacts.materials import materials
 from impact_xval.experiments.commands.explore import explore
 from impact_xval.experiments.commands.ladder import ladder
+from impact_xval.experiments.commands.measurements.fit import fit
+from impact_xval.experiments.commands.measurements.init_data import init_data
 from impact_xval.experiments.commands.pictures.animate import animate
 from impact_xval.experiments.commands.pictures.map import draw_map
+from impact_xval.experiments.commands.scoreboard import scoreboard
 from impact_xval.experiments.commands.supervision import last_word
 from impact_xval.experiments.config.errors import UserError
 
@@ -101,6 +105,7 @@ def _root(
 # In the order of the help.
 for command in (
     runs.run,
+    runs.init,
     runs.search,
     runs.status,
     collisions.solve,
@@ -108,11 +113,16 @@ for command in (
     animate,
     explore,
     hypothesis.hypothesis,
+    scoreboard,
+    fit,
+    init_data,
     calibrate.calibrate,
     collisions.export_scene,
     contact,
+    materials,
     doctor.doctor,
     solvers.solvers,
+    solvers.new_solver,
     solvers.conform,
     runs.table,
     runs.figures,

@@ -24,6 +24,7 @@ from impact_xval.experiments.commands.options import (
     MAPPING,
     MASS_RATIO,
     MASS_TAPER,
+    MAX_STEPS,
     RATIOS,
     SCENARIO,
     SOLVER,
@@ -80,6 +81,7 @@ def solve(
     step_fraction: Annotated[str, STEP_FRACTION] = "1e-3",
     mapping: Annotated[str, MAPPING] = "calibrated",
     cutoff: Annotated[str, CUTOFF] = "exact",
+    max_steps: Annotated[str, MAX_STEPS] = "2000000",
     cell_timeout: Annotated[str, CELL_TIMEOUT] = "300",
 ) -> None:
     """Solve one collision by every solver and show the results side by side.

@@ -1,24 +1,40 @@
-"""``impact-xval doctor``: traps in a scene of the user's, or in those of an experiment."""
+"""``impact-xval doctor``: contacts and traps of a scene of the user's, or traps in those of an experiment."""
 
 from __future__ import annotations
 
+import math
 import os
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from impact_xval.experiments.commands.options import path
+from impact_xval.experiments.commands.options import number, path
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
+    from impact_xval.compliant_baselines.diagnosis.bouncing import Inspected, Meeting
     from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding
+    from impact_xval.experiments.sweep.sandbox import Sandbox
 
-#: Seconds for a scene to be loaded and examined.
+#: Seconds for a scene to be loaded and examined, and again for its contacts to be measured.
 _LONGEST = 40.0
+
+#: Kinds of contacts that are measured, at most.
+_MOST_KINDS = 20
+
+
+class _Examined(NamedTuple):
+    """What a file is: its engine, its traps, contacts to measure, and how many kinds of them are left out."""
+
+    engine: str
+    findings: list[Finding]
+    meetings: list[Meeting]
+    left_out: int
 
 
 def doctor(
@@ -27,34 +43,91 @@ def doctor(
         typer.Argument(
             metavar="[SCENE]",
             parser=path("SCENE"),
-            help="MJCF file, PyBullet script (run up to its first step), URDF, CONFIG.toml or folder of a run; "
-            "without it, the built-in experiment.",
+            help="MJCF file, PyBullet script (run up to its first step: it asks first), URDF, CONFIG.toml or folder of "
+            "a run; without it, the built-in experiment.",
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print a JSON list, an object a trap.")] = False,
+    speed: Annotated[
+        str | None,
+        typer.Option(metavar="M/S", help="At which bodies of a scene meet; by default 1."),
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Run a script without asking.")] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print a JSON object: contacts in pairs, traps in traps.")
+    ] = False,
 ) -> None:
-    """Look for the traps engines set: contact parameters that are replaced, ignored or not what they seem.
+    """Measure the contacts of a scene, and look for traps: contact parameters that do not do what they seem to.
 
-    Exit code 1 if there are any.
+    Every two bodies that can touch are driven against each other in the engine, at the step of the scene: stiffness,
+    damping, restitution, duration, steps in a contact. A PyBullet script is run, as python runs it, up to its first
+    step: only name scripts that you would run. Exit code 1 if there are traps, or a contact that fails in its engine.
     """
     from dataclasses import asdict
     from json import dumps
 
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
+    meet = 1.0 if speed is None else number("--speed", speed)
+    if not 0 < meet < math.inf:
+        raise UserError(f"--speed = {speed!r:.60}; legal: a finite number > 0 (m/s)")
+    pairs: list[Inspected] = []
+    examined = None
     if scene is None or scene.suffix == ".toml" or scene.is_dir():
+        if speed is not None:
+            raise UserError(
+                f"--speed = {speed!r:.60}: contacts of an experiment are not measured; legal: with an MJCF, URDF or "
+                "Python file"
+            )
         name, findings = _of_experiment(scene)
     else:
-        name, findings = str(scene), _of_file(scene)
+        examined, pairs = _of_file(scene, meet, yes)
+        name, findings = str(scene), examined.findings
+    failed = sum(pair.status not in ("ok", "unrepresentable") for pair in pairs)
     if json:
-        print(dumps([asdict(finding) for finding in findings], indent=2))
+        traps, left = [asdict(finding) for finding in findings], examined.left_out if examined else 0
+        found = {"pairs": [_object(pair) for pair in pairs], "pairs_left_out": left, "traps": traps}
+        print(dumps(found, indent=2, allow_nan=False))
     else:
+        if examined:
+            _show(examined, pairs, meet)
         console = make_console()
         for finding in findings:
             print_line(console, str(finding))
-        print_line(console, f"{name}: {len(findings) or 'no'} trap{'s' if len(findings) != 1 else ''} found")
-    if findings:
+        traps = f"{len(findings) or 'no'} trap{'s' if len(findings) != 1 else ''} found"
+        print_line(
+            console, f"{name}: {traps}" + (f"; not measured: {failed} of {len(pairs)}" if failed else "")
+        )
+    if findings or failed:
         raise typer.Exit(1)
+
+
+def _object(pair: Inspected) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    # JSON knows no infinity.
+    return asdict(pair) | {"masses": ["inf" if math.isinf(mass) else mass for mass in pair.masses]}
+
+
+def _show(examined: _Examined, pairs: list[Inspected], speed: float) -> None:
+    """Print the table of contacts, and what to know of them."""
+    from impact_xval.compliant_baselines import get_solver
+    from impact_xval.experiments.presentation.pages import render
+    from impact_xval.experiments.presentation.terminal import make_console, show
+
+    remarks: dict[str, list[str]] = {}
+    for pair in pairs:
+        for remark in (*pair.remarks, *([f"{pair.status}: {pair.reason}"] if pair.reason else [])):
+            remarks.setdefault(remark, []).append(pair.where)
+    page = render(
+        "doctor.md.j2",
+        engine=examined.engine,
+        version=get_solver(examined.engine).version(),
+        pairs=pairs,
+        speed=speed,
+        remarks=remarks,
+        left_out=examined.left_out,
+    )
+    show(make_console(), page)
 
 
 def _of_experiment(what: Path | None) -> tuple[str, list[Finding]]:
@@ -77,8 +150,10 @@ def _of_experiment(what: Path | None) -> tuple[str, list[Finding]]:
     return f"scenes of {config.name!r} ({', '.join(examined) or 'no engine is installed'})", findings
 
 
-def _of_file(scene: Path) -> list[Finding]:
+def _of_file(scene: Path, speed: float, yes: bool) -> tuple[_Examined, list[Inspected]]:
     from impact_xval.compliant_baselines import get_solver
+    from impact_xval.experiments.presentation.terminal import at_work
+    from impact_xval.experiments.sweep.sandbox import Sandbox
 
     if not scene.is_file():
         raise UserError(
@@ -98,23 +173,44 @@ def _of_file(scene: Path) -> list[Finding]:
     reason = get_solver(engine).unavailable()
     if reason is not None:
         raise UserError(f"{scene}: {engine} is unavailable: {reason}")
-    return examine(scene) if examine is _script else _apart(examine, scene)
-
-
-def _apart(examine: Callable[[Path], list[Finding]], path: Path) -> list[Finding]:
-    """Examine a file in a process of its own: a few bytes can be a scene of any size, and crash its engine."""
-    from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
-
+    if examine is _script and not yes:
+        _ask(scene)
     sandbox = Sandbox(None, _limit_memory)
     try:
-        found = sandbox.call(_examined, examine, path, timeout=_LONGEST)
+        examined = _apart(sandbox, examine, scene)
+        with at_work("measuring contacts"):
+            return _measured(sandbox, examined, speed)
+    finally:
+        sandbox.close()
+
+
+def _ask(scene: Path) -> None:
+    """Ask whether a script may be run.
+
+    Raises
+    ------
+    UserError
+        If it may not, or there is nobody to ask.
+    """
+    if not sys.stdin.isatty():
+        raise UserError(
+            f"{scene}: examining a script runs it up to its first step; legal without a terminal: --yes"
+        )
+    if not typer.confirm(f"run {scene} up to its first step?", err=True):
+        raise UserError(f"{scene}: not run, so not examined")
+
+
+def _apart(sandbox: Sandbox, examine: Callable[[Path], _Examined], path: Path) -> _Examined:
+    """Examine a file in a process of its own: a few bytes can be a scene of any size, and crash its engine."""
+    from impact_xval.experiments.sweep.sandbox import FaultError
+
+    try:
+        found = sandbox.call(_tried, examine, path, timeout=_LONGEST)
     except FaultError as fault:
         raise UserError(
             f"{path}: cannot be examined: {fault.reason}; legal: a scene that is loaded within {_LONGEST:g} s, "
             "by half of the memory of this machine"
         ) from None
-    finally:
-        sandbox.close()
     if isinstance(found, str):
         raise UserError(found)
     return found
@@ -128,7 +224,7 @@ def _limit_memory(_: None) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
-def _examined(_: None, examine: Callable[[Path], list[Finding]], path: Path) -> list[Finding] | str:
+def _tried(_: None, examine: Callable[[Path], _Examined], path: Path) -> _Examined | str:
     """Return what was found, or why nothing could be."""
     try:
         return examine(path)
@@ -138,26 +234,70 @@ def _examined(_: None, examine: Callable[[Path], list[Finding]], path: Path) -> 
         return f"{path}: cannot be examined: {type(error).__name__}: {error}"
 
 
-def _mjcf(path: Path) -> list[Finding]:
+def _measured(sandbox: Sandbox, examined: _Examined, speed: float) -> tuple[_Examined, list[Inspected]]:
+    """Measure contacts in the sandbox, one after the other, as far as the time goes."""
+    from impact_xval.compliant_baselines.diagnosis.bouncing import lost
+    from impact_xval.experiments.sweep.sandbox import FaultError
+
+    pairs: list[Inspected] = []
+    end = time.monotonic() + _LONGEST
+    for meeting in examined.meetings:
+        left = end - time.monotonic()
+        if left <= 0:
+            break
+        try:
+            pairs.append(sandbox.call(_inspected, meeting, speed, timeout=left))
+        except FaultError as fault:
+            pairs.append(lost(meeting, speed, fault.status, fault.reason))
+    missed = len(examined.meetings) - len(pairs)
+    return examined._replace(left_out=examined.left_out + missed), pairs
+
+
+def _inspected(_: None, meeting: Meeting, speed: float) -> Inspected:
+    from impact_xval.compliant_baselines.diagnosis.bouncing import inspect
+
+    return inspect(meeting, speed)
+
+
+def _examined(engine: str, findings: list[Finding], meetings: Iterable[Meeting]) -> _Examined:
+    from impact_xval.compliant_baselines.diagnosis.bouncing import kinds
+
+    found = kinds(meetings)
+    return _Examined(engine, findings, found[:_MOST_KINDS], max(0, len(found) - _MOST_KINDS))
+
+
+def _mjcf(path: Path) -> _Examined:
     from importlib import import_module
 
     from impact_xval.compliant_baselines.diagnosis.diagnose_mujoco import diagnose_mujoco
+    from impact_xval.compliant_baselines.diagnosis.inspect_mujoco import mujoco_meetings
+    from impact_xval.compliant_baselines.practical.practice import silent
 
     mujoco: Any = import_module("mujoco")
     load = mujoco.MjModel.from_binary_path if path.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
-        model = load(str(path))
+        with silent():
+            model = load(str(path))
     except ValueError as error:
         raise UserError(f"{path}: MuJoCo does not compile it: {error}") from None
-    return diagnose_mujoco(model)
+    if not 0 < model.opt.timestep < math.inf:
+        raise UserError(f"{path}: timestep = {model.opt.timestep:g}; legal: a finite number > 0 (s)")
+    return _examined("mujoco", diagnose_mujoco(model), mujoco_meetings(model))
 
 
-def _urdf(path: Path) -> list[Finding]:
-    """Examine a URDF file over a plane of which nothing is set, as `loadURDF` and its examples have it."""
-    import pybullet as p
-
+def _client(client: int, engine_parameters: dict[str, Any], dynamics: Any) -> _Examined:
     from impact_xval.compliant_baselines.diagnosis.diagnose_pybullet import diagnose_pybullet
+    from impact_xval.compliant_baselines.diagnosis.inspect_pybullet import pybullet_meetings
 
+    seen = client, engine_parameters, dynamics
+    return _examined("pybullet", diagnose_pybullet(*seen), pybullet_meetings(*seen))
+
+
+def _urdf(path: Path) -> _Examined:
+    """Examine a URDF file over a plane of which nothing is set, as `loadURDF` and its examples have it."""
+    from impact_xval.compliant_baselines.engines.packages import import_pybullet
+
+    p = import_pybullet()
     client = p.connect(p.DIRECT)
     try:
         plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
@@ -166,29 +306,29 @@ def _urdf(path: Path) -> list[Finding]:
             p.loadURDF(str(path), physicsClientId=client)
         except p.error as error:
             raise UserError(f"{path}: PyBullet does not load it: {error}") from None
-        return diagnose_pybullet(client, {})
+        return _client(client, {}, None)
     finally:
         p.disconnect(client)
 
 
-def _script(path: Path) -> list[Finding]:
+def _script(path: Path) -> _Examined:
     import runpy
 
-    from impact_xval.compliant_baselines.diagnosis.diagnose_pybullet import diagnose_at_first_step
+    from impact_xval.compliant_baselines.diagnosis.diagnose_pybullet import at_first_step
 
     def run() -> None:
         with _as_main(path):
             runpy.run_path(str(path), run_name="__main__")
 
     try:
-        findings = diagnose_at_first_step(run)
+        examined = at_first_step(run, _client)
     except SystemExit as error:
         raise UserError(f"{path}: it ended with {error} before its first step") from None
     except Exception as error:
         raise UserError(f"{path}: before its first step it raised {type(error).__name__}: {error}") from None
-    if findings is None:
+    if examined is None:
         raise UserError(f"{path}: it ended without a stepSimulation(); nothing to examine")
-    return findings
+    return examined
 
 
 @contextmanager

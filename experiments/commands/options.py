@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 #: What decides an impact, what else a collision has, and a key of a configuration that its option spells otherwise.
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
-_SCALES = ("scenario", "gravity", "m1", "k1", "v0", "step_fraction", "mapping", "cell_timeout")
+_SCALES = ("scenario", "gravity", "m1", "k1", "v0", "step_fraction", "max_steps", "mapping", "cell_timeout")
 _SPELT = {"stiffness_ratio_cutoff": "--cutoff"}
 
 #: What a column is made of beside its arrangement, and what else decides how it is solved.
@@ -149,7 +149,10 @@ def one_cell(parameters: Mapping[str, Any]) -> Config:
     """
     from impact_xval.experiments.config.configuration import parse_config
 
-    data: dict[str, Any] = {key: number_or_text(text) for key, text in typed(parameters).items()}
+    data: dict[str, Any] = {
+        key: (whole_or_text if key == "max_steps" else number_or_text)(text)
+        for key, text in typed(parameters).items()
+    }
     cell = {key: data.pop(key, 1.0) for key in RATIOS}
     data |= {"name": "collision", "figure_cell": cell, "grid": {key: [1.0] for key in cell}}
 
@@ -241,6 +244,9 @@ K1: Any = typer.Option(metavar="N/M", help="Stiffness of ball on ball.")
 V0: Any = typer.Option(metavar="M/S", help="Velocity of what falls or strikes, less than 0.")
 STEP_FRACTION: Any = typer.Option(
     metavar="X", help="Time step over the period of the fastest contact, at most 0.1."
+)
+MAX_STEPS: Any = typer.Option(
+    metavar="N", help="Steps of an engine, or segments of a reference, after which it is given up."
 )
 SOLVER: Any = typer.Option(
     metavar="NAME", help="A solver; may be repeated, the model is added. By default all."

@@ -6,8 +6,11 @@ import contextlib
 import math
 import re
 import shlex
+import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +24,7 @@ from impact_xval.experiments.commands.options import (
     TakeOver,
     Workers,
     config_file,
+    file_to_write,
     folder_to_write,
     number,
     path,
@@ -33,6 +37,24 @@ if TYPE_CHECKING:
     from impact_xval.experiments.presentation.terminal import MedianRows
     from impact_xval.experiments.sweep.run import Progress
     from impact_xval.experiments.tables.store import RunFolder
+
+
+def init(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", parser=path("FILE"), help="To write; it ends in .toml.")
+    ] = Path("experiment.toml"),
+) -> None:
+    """Write a commented experiment to change: that of the built-in grid."""
+    file_to_write("FILE", file, (".toml",))
+    from impact_xval.experiments.presentation.pages import render
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+
+    try:
+        with file.open("x", encoding="utf-8") as new:
+            new.write(render("experiment.toml.txt.j2"))
+    except FileExistsError:
+        raise UserError(f"FILE {file}: is there already; legal: a new file") from None
+    print_line(make_console(), f"{file}: impact-xval run {shlex.quote(str(file))} runs it")
 
 
 def run(
@@ -51,6 +73,9 @@ def run(
     With --resume --out DIR and no file, the experiment is the one that was begun in the folder.
     """
     start = time.perf_counter()
+    default = Path("runs") / ("quick" if quick else "default")
+    if resume and config is None and out is None and not default.exists():
+        raise UserError(f"--resume: there is no run in {default}; legal: with --out DIR, the folder of a run")
     if quick and config is not None:
         raise UserError(f"--quick with {config}: it is for the built-in grid; legal: one of both")
     kept = _kept(out) if resume and config is None and out is not None else None
@@ -69,11 +94,23 @@ def run(
     medians = Medians(experiment.solvers)
     summaries = []
 
-    def presented(folder: RunFolder) -> None:
-        # Imported when the cells are done: matplotlib takes a second that the first cells would have to wait for.
-        from impact_xval.experiments.presentation.report import present
+    def presented(folder: RunFolder, executor: Any) -> None:
+        from impact_xval.experiments.presentation.apart import begun
 
-        summaries.append(present(folder))
+        with begun(folder, executor, figures=True) as apart:
+            from impact_xval.experiments.presentation.report import present
+
+            summaries.append(present(folder, apart))
+
+    @cache
+    def import_ahead() -> None:
+        """Import what presents a run while others are at its cells: matplotlib and Bokeh take two seconds."""
+        name = "impact_xval.experiments.presentation.report"
+        threading.Thread(target=import_module, args=(name,), daemon=True).start()
+
+    def on_rows(rows: Any) -> None:
+        medians.add(rows)
+        import_ahead()
 
     with _writing(root, "parts", words, console, medians.rows, _size(experiment)) as progress:
         folder = run_sweep(
@@ -84,7 +121,7 @@ def run(
             resume=resume,
             take_over=take_over,
             progress=progress,
-            on_rows=medians.add,
+            on_rows=on_rows,
             present=presented,
         )
     from impact_xval.experiments.presentation.views import show_end
@@ -243,7 +280,7 @@ def compare_runs(
 ) -> None:
     """Show what moved between two runs, by solver and cell: after an upgrade of an engine, or in CI.
 
-    Exit code 0 if nothing moved, 1 if something did: a status, a velocity or D.
+    Exit code 0 if nothing moved, 1 if something did: a status, a velocity, D, or whether a row is marked.
     """
     from json import dumps
 

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import re
+import shlex
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from impact_xval.experiments.commands.options import folder_to_write
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines.contract.conformance import Check, Law
 
+#: Letters of a new solver's name.
+_LONGEST_NAME = 40
 #: Seconds that a check of a solver may take.
 _LONGEST = 300.0
 
@@ -33,6 +39,40 @@ def solvers() -> None:
         what = [description_of(name), "" if reason is None else f"unavailable: {reason}"]
         rows.append((name, law_of(name), version or "-", origin, "; ".join(filter(None, what))))
     show(make_console(), render("solvers.md.j2", rows=rows))
+
+
+def new_solver(
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="Of the solver: small letters, digits and hyphens.")
+    ],
+    out: Annotated[Path | None, folder_to_write("by default that of the name")] = None,
+) -> None:
+    """Write a solver of one's own to change: a package with an engine of five lines that keeps the contract."""
+    from impact_xval.compliant_baselines.contract.registry import origins
+    from impact_xval.experiments.presentation.pages import render
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.tables.folders import new_folder
+    from impact_xval.experiments.tables.store import write_text
+
+    if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name) or len(name) > _LONGEST_NAME:
+        raise UserError(
+            f"NAME = {name!r:.60}; legal: small letters, digits and hyphens, at most {_LONGEST_NAME}, a letter first"
+        )
+    if name in origins():
+        raise UserError(f"NAME = {name!r}; legal: a name that no solver has (impact-xval solvers)")
+    words = [*name.split("-"), "engine"]
+    facts = {"name": name, "module": "_".join(words), "engine": "".join(map(str.capitalize, words))}
+    root = out if out is not None else Path(name)
+    new_folder(root)
+    for file, template in (
+        (f"{facts['module']}.py", "engine.py"),
+        ("pyproject.toml", "project.toml"),
+        (f"test_{facts['module']}.py", "test.py"),
+    ):
+        write_text(root / file, render(f"new_solver_{template}.txt.j2", **facts))
+    print_line(
+        make_console(), f"{root}: pip install -e {shlex.quote(str(root))}, then impact-xval conform {name}"
+    )
 
 
 def conform(

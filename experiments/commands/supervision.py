@@ -65,7 +65,8 @@ def supervised(command: Callable[[], int]) -> int:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         if signal.getsignal(number) != signal.SIG_IGN
     }
-    signal.pthread_sigmask(signal.SIG_BLOCK, ends)
+    # One side may be told to end, and the other that it does (SIGUSR1), before it is ready.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {*ends, signal.SIGUSR1})
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # where it is ignored, no exit code is left for anybody
     child = os.fork()
     if child == 0:
@@ -94,7 +95,7 @@ def _wait_for(child: int, ends: set[signal.Signals]) -> int:
         signal.signal(number, pass_on)
     signal.signal(signal.SIGUSR1, answer)
     signal.signal(signal.SIGALRM, lambda *_: os.kill(child, signal.SIGKILL))
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, ends)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {*ends, signal.SIGUSR1})
     if hasattr(os, "waitid"):  # until it is waited for, its number is nobody else's
         os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)
     signal.pthread_sigmask(signal.SIG_BLOCK, {*ends, signal.SIGALRM})
@@ -134,7 +135,7 @@ def _interruptible(command: Callable[[], int], ends: set[signal.Signals], superv
     _heard.update(ends)
     try:
         try:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, ends)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {*ends, signal.SIGUSR1})
             code = command()
         finally:
             _hear_no_more()

@@ -16,10 +16,10 @@ A drop of two balls is therefore the collision of `config.grid`, the tapers bein
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from impact_xval.experiments.config.axes import (
     MAX_CELLS,
@@ -27,6 +27,7 @@ from impact_xval.experiments.config.axes import (
     Strict,
     axis_length,
     axis_problem,
+    column_axis_schema,
     expand_axis,
 )
 from impact_xval.experiments.config.config_errors import short
@@ -58,6 +59,11 @@ COLUMN_LEGAL = {
 }
 _WHOLE = ("balls", "strike")
 
+_ONE: dict[str, Any] = {"enum": list(get_args(Arrangement))}
+_ONE_OR_MORE: dict[str, Any] = {
+    "anyOf": [_ONE, {"type": "array", "items": _ONE, "minItems": 1, "uniqueItems": True}]
+}
+
 #: By what columns are grouped, and how a reader knows it.
 COLUMN_AXES = {
     "balls": "balls",
@@ -76,7 +82,8 @@ def _positive(default: float, what: str) -> Any:
 
 
 def _axis(name: str, default: Axis | None) -> Any:
-    return Field(default, description=COLUMN_LEGAL[name].text)
+    legal = COLUMN_LEGAL[name]
+    return Field(default, description=legal.text, json_schema_extra=column_axis_schema(legal))
 
 
 class Arranged(Strict):
@@ -162,7 +169,7 @@ class Arranged(Strict):
 class ColumnTable(Strict):
     """Axes of columns of N balls, each a number, a list or as those of a grid."""
 
-    arrangement: list[Arrangement] = Field(
+    arrangement: Annotated[list[Arrangement], WithJsonSchema(_ONE_OR_MORE)] = Field(
         ["cradle", "drop", "stack"], description=f"{_NAMES}, or a list of them"
     )
     balls: Axis = _axis("balls", [2.0, 3.0, 5.0, 10.0])

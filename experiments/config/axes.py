@@ -130,6 +130,37 @@ def _spaced(kind: str, lo: float, hi: float, count: int) -> NDArray[np.float64]:
     return rounded
 
 
+def _number_schema(legal: Legal) -> dict[str, Any]:
+    largest = {"maximum": legal.high} if math.isfinite(legal.high) else {}
+    return {"type": "number", "minimum": legal.low, **largest}
+
+
+def _spacing_schema(entries: int) -> dict[str, Any]:
+    list_ = {"type": "array", "items": {"type": "number"}, "minItems": entries, "maxItems": entries}
+    return {
+        "type": "object",
+        "properties": {"log": list_, "linear": list_},
+        "additionalProperties": False,
+        "minProperties": 1,
+        "maxProperties": 1,
+    }
+
+
+def axis_schema(legal: Legal) -> dict[str, Any]:
+    """Return what the JSON schema of a configuration says of an axis, which `axis_problem` judges."""
+    values = {"type": "array", "items": _number_schema(legal), "minItems": 1, "uniqueItems": True}
+    return {"anyOf": [values, _spacing_schema(3)]}
+
+
+def column_axis_schema(legal: Legal) -> dict[str, Any]:
+    """As `axis_schema`, of an axis that may also be a number."""
+    return {"anyOf": [_number_schema(legal), *axis_schema(legal)["anyOf"]]}
+
+
+def _range_schema(legal: Legal) -> dict[str, Any]:
+    return {"anyOf": [_number_schema(legal), _spacing_schema(2)]}
+
+
 class Strict(BaseModel):
     """A table of a configuration: no unknown keys, no conversion of types."""
 
@@ -137,7 +168,8 @@ class Strict(BaseModel):
 
 
 def _range(default: Range, name: str) -> Any:
-    return Field(default, description=f"{_RANGE}; {LEGAL[name].text}")
+    legal = LEGAL[name]
+    return Field(default, description=f"{_RANGE}; {legal.text}", json_schema_extra=_range_schema(legal))
 
 
 class Box(Strict):

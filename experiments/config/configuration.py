@@ -27,6 +27,7 @@ from impact_xval.experiments.config.axes import (
     Strict,
     axis_length,
     axis_problem,
+    axis_schema,
     box_around,
     expand_axis,
     whole,
@@ -64,7 +65,7 @@ def _positive(default: float, unit: str) -> Any:
 
 
 def _axis(name: str, default: Axis) -> Any:
-    return Field(default, description=LEGAL[name].text)
+    return Field(default, description=LEGAL[name].text, json_schema_extra=axis_schema(LEGAL[name]))
 
 
 class Cell(Strict):
@@ -145,7 +146,11 @@ class Config(Strict):
         SHORTEST_STATE, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
     )
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
-    stiffness_ratio_cutoff: Cutoff = Field("exact", description=LEGAL_CUTOFF)
+    stiffness_ratio_cutoff: Cutoff = Field(
+        "exact",
+        description=LEGAL_CUTOFF,
+        json_schema_extra={"anyOf": [{"const": "exact"}, {"type": "number", "exclusiveMinimum": 1}]},
+    )
     grazing_threshold: float = Field(GRAZING_THRESHOLD, ge=0, le=1, description="from 0 to 1")
     cell_timeout: float = Field(
         300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"

@@ -62,7 +62,7 @@ class Data:
 def write_figures(
     folder: RunFolder,
     summary: Summary | ColumnSummary | None = None,
-    divergences: Callable[[], dict[str, str]] | None = None,
+    others: Callable[[], dict[str, str]] | None = None,
 ) -> list[tuple[Path, str]]:
     """Draw every figure of a finished run into ``figures/``.
 
@@ -71,8 +71,8 @@ def write_figures(
     folder : RunFolder
     summary : Summary or ColumnSummary, optional
         That of the run, where it is known; by default what is needed of it is computed.
-    divergences : callable, optional
-        Waits for `draw_divergences`, at which another process may be; by default it is called here.
+    others : callable, optional
+        Waits for `draw_unsummarised`, at which another process may be; by default it is called here.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def write_figures(
         captions = _saved(folder, draw_columns(folder, found))
     else:
         known = summary.ladder if isinstance(summary, Summary) else None
-        captions = _collision_figures(folder, config, known, divergences)
+        captions = _collision_figures(folder, config, known, others)
     write_json(target / CAPTIONS, captions)
     return [(target / f"{name}.png", caption) for name, caption in captions.items()]
 
@@ -94,28 +94,28 @@ def _collision_figures(
     folder: RunFolder,
     config: Config,
     ladder: LadderSummary | None,
-    divergences: Callable[[], dict[str, str]] | None,
+    others: Callable[[], dict[str, str]] | None,
 ) -> dict[str, str]:
     """Draw the figures of a run of two balls: their captions by name."""
     # All that is drawn is read first: of a damaged folder nothing is drawn.
-    curves = folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
     ladder = summarise_ladder(folder, config) if ladder is None else ladder
-    first = draw_divergences(folder) if divergences is None else {}
+    drawn = {} if others else draw_unsummarised(folder)
     ladders = _saved(folder, draw_ladders(ladder))
-    last = _saved(folder, _draw_curves(curves, config))
-    if divergences is not None:
+    if others is not None:
         try:
-            first = divergences()
+            drawn = others()
         except FaultError:
-            first = draw_divergences(folder)
-    return {**first, **ladders, **last}
+            drawn = draw_unsummarised(folder)
+    return drawn | ladders
 
 
-def draw_divergences(folder: RunFolder) -> dict[str, str]:
-    """Draw what the table of divergence holds: the figures' captions by name."""
+def draw_unsummarised(folder: RunFolder) -> dict[str, str]:
+    """Draw what needs no summary, tables of divergence and curves: the figures' captions by name."""
     config = folder.config()
+    curves = folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
     captions = _saved(folder, _draw_divergences(_divergences(folder, config)))
-    return captions | _saved(folder, draw_trust(trust_of(folder, config)))
+    captions |= _saved(folder, draw_trust(trust_of(folder, config)))
+    return captions | _saved(folder, _draw_curves(curves, config))
 
 
 def _saved(folder: RunFolder, drawn: Iterable[tuple[str, Figure, str]]) -> dict[str, str]:

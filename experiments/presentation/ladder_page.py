@@ -55,6 +55,7 @@ def ladder_facts(ladder: LadderSummary) -> dict[str, Any]:
         ],
         "axes": [_along(ladder, axis, present) for axis in ladder.axes],
         "medians": overall.to_dict(),
+        "n_cells": int(ladder.alternatives.n.max()) if len(overall) else 0,
         "smallest": overall.idxmin() if len(overall) else None,
         "alternatives": [
             (
@@ -77,23 +78,37 @@ def _found(ladder: LadderSummary, solver: str) -> dict[str, Any]:
     first = whole.iloc[0]
     if first.total == 0:  # it ends where the model does
         return {"solver": solver, "total": 0.0}
-    bands = [(ladder.region(solver, *where), label) for label, where in ladder.regions.items()]
-    largest = [
-        (region, str(region.share.idxmax()), label) for region, label in bands if region.share.notna().any()
-    ]
+    bands = {label: ladder.region(solver, *where) for label, where in ladder.regions.items()}
     acting = whole[whole["max"] > 0]  # gravity is nowhere in an impact
+    pair = cancelling(whole.share)
+    cancelled = whole["mean"].iloc[list(pair or ())].sort_values(ascending=False)
     return {
         "solver": solver,
+        "n": int(whole.n.max()),
         "total": first.total,
         "parts": [
             (share_text(whole, name), _LABELS[name])
             for name in acting.share.abs().sort_values(ascending=False, kind="stable").index
+            if name not in cancelled
         ],
-        "bands": [(_LABELS[name], share_text(region, name), label) for region, name, label in largest],
+        "cancel": [(_LABELS[name], number(norm)) for name, norm in cancelled.items()],
+        "bands": [
+            (*_largest(region), label) for label, region in bands.items() if region.share.notna().any()
+        ],
         "agreed": first.agreed,
         "detour": float((whole["mean"] * whole.n).sum() / whole.n.max() / first.total),
         "doubt": first.doubt,
     }
+
+
+def _largest(region: Frame) -> tuple[str, str, str | None]:
+    """Name the largest cause in a region and its share; where another one mostly cancels it, its norm and that one."""
+    name = str(region.share.idxmax())
+    pair = [str(region.index[place]) for place in cancelling(region.share) or ()]
+    if name not in pair:
+        return _LABELS[name], share_text(region, name), None
+    (other,) = set(pair) - {name}
+    return _LABELS[name], number(region["mean"][name]), _LABELS[other]
 
 
 def share_text(region: Frame, name: str) -> str:

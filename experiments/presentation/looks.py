@@ -7,6 +7,9 @@ from dataclasses import dataclass
 #: Of the model.
 BLACK = "#000000"
 
+#: Of contacts 1 and 2: those of the states in which they act alone.
+CONTACT_COLORS = ("#D55E00", "#0072B2")
+
 #: Okabe and Ito's palette, of the others.
 _PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
 _FIXED = {

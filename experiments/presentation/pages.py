@@ -16,15 +16,16 @@ from functools import cache
 from itertools import pairwise, takewhile
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, pass_context
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template, pass_context
 from jinja2.runtime import Context
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 
+from impact_xval.compliant_baselines.contract.registry import description_of
 from impact_xval.compliant_baselines.contract.visible import visible
 from impact_xval.experiments.measures.laws import by_law
-from impact_xval.experiments.tables.numbers import listed, number, percent, short
+from impact_xval.experiments.tables.numbers import counted, listed, number, percent, rounded, short
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -106,7 +107,8 @@ def _environment() -> Environment:
     )
     environment.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
     environment.filters |= {"number": number, "short": short, "percent": percent}
-    environment.filters |= {"listed": listed, "by_law": by_law}
+    environment.filters |= {"listed": listed, "by_law": by_law, "counted": counted, "rounded": rounded}
+    environment.filters |= {"description": description_of}
     return environment
 
 
@@ -118,6 +120,11 @@ def _escaped(context: Context, value: Any) -> Any:
     return value
 
 
+def template(name: str) -> Template:
+    """Give a file in ``templates/``, for who fills it elsewhere."""
+    return _environment().get_template(name)
+
+
 def render(name: str, /, **facts: Any) -> str:
     """Fill a template with facts.
 
@@ -126,15 +133,15 @@ def render(name: str, /, **facts: Any) -> str:
     name : str
         A file in ``templates/``: ``.md.j2`` gives Markdown, a line a paragraph; ``.html.j2`` HTML; ``.txt.j2`` text.
     **facts
-        What the template shows; filters `number`, `short`, `percent`, `listed` and `by_law` are at hand.
+        What the template shows; filters are at hand for numbers, shares, lists, counts and names of solvers.
     """
-    text = _environment().get_template(name).render(facts)
+    text = template(name).render(facts)
     return _one_line_a_paragraph(text) if name.endswith(".md.j2") else text
 
 
 def phrase(name: str, macro: str, *facts: Any, **named: Any) -> str:
     """Return what a macro of a Markdown template says, as plain text on one line."""
-    said = getattr(_environment().get_template(name).module, macro)(*facts, **named)
+    said = getattr(template(name).module, macro)(*facts, **named)
     return " ".join(plain_text(token) for token in parser().parse(str(said)) if token.type == "inline")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +11,17 @@ from markupsafe import Markup
 
 from impact_xval.experiments.measures.columns.summary import ColumnSummary, summarise_columns
 from impact_xval.experiments.measures.ladder_summary import csv_rows
-from impact_xval.experiments.measures.summary import Summary, load_divergence, summarise
-from impact_xval.experiments.presentation.apart import Wait, process_apart
+from impact_xval.experiments.measures.summary import Summary, summarise
+from impact_xval.experiments.presentation.apart import Apart, Wait, begun
 from impact_xval.experiments.presentation.columns.page import column_facts
-from impact_xval.experiments.presentation.figures import CAPTIONS, draw_divergences, write_figures
-from impact_xval.experiments.presentation.page.cells import packed_cells
+from impact_xval.experiments.presentation.figures import CAPTIONS, write_figures
 from impact_xval.experiments.presentation.page.charts import charts, scripts
-from impact_xval.experiments.presentation.page.headlines import cells_piece, matrix, numbers, subjects
+from impact_xval.experiments.presentation.page.headlines import cells_piece, matrix, numbers, subjects, uneven
 from impact_xval.experiments.presentation.page.html import html_of, render_markup
-from impact_xval.experiments.presentation.page.tiles import Tiles, tiles_of
+from impact_xval.experiments.presentation.page.motion import motion_of_figures
 from impact_xval.experiments.presentation.pages import latex_of, render
 from impact_xval.experiments.presentation.summary_page import summary_facts
-from impact_xval.experiments.sweep.designs import cells_of_run
-from impact_xval.experiments.sweep.examination import failed_note, traps_note
+from impact_xval.experiments.sweep.examination import failed_note
 from impact_xval.experiments.sweep.sandbox import FaultError
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_text
@@ -50,27 +47,12 @@ def _summarised(folder: RunFolder) -> Summary | ColumnSummary:
     return summarise(folder) if folder.config().column is None else summarise_columns(folder)
 
 
-def present(folder: RunFolder) -> Summary | ColumnSummary:
-    """Write all that people look at of a finished run, with a process of its own for what does not need the summary."""
-    if folder.config().column is not None:
-        summary = write_tables(folder)
-        write_figures(folder, summary)
-        write_report(folder, summary)
-        return summary
-    with process_apart(folder) as begin:
-        divergences, apart = begin(draw_divergences), Apart(begin(_opened), begin(_traps))
-        summary = write_tables(folder)
-        write_figures(folder, summary, divergences)
-        write_report(folder, summary, apart)
+def present(folder: RunFolder, apart: Apart | None = None) -> Summary | ColumnSummary:
+    """Write all that people look at of a finished run; `apart` is what other processes are at, if they are."""
+    summary = write_tables(folder)
+    write_figures(folder, summary, apart and apart.figures)
+    write_report(folder, summary, apart)
     return summary
-
-
-@dataclass(frozen=True, slots=True)
-class Apart:
-    """Waits for what another process finds out for the page: the cells that open, and the traps of the engines."""
-
-    opened: Wait
-    traps: Wait
 
 
 def write_report(
@@ -84,17 +66,16 @@ def write_report(
     summary : Summary or ColumnSummary, optional
         That of the run, where it is known; by default it is computed.
     apart : Apart, optional
-        What another process is at; by default one is started. Of columns there is none.
+        What other processes are at; by default one is started. Of columns there is none.
 
     Returns
     -------
     Path
         The page.
     """
-    of_columns = folder.config().column is not None
-    if apart is None and not of_columns:
-        with process_apart(folder) as begin:
-            return write_report(folder, summary, Apart(begin(_opened), begin(_traps)))
+    if apart is None and folder.config().column is None:
+        with begun(folder) as apart:
+            return write_report(folder, summary, apart)
     summary = _summarised(folder) if summary is None else summary
     figures = folder.root / "figures"
     if not (figures / CAPTIONS).is_file():
@@ -127,34 +108,25 @@ def _page_of_collisions(
     """Write the page as Markdown, and what stands in the place of its pictures that are none."""
     found = summary_facts(summary)["facts"]
     found = {**found, "subjects": subjects(found["solvers_found"], found["closest"])}
+    facts |= {"uneven": uneven(summary, found["subjects"])}
     facts |= {"gravity_number": _gravity_number(folder), "traps": _noted(apart.traps)}
     page = render("report.md.j2", **found, facts=found, **facts)
     try:
         tiles, packed = apart.opened()
         cells = Markup("")
         if tiles.cells:
-            cells = cells_piece(tiles, packed, charts(tiles, summary.config.solvers))
+            first = next((s["solver"] for s in found["subjects"]), None)
+            cells = cells_piece(tiles, packed, charts(tiles, summary.config.solvers, first), first)
     except FaultError as fault:
         cells = render_markup("no_cells.html.j2", reason=fault.reason)
     sketch = render_markup("sketch.html.j2")
     return page, {
         "sketch": sketch,
+        "motion": motion_of_figures(folder),
         "numbers": numbers(found, "cells"),
         "matrix": matrix(summary),
         "cells": cells,
     }
-
-
-def _opened(folder: RunFolder) -> tuple[Tiles, str]:
-    """Lay out the map whose tiles open, and collect what they open, in a process of its own: engines are imported."""
-    tiles = tiles_of(load_divergence(folder, folder.config()))
-    return tiles, packed_cells(folder, tiles.cells)
-
-
-def _traps(folder: RunFolder) -> dict[str, Any]:
-    """Examine scenes of a run, in a process of its own: engines are imported, and may crash."""
-    config = folder.config()
-    return traps_note(config, cells_of_run(folder, config))
 
 
 def _noted(traps: Wait) -> dict[str, Any]:

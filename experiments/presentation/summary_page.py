@@ -9,6 +9,7 @@ from typing import Any
 from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.measures.columns.summary import ColumnSummary
 from impact_xval.experiments.measures.estimates import HONEST
 from impact_xval.experiments.measures.summary import FULL_PATHS, OWN_LAW, SUMMARISED, Frame, Summary
 from impact_xval.experiments.presentation.ladder_page import ladder_facts, spread
@@ -18,6 +19,7 @@ from impact_xval.model.collision import RESULT_STATUSES
 _CUTS = ("median", "p95", "max")
 _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
 _REASONS = 10
+_ONE = ("velocity_divergence", "dv1", "dv2")
 
 
 @lru_cache(maxsize=1)  # the summary, the report and the terminal ask one after the other
@@ -51,6 +53,7 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
             for row in (summary.get(name, measure),)
         ],
         "short": [_short(summary, name) for name in summary.solvers],
+        "one": [_one(summary, name) for name in summary.solvers] if summary.n_cells == 1 else [],
         "most": _most(summary),
         "axes": [_along(summary, axis) for axis in AXES],
         "worst": _worst(summary),
@@ -65,7 +68,7 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
     return facts | {"facts": facts}
 
 
-def unsolved(summary: Summary) -> list[tuple[str, int, str, str]]:
+def unsolved(summary: Summary | ColumnSummary) -> list[tuple[str, int, str, str]]:
     """Tell of every solver without a result in some cells how many, of which status, and the most frequent reason."""
     found = []
     for name in (REFERENCE, *summary.solvers):
@@ -101,6 +104,10 @@ def _found(summary: Summary, name: str) -> dict[str, Any]:
         },
         "worst": worst,
         "where": ", ".join(f"{label} = {number(worst[axis])}" for axis, label in AXES.items()),
+        "counts": {
+            value: int(_divergence(summary, name, "stiffness_ratio", value)["n"])
+            for value in summary.levels["stiffness_ratio"].values
+        },
         "low": min(medians, key=lambda pair: pair[1]),
         "high": max(medians, key=lambda pair: pair[1]),
     }
@@ -113,6 +120,14 @@ def _short(summary: Summary, name: str) -> tuple[str, ...]:
     cuts = (number(row[cut]) for cut in _CUTS)
     paths = percent(summary.get(name, "states_equal")["mean"])
     return law_of(name), name, str(int(row.n)), *cuts, paths, str(unsolved)
+
+
+def _one(summary: Summary, name: str) -> tuple[str, ...]:
+    """Tell what a solver has of the one cell of a run, marked or not."""
+    sizes = (summary.get(name, measure, cells="all")["max"] for measure in _ONE)
+    equal = summary.get(name, "states_equal", cells="all")["mean"]
+    path = "-" if math.isnan(equal) else "the model's" if equal else "another"
+    return law_of(name), name, *map(number, sizes), path, str(summary.statuses.loc[name].idxmax())
 
 
 def _most(summary: Summary) -> dict[str, list[str]]:

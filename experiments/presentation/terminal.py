@@ -38,7 +38,7 @@ def show(console: Console, markdown: str) -> None:
     """Print Markdown: a line a paragraph, and tables with their captions between empty lines."""
     for each in _renderables(markdown):
         if isinstance(each, RichTable):
-            console.print(each)
+            console.print(each, crop=False)
         else:
             print_line(console, each)
 
@@ -53,8 +53,12 @@ def _renderables(markdown: str) -> Iterator[Any]:
             if block.caption:
                 yield block.caption
             table = RichTable(box=None, pad_edge=False)
-            for title, right in zip(block.header, block.numeric, strict=True):
-                table.add_column(Text(title), justify="right" if right else "left")
+            for place, (title, right) in enumerate(zip(block.header, block.numeric, strict=True)):
+                # On a narrow terminal words are broken, and numbers never.
+                least = max((len(row[place]) for row in block.rows), default=0) if right else None
+                table.add_column(
+                    Text(title), justify="right" if right else "left", min_width=least, overflow="fold"
+                )
             for row in block.rows:
                 table.add_row(*(_cell(*cell) for cell in zip(block.header, row, strict=True)))
             yield table

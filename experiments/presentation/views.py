@@ -90,11 +90,27 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
         return "one only" if math.isinf(change) else number(change, 2)
 
     solvers = [
-        (name, each.compared, each.moved, each.statuses, number(each.velocity, 2), number(each.divergence, 2))
+        (
+            name,
+            each.compared,
+            each.moved,
+            each.statuses,
+            each.marks,
+            number(each.velocity, 2),
+            number(each.divergence, 2),
+        )
         for name, each in found.solvers.items()
     ]
     worst = [
-        (row.cell, row.solver, row.status_a, row.status_b, shown(row.velocity), shown(row.divergence))
+        (
+            row.cell,
+            row.solver,
+            row.status_a,
+            row.status_b,
+            "yes" if row.mark_changed else "no",
+            shown(row.velocity),
+            shown(row.divergence),
+        )
         for row in found.worst
     ]
     show(console, render("changes.md.j2", c=found, a=a, b=b, solvers=solvers, worst=worst))
@@ -115,6 +131,7 @@ def changes_object(found: Comparison) -> dict[str, Any]:
                 "cell": row.cell,
                 "solver": row.solver,
                 "statuses": [row.status_a, row.status_b],
+                "mark_changed": row.mark_changed,
                 "velocity": finite(row.velocity),
                 "divergence": finite(row.divergence),
             }

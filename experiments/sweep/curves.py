@@ -49,6 +49,8 @@ CURVES_SCHEMA = pa.schema(
         ),
         _field("impulse1", pa.float64(), "ball-ball impulse so far, per m1 |v0|"),
         _field("impulse2", pa.float64(), "ball-table impulse so far, per m1 |v0|"),
+        _field("v1", pa.float64(), "velocity of ball 1 per |v0|"),
+        _field("v2", pa.float64(), "velocity of ball 2 per |v0|"),
         _field("state", pa.int64(), "1 to 4 for S1 to S4"),
     ]
 )
@@ -185,6 +187,8 @@ def _curve(experiment: Experiment, label: str, cell: Cell, name: str) -> pa.Tabl
         "time": path.time[kept] / collision.units.time,
         "impulse1": i1[kept],
         "impulse2": i2[kept],
+        "v1": path.v1[kept] / abs(collision.v0),
+        "v2": path.v2[kept] / abs(collision.v0),
         "state": path.state[kept],
     }
     return pa.table(columns, schema=CURVES_SCHEMA)

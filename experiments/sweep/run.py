@@ -68,7 +68,7 @@ def run_sweep(
     progress: Progress = lambda done, total, line: None,
     on_rows: OnRows | None = None,
     resolve: Resolve = get_solver,
-    present: Callable[[RunFolder], None] = lambda folder: None,
+    present: Callable[[RunFolder, Any], None] = lambda folder, executor: None,
 ) -> RunFolder:
     """Run an experiment into a folder: parts, then the finished tables, the curves and the manifest.
 
@@ -95,7 +95,8 @@ def run_sweep(
     resolve : callable
         Finds a solver by its name; at the top level of a module.
     present : callable
-        Given the folder once its tables are complete; the run is complete when it returns.
+        Given the folder once its tables are complete, and the executor that has solved it; the run is complete when it
+        returns.
 
     Returns
     -------
@@ -123,7 +124,8 @@ def run_sweep(
         ) as executor:
             run.solve(executor)
             run.tabulate(executor)
-        run.finish({"where": scheduler or "this machine", "workers": workers}, present)
+            by = {"where": scheduler or "this machine", "workers": workers}
+            run.finish(by, lambda folder: present(folder, executor))
     return folder
 
 

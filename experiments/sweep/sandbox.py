@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import gc
 import hashlib
 import io
 import itertools
@@ -54,6 +55,9 @@ _THREADS = (
 #: By this MuJoCo looks for no window: that takes a third of its import, and a process that prints a traceback when the
 #: one that imports it is ended.
 NO_WINDOW = {"MUJOCO_GL": "disable"}
+#: Objects that are made before Python looks for circles of them: imports and compilers make millions that stay, and
+#: looking at them takes an eighth of their time.
+SELDOM = 100_000
 #: Seconds for a process to be made ready: what it needs is imported, and compiled once an installation.
 TO_PREPARE = 900.0
 #: Linux ends the process with the highest score first when memory runs out: the sandbox, not the main process.
@@ -502,6 +506,7 @@ def serve(caller: int) -> None:
         signal.pthread_sigmask(signal.SIG_SETMASK, [])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # where it is ignored, a solver learns no exit code
+    gc.set_threshold(SELDOM)
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(_OOM_SCORE)
     _post_guard(caller)
@@ -556,7 +561,7 @@ def _post_guard(caller: int) -> None:
 
 def _guard(sandbox: int, ends: select.poll) -> None:
     """Wait until a sandbox or its caller is gone, then end the sandbox and all that it started."""
-    while _exists(sandbox) and not ends.poll(1000 * _LOOK):
+    while exists(sandbox) and not ends.poll(1000 * _LOOK):
         pass
     with contextlib.suppress(OSError):  # none is left
         os.killpg(sandbox, signal.SIGKILL)
@@ -568,7 +573,8 @@ def _guard(sandbox: int, ends: select.poll) -> None:
         time.sleep(_LOOK)
 
 
-def _exists(process: int) -> bool:
+def exists(process: int) -> bool:
+    """Tell whether a process of that number runs on this machine."""
     try:
         os.kill(process, 0)
     except ProcessLookupError:

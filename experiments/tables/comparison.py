@@ -1,14 +1,15 @@
 """What moved between two finished runs of the same cells, by solver and by cell.
 
 Both are read block by block, so that tables larger than the memory can be compared. A row is a cell and a solver. It
-moved where its status is another one, where a velocity per abs(v0) or D differs by more than a tolerance, or where one
-run has such a number and the other has none.
+moved where its status is another one, where it is marked in one run alone and so leaves every statistic, where a
+velocity per abs(v0) or D differs by more than a tolerance, or where one run has such a number and the other has none.
 """
 
 from __future__ import annotations
 
 import heapq
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -35,8 +36,8 @@ class SolverChanges:
 
     Attributes
     ----------
-    compared, moved, statuses : int
-        Cells of both runs, those that moved, and those whose status is another one.
+    compared, moved, statuses, marks : int
+        Cells of both runs, those that moved, those whose status is another one, and those that one run alone marks.
     velocity, divergence : float
         Largest change of a velocity per abs(v0), and of D, where both runs have a number.
     """
@@ -44,6 +45,7 @@ class SolverChanges:
     compared: int = 0
     moved: int = 0
     statuses: int = 0
+    marks: int = 0
     velocity: float = 0.0
     divergence: float = 0.0
 
@@ -54,7 +56,7 @@ class Moved:
 
     Attributes
     ----------
-    status_changed : bool
+    status_changed, mark_changed : bool
     velocity, divergence : float
         Changes, infinite where one run alone has a number, 0 where neither has.
     before_it : int
@@ -63,6 +65,7 @@ class Moved:
     """
 
     status_changed: bool
+    mark_changed: bool
     velocity: float
     divergence: float
     before_it: int
@@ -147,7 +150,7 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
     streams = []
     for folder in (a, b):
         cells = folder.table_path("cells.parquet", layout.cells)
-        streams.append(blocks(cells, [*parameters, "solver", "status", *velocities]))
+        streams.append(blocks(cells, [*parameters, "solver", "status", "marked", *velocities]))
         divergence = folder.table_path("divergence.parquet", layout.divergence)
         streams.append(blocks(divergence, ["cell", "solver", "velocity_divergence"]))
     worst: list[Moved] = []
@@ -155,9 +158,10 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
         for name in both:
             mine, yours = _of(rows_a, name), _of(rows_b, name)
             _check_same(a, b, mine, yours, parameters)
-            d = [_numbers(_of(away, name), "velocity_divergence") for away in (away_a, away_b)]
-            if name == REFERENCE:
-                d = [np.zeros(len(mine))] * 2
+            d = [np.zeros(len(mine))] * 2  # of the model
+            if name != REFERENCE:
+                pairs = ((a, mine, _of(away_a, name)), (b, yours, _of(away_b, name)))
+                d = [_divergences(folder, rows, away, name) for folder, rows, away in pairs]
             moved = _count(found.solvers[name], name, mine, yours, velocities, _change(*d), tolerance)
             worst = heapq.nlargest(LISTED, [*worst, *moved])
     found.worst = worst
@@ -222,6 +226,19 @@ def _check_same(a: RunFolder, b: RunFolder, mine: pa.Table, yours: pa.Table, nam
                 raise UserError(f"cell {cell}: {name} = {x!r} in {a.root}, {y!r} in {b.root}; {legal}")
 
 
+def _divergences(folder: RunFolder, rows: pa.Table, away: pa.Table, solver: str) -> Floats:
+    """Return D of the rows of a solver; its table has to have one for each."""
+    here, there = rows.column("cell").to_pylist(), away.column("cell").to_pylist()
+    if here != there:
+        missing, more = Counter(here) - Counter(there), Counter(there) - Counter(here)
+        cell = min((missing | more).elements(), default=(here or there)[0])
+        raise UserError(
+            f"{folder.root}/divergence.parquet: cell {cell} of {solver} is not there once, as in cells.parquet; "
+            "legal: the tables of one finished run"
+        )
+    return _numbers(away, "velocity_divergence")
+
+
 def _count(
     changes: SolverChanges,
     solver: str,
@@ -236,18 +253,22 @@ def _count(
     velocity = np.max([_change_of(mine, yours, name) for name in velocities], axis=0, initial=0.0) / speed
     statuses = [table.column("status").to_pylist() for table in (mine, yours)]
     other = np.array([x != y for x, y in zip(*statuses, strict=True)], dtype=bool)
-    moved = other | (velocity > tolerance) | (divergence > tolerance)
+    marked = [table.column("marked").is_valid().to_numpy() for table in (mine, yours)]
+    mark = marked[0] != marked[1]
+    moved = other | mark | (velocity > tolerance) | (divergence > tolerance)
     changes.compared += len(mine)
     changes.moved += int(moved.sum())
     changes.statuses += int(other.sum())
+    changes.marks += int(mark.sum())
     changes.velocity = max(changes.velocity, float(velocity[np.isfinite(velocity)].max(initial=0.0)))
     changes.divergence = max(changes.divergence, float(divergence[np.isfinite(divergence)].max(initial=0.0)))
     places = np.flatnonzero(moved)
-    worst_first = np.lexsort((places, -divergence[places], -velocity[places], ~other[places]))
+    worst_first = np.lexsort((places, -divergence[places], -velocity[places], ~mark[places], ~other[places]))
     cells = mine.column("cell").to_numpy()
     return [
         Moved(
             bool(other[i]),
+            bool(mark[i]),
             float(velocity[i]),
             float(divergence[i]),
             -int(cells[i]),

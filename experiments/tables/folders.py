@@ -154,14 +154,15 @@ def new_folder(root: Path) -> None:
     Raises
     ------
     UserError
-        If it holds anything, is a file, or cannot be made or read.
+        If it holds anything but what a killed process left half written, is a file, or cannot be read or written to.
     """
     try:
         root.mkdir(parents=True, exist_ok=True)
-        empty = next(root.iterdir(), None) is None
+        there = next((path.name for path in root.iterdir() if not replaced_by(path.name)), None)
+        tempfile.TemporaryFile(dir=root).close()
     except FileExistsError:
         raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
     except OSError as error:
         raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
-    if not empty:
-        raise UserError(f"--out {root}: not empty; legal: a new or empty folder")
+    if there is not None:
+        raise UserError(f"--out {root}: not empty ({there}); legal: a new or empty folder")

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+#: A D, or a difference of energies, below this is the rounding of the solvers, and no finding.
+ROUNDING = 1e-12
+
 
 def number(value: float, digits: int = 3) -> str:
     """Write a number for a reader; a dash where there is none."""
@@ -25,6 +28,16 @@ def short(value: float, digits: int = 3) -> str:
 def percent(share: float) -> str:
     """Write a share as a percentage; a dash where there is none."""
     return "-" if math.isnan(share) else f"{round(100 * share, 1) + 0.0:.1f} %"
+
+
+def rounded(divergence: float) -> str:
+    """Write a D for a sentence."""
+    return "0 to rounding" if 0 <= divergence < ROUNDING else number(divergence)
+
+
+def counted(n: int, unit: str) -> str:
+    """Write a number of things, whose name is given in the plural: 1 cell, 2 cells."""
+    return f"{n} {unit.removesuffix('s') if n == 1 else unit}"
 
 
 def listed(words: Iterable[str]) -> str:

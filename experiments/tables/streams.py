@@ -34,6 +34,11 @@ GROUP = 65_536
 _TEMPORARY = re.compile(r"\.tmp-\d+-(.+)")
 
 
+def temporary_name(name: str) -> str:
+    """Give the name that something has while this process writes it."""
+    return f".tmp-{os.getpid()}-{name}"
+
+
 @contextlib.contextmanager
 def replacing(path: Path, *, sync: bool = True) -> Iterator[Path]:
     """Give a temporary path beside `path` that takes its place when the block ends without an error.
@@ -45,7 +50,7 @@ def replacing(path: Path, *, sync: bool = True) -> Iterator[Path]:
         Whether the content must be on the disk before the name is; a power cut could otherwise leave a name
         without its content.
     """
-    temporary = path.with_name(f".tmp-{os.getpid()}-{path.name}")
+    temporary = path.with_name(temporary_name(path.name))
     try:
         temporary.unlink(missing_ok=True)  # not written through, should it be a link
         yield temporary

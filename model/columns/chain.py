@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.compiled import Floats, compiled, inlined
 from impact_xval.model.law import COMPRESSION, INACTIVE, RESTITUTION
 
 #: A contact in compression that has less than this share of the energy of impact is at rest; for linear contacts and
@@ -62,7 +62,7 @@ class Chain(NamedTuple):
 
 
 @inlined
-def power_force(k, delta, p):
+def power_force(k: float, delta: float, p: float) -> float:
     """F = k delta^p."""
     if p == 1:
         return k * delta
@@ -70,39 +70,39 @@ def power_force(k, delta, p):
 
 
 @inlined
-def force(c, n, i):
+def force(c: Chain, n: int, i: int) -> float:
     """Force of contact i; 0 of one that does not act, and beyond the ends of a chain of n contacts."""
     return power_force(c.k[i], c.delta[i], c.p) if 0 <= i < n and c.phase[i] != INACTIVE else 0.0
 
 
 @inlined
-def acceleration(c, n, i):
+def acceleration(c: Chain, n: int, i: int) -> float:
     """Return w' of contact i: what its own force and those of its neighbours do to it."""
     own = (c.a[i] + c.a[i + 1]) * force(c, n, i)
     return c.a[i] * force(c, n, i - 1) + c.a[i + 1] * force(c, n, i + 1) - own
 
 
 @inlined
-def tangent(c, i):
+def tangent(c: Chain, i: int) -> float:
     """dF/ddelta of contact i."""
     return c.k[i] if c.p == 1 else c.p * c.k[i] * max(c.delta[i], 0.0) ** (c.p - 1)
 
 
 @inlined
-def strain(c, n, i):
+def strain(c: Chain, n: int, i: int) -> float:
     """Strain energy of contact i."""
     return force(c, n, i) * c.delta[i] / (c.p + 1)
 
 
 @inlined
-def oscillation(c, n, i):
+def oscillation(c: Chain, n: int, i: int) -> float:
     """Twice the energy of the oscillation of contact i on its own, at its running stiffness."""
     F = force(c, n, i)
     return (F * F / tangent(c, i) if F > 0 else 0.0) + c.w[i] * c.w[i] / (c.a[i] + c.a[i + 1])
 
 
 @inlined
-def neighbours(c, n, i):
+def neighbours(c: Chain, n: int, i: int) -> tuple[float, float, float, float]:
     """Return what the neighbours that act ask of contact i.
 
     Returns
@@ -129,7 +129,7 @@ def neighbours(c, n, i):
 
 
 @compiled
-def begin(c, n):
+def begin(c: Chain, n: int) -> None:
     """Let every contact act that approaches, or is at rest in a row of contacts at rest beside one that approaches."""
     for i in range(n):
         c.phase[i] = COMPRESSION if c.w[i] > 0 else INACTIVE
@@ -142,7 +142,7 @@ def begin(c, n):
 
 
 @compiled
-def still(c, n, nothing):
+def still(c: Chain, n: int, nothing: float) -> None:
     """Bring to rest what has no energy: neighbours load a contact at rest long before it matters."""
     for i in range(n):
         if c.phase[i] == COMPRESSION and oscillation(c, n, i) <= nothing:
@@ -150,7 +150,7 @@ def still(c, n, nothing):
 
 
 @compiled
-def rate_event(c, n, i, stiffens, nothing, loss):
+def rate_event(c: Chain, n: int, i: int, stiffens: bool, nothing: float, loss: float) -> float:
     """Apply the law where the rate of contact i is zero; the loss with the energy that it takes."""
     c.w[i] = 0.0
     e = c.e[i]
@@ -177,14 +177,14 @@ def rate_event(c, n, i, stiffens, nothing, loss):
 
 
 @inlined
-def spent(c, i):
+def spent(c: Chain, i: int) -> None:
     """End restitution: contact i is inactive and keeps its stiffness for a return."""
     c.phase[i] = INACTIVE
     c.delta[i] = 0.0
 
 
 @compiled
-def unite(c, n, i):
+def unite(c: Chain, n: int, i: int) -> int:
     """Make one body of the two that contact i joins, for good; the number of contacts that are left."""
     c.a[i] = 1 / (1 / c.a[i] + 1 / c.a[i + 1])
     for j in range(i + 1, n):
@@ -201,7 +201,7 @@ def unite(c, n, i):
 
 
 @compiled
-def ball_values(c, n, rates, drift, out):
+def ball_values(c: Chain, n: int, rates: Floats, drift: float, out: Floats) -> None:
     """Velocities of the balls of compression rates, or accelerations of their derivatives.
 
     Parameters

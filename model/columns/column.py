@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +65,9 @@ class Column:
     gaps: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.table, bool):
-            raise ValueError(f"table = {self.table!r}; legal: True or False")
+        table = cast(object, self.table)
+        if not isinstance(table, bool):
+            raise ValueError(f"table = {table!r}; legal: True or False")
         for legal in (_MASSES, _STIFFNESSES, _RESTITUTIONS, _VELOCITIES, _GAPS):
             object.__setattr__(self, legal.name, _numbers(legal, getattr(self, legal.name)))
         balls = len(self.masses)
@@ -112,11 +114,12 @@ class Column:
         )
 
 
-def _numbers(legal: Legal, values: Iterable[float]) -> tuple[float, ...]:
+def _numbers(legal: Legal, values: object) -> tuple[float, ...]:
     """Return the values of a field as numbers; the message of a refusal counts them from 1."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise ValueError(f"{legal.name} = {values!r}: not a sequence of numbers; legal: {legal.text}")
-    return tuple(legal._replace(name=f"{legal.name}[{i}]").number(v) for i, v in enumerate(values, 1))
+    each = enumerate(cast("Iterable[object]", values), 1)
+    return tuple(legal._replace(name=f"{legal.name}[{i}]").number(value) for i, value in each)
 
 
 #: A column that every solver answers at once: one ball strikes another.
@@ -187,7 +190,7 @@ class ColumnOutcome:
     grazing_margin: float | None = None
     marked: str = ""
     n_events: int = 0
-    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    diagnostics: Mapping[str, float] = field(default_factory=dict[str, float])
     path: ColumnPath | None = None
 
     def _repr_html_(self) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 from impact_xval.model.columns.chain import (
     NOTHING,
     NOTHING_OF_STEPS,
+    Chain,
     acceleration,
     ball_values,
     begin,
@@ -34,7 +35,7 @@ from impact_xval.model.columns.power_law import ORDER as ORDER_OF_STEP
 from impact_xval.model.columns.power_law import STAGES, Workspace, advance, settle
 from impact_xval.model.columns.roots import first_root
 from impact_xval.model.columns.series import ORDER, evaluate, expand, horizon
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.compiled import Floats, compiled, inlined
 from impact_xval.model.grazing import STAKE
 from impact_xval.model.law import COMPRESSION, INACTIVE, RESTITUTION
 
@@ -62,7 +63,7 @@ UNITED = 3
 
 
 @compiled
-def ringing_ends(c, n, i):
+def ringing_ends(c: Chain, n: int, i: int) -> bool:
     """Tell whether a contact that has just ended compression may be taken for rigid from here on.
 
     It rings about the force that its neighbours' forces ask of it, each end of compression stiffens it by 1/e^2 (if
@@ -86,7 +87,7 @@ def ringing_ends(c, n, i):
 
 
 @compiled
-def left_in_contacts(c, n):
+def left_in_contacts(c: Chain, n: int) -> float:
     """Energy left in the contacts that act, with that of their bodies' approach; -1 if none acts."""
     total = -1.0
     for i in range(n):
@@ -97,7 +98,9 @@ def left_in_contacts(c, n):
 
 
 @compiled
-def first_event(c, n, order, rates, deltas, bounds):
+def first_event(
+    c: Chain, n: int, order: int, rates: Floats, deltas: Floats, bounds: Floats
+) -> tuple[int, bool, float]:
     """First event of a piece: the contact, whether its restitution ends, and the time in [0, 1] (infinite if none).
 
     `bounds` is room for two rows of n numbers.
@@ -125,7 +128,7 @@ def first_event(c, n, order, rates, deltas, bounds):
 
 
 @inlined
-def first_root_of_rate(c, order, sign, last):
+def first_root_of_rate(c: Floats, order: int, sign: float, last: float) -> float:
     """Find the first root of a rate."""
     if order == ORDER_OF_STEP and c[0] == c[1] == c[2] == 0:
         # At rest and not yet pressed: the quintic knows nothing of how it begins, but its neighbours can only press it.
@@ -134,7 +137,7 @@ def first_root_of_rate(c, order, sign, last):
 
 
 @compiled
-def near_misses(c, n, order, rates, x, energy, margin):
+def near_misses(c: Chain, n: int, order: int, rates: Floats, x: float, energy: float, margin: float) -> float:
     """Grazing margin after a piece of length x at whose end `c` is, given that before it.
 
     The magnitude of an extremum of a rate is taken relative to its amplitude: of the contact's own oscillation about
@@ -165,7 +168,7 @@ def near_misses(c, n, order, rates, x, energy, margin):
 
 
 @inlined
-def _slope(rates, order, i, x):
+def _slope(rates: Floats, order: int, i: int, x: float) -> float:
     """Return the derivative of a rate in a piece."""
     value = 0.0
     for j in range(order, 0, -1):
@@ -174,7 +177,19 @@ def _slope(rates, order, i, x):
 
 
 @compiled
-def write_path(c, n, order, rates, x, h, time, drift, points, log, row):
+def write_path(
+    c: Chain,
+    n: int,
+    order: int,
+    rates: Floats,
+    x: float,
+    h: float,
+    time: float,
+    drift: float,
+    points: int,
+    log: Floats,
+    row: int,
+) -> int:
     """Write points of a piece: time, velocities and accelerations of the balls, phases of the contacts."""
     if row >= log.shape[0]:
         return row + points
@@ -197,7 +212,9 @@ def write_path(c, n, order, rates, x, h, time, drift, points, log, row):
 
 
 @compiled
-def apply_event(c, n, i, ends, stiffens, nothing, loss, code):
+def apply_event(
+    c: Chain, n: int, i: int, ends: bool, stiffens: bool, nothing: float, loss: float, code: int
+) -> tuple[int, float, int]:
     """Apply the law to contact i, and unite its bodies if that made it rigid: contacts left, loss, code."""
     if ends:
         loss += strain(c, n, i)
@@ -215,7 +232,9 @@ def apply_event(c, n, i, ends, stiffens, nothing, loss, code):
 
 
 @compiled
-def collide(c, energy, drift, stiffens, max_events, points, log):
+def collide(
+    c: Chain, energy: float, drift: float, stiffens: bool, max_events: int, points: int, log: Floats
+) -> tuple[int, int, int, float, float, float, int]:
     """Follow one column to its end.
 
     Parameters
@@ -295,7 +314,7 @@ def collide(c, energy, drift, stiffens, max_events, points, log):
 
 
 @compiled
-def bring_to_rest(c, n):
+def bring_to_rest(c: Chain, n: int) -> float:
     """End all that acts, with no rate left; the strain energy that is dropped."""
     dropped = 0.0
     for i in range(n):

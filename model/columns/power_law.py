@@ -6,6 +6,9 @@ iteration on its time, so that the event has the order of the method. Where a fo
 the error estimate shortens the steps.
 """
 
+# scipy states no types.
+# pyright: reportMissingTypeStubs=false
+
 from __future__ import annotations
 
 from math import inf, sqrt
@@ -15,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from impact_xval.model.columns.chain import acceleration, power_force, tangent
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.columns.chain import Chain, acceleration, power_force, tangent
+from impact_xval.model.compiled import Floats, Pair, compiled, inlined
 from impact_xval.model.law import COMPRESSION, INACTIVE
 
 A, B, E3, E5 = (np.ascontiguousarray(table) for table in (DOP853.A, DOP853.B, DOP853.E3, DOP853.E5))
@@ -56,7 +59,7 @@ class Workspace(NamedTuple):
 
 
 @compiled
-def slopes(c, n, stage, work):
+def slopes(c: Chain, n: int, stage: int, work: Workspace) -> None:
     """Write the derivatives of the state that `c` holds."""
     above, own, below = 0.0, 0.0, power_force(c.k[0], c.delta[0], c.p)
     for i in range(n):
@@ -67,7 +70,7 @@ def slopes(c, n, stage, work):
 
 
 @compiled
-def to_stage(c, n, stage, h, work):
+def to_stage(c: Chain, n: int, stage: int, h: float, work: Workspace) -> None:
     """Carry the state of `work` into `c`, as far as a stage of a step of length h goes; the last one to its end."""
     weights = A[stage] if stage < STAGES else B
     for i in range(n):
@@ -79,7 +82,7 @@ def to_stage(c, n, stage, h, work):
 
 
 @compiled
-def error_of_step(c, n, h, work):
+def error_of_step(c: Chain, n: int, h: float, work: Workspace) -> float:
     """Estimate the error of a step of length h from the derivatives at its stages; as of `TOLERANCE`."""
     fifth, third = 0.0, 0.0
     for i in range(n):
@@ -99,7 +102,7 @@ def error_of_step(c, n, h, work):
 
 
 @compiled
-def step(c, n, h, work):
+def step(c: Chain, n: int, h: float, work: Workspace) -> float:
     """Carry the state of `work` over a time h into `c`; the estimated error per tolerance."""
     for stage in range(STAGES + 1):
         to_stage(c, n, stage, h, work)
@@ -108,7 +111,7 @@ def step(c, n, h, work):
 
 
 @inlined
-def jerk(c, n, i):
+def jerk(c: Chain, n: int, i: int) -> float:
     """Return w'' of contact i."""
     above = tangent(c, i - 1) * c.w[i - 1] if i > 0 and c.phase[i - 1] != INACTIVE else 0.0
     own = tangent(c, i) * c.w[i] if c.phase[i] != INACTIVE else 0.0
@@ -117,7 +120,7 @@ def jerk(c, n, i):
 
 
 @inlined
-def quintic(out, i, f0, d0, s0, f1, d1, s1):
+def quintic(out: Floats, i: int, f0: float, d0: float, s0: float, f1: float, d1: float, s1: float) -> None:
     """Write to column i the polynomial in x with values f, slopes d and second derivatives s at 0 and at 1."""
     r0, r1, r2 = f1 - f0 - d0 - 0.5 * s0, d1 - d0 - s0, 0.5 * (s1 - s0)
     out[0, i], out[1, i], out[2, i] = f0, d0, 0.5 * s0
@@ -125,7 +128,7 @@ def quintic(out, i, f0, d0, s0, f1, d1, s1):
 
 
 @compiled
-def advance(c, n, h, work, rates, deltas):
+def advance(c: Chain, n: int, h: float, work: Workspace, rates: Floats, deltas: Floats) -> Pair:
     """Make one step as long as its error allows, h at first; the step made, and the one to try next.
 
     The coefficients of the quintics in x = t/h through its ends are in `rates` and `deltas`, the state after it in `c`.
@@ -149,7 +152,7 @@ def advance(c, n, h, work, rates, deltas):
 
 
 @compiled
-def settle(c, n, h, x, i, spent, work):
+def settle(c: Chain, n: int, h: float, x: float, i: int, spent: bool, work: Workspace) -> tuple[float, bool]:
     """Repeat the step of length h up to the event near x h, where w_i = 0, or delta_i = 0 if it is `spent`.
 
     Returns

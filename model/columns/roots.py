@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.compiled import Floats, Pair, compiled, inlined
 
 EPSILON = 2.0**-52
 
@@ -28,7 +28,7 @@ STEPS = 500
 
 
 @inlined
-def parts(c, low, degree, sign, x):
+def parts(c: Floats, low: int, degree: int, sign: float, x: float) -> Pair:
     """P(x) and N(x), of the polynomial without its first `low` coefficients."""
     positive, negative = 0.0, 0.0
     for j in range(degree, low - 1, -1):
@@ -39,7 +39,7 @@ def parts(c, low, degree, sign, x):
 
 
 @compiled
-def root_in_window(c, low, degree, sign, x, end):
+def root_in_window(c: Floats, low: int, degree: int, sign: float, x: float, end: float) -> float:
     """First root in [x, end] of a polynomial without its first `low` coefficients, positive at x; else infinity."""
     bend, size = 0.0, 0.0
     for j in range(degree, low - 1, -1):
@@ -65,7 +65,7 @@ def root_in_window(c, low, degree, sign, x, end):
 
 
 @compiled
-def first_root(c, degree, sign, last):
+def first_root(c: Floats, degree: int, sign: float, last: float) -> float:
     """First root in (0, last] of a polynomial that is not negative at 0; infinity if there is none.
 
     Parameters

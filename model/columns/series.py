@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.columns.chain import Chain
+from impact_xval.model.compiled import Floats, compiled, inlined
 from impact_xval.model.law import INACTIVE
 
 #: Highest power of the series, and the largest frequency times the time it is used for: 2.8^29/29! is 1e-18.
@@ -20,7 +21,7 @@ ANGLE = 2.8
 
 
 @inlined
-def largest(c, n, k):
+def largest(c: Chain, n: int, k: Floats) -> float:
     """Bound the largest eigenvalue of the contacts that act, with these stiffnesses, by row sums (Gershgorin)."""
     most = 0.0
     for i in range(n):
@@ -36,14 +37,14 @@ def largest(c, n, k):
 
 
 @compiled
-def horizon(c, n):
+def horizon(c: Chain, n: int) -> float:
     """Time over which the series is summed."""
     most = largest(c, n, c.k)
     return ANGLE / sqrt(most) if most > 0 else inf
 
 
 @compiled
-def expand(c, n, h, rates, deltas):
+def expand(c: Chain, n: int, h: float, rates: Floats, deltas: Floats) -> None:
     """Write the coefficients of w_i and delta_i in x = t/h to the rows 0 to `ORDER` of `rates` and `deltas`."""
     for i in range(n):
         rates[0, i], deltas[0, i] = c.w[i], c.delta[i]
@@ -60,7 +61,7 @@ def expand(c, n, h, rates, deltas):
 
 
 @compiled
-def evaluate(coefficients, order, n, x, out):
+def evaluate(coefficients: Floats, order: int, n: int, x: float, out: Floats) -> None:
     """Values of n polynomials, one a column, at x."""
     for i in range(n):
         out[i] = coefficients[order, i]

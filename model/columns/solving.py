@@ -8,14 +8,14 @@ from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
 from impact_xval.model.collision import RESULT_STATUSES
 from impact_xval.model.columns.chain import Chain, ball_values
 from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
 from impact_xval.model.columns.diagram import COLLAPSE, PLASTIC, RUNAWAY, TOO_MANY_EVENTS, collide
-from impact_xval.model.compiled import OPTIONS, compiled
+from impact_xval.model.compiled import Floats, compiled, compiled_in_parallel
 from impact_xval.model.diagram import MASS_PRECISION
 from impact_xval.model.grazing import MARKS, mark_codes
 from impact_xval.model.inputs import EXPONENT, GRAZING_THRESHOLD
@@ -153,7 +153,7 @@ def solve_columns(
         rules.stiffens,
         max_events,
     )
-    outcomes = []
+    outcomes: list[ColumnOutcome] = []
     for i, (column, unit) in enumerate(zip(columns, units, strict=True)):
         code, events, margin, residual = numbers[i]
         result = (velocities[of_balls[i] : of_balls[i + 1]], int(code), int(events), margin, residual, 0.0, 0)
@@ -181,6 +181,10 @@ def beyond_precision(column: Column) -> str:
     return ""
 
 
+#: Masses, stiffnesses, restitutions, compression rates and mean velocity in a column's own units.
+ScaledColumn = tuple[Floats, Floats, Floats, Floats, float]
+
+
 class Units(NamedTuple):
     """Units in which a column has the first mass and stiffness 1, and 1 as its largest compression rate."""
 
@@ -189,7 +193,7 @@ class Units(NamedTuple):
     time: float
 
 
-def scaled_column(column: Column, p: float) -> tuple[tuple[Any, ...], Units]:
+def scaled_column(column: Column, p: float) -> tuple[ScaledColumn, Units]:
     """Masses, stiffnesses, restitutions, compression rates and mean velocity in the column's own units (Theorem 5)."""
     masses, stiffnesses = np.array(column.masses), np.array(column.stiffnesses)
     rates = np.array(column.compression_rates)
@@ -202,7 +206,7 @@ def scaled_column(column: Column, p: float) -> tuple[tuple[Any, ...], Units]:
 
 
 @compiled
-def chain_of(scaled, p):
+def chain_of(scaled: ScaledColumn, p: float) -> tuple[Chain, float]:
     """Chain of a column of `scaled_column`, and its kinetic energy relative to the centre of mass or the table."""
     masses, stiffnesses, restitutions, rates, drift = scaled
     balls, contacts = masses.size, stiffnesses.size
@@ -229,7 +233,9 @@ def chain_of(scaled, p):
 
 
 @compiled
-def solve_scaled(scaled, p, stiffens, max_events, points, log):
+def solve_scaled(
+    scaled: ScaledColumn, p: float, stiffens: bool, max_events: int, points: int, log: Floats
+) -> tuple[Floats, int, int, float, float, float, int]:
     """Solve a column of `scaled_column`: velocities, code, events, margin, residual, time, rows of the log."""
     masses, drift = scaled[0], scaled[-1]
     chain, energy = chain_of(scaled, p)
@@ -242,10 +248,19 @@ def solve_scaled(scaled, p, stiffens, max_events, points, log):
     return velocities, code, events, margin, residual, time, rows
 
 
-@njit(parallel=True, **OPTIONS)
+@compiled_in_parallel
 def _solve_all(
-    of_balls, of_contacts, masses, stiffnesses, restitutions, rates, drifts, p, stiffens, max_events
-):
+    of_balls: NDArray[np.int64],
+    of_contacts: NDArray[np.int64],
+    masses: Floats,
+    stiffnesses: Floats,
+    restitutions: Floats,
+    rates: Floats,
+    drifts: Floats,
+    p: float,
+    stiffens: bool,
+    max_events: int,
+) -> tuple[Floats, Floats]:
     velocities, numbers = np.empty(masses.size), np.empty((drifts.size, 4))
     no_log = np.empty((0, 0))
     for i in prange(drifts.size):

@@ -7,6 +7,9 @@ DOP853, events are sign changes on its dense output.
 import numpy as np
 from scipy.integrate import solve_ivp
 
+#: Laws that tell compression from restitution.
+TWO_PHASES = ("bistiffness", "compression-dashpot")
+
 
 class _Contact:
     """A contact: its law, and the phase it is in ('' carries none, 'on', 'c'ompression, 'r'estitution)."""
@@ -22,7 +25,7 @@ class _Contact:
         if not self.phase:
             return 0.0
         spring = self.k * max(depth, 0.0) ** self.p if self.p != 1 else self.k * depth
-        if self.law == "kelvin-voigt":
+        if self.law == "kelvin-voigt" or (self.law == "compression-dashpot" and self.phase == "c"):
             return spring + self.b * max(depth, 0.0) ** ((self.p - 1) / 2) * rate
         return spring * (1 + self.b * rate) if self.law == "hunt-crossley" else spring
 
@@ -35,8 +38,8 @@ class _Contact:
     def watched(self, slack, frozen):
         """What ends the phase: functions of depth and rate that fall through zero, with the phase after."""
         if frozen and not self.phase:
-            return [(lambda d, w: -w, "c" if self.law == "bistiffness" else "on")]
-        if self.law == "bistiffness":
+            return [(lambda d, w: -w, "c" if self.law in TWO_PHASES else "on")]
+        if self.law in TWO_PHASES:
             if self.phase == "c":
                 return [(lambda d, w: w, "r")]
             return [(lambda d, w: -w, "c"), (lambda d, w: d, "")] if self.phase else [(lambda d, w: -d, "c")]
@@ -62,7 +65,7 @@ def integrate(column, law, p, b, rtol=1e-12, resolution=0.1, most=3000, frozen=F
     inverse = 1 / np.array(column.masses)
     bodies = np.append(inverse, 0.0) if column.table else inverse
     x, v = np.zeros(n), np.array(column.velocities)
-    start = "c" if law == "bistiffness" else "on"
+    start = "c" if law in TWO_PHASES else "on"
 
     def relative(values):
         return np.diff(np.append(values, 0.0) if column.table else values)
@@ -123,7 +126,7 @@ def integrate(column, law, p, b, rtol=1e-12, resolution=0.1, most=3000, frozen=F
             if contact.phase == "c" and after == "r":
                 contact.k /= contact.e ** (2 * p)
                 contact.surface += (1 - contact.e**2) * depth
-        else:
+        elif law not in TWO_PHASES:  # else no contact is slack
             slack[i] = bool(contact.phase) and not after and depth > 1e-12
         if frozen and not contact.phase:
             contact.surface += depth

@@ -97,7 +97,7 @@ def test_the_certificate_never_lies():
     assert certified > 500
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_first_event_against_brute_force():
     """No watched function is negative before the event, and the one that fires is zero there."""
     rng = np.random.default_rng(5)

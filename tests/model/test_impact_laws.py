@@ -8,6 +8,7 @@ import pytest
 
 from impact_xval.model import Collision, solve, solve_batch
 from tests.compliant_baselines.impulse_law_oracle import integrate
+from tests.model import compiled_only
 
 LZB = "liu-zhao-brogliato"
 
@@ -122,6 +123,7 @@ def test_unknown_law():
         solve_batch(1.0, 1.0, 1.0, 1.0, impact_law="newton")
 
 
+@compiled_only
 def test_a_law_without_jumps_is_marked_for_none():
     rng = np.random.default_rng(3)
     cells = (

@@ -15,6 +15,11 @@ restitution = st.floats(0, 1)
 scale = st.floats(-6, 6).map(lambda x: 10.0**x)
 
 
+def rounding(outcome):
+    """Share of the energy that sums over all events may round away: 9.3 units an event at most in 80,000."""
+    return 16 * np.finfo(float).eps * (1 + outcome.n_events)
+
+
 @settings(max_examples=300, deadline=None)
 @given(ratios, masses, restitution, restitution, scale, scale, scale)
 def test_theorem_5(kappa, mu, e1, e2, stiffness, mass, speed):
@@ -40,7 +45,7 @@ def test_energy_never_grows_and_the_balls_part(kappa, mu, e1, e2, cutoff):
     c = Collision.from_ratios(kappa, mu, e1, e2)
     outcome = solve(c, stiffness_ratio_cutoff=cutoff)
     assert outcome.v1 >= outcome.v2 >= 0
-    assert outcome.retained_energy(c) <= 1 + 1e-13
+    assert outcome.retained_energy(c) <= 1 + rounding(outcome)
     assert outcome.states[0] == "S1"
     assert outcome.states[-1] == "S4"
     # momentum: each ball's from the impulses, (11) and (12)
@@ -53,7 +58,7 @@ def test_energy_never_grows_and_the_balls_part(kappa, mu, e1, e2, cutoff):
 def test_elastic_collisions_keep_their_energy(kappa, mu):
     c = Collision.from_ratios(kappa, mu, 1, 1)
     outcome = solve(c)
-    assert outcome.retained_energy(c) == pytest.approx(1, abs=1e-12)
+    assert outcome.retained_energy(c) == pytest.approx(1, abs=rounding(outcome), rel=0)
 
 
 @settings(max_examples=100, deadline=None)

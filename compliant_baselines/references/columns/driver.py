@@ -33,6 +33,7 @@ from impact_xval.compliant_baselines.references.columns.motion import (
 )
 from impact_xval.compliant_baselines.references.contact_law import (
     BISTIFFNESS,
+    COMPRESSION_DASHPOT,
     FORCE,
     GAP,
     HELD,
@@ -41,6 +42,7 @@ from impact_xval.compliant_baselines.references.contact_law import (
     OPEN,
     RATE,
     SLACK,
+    carries,
 )
 from impact_xval.compliant_baselines.references.contact_law import COMPRESSION as COMPRESSES
 from impact_xval.compliant_baselines.references.contact_law import RESTITUTION as RESTORES
@@ -69,7 +71,7 @@ def mode_of(law, c, i, frozen):
     """Mode of contact i, as the two-ball references name it."""
     if frozen and c.phase[i] == INACTIVE:
         return HELD
-    if law == BISTIFFNESS:
+    if law in (BISTIFFNESS, COMPRESSION_DASHPOT):
         return COMPRESSES if c.phase[i] == COMPRESSION else RESTORES if c.phase[i] == RESTITUTION else OPEN
     if c.phase[i] != INACTIVE:
         return LOADED
@@ -134,12 +136,15 @@ def first_event(law, c, b, n, h, marks, work):
 @compiled
 def dashpot_event(law, c, b, i, mode, what, frozen):
     """Apply an event of a contact of spring and dashpot."""
-    after = dashpot_law.change(mode, what, frozen or (law == KELVIN_VOIGT and b[i] == 0))
+    if law == COMPRESSION_DASHPOT:
+        after = dashpot_law.change_of_compression(mode, what)
+    else:
+        after = dashpot_law.change(mode, what, frozen or (law == KELVIN_VOIGT and b[i] == 0))
     if what == GAP or after == OPEN:
         c.delta[i] = 0.0
     elif what == RATE:
         c.w[i] = 0.0
-    c.phase[i] = COMPRESSION if after == LOADED else INACTIVE
+    c.phase[i] = RESTITUTION if after == RESTORES else COMPRESSION if carries(after) else INACTIVE
 
 
 @compiled
@@ -210,7 +215,7 @@ def collide(law, scaled, gaps, b, p, frozen, tolerance, max_steps, points, log):
     Parameters
     ----------
     law : int
-        `BISTIFFNESS`, `KELVIN_VOIGT` or `HUNT_CROSSLEY`.
+        `BISTIFFNESS`, `KELVIN_VOIGT`, `HUNT_CROSSLEY` or `COMPRESSION_DASHPOT`.
     scaled : tuple
         The column, as of `model.columns.solving.scaled_column`.
     gaps, b : ndarray, shape (C,)

@@ -5,9 +5,11 @@ Contact i has the penetration delta_i, delta_i' = w_i, negative across a gap, an
     bistiffness       F = k delta^p
     Kelvin-Voigt      F = k delta^p + c delta^((p - 1)/2) delta'
     Hunt-Crossley     F = k delta^p (1 + a delta')
+    dashpot in        as Kelvin-Voigt while delta' > 0,
+    compression       F = k delta^p while not
 
-For p = 1 the first two are linear: their power series is summed as that of the model (`model.columns.series`), over a
-time of `ANGLE` over omega + gamma, the bounds of the frequencies and of the rates of decay: the norm of
+For p = 1 all but Hunt-Crossley are linear: their power series is summed as that of the model (`model.columns.series`),
+over a time of `ANGLE` over omega + gamma, the bounds of the frequencies and of the rates of decay: the norm of
 `references.taylor`, so that the remainder is below a rounding. All others take steps of the method of order 8 of
 Hairer, Norsett and Wanner, whose cubics and quintics through their ends find the first event; the step is then repeated
 up to it, with Newton's iteration on its time.
@@ -25,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.references.contact_law import (
+    COMPRESSION_DASHPOT,
     FORCE,
     GAP,
     HUNT_CROSSLEY,
@@ -42,7 +45,7 @@ from impact_xval.model.columns.power_law import (
 )
 from impact_xval.model.columns.series import ANGLE, ORDER, largest
 from impact_xval.model.compiled import compiled, inlined
-from impact_xval.model.law import INACTIVE
+from impact_xval.model.law import COMPRESSION, INACTIVE
 
 #: Last step of Newton's iteration, as a share of the step, that rounding may leave.
 RESOLVED = 1e-6
@@ -102,7 +105,7 @@ def push(law, c, b, i):
     if c.phase[i] == INACTIVE:
         return 0.0
     spring = power_force(c.k[i], c.delta[i], c.p)
-    if law == KELVIN_VOIGT:
+    if law == KELVIN_VOIGT or (law == COMPRESSION_DASHPOT and c.phase[i] == COMPRESSION):
         return spring + b[i] * c.w[i] * max(c.delta[i], 0.0) ** (0.5 * (c.p - 1))
     if law == HUNT_CROSSLEY:
         return spring * (1 + b[i] * c.w[i])
@@ -114,7 +117,8 @@ def _term(c, b, work, order, i, n):
     """Coefficient of the force of contact i, linear; 0 beyond the end of the column."""
     if i >= n or c.phase[i] == INACTIVE:
         return 0.0
-    return c.k[i] * work.deltas[order, i] + b[i] * work.rates[order, i]
+    damping = b[i] if c.phase[i] == COMPRESSION else 0.0  # as Kelvin-Voigt's are, as long as they act
+    return c.k[i] * work.deltas[order, i] + damping * work.rates[order, i]
 
 
 @compiled

@@ -42,7 +42,7 @@ def mark_columns(
     outcomes, columns : sequence
         Of a solver that has the law or was asked for it; what is marked or has no result stays as it is.
     law : str
-        One of `solving.LAWS`.
+        One of `contact_law.COLUMN_LAWS`.
     exponent, frozen, max_steps
         As of `solving.solve_column`.
     """

@@ -13,7 +13,12 @@ from impact_xval.compliant_baselines.contact.restitution_laws import (
     textbook_damping_ratios,
 )
 from impact_xval.compliant_baselines.references.columns.driver import collide
-from impact_xval.compliant_baselines.references.contact_law import BISTIFFNESS, HUNT_CROSSLEY, KELVIN_VOIGT
+from impact_xval.compliant_baselines.references.contact_law import (
+    BISTIFFNESS,
+    COLUMN_LAWS,
+    COMPRESSION_DASHPOT,
+    HUNT_CROSSLEY,
+)
 from impact_xval.model.columns.column import Column, ColumnOutcome
 from impact_xval.model.columns.diagram import RUNAWAY, TOO_MANY_EVENTS
 from impact_xval.model.columns.power_law import TOLERANCE
@@ -28,14 +33,6 @@ from impact_xval.model.columns.solving import (
     states_of,
 )
 from impact_xval.model.inputs import EXPONENT
-
-#: Laws by name, as codes of the driver.
-LAWS = {
-    "bistiffness": BISTIFFNESS,
-    "kelvin-voigt": KELVIN_VOIGT,
-    "kelvin-voigt-textbook": KELVIN_VOIGT,
-    "hunt-crossley": HUNT_CROSSLEY,
-}
 
 #: Pieces of segments after which a column is given up, some seconds for five balls.
 MAX_STEPS = 1_000_000
@@ -60,7 +57,7 @@ def solve_column(
     column : Column
         With its gaps, if any.
     law : str
-        One of `LAWS`:
+        One of `contact_law.COLUMN_LAWS`:
 
         * ``bistiffness``, the model's law with positions: a contact that has opened returns when its gap has closed;
         * ``kelvin-voigt``, F = max(0, k delta^p + c delta^((p - 1)/2) delta'), c = 2 zeta sqrt((p + 1)/2 k M), M of the
@@ -69,7 +66,8 @@ def solve_column(
           the linear contact, u du/dxi = -2 (k xi + c u)/(M (p + 1)): it has the same e for every p, at any speed;
         * ``kelvin-voigt-textbook``, the same with the zeta of a contact that may pull;
         * ``hunt-crossley``, F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at
-          first touch (`contact.restitution_laws`: the same A for every p).
+          first touch (`contact.restitution_laws`: the same A for every p);
+        * ``compression-dashpot``, Kelvin-Voigt's force while delta' > 0, k delta^p while not, with the zeta of that.
     exponent : float
         p, from 1 to 3; 1.5 are Hertz contacts.
     path : bool
@@ -93,8 +91,8 @@ def solve_column(
     ValueError
         For an unknown law, an illegal exponent, or gaps where positions are frozen.
     """
-    if law not in LAWS:
-        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
+    if law not in COLUMN_LAWS:
+        raise ValueError(f"law = {law!r}; legal: {', '.join(COLUMN_LAWS)}")
     if frozen and any(column.gaps):
         raise ValueError(f"gaps = {column.gaps!r}; legal where positions are frozen: none")
     p = EXPONENT.number(exponent)
@@ -110,11 +108,11 @@ def solve_column(
     scaled, units = scaled_column(column, p)
     length = units.speed * units.time
     b = coefficients_of(column, law, p)
-    if LAWS[law] == HUNT_CROSSLEY:
+    if COLUMN_LAWS[law] == HUNT_CROSSLEY:
         b = b * units.speed
     else:
         b = b / math.sqrt(column.masses[0]) / math.sqrt(column.stiffnesses[0])
-    problem = LAWS[law], scaled, np.array(column.gaps) / length, b, p, frozen
+    problem = COLUMN_LAWS[law], scaled, np.array(column.gaps) / length, b, p, frozen
     balls, contacts = len(column.masses), len(column.stiffnesses)
     points = POINTS if path else 1
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
@@ -130,7 +128,7 @@ def solve_column(
         collide(*problem, TOLERANCE, max_steps, points, log)
     log = log[:rows]
     diagnostics = {"duration": time * units.time}
-    if p != 1 or LAWS[law] == HUNT_CROSSLEY:
+    if p != 1 or COLUMN_LAWS[law] == HUNT_CROSSLEY:
         looser, code2, *_ = collide(*problem, LOOSER * TOLERANCE, max_steps, 1, np.empty((0, log.shape[1])))
         moved = math.nan if code2 & TOO_MANY_EVENTS else float(np.abs(looser - velocities).max())
         diagnostics["velocity_error"] = moved * units.speed
@@ -152,10 +150,12 @@ def solve_column(
 def coefficients_of(column: Column, law: str, p: float) -> NDArray[np.float64]:
     """Give c or a of each contact of a column under a law of exponent p, in SI units; 0 where the law has none."""
     e, rates = np.array(column.restitutions), np.array(column.compression_rates)
-    if LAWS[law] == BISTIFFNESS:
+    if COLUMN_LAWS[law] == BISTIFFNESS:
         return np.zeros(e.size)
-    if LAWS[law] == HUNT_CROSSLEY:
+    if COLUMN_LAWS[law] == HUNT_CROSSLEY:
         return hunt_crossley_coefficients(e) / rates.max()
+    if COLUMN_LAWS[law] == COMPRESSION_DASHPOT:
+        e = e * e  # `contact.restitution_laws.compression_damping_ratio`
     zeta = textbook_damping_ratios(e) if law == "kelvin-voigt-textbook" else damping_ratios(e)
     inverse = 1 / np.array([*column.masses, *([math.inf] if column.table else [])])
     mass = 1 / (inverse[1:] + inverse[:-1])

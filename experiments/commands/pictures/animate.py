@@ -17,6 +17,7 @@ from impact_xval.experiments.commands.options import (
     M1,
     MAPPING,
     MASS_RATIO,
+    MAX_STEPS,
     SCENARIO,
     STEP_FRACTION,
     STIFFNESS_RATIO,
@@ -63,6 +64,7 @@ def animate(
     step_fraction: Annotated[str, STEP_FRACTION] = "1e-3",
     mapping: Annotated[str, MAPPING] = "calibrated",
     cutoff: Annotated[str, CUTOFF] = "exact",
+    max_steps: Annotated[str, MAX_STEPS] = "2000000",
     cell_timeout: Annotated[str, CELL_TIMEOUT] = "300",
 ) -> None:
     """Show one collision in slow motion: balls, contacts and forces of the model beside those of another solver.
@@ -109,12 +111,17 @@ def animate(
 
 def _history(name: str, collision: Collision, outcome: Outcome, gravity: float) -> History:
     """Return the history of an outcome; one line where it has none."""
+    from impact_xval.compliant_baselines.contract.registry import kind_of
     from impact_xval.experiments.presentation.pictures.history import history_of
     from impact_xval.model.collision import RESULT_STATUSES
 
     if outcome.status not in RESULT_STATUSES:
         raise UserError(
             f"{name}: {outcome.status}: {outcome.reason}; legal: a collision and a solver with a result"
+        )
+    if kind_of(name) == "rigid":
+        raise UserError(
+            f"--solver = {name!r}: a rigid impact takes no time; legal: a solver with stiffnesses"
         )
     if outcome.path is None:
         raise UserError(f"--solver = {name!r}: gives no path of a collision; legal: a solver that does")

@@ -17,8 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, law_of
-from impact_xval.compliant_baselines.references.columns import solving
-from impact_xval.compliant_baselines.references.columns.rounding import mark_columns
+from impact_xval.compliant_baselines.references.contact_law import COLUMN_LAWS
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures import corners
@@ -58,7 +57,7 @@ _READ = (
 _MAX_STEPS = 100_000
 
 #: Laws that "what if" may put in the place of kelvin-voigt; others of `corners.LAWS` are laws of two balls.
-_LAWS = tuple(name for name in corners.LAWS if name in solving.LAWS)
+_LAWS = tuple(name for name in corners.LAWS if name in COLUMN_LAWS)
 
 
 def column_ladder_schema(law: str) -> pa.Schema:
@@ -180,13 +179,17 @@ def column_corners(
 
 def _solved(arranged: Arranged, laws: Sequence[str]) -> Iterator[tuple[Index, ColumnOutcome]]:
     """Solve the corners of a column one by one, but for the model."""
+    # With scipy's integrators, which runs of two balls do not need.
+    from impact_xval.compliant_baselines.references.columns.rounding import mark_columns
+    from impact_xval.compliant_baselines.references.columns.solving import solve_column
+
     column, exponent = arranged.column(), arranged.exponent
     for positions, law in product((FREE, FROZEN), range(len(laws))):
         index = positions, law, WEIGHTLESS
         if index != MODEL:
             frozen = positions == FROZEN
             asked = {"exponent": exponent, "frozen": frozen, "max_steps": _MAX_STEPS}
-            outcome = solving.solve_column(column, laws[law], **asked)
+            outcome = solve_column(column, laws[law], **asked)
             yield index, mark_columns([outcome], [column], laws[law], **asked)[0]
 
 

@@ -8,6 +8,7 @@ from impact_xval.compliant_baselines.contract.registry import law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.measures.columns.summary import SUMMARISED, ColumnSummary
 from impact_xval.experiments.presentation.ladder_page import ladder_facts, spread
+from impact_xval.experiments.presentation.summary_page import unsolved
 from impact_xval.experiments.tables.numbers import number, percent
 
 _CUTS = ("median", "p95", "max")
@@ -32,6 +33,8 @@ def column_facts(summary: ColumnSummary) -> dict[str, Any]:
         "found": [
             _found(summary, name) for name in summary.solvers if summary.get(name, "velocity_divergence").n
         ],
+        "unsolved": unsolved(summary),
+        "energy": [_energy(summary, name) for name in summary.solvers if name in set(summary.regular.solver)],
         "engines": summary.engines,
         "engine_rows": _engine_rows(summary.engines),
         "overall": [
@@ -77,6 +80,12 @@ def _found(summary: ColumnSummary, name: str) -> dict[str, Any]:
         "few": (balls[0], _median(summary, name, "balls", balls[0])),
         "many": (balls[-1], _median(summary, name, "balls", balls[-1])),
     }
+
+
+def _energy(summary: ColumnSummary, name: str) -> dict[str, Any]:
+    """How much more of the energy before the collision a solver keeps than the model."""
+    more = summary.regular[summary.regular.solver == name].dretained_energy
+    return {"solver": name, "n": len(more), "median": more.median()}
 
 
 def _where(summary: ColumnSummary, row: Any) -> str:

@@ -29,12 +29,14 @@ from markupsafe import Markup
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
-from impact_xval.experiments.presentation.looks import look
+from impact_xval.experiments.presentation.looks import CONTACT_COLORS, look
+from impact_xval.experiments.presentation.page.cells import MOVING
 from impact_xval.experiments.presentation.page.html import render_markup
 from impact_xval.experiments.presentation.page.tiles import Tiles
+from impact_xval.experiments.presentation.pages import phrase
 
-#: D below this has the colour of this: about the rounding of the solvers.
-_FLOOR = 1e-4
+#: D below this has the colour of this: no eye tells smaller differences of outcome apart.
+FLOOR = 1e-4
 
 #: Labels of an axis at most.
 _LABELS = 60
@@ -43,7 +45,7 @@ _LABELS = 60
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 
 
-def charts(tiles: Tiles, solvers: Sequence[str]) -> list[Any]:
+def charts(tiles: Tiles, solvers: Sequence[str], first: str | None = None) -> list[Any]:
     """Draw the map and the frame of the impulse curves.
 
     Parameters
@@ -51,14 +53,20 @@ def charts(tiles: Tiles, solvers: Sequence[str]) -> list[Any]:
     tiles : Tiles
     solvers : sequence of str
         All of the run, the model among them.
+    first : str, optional
+        Whose D the map opens on (`Tiles.opens_on`).
 
     Returns
     -------
     list
         What Bokeh embeds in the elements ``map`` and ``curves`` of the page, as JSON objects.
     """
-    drawn = {"map": _map(tiles), "curves": _curves(solvers)}
-    return [_numbered(json_item(plot, ID(name))) for name, plot in drawn.items()]
+    return [embedded("map", _map(tiles, tiles.opens_on(first))), embedded("curves", _curves(solvers))]
+
+
+def embedded(place: str, plot: Any) -> Any:
+    """Return what Bokeh embeds in the element of a page of that name, as a JSON object."""
+    return _numbered(json_item(plot, ID(place)))
 
 
 def _numbered(item: Any) -> Any:
@@ -74,15 +82,17 @@ def scripts() -> Markup:
     tables = base64.b64encode(bundle.read_bytes()).decode("ascii")
     style = bundle.with_suffix(".css").read_text(encoding="utf-8")
     bokeh = Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
-    return render_markup("moving.html.j2", bokeh=bokeh, tables=tables, style=Markup(style))
+    states = [phrase("pictures.md.j2", "state", number) for number in (1, 2, 3, 4)]
+    words = {"states": states, "contacts": CONTACT_COLORS, "beside": MOVING}
+    return render_markup("moving.html.j2", bokeh=bokeh, tables=tables, style=Markup(style), **words)
 
 
-def _map(tiles: Tiles) -> Any:
-    """Draw one tile a cell, or the median of several, coloured by the D of one solver."""
-    names = [name for name, medians in tiles.medians.items() if any(d is not None for d in medians)]
-    shown = names[-1] if names else REFERENCE
+def _map(tiles: Tiles, shown: str | None) -> Any:
+    """Draw one tile a cell, or the median of several, coloured by the D of one solver; the page changes which."""
+    names = tiles.compared
+    medians = tiles.medians[shown] if shown else [None] * len(tiles.cells)
     values = [d for name in names for d in tiles.medians[name] if d is not None]
-    highest = max([*values, 10 * _FLOOR])
+    highest = max([*values, 10 * FLOOR])
     source = ColumnDataSource(
         {
             "across": tiles.across,
@@ -90,19 +100,22 @@ def _map(tiles: Tiles) -> Any:
             "column": [tiles.across_labels[place] for place in tiles.across],
             "row": [tiles.up_labels[place] for place in tiles.above],
             "cell": tiles.cells,
-            "shown": _floored(tiles.medians.get(shown, [None] * len(tiles.cells))),
-            **{f"d {name}": _floored(tiles.medians[name]) for name in names},
+            "shown": _numbers(medians),
+            **{f"d {name}": _numbers(tiles.medians[name]) for name in names},
         },
         name="tiles",
     )
-    mapper = LogColorMapper(palette="Viridis256", low=_FLOOR, high=highest, nan_color="#dddddd")
+    mapper = LogColorMapper(palette="Viridis256", low=FLOOR, high=highest, nan_color="#dddddd")
     rows = len(tiles.up_labels)
     plot = figure(
         height=min(1000, 110 + max(9, 13 if rows > 30 else 22) * rows),
         sizing_mode="stretch_width",
         tools=[
             TapTool(),
-            HoverTool(tooltips=[*_hover(tiles), ("D", "@shown{0.0000}"), ("opens cell", "@cell")]),
+            HoverTool(
+                tooltips=[*_hover(tiles), ("D", "@shown{%.3g}"), ("opens cell", "@cell")],
+                formatters={"@shown": "printf"},
+            ),
         ],
         toolbar_location=None,
         x_axis_label="stiffness ratio k2/k1 (-)",
@@ -131,8 +144,8 @@ def _map(tiles: Tiles) -> Any:
     return plot
 
 
-def _floored(medians: Sequence[float | None]) -> list[float]:
-    return [float("nan") if d is None else max(d, _FLOOR) for d in medians]
+def _numbers(medians: Sequence[float | None]) -> list[float]:
+    return [float("nan") if d is None else d for d in medians]
 
 
 def _hover(tiles: Tiles) -> list[tuple[str, str]]:

@@ -11,10 +11,12 @@ from markupsafe import Markup
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.summary import Summary
+from impact_xval.experiments.presentation.page.charts import FLOOR
 from impact_xval.experiments.presentation.page.html import render_markup
+from impact_xval.experiments.presentation.page.motion import motion_of_cell
 from impact_xval.experiments.presentation.page.tiles import Tiles
 from impact_xval.experiments.presentation.pages import phrase
-from impact_xval.experiments.tables.numbers import number
+from impact_xval.experiments.tables.numbers import ROUNDING, number
 
 _WORDS = "headlines.md.j2"
 
@@ -23,6 +25,28 @@ def subjects(found: Sequence[dict[str, Any]], closest: Sequence[dict[str, Any]])
     """Choose of whom the sentences tell: the engines; without any, every solver that was compared."""
     engines = {pair["solver"] for pair in closest}
     return [s for s in found if s["solver"] in engines] or list(found)
+
+
+def uneven(summary: Summary, subjects: Sequence[dict[str, Any]]) -> dict[float, list[tuple[str, int]]] | None:
+    """Tell where the subjects of a sentence are not compared in the same cells.
+
+    Returns
+    -------
+    dict or None
+        Numbers of cells by solver, of those k2/k1 which the sentence names and where they differ; None where all
+        subjects are compared in the same cells.
+    """
+    names = {s["solver"]: int(s["d"]["n"]) for s in subjects}
+    shared = [
+        (row.n, names[row.solver], names[row.other])
+        for row in summary.between.itertuples()
+        if row.solver in names and row.other in names
+    ]
+    if all(n == one == other for n, one, other in shared):
+        return None
+    named = sorted({s[end][0] for s in subjects for end in ("low", "high")})
+    counts = {value: [(s["solver"], s["counts"][value]) for s in subjects] for value in named}
+    return {value: pairs for value, pairs in counts.items() if len({n for _, n in pairs}) > 1}
 
 
 def numbers(facts: dict[str, Any], unit: str) -> Markup:
@@ -35,15 +59,23 @@ def numbers(facts: dict[str, Any], unit: str) -> Markup:
     unit : str
         What is counted: cells or columns.
     """
-    shown = [(number(s["d"]["median"]), phrase(_WORDS, "far_words", s, unit)) for s in facts["subjects"][:1]]
-    shown += [(number(pair["median"]), phrase(_WORDS, "asked_words", pair)) for pair in facts["closest"][:1]]
-    shown += [
-        (share.partition(" (")[0], phrase(_WORDS, "cause_words", engine, label))
-        for engine in facts["ladder"]["engines"][:1]
-        if engine["total"] > 0
-        for share, label in engine["parts"][:1]
+    shown = [
+        (_headline(s["d"]["median"]), phrase(_WORDS, "far_words", s, unit)) for s in facts["subjects"][:1]
     ]
+    shown += [
+        (_headline(pair["median"]), phrase(_WORDS, "asked_words", pair)) for pair in facts["closest"][:1]
+    ]
+    for engine in facts["ladder"]["engines"][:1]:
+        if engine["total"] > 0 and engine["cancel"]:
+            shown.append((engine["cancel"][0][1], phrase(_WORDS, "cancel_words", engine)))
+        elif engine["total"] > 0:
+            share, label = engine["parts"][0]
+            shown.append((share.partition(" (")[0], phrase(_WORDS, "cause_words", engine, label)))
     return render_markup("numbers.html.j2", numbers=shown)
+
+
+def _headline(d: float) -> str:
+    return f"< {ROUNDING:g}" if d < ROUNDING else number(d)
 
 
 def matrix(summary: Summary) -> Markup:
@@ -72,7 +104,7 @@ def matrix(summary: Summary) -> Markup:
     return render_markup("matrix.html.j2", names=names, rows=rows, caption=caption)
 
 
-def cells_piece(tiles: Tiles, packed: str, drawn: list[Any]) -> Markup:
+def cells_piece(tiles: Tiles, packed: str, drawn: list[Any], first: str | None = None) -> Markup:
     """Lay out the map, the cell that is open, and the list of those that open.
 
     Parameters
@@ -82,11 +114,13 @@ def cells_piece(tiles: Tiles, packed: str, drawn: list[Any]) -> Markup:
         What is shown of the cells (`cells.packed_cells`).
     drawn : list
         The charts (`charts.charts`).
+    first : str, optional
+        Whose D the map opens on (`Tiles.opens_on`).
     """
     along = [AXES[axis] for axis in tiles.up]
     rest = [label for axis, label in AXES.items() if axis not in (*tiles.up, "stiffness_ratio")]
-    compared = [name for name, medians in tiles.medians.items() if any(d is not None for d in medians)]
-    shown = tiles.medians[compared[-1]] if compared else [None] * len(tiles.cells)
+    compared, chosen = tiles.compared, tiles.opens_on(first)
+    shown = tiles.medians[chosen] if chosen else [None] * len(tiles.cells)
     rows = [
         (
             cell,
@@ -100,10 +134,13 @@ def cells_piece(tiles: Tiles, packed: str, drawn: list[Any]) -> Markup:
     return render_markup(
         "cells.html.j2",
         compared=compared,
+        chosen=chosen,
         labels=["k2/k1", *along],
-        caption=phrase(_WORDS, "cells_caption", tiles, along, rest),
+        caption=phrase(_WORDS, "cells_caption", tiles, along, rest, FLOOR),
         rows=rows,
         first=tiles.cells[max(range(len(shown)), key=lambda place: shown[place] or 0.0)],
         data=packed,
         charts=drawn,
+        motion=motion_of_cell(),
+        model=REFERENCE,
     )

@@ -52,6 +52,15 @@ class Tiles:
     cells: list[int]
     n_cells: int
 
+    @property
+    def compared(self) -> list[str]:
+        """The solvers of which there is a median."""
+        return [name for name, medians in self.medians.items() if any(d is not None for d in medians)]
+
+    def opens_on(self, first: str | None) -> str | None:
+        """Choose whose D the map shows when the page opens: that of `first`, or of the last one; None without any."""
+        return first if first in self.compared else next(reversed(self.compared), None)
+
 
 def tiles_of(table: Compared) -> Tiles:
     """Lay the compared cells of a run out as a map.

@@ -15,6 +15,8 @@ of the model still overlap when their contact has ended, that is what its assump
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,8 +26,10 @@ from impact_xval.model.collision import Collision, ImpulseCurve
 
 Floats = NDArray[np.float64]
 
-#: Share of the impulses that may pass after what is shown: balls may meet again long after.
+#: Share of the speed of impact, or of impulses, that may change after what is shown: balls may meet again long after.
 TAIL = 1e-3
+#: How long flights are shown at most, over the time in which contacts act; how far beyond the end is shown.
+_FLIGHT, _BEYOND = 1 / 3, 1.12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,8 +71,9 @@ class History:
 
     @property
     def ended(self) -> float:
-        """When all impulses but `TAIL` of their sum have passed."""
-        return passed_at(self.time, self.impulses)
+        """From when on both velocities are those at the end, to `TAIL` of abs(v0)."""
+        away = np.abs(self.velocities - self.velocities[-1]).max(axis=1) > TAIL
+        return float(self.time[1 + np.flatnonzero(away)[-1]]) if away.any() else 0.0
 
     def height(self, time: Floats) -> Floats:
         """Heights at instants, shape (m, 2); after the last one bodies fly on as they do then."""
@@ -84,6 +89,12 @@ class History:
         forces = np.column_stack([np.interp(time, self.between, f) for f in self.forces.T])
         return np.where((time > self.time[-1])[:, None], 0.0, forces)
 
+    def acts(self, time: Floats) -> NDArray[np.bool_]:
+        """Tell whether a contact acts at instants, shape (m,): whether impulses pass there, beyond rounding."""
+        forces = np.abs(self.forces).max(axis=1)
+        at = np.searchsorted(self.time, time, side="right") - 1
+        return (time < self.time[-1]) & (forces[at.clip(max=len(forces) - 1)] > 1e-9 * forces.max())
+
     def state_at(self, time: Floats) -> NDArray[np.int64]:
         """State at instants, shape (m,); S4 after the last one."""
         at = np.searchsorted(self.time, time, side="right") - 1
@@ -94,6 +105,22 @@ def passed_at(time: Floats, impulses: Floats) -> float:
     """Return when all impulses but `TAIL` of their sum have passed, for impulses so far of shape (n, 2)."""
     passed = impulses.sum(axis=1)
     return float(time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
+
+
+def instants_of(histories: Collection[History], n: int) -> Floats:
+    """Give n instants to show some histories at: evenly spaced, but farther apart where no contact acts in any.
+
+    Balls may meet again after a flight a hundred times as long as their contacts; so flights are shortened to a
+    share of the time in which contacts act. The last instant is a little beyond the last one that matters.
+    """
+    last = _BEYOND * max(each.ended for each in histories)
+    borders = np.unique(np.concatenate([[0.0, last], *(each.time[each.time < last] for each in histories)]))
+    lengths, middles = np.diff(borders), 0.5 * (borders[1:] + borders[:-1])
+    acts = np.any([each.acts(middles) for each in histories], axis=0)
+    flight = lengths[~acts].sum()
+    pace = min(1.0, _FLIGHT * lengths[acts].sum() / flight) if flight else 1.0
+    shown = np.append(0.0, np.cumsum(np.where(acts, lengths, pace * lengths)))
+    return np.interp(np.linspace(0.0, shown[-1], n), shown, borders)
 
 
 def history_of(collision: Collision, path: ImpulseCurve, gravity: float = 0.0) -> History | None:
@@ -110,18 +137,26 @@ def history_of(collision: Collision, path: ImpulseCurve, gravity: float = 0.0) -
     Returns
     -------
     History or None
-        None where the path has no finite clock.
+        None where the path has no finite clock, and of limits k2/k1 = 0 and inf.
     """
+    if not 0 < collision.stiffness_ratio < math.inf:
+        return None
     unit = collision.units
-    time = path.time / unit.time
+    velocities = np.column_stack([path.v1, path.v2]) / unit.velocity
+    impulses = np.column_stack([path.impulse1, path.impulse2]) / unit.impulse
+    sunk = collision.m2 * gravity / collision.k2 / (unit.velocity * unit.time)
+    return clocked(path.time / unit.time, velocities, impulses, path.state, sunk)
+
+
+def clocked(
+    time: Floats, velocities: Floats, impulses: Floats, state: NDArray[np.int64], sunk: float = 0.0
+) -> History | None:
+    """Make a history of what is dimensionless already: its attributes, and how far B2 is sunk at first."""
     if not (np.isfinite(time).all() and time[-1] > 0):
         return None
     # On a border a point is given once for each state: the last of them says what follows.
     kept = np.append(np.diff(time) > 0, True)
-    time, state = time[kept], path.state[kept]
-    velocities = np.column_stack([path.v1, path.v2])[kept] / unit.velocity
-    impulses = np.column_stack([path.impulse1, path.impulse2])[kept] / unit.impulse
+    time, velocities, impulses, state = time[kept], velocities[kept], impulses[kept], state[kept]
     steps = 0.5 * (velocities[1:] + velocities[:-1]) * np.diff(time)[:, None]
-    sunk = collision.m2 * gravity / collision.k2 / (unit.velocity * unit.time)
     heights = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)]) - sunk
     return History(time, velocities, heights, impulses, state)

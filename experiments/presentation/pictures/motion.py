@@ -21,8 +21,9 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 from PIL import Image
 
+from impact_xval.experiments.presentation.looks import CONTACT_COLORS
 from impact_xval.experiments.presentation.pages import phrase, render
-from impact_xval.experiments.presentation.pictures.history import Floats, History
+from impact_xval.experiments.presentation.pictures.history import Floats, History, instants_of
 from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.streams import replacing
@@ -41,14 +42,14 @@ _DPI = 100
 _COLORS = 64
 _TEMPLATE = "pictures.md.j2"
 
-#: Colours of contacts 1 and 2, those of the states in which they act alone.
-CONTACT_COLORS = ("#D55E00", "#0072B2")
 _BALLS, _IDLE = ("#B0B0B0", "#D0D0D0"), "0.75"
 
 #: Of a scene: natural length of a spring, and how much of it the largest compression takes.
 _SPRING, _COMPRESSED = 0.6, 0.8
 #: Largest radius of a ball, smallest radius, and how far it may rise before it leaves the scene.
 _RADIUS, _SMALL, _RISE = 0.45, 0.16, 0.7
+#: Above it, the line that names the state.
+_LINE = 0.22
 #: Length of the arrow of abs(v0), and of the bar of the largest force.
 _ARROW, _BAR = 0.7, 0.75
 
@@ -85,9 +86,8 @@ class Motion:
 
     @property
     def instants(self) -> Floats:
-        """Instants of the pictures: a little beyond the last one that matters to a solver."""
-        last = 1.12 * max(each.ended for each in self.histories.values())
-        return np.linspace(0.0, last, FRAMES)
+        """Instants of the pictures (`history.instants_of`)."""
+        return instants_of(self.histories.values(), FRAMES)
 
     def title(self) -> str:
         """Say who is shown."""
@@ -95,8 +95,9 @@ class Motion:
 
     def caption(self) -> str:
         """Say what is shown, and what the clock is."""
-        seconds = self.instants[-1] * self.collision.units.time
-        return phrase(_TEMPLATE, "motion", self, RATE, FRAMES / RATE / seconds)
+        steps = np.diff(self.instants)
+        slower = 1 / (RATE * steps[0] * self.collision.units.time)
+        return phrase(_TEMPLATE, "motion", self, slower, bool(steps.max() > 1.01 * steps[0]))
 
 
 class Scene:
@@ -108,7 +109,7 @@ class Scene:
         self.radii = np.maximum(_RADIUS * (masses / masses.max()) ** (1 / 3), _SMALL)
         top = 2 * _SPRING + 2 * self.radii.sum()
         ax.set_xlim(-1.25, 1.25)
-        ax.set_ylim(-0.12, top + _RISE)
+        ax.set_ylim(-0.12, top + _RISE + _LINE)
         ax.set_aspect("equal")
         ax.axis("off")
         ax.fill_between([-1.25, 1.25], -0.12, 0, color="0.55", linewidth=0)
@@ -122,7 +123,9 @@ class Scene:
         self.bars = [ax.plot([], [], color=c, linewidth=6, solid_capstyle="butt")[0] for c in CONTACT_COLORS]
         self.arrows = [ax.plot([], [], color="black", linewidth=1.4)[0] for _ in range(2)]
         self.heads = [ax.plot([], [], color="black", markersize=6, linestyle="none")[0] for _ in range(2)]
-        self.state = ax.text(-1.25, top + _RISE, "", fontsize=9.5, va="top", ha="left", fontweight="bold")
+        self.state = ax.text(
+            -1.25, top + _RISE + _LINE, "", fontsize=9.5, va="top", ha="left", fontweight="bold"
+        )
         self.artists = [
             *self.springs,
             *self.balls,

@@ -9,6 +9,7 @@ from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.references.bistiffness import BistiffnessSolver
 from impact_xval.compliant_baselines.references.kelvin_voigt import KelvinVoigtSolver
 from impact_xval.compliant_baselines.references.solver import ReferenceSolver
+from impact_xval.compliant_baselines.rigid.solver import RigidSolver
 from impact_xval.experiments.commands.cli import main
 
 FIRST = ("state-transition", "mujoco", "pybullet")
@@ -38,7 +39,7 @@ ALL = solver_names(on_request=True)
 @pytest.mark.parametrize("name", ALL)
 def test_the_kind_of_a_solver_is_that_of_its_class(name):
     solver = get_solver(name)
-    kinds = {EngineSolver: "engine", ReferenceSolver: "reference"}
+    kinds = {EngineSolver: "engine", ReferenceSolver: "reference", RigidSolver: "rigid"}
     assert registry.kind_of(name) == next((k for cls, k in kinds.items() if isinstance(solver, cls)), "model")
 
 
@@ -48,8 +49,8 @@ def test_the_law_of_a_solver_is_that_of_an_exact_one(name):
     assert law in registry.engine_free_names()
     assert registry.law_of(law) == law
     solver = get_solver(law)
-    if registry.kind_of(name) == "model":
-        assert registry.kind_of(law) == "model"
+    if registry.kind_of(name) in ("model", "rigid"):
+        assert registry.kind_of(law) == registry.kind_of(name)
     else:
         assert isinstance(solver, BistiffnessSolver | KelvinVoigtSolver)
 

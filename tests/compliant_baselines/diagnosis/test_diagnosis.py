@@ -180,6 +180,19 @@ def test_a_trap_of_many_contacts_is_told_once_and_static_ones_not_at_all():
     assert diagnose_mujoco(still) == []
 
 
+@pytest.mark.parametrize(
+    ("between", "found"), [("", {"mixed-signs"}), ("<exclude body1='a' body2='b'/>", set())]
+)
+def test_bodies_that_an_exclude_keeps_apart_have_no_traps(between, found):
+    import mujoco
+
+    balls = "".join(
+        f'<body name="{name}"><freejoint/><geom size="1" solref="-1e2 1"/></body>' for name in ("b", "a")
+    )
+    text = f"<mujoco><option timestep='1e-4'/><worldbody>{balls}</worldbody><contact>{between}</contact></mujoco>"
+    assert traps(diagnose_mujoco(mujoco.MjModel.from_xml_string(text))) == found
+
+
 # PyBullet: a sphere of 1 m that meets a plane
 
 

@@ -146,3 +146,19 @@ def test_a_path_that_ends_in_a_limit_is_finite(e1):
     for name in ("time", "impulse1", "impulse2", "v1", "v2", "energy1", "energy2"):
         assert np.isfinite(getattr(outcome.path, name)).all(), name
     assert outcome.path.v1[-1] == outcome.v1
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"), [({"e2": 0.0}, "e2 = 0: no finite stiffness"), ({"k1": 0.0}, "k1 = 0.0 N/m: a")]
+)
+def test_what_it_refuses_it_refuses_for_a_reason_of_its_own(changed, says):
+    c = Collision(
+        **({"m1": 1.0, "m2": 1.0, "k1": 1e5, "k2": 1e5, "e1": 0.8, "e2": 0.6, "v0": -1.0} | changed)
+    )
+    (outcome,) = get_solver("bistiffness").solve_many([c], Settings())
+    assert outcome.status == "unrepresentable"
+    assert outcome.reason.startswith(says)
+    assert "damp" not in outcome.reason
+    assert "dashpot" not in outcome.reason
+    (engine,) = get_solver("kelvin-voigt").solve_many([c], Settings())
+    assert "dashpot" in engine.reason

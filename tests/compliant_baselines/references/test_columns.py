@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
-from impact_xval.compliant_baselines.references.columns.solving import LAWS, coefficients_of, solve_column
+from impact_xval.compliant_baselines.references.columns.solving import coefficients_of, solve_column
+from impact_xval.compliant_baselines.references.contact_law import COLUMN_LAWS
 from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
 from impact_xval.model import Column
 from impact_xval.model import solve_column as solve_by_the_model
@@ -21,6 +22,7 @@ DAMPING = {
     "kelvin-voigt": "pair",
     "kelvin-voigt-textbook": "textbook",
     "hunt-crossley": "hunt-crossley",
+    "compression-dashpot": "compression",
 }
 BATCHES = {
     "bistiffness": bistiffness_batch,
@@ -40,7 +42,9 @@ def with_gaps(rng, column):
     return replace(column, gaps=tuple(10 ** rng.uniform(-4, 0, contacts) * rng.integers(2, size=contacts)))
 
 
-@pytest.mark.parametrize(("law", "count"), [(law, 60 if law == "hunt-crossley" else 300) for law in LAWS])
+@pytest.mark.parametrize(
+    ("law", "count"), [(law, 60 if law == "hunt-crossley" else 300) for law in COLUMN_LAWS]
+)
 def test_two_balls_on_a_table_are_the_two_ball_references(law, count):
     rng = np.random.default_rng(1)
     k, m = 10 ** rng.uniform(-2, 2, count), 10 ** rng.uniform(-1, 1, count)
@@ -104,6 +108,8 @@ def compare(seed, count, law, exponent, most, frozen=False):
         ("hunt-crossley", 1, 3, 4),
         ("hunt-crossley", 1.5, 3, 4),
         ("bistiffness", 1.5, 2, 3),
+        ("compression-dashpot", 1, 6, 5),
+        ("compression-dashpot", 1.5, 2, 3),
     ],
 )
 def test_an_integration_in_time_agrees(law, exponent, count, most):
@@ -111,7 +117,8 @@ def test_an_integration_in_time_agrees(law, exponent, count, most):
 
 
 @pytest.mark.parametrize(
-    ("law", "exponent"), [("kelvin-voigt", 1), ("kelvin-voigt", 1.5), ("hunt-crossley", 1)]
+    ("law", "exponent"),
+    [("kelvin-voigt", 1), ("kelvin-voigt", 1.5), ("hunt-crossley", 1), ("compression-dashpot", 1)],
 )
 def test_an_integration_in_time_agrees_where_positions_are_frozen(law, exponent):
     compare(6, 4, law, exponent, 6, frozen=True)
@@ -124,7 +131,7 @@ def test_an_integration_in_time_agrees_on_long_columns(law, exponent):
 
 
 @pytest.mark.parametrize("exponent", [1, 1.5])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", COLUMN_LAWS)
 def test_invariants(law, exponent):
     rng = np.random.default_rng(4)
     for _ in range(4):
@@ -147,7 +154,7 @@ def test_invariants(law, exponent):
 
 @pytest.mark.parametrize("exponent", [1, 1.5, 2])
 @pytest.mark.parametrize("speed", [0.01, 100])
-@pytest.mark.parametrize("law", ["bistiffness", "kelvin-voigt", "hunt-crossley"])
+@pytest.mark.parametrize("law", ["bistiffness", "kelvin-voigt", "hunt-crossley", "compression-dashpot"])
 def test_a_pair_alone_has_its_restitution_at_any_speed(law, speed, exponent):
     for e in (0.3, 0.9, 1):
         pair = Column((2, 3), (1e3,), (e,), (-speed, 0))
@@ -155,7 +162,7 @@ def test_a_pair_alone_has_its_restitution_at_any_speed(law, speed, exponent):
         assert (v1 - v2) / speed == pytest.approx(e, abs=1e-10)
 
 
-@pytest.mark.parametrize("law", ["bistiffness", "kelvin-voigt", "hunt-crossley"])
+@pytest.mark.parametrize("law", ["bistiffness", "kelvin-voigt", "hunt-crossley", "compression-dashpot"])
 @pytest.mark.parametrize("exponent", [1, 1.5])
 def test_elastic_balls_that_touch_are_those_of_the_model(law, exponent):
     # No contact of these returns before the balls part for good, so that positions do not matter.
@@ -241,7 +248,7 @@ def test_a_row_of_hertz_contacts_ends_as_in_time_without_events(law, balls, e):
 
 
 @pytest.mark.parametrize("exponent", [1.5, 2, 3])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", COLUMN_LAWS)
 def test_long_rows_end_at_every_exponent(law, exponent):
     # The higher the exponent, the faster a load grows from nothing: cubics through the ends of a step are wrong by far.
     for balls, e in ((24, 0.95), (18, 0.05)):
@@ -265,7 +272,7 @@ def test_contacts_left_at_rest_do_not_keep_a_collision_going(exponent):
     assert outcome.velocities == pytest.approx((0.9, 0, 0, 0, 0, 0), abs=1e-9)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", COLUMN_LAWS)
 def test_ratios_beyond_double_precision_end_with_a_status(law):
     far = Column((1e74, 1, 1e-75), (1, 1), (0.9, 0.9), (-1, 0, 0))
     assert solve_column(far, law, exponent=1.5, max_steps=1000).status == "timeout"
@@ -315,7 +322,7 @@ def test_a_solver_refuses_by_name_what_it_cannot_represent(solver, settings, exp
 
 def test_every_solver_gives_the_same_kind_of_outcome():
     column = cradle(3, 1, e=0.9)
-    names = ("state-transition", "liu-zhao-brogliato", *LAWS)
+    names = ("state-transition", "liu-zhao-brogliato", *COLUMN_LAWS)
     for name in names:
         outcome = get_solver(name).solve_column(column, Settings(record_path=True))
         assert outcome.solver == name

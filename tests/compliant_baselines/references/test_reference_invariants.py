@@ -19,6 +19,7 @@ BATCHES = {
     "kelvin-voigt-anchored": lambda *a: kelvin_voigt_batch(*a, damping="anchored"),
     "kelvin-voigt-textbook": lambda *a: kelvin_voigt_batch(*a, damping="textbook"),
     "hunt-crossley": lambda *a: kelvin_voigt_batch(*a, damping="hunt-crossley"),
+    "compression-dashpot": lambda *a: kelvin_voigt_batch(*a, damping="compression"),
 }
 CELLS = [tuple(map(float, cell)) for cell in zip(*random_cells(25, 21), strict=True)]
 SCENARIOS = [Settings(), Settings(scenario="drop", gravity=0.05), Settings(scenario="drop", gravity=0.3)]

@@ -2,6 +2,7 @@
 
 import base64
 import math
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -86,6 +87,14 @@ def test_a_notebook_shows_a_table_and_a_picture(two_balls):
     assert base64.b64decode(data).startswith(b"\x89PNG")
 
 
+def test_its_text_displays_nothing_in_a_notebook(two_balls, monkeypatch):
+    """A notebook takes the text of a result too, beside its HTML: the table was shown twice."""
+    text = str(two_balls)
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    monkeypatch.setattr("rich.jupyter.display", lambda segments, text: pytest.fail("it is displayed"))
+    assert str(two_balls) == text
+
+
 def test_the_picture_is_the_impulse_curves(two_balls):
     _, compared = two_balls
     whole = compared.plot().axes[0]
@@ -150,7 +159,12 @@ def test_without_any_result_there_is_a_table_and_no_picture():
     ("problem", "options", "error", "says"),
     [
         ((1, 2), {}, TypeError, "was given tuple; legal: a Collision or a Column"),
-        (Collision.from_ratios(1, 1, 1, 1), {"solvers": ["newton"]}, ValueError, "'newton' is not a solver"),
+        (
+            Collision.from_ratios(1, 1, 1, 1),
+            {"solvers": ["galileo"]},
+            ValueError,
+            "'galileo' is not a solver",
+        ),
         (Collision.from_ratios(1, 1, 1, 1), {"solvers": []}, ValueError, "is empty"),
         (Collision.from_ratios(1, 1, 1, 1), {"exponent": 1.5}, ValueError, "exponent = 1.5"),
         (Collision.from_ratios(1, 1, 1, 1), {"timeout": 0}, ValueError, "legal: greater than 0"),
@@ -184,3 +198,12 @@ def test_the_package_offers_compare_and_stays_light():
     code = "import impact_xval, sys; print(sorted({'numpy', 'numba', 'bokeh', 'pandas'} & set(sys.modules)))"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert said.strip() == "[]"
+
+
+def test_a_long_path_of_states_is_cut_where_it_is_shown_and_nowhere_else():
+    compared = compare(Collision.from_ratios(math.inf, 1e-3, 1.0, 1.0), ["sequential-top"])
+    many = len(compared.states["sequential-top"])
+    assert many > 90
+    row = next(line for line in compared.markdown().splitlines() if "| sequential-top |" in line)
+    assert f" ... ({many} states) ... " in row
+    assert len(re.findall(r"\bS[1-4]\b", row)) == 22

@@ -13,7 +13,7 @@ from impact_xval import Collision, Column, solve
 from impact_xval.experiments.cells.asked import asked
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.errors import UserError
-from tests.browser import violations
+from tests.browser import opened, violations
 from tests.experiments.cells.explored import explored, redraws, served, wait_for
 
 
@@ -104,6 +104,20 @@ def test_a_move_shows_the_cell_of_its_address():
         page.fill("#e1", "<b>2")
         wait_for(page, "models.answer.data.problem[0]")
         assert page.inner_text("#problem") == "e1 = '<b>2'; legal: a number"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("key", "put_right"), [("kind", "[name=kind][value=column]"), ("arrangement", "#arrangement")]
+)
+def test_what_no_control_can_show_is_named_until_it_is_put_right(key, put_right):
+    query = f"?{key}=%3Cb%3Enonsense" + ("&kind=column" if key == "arrangement" else "")
+    with served() as (_, address), opened(address + query, offline=False) as page:
+        wait_for(page, "models !== null && models.answer.data.problem[0]")
+        assert page.inner_text("#problem").startswith(f"{key} = '<b>nonsense'; legal: ")
+        page.select_option(put_right, "stack") if key == "arrangement" else page.check(put_right)
+        wait_for(page, "!models.answer.data.problem[0]")
+        assert "nonsense" not in page.url
 
 
 @pytest.mark.slow

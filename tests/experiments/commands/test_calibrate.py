@@ -107,7 +107,7 @@ def test_what_cannot_be_calibrated_is_said(arguments, says, tmp_path, capsys):
 def test_a_folder_that_holds_something_is_left_alone(few, tmp_path, capsys):
     (tmp_path / "mine").write_text("keep")
     assert main(["calibrate", "--engine", "mujoco", "--out", str(tmp_path)]) == 2
-    assert "not empty; legal: a new or empty folder" in capsys.readouterr().err
+    assert "not empty (mine); legal: a new or empty folder" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 

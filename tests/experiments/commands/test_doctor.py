@@ -2,8 +2,13 @@
 
 import ctypes
 import json
+import math
+import os
 import re
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -42,22 +47,50 @@ def test_an_mjcf_file(tmp_path, capsys):
     sound.write_text(SCENE.format(step=1e-3, solref="0.05 1"), encoding="utf-8")
     bad.write_text(SCENE.format(step=1e-3, solref="-100 1"), encoding="utf-8")
     assert main(["doctor", str(sound)]) == 0
-    assert capsys.readouterr().out == f"{sound}: no traps found\n"
+    *table, last = capsys.readouterr().out.splitlines()
+    assert last == f"{sound}: no traps found"
+    assert table[0].startswith("Two bodies at a time in mujoco ")
+    assert table[0].endswith(", at 1 m/s and the scene's own step of 0.001 s")
+    assert table[1].split()[-7:] == ["half", "step", "rebound,", "m/s", "T,", "s", "steps"]
+    assert table[2].startswith("geoms #0 and ball")
     assert main(["doctor", str(bad)]) == 1
     out = capsys.readouterr().out
     assert "mixed-signs: geoms #0 and ball: solref (-100, 1) is neither" in out
     assert main(["doctor", str(bad), "--json"]) == 1
-    assert "mixed-signs" in [row["trap"] for row in json.loads(capsys.readouterr().out)]
+    found = json.loads(capsys.readouterr().out)
+    assert set(found) == {"pairs", "pairs_left_out", "traps"}
+    assert "mixed-signs" in [row["trap"] for row in found["traps"]]
+    (pair,) = found["pairs"]
+    # What replaces it: the default, which returns 0.13 or so.
+    assert 0.1 < pair["restitution"] < 0.2
+    assert pair["masses"][0] == "inf"
+    assert pair["status"] == "ok"
+
+
+def test_a_contact_that_fails_is_no_success(tmp_path, capsys):
+    scene = tmp_path / "soft.xml"
+    scene.write_text(SCENE.format(step=1e-3, solref="-1e-6 -1e-9"), encoding="utf-8")
+    assert main(["doctor", str(scene)]) == 1
+    assert "not measured: 1 of 1" in capsys.readouterr().out.splitlines()[-1]
 
 
 @needs_pybullet
 def test_a_pybullet_script_is_run_up_to_its_first_step(tmp_path, capsys):
     script = tmp_path / "scene.py"
     script.write_text(SCRIPT.format(slop=0), encoding="utf-8")
-    assert main(["doctor", str(script)]) == 0
+    assert main(["doctor", str(script), "--yes"]) == 0
     script.write_text(SCRIPT.format(slop=1e-4), encoding="utf-8")
-    assert main(["doctor", str(script)]) == 1
+    assert main(["doctor", str(script), "--yes"]) == 1
     assert "slop: contactSlop: forces begin 0.0001 m inside a surface" in capsys.readouterr().out
+
+
+@needs_pybullet
+def test_a_link_without_a_shape_touches_nothing(tmp_path, capsys):
+    """PyBullet gives a body of a URDF that has no collision shape a box of a millimetre."""
+    urdf = tmp_path / "ghost.urdf"
+    urdf.write_text('<robot name="ghost"><link name="base"/></robot>', encoding="utf-8")
+    assert main(["doctor", str(urdf)]) == 0
+    assert "No two bodies can touch" in capsys.readouterr().out
 
 
 @needs_pybullet
@@ -104,10 +137,21 @@ def test_a_finished_run_of_a_list_is_examined_wherever_its_list_is(tmp_path, cap
     [
         ("gone.xml", None, "no such file"),
         ("bad.xml", "<mujoco><oops/></mujoco>", "MuJoCo does not compile it"),
+        (
+            "step.xml",
+            SCENE.format(step="nan", solref="0.05 1"),
+            "timestep = nan; legal: a finite number > 0 (s)",
+        ),
         ("bad.txt", "", "legal: .xml or .mjb (MuJoCo), .py or .urdf (PyBullet), .toml"),
         ("bad.toml", "scenario = 3", "scenario = 3; legal: 'impact' or 'drop'"),
         pytest.param(
             "raises.py", "1 / 0", "before its first step it raised ZeroDivisionError", marks=needs_pybullet
+        ),
+        pytest.param(
+            "exits_at_once.py",
+            "import os; os._exit(0)",
+            "its process died: exit code 0",
+            marks=needs_pybullet,
         ),
         pytest.param("idle.py", "x = 1", "it ended without a stepSimulation()", marks=needs_pybullet),
         pytest.param(
@@ -123,10 +167,166 @@ def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys, name, tex
     path = tmp_path / name
     if text is not None:
         path.write_text(text, encoding="utf-8")
-    assert main(["doctor", str(path)]) == 2
+    assert main(["doctor", str(path), "--yes"]) == 2
     err = capsys.readouterr().err
     assert says in err
     assert "Traceback" not in err
+    assert err.count("\n") == 1
+
+
+@needs_pybullet
+def test_a_script_is_not_run_unasked(tmp_path, capsys):
+    script = tmp_path / "scene.py"
+    script.write_text(
+        f"import os; os.mkdir({str(tmp_path / 'ran')!r})\n" + SCRIPT.format(slop=0), encoding="utf-8"
+    )
+    assert main(["doctor", str(script)]) == 2
+    err = capsys.readouterr().err
+    assert err == (
+        f"impact-xval: {script}: examining a script runs it up to its first step; legal without a terminal: --yes\n"
+    )
+    assert not (tmp_path / "ran").exists()
+    assert main(["doctor", str(script), "--yes"]) == 0
+    assert (tmp_path / "ran").exists()
+
+
+@needs_pybullet
+def test_a_script_that_steps_in_a_thread_ends_without_a_word(tmp_path):
+    script = tmp_path / "scene.py"
+    steps = "import threading\nthread = threading.Thread(target=p.stepSimulation)\nthread.start()\nthread.join()\n"
+    script.write_text(SCRIPT.format(slop=0).partition("for _")[0] + steps, encoding="utf-8")
+    command = [sys.executable, "-m", "impact_xval", "doctor", str(script), "--yes"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@needs_pybullet
+@pytest.mark.skipif(sys.platform == "win32", reason="no terminals of this kind there")
+@pytest.mark.parametrize(("answer", "code"), [("y", 0), ("n", 2), ("", 2)])
+def test_a_script_is_run_when_the_terminal_says_so(tmp_path, answer, code):
+    import pty
+
+    script = tmp_path / "scene.py"
+    script.write_text(
+        f"import os; os.mkdir({str(tmp_path / 'ran')!r})\n" + SCRIPT.format(slop=0), encoding="utf-8"
+    )
+    ours, theirs = pty.openpty()
+    try:
+        os.write(ours, f"{answer}\n".encode())
+        command = [sys.executable, "-m", "impact_xval", "doctor", str(script), "--json"]
+        done = subprocess.run(command, stdin=theirs, capture_output=True, text=True, check=False)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert done.returncode == code, done.stderr
+    assert f"run {script} up to its first step? [y/N]" in done.stderr
+    assert (tmp_path / "ran").exists() == (code == 0)
+    if code == 0:  # the question is not in what a program reads
+        assert len(json.loads(done.stdout)["pairs"]) == 1
+    else:
+        assert done.stderr.splitlines()[-1].endswith(f"{script}: not run, so not examined")
+
+
+def test_the_help_says_that_a_script_is_run(capsys):
+    assert main(["doctor", "--help"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "A PyBullet script is run, as python runs it, up to its first step" in said
+    assert "--yes" in said
+
+
+@needs_pybullet
+def test_the_contacts_of_a_script_are_in_the_table(tmp_path, capsys):
+    script = tmp_path / "scene.py"
+    script.write_text(SCRIPT.format(slop=0), encoding="utf-8")
+    assert main(["doctor", str(script), "--yes", "--json", "--speed", "0.5"]) == 0
+    (pair,) = json.loads(capsys.readouterr().out)["pairs"]
+    # 1e4 N/m and 1 N s/m, 1 kg: zeta = c/(2 sqrt(k m)) = 0.005, e = exp(-pi zeta) but for the step of 1/314 of T
+    assert pair["stiffness"] == pytest.approx(1e4, rel=0.01)
+    assert pair["duration"] == pytest.approx(math.pi / 100, rel=0.01)
+    assert pair["restitution"] == pytest.approx(math.exp(-math.pi * 0.005), abs=0.02)
+    assert pair["speed"] == 0.5
+    assert pair["step"] == 1e-4
+
+
+@pytest.mark.parametrize(
+    "name", ["default.xml", *(pytest.param(f"{name}.py", marks=needs_pybullet) for name in ("unset", "both"))]
+)
+def test_the_page_shows_what_the_command_prints(tmp_path, capsys, monkeypatch, name):
+    page = (Path(__file__).parents[3] / "docs/doctor.md").read_text(encoding="utf-8")
+    (scene,) = re.findall(rf"<!-- {name} -->\n```\w+\n(.*?)```", page, re.S)
+    (command, shown) = re.findall(rf"\n```\n\$ impact-xval (doctor {name}.*?)\n(.*?)```", page, re.S)[0]
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text(scene, encoding="utf-8")
+    main(command.split())
+    printed = [line for line in capsys.readouterr().out.splitlines() if line and "Measured, " not in line]
+    number = re.compile(r"[\d.]*\d")
+    for said, line in zip(shown.splitlines(), printed, strict=True):
+        if "Two bodies" in line:  # and the version
+            assert said.split(", at ")[1] == line.split(", at ")[1]
+        else:
+            assert number.sub("#", said).split() == number.sub("#", line).split()
+            numbers = ([float(each) for each in number.findall(text)] for text in (said, line))
+            assert next(numbers) == pytest.approx(next(numbers), rel=0.01)
+
+
+@pytest.mark.parametrize("speed", ["0", "-1", "inf", "nan", "fast", "1e999"])
+def test_a_speed_that_is_none(tmp_path, capsys, speed):
+    (tmp_path / "a.xml").write_text(SCENE.format(step=1e-3, solref="0.05 1"), encoding="utf-8")
+    assert main(["doctor", str(tmp_path / "a.xml"), "--speed", speed]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"impact-xval: --speed = {speed!r}; legal: a ")
+    assert err.count("\n") == 1
+
+
+def test_an_experiment_has_no_speed(capsys):
+    assert main(["doctor", "--speed", "2"]) == 2
+    assert "--speed = '2': contacts of an experiment are not measured" in capsys.readouterr().err
+
+
+def test_a_pair_that_is_not_measured_is_a_row_with_a_reason(tmp_path, capsys, monkeypatch):
+    path = tmp_path / "a.xml"
+    path.write_text(SCENE.format(step=1e-3, solref="-1e-3 0"), encoding="utf-8")
+    assert main(["doctor", str(path), "--speed", "1e300"]) == 1
+    out = capsys.readouterr().out
+    assert re.search(r"geoms #0 and ball +4190 +- +- +- +- +- +- +-\n", out)
+    assert re.search(r"geoms #0 and ball: (crashed|unconverged): ", out)
+    monkeypatch.setattr(doctor, "_inspected", _die)
+    assert main(["doctor", str(path)]) == 1
+    assert "geoms #0 and ball: crashed: its process died: SIGSEGV" in capsys.readouterr().out
+    assert main(["doctor", str(path), "--json"]) == 1
+    (pair,) = json.loads(capsys.readouterr().out)["pairs"]
+    assert (pair["status"], pair["restitution"]) == ("crashed", None)
+
+
+def _die(*_):
+    ctypes.string_at(0)
+
+
+def test_only_so_many_kinds_of_pairs_are_measured(tmp_path, capsys):
+    balls = "".join(
+        f'<body pos="{3 * i} 0 1"><freejoint/><geom name="b{i}" size="1" mass="{i + 1}"/></body>'
+        for i in range(8)
+    )
+    path = tmp_path / "many.xml"
+    path.write_text(
+        f"<mujoco><worldbody><geom name='floor' type='plane' size='1 1 1'/>{balls}</worldbody></mujoco>",
+        encoding="utf-8",
+    )
+    assert main(["doctor", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert len(re.findall(r"^geoms \w+ and b\d +\d", out, re.M)) == 20
+    assert (
+        "16 more kinds of pairs can touch, and are not measured (" in out
+    )  # of 8 with the floor, 28 with each other
+    assert main(["doctor", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["pairs_left_out"] == 16
+
+
+def test_a_scene_in_which_nothing_can_touch(tmp_path, capsys):
+    path = tmp_path / "a.xml"
+    path.write_text("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", encoding="utf-8")
+    assert main(["doctor", str(path)]) == 0
+    assert capsys.readouterr().out.startswith("No two bodies can touch.\n")
 
 
 REPLICATE = '<replicate count="1000" offset="0 0 1">'

@@ -3,12 +3,13 @@
 import json
 import os
 import shlex
+from pathlib import Path
 
 import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.axes import Search
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.configuration import load_config, parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.sweep import run as sweep
 from impact_xval.experiments.sweep import search as searching
@@ -152,3 +153,29 @@ def test_what_spans_no_box_is_refused(text, says, tmp_path, capsys):
     assert main(["search", str(tmp_path / "my.toml"), "--out", str(tmp_path / "a")]) == 2
     assert capsys.readouterr().err.startswith(f"impact-xval: {tmp_path / 'my.toml'}: {says}")
     assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize(("words", "folder"), [([], "default"), (["--quick"], "quick")])
+def test_a_run_that_is_not_there_is_not_continued(words, folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "--resume", *words]) == 2
+    says = f"--resume: there is no run in {Path('runs') / folder}; legal: with --out DIR, the folder of a run"
+    assert capsys.readouterr().err == f"impact-xval: {says}\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_init_writes_the_experiment_that_the_docs_show_and_that_is_built_in(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", "my own.toml"]) == 0
+    assert "impact-xval run 'my own.toml' runs it" in capsys.readouterr().out
+    written = (tmp_path / "my own.toml").read_text(encoding="utf-8")
+    shown = (Path(__file__).parents[3] / "docs" / "experiments.md").read_text(encoding="utf-8")
+    assert f"```toml\n{written.partition(chr(10))[2]}```" in shown
+    assert load_config(tmp_path / "my own.toml") == parse_config({})
+    for file, reason in (
+        ("my own.toml", "is there already"),
+        ("a.json", "ends in .toml"),
+        ("no/a.toml", "no folder"),
+    ):
+        assert main(["init", file]) == 2
+        assert reason in capsys.readouterr().err

@@ -212,9 +212,13 @@ def test_a_parent_that_ignores_the_death_of_children_changes_nothing():
     assert (done.returncode, done.stderr) == (3, "")
 
 
-def test_a_signal_that_waits_for_the_command_is_answered(tmp_path):
+@pytest.mark.parametrize("late", ["", "os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)"])
+def test_a_signal_that_waits_for_the_command_is_answered(late):
     code = (
         "import os, signal, sys; from impact_xval.experiments.commands import supervision\n"
+        "wait_for = supervision._wait_for\n"
+        f"def wait_late(child, ends):\n    {late or None}\n    return wait_for(child, ends)\n"
+        "supervision._wait_for = wait_late\n"
         "end_with = supervision._end_with\n"
         "def pending(supervisor):\n    end_with(supervisor)\n    os.kill(os.getpid(), signal.SIGTERM)\n"
         "supervision._end_with = pending\n"

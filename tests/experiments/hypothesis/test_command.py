@@ -145,7 +145,7 @@ def test_bad_input_is_one_line_and_writes_nothing(name, tmp_path, capsys, monkey
 def test_a_folder_that_holds_files_is_refused(tmp_path, capsys):
     (tmp_path / "mine.txt").write_text("precious")
     assert main(["hypothesis", "--out", str(tmp_path)]) == 2
-    assert "not empty; legal: a new or empty folder" in capsys.readouterr().err
+    assert "not empty (mine.txt); legal: a new or empty folder" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 

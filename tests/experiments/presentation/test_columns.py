@@ -40,7 +40,12 @@ FIGURES = [
 def root(tmp_path_factory):
     folder = tmp_path_factory.mktemp("columns")
     (folder / "c.toml").write_text(CONFIG)
-    run_sweep(load_config(folder / "c.toml"), folder / "run", isolate=False, present=present)
+    run_sweep(
+        load_config(folder / "c.toml"),
+        folder / "run",
+        isolate=False,
+        present=lambda folder, _: present(folder),
+    )
     return folder / "run"
 
 
@@ -131,7 +136,12 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
         "solvers = ['kelvin-voigt', 'mujoco', 'hunt-crossley']\n"
         "[column]\nballs = 3\ngap = [0.0, 1e-5]\ne = [0.8, 0.9]\nstiffness_taper = 1.0\narrangement = 'cradle'\n"
     )
-    folder = run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
+    folder = run_sweep(
+        load_config(tmp_path / "c.toml"),
+        tmp_path / "run",
+        isolate=False,
+        present=lambda folder, _: present(folder),
+    )
     (engine,) = summarise_columns(folder).engines
     assert (engine["solver"], engine["n"]) == ("mujoco", 4)
     assert main(["table", str(tmp_path / "run")]) == 0
@@ -145,7 +155,12 @@ def test_nothing_compared_is_said_in_whole_numbers(tmp_path, capsys):
     (tmp_path / "c.toml").write_text(
         "solvers = ['mujoco']\n[column]\nballs = 3\nexponent = 1.5\ne = 0.9\narrangement = ['drop', 'stack']\n"
     )
-    run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
+    run_sweep(
+        load_config(tmp_path / "c.toml"),
+        tmp_path / "run",
+        isolate=False,
+        present=lambda folder, _: present(folder),
+    )
     assert main(["table", str(tmp_path / "run")]) == 0
     assert re.search(r"^kelvin-voigt +mujoco +0 .* 6$", capsys.readouterr().out, flags=re.MULTILINE)
 
@@ -205,3 +220,12 @@ def test_a_search_and_an_examination_of_columns_are_refused(root, tmp_path, caps
         assert "columns of N balls" in error or "search and column are given" in error
         assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_who_keeps_more_energy_is_a_finding_of_the_run(root):
+    rows = pq.read_table(root / "divergence.parquet").to_pandas()
+    median = rows[(rows.solver == "mujoco") & rows.marked.isna()].dretained_energy.median()
+    page = (root / "report.html").read_text(encoding="utf-8")
+    more = f"{abs(100 * median):.1f} % of the kinetic energy before the collision {'more' if median > 0 else 'less'}"
+    assert f"mujoco keeps {more} than the model in the median of " in page
+    assert "Above zero a solver" not in page.partition("Who keeps more energy?")[2].partition("<figure")[0]

@@ -209,8 +209,9 @@ def test_the_end_of_a_run_is_one_screen(summary, width, lines):
 def test_a_page_is_shown_line_by_line():
     console = Console(file=io.StringIO(), width=80)
     show(console, "One\n\n**Of**\n\n| a | b |\n| --- | --: |\n| c | 1 |\n\nTwo\n")
-    assert [line.rstrip() for line in console.file.getvalue().splitlines()] == [
-        "One", "", "Of", "a  b", "c  1", "", "Two",
+    # how far apart columns stand is rich's own, and changed with its releases
+    assert [line.split() for line in console.file.getvalue().splitlines()] == [
+        ["One"], [], ["Of"], ["a", "b"], ["c", "1"], [], ["Two"],
     ]  # fmt: skip
 
 
@@ -228,3 +229,13 @@ def test_a_solver_has_the_colour_of_the_figures_on_a_terminal(terminal):
     assert (blue in file.getvalue()) == terminal
     assert ("\x1b" in file.getvalue()) == terminal
     assert re.search(r"^state-transition +2", file.getvalue(), re.M)
+
+
+@pytest.mark.parametrize("width", [80, 60, 40, 20])
+def test_a_narrow_terminal_breaks_words_and_no_numbers(width):
+    console = Console(file=io.StringIO(), width=width, force_terminal=True, color_system=None)
+    show(console, "| law | cells | median D |\n| --- | --: | --: |\n| kelvin-voigt | 624 | 0.000106 |\n")
+    said = console.file.getvalue()
+    assert {"624", "0.000106"} <= set(said.split())
+    assert "…" not in said
+    assert re.sub(r"[\s\d.]", "", said).replace("medianD", "").endswith("kelvin-voigt")

@@ -8,7 +8,7 @@ import pytest
 from tests.experiments.chaos import chaos
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_twenty_faults_change_no_byte_and_leave_nothing_behind(tmp_path):
     drawn, problems = chaos(tmp_path, faults=20, seed=6)
     assert problems == []

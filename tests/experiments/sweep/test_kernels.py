@@ -130,6 +130,5 @@ def test_a_process_that_is_halted_while_it_compiles_is_not_waited_for_for_ever(t
     assert used == [1]
 
 
-def test_without_a_compiler_nothing_is_missing(monkeypatch):
-    monkeypatch.setattr("numba.config.DISABLE_JIT", True)
+def test_of_what_is_left_to_the_interpreter_nothing_is_missing():
     assert is_compiled(collide.py_func)

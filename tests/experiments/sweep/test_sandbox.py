@@ -84,14 +84,28 @@ def test_an_exception_is_a_bug_with_its_traceback(sandbox):
     assert sandbox.call(work.echo, timeout=20) == ("a context", ())
 
 
+@contextlib.contextmanager
+def standard_error_to(path):
+    """Not `capfd`, which drops what is written while it reads; pytest goes back to its own between two phases."""
+    before = os.dup(2)
+    with path.open("wb") as file:
+        os.dup2(file.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
+
+
 @pytest.mark.parametrize("times", [1, 1_000_000])
-def test_what_it_writes_to_standard_error_is_visible_in_part_and_waits_for_nobody(sandbox, capfd, times):
-    sandbox.call(work.complain, times, timeout=60)
-    sandbox.close()
-    said, until = "", time.monotonic() + 20
-    while "at last" not in said and time.monotonic() < until:
-        said += capfd.readouterr().err
-        time.sleep(0.05)
+def test_what_it_writes_to_standard_error_is_visible_in_part_and_waits_for_nobody(sandbox, tmp_path, times):
+    path, until = tmp_path / "said", time.monotonic() + 60
+    with standard_error_to(path):
+        sandbox.call(work.complain, times, timeout=60)
+        sandbox.close()
+        while "at last" not in path.read_text("utf-8") and time.monotonic() < until:
+            time.sleep(0.05)
+    said = path.read_text("utf-8")
     assert said.startswith("\\x1b[31mred\\x07 \\xff and röd\n")
     assert "\x1b" not in said
     assert said.rstrip().endswith("at last")

@@ -1,12 +1,16 @@
 """What moved between two runs: against the tables themselves, read whole, and between runs that were made to differ."""
 
 import dataclasses
+import hashlib
 import json
 import math
+import shutil
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
@@ -15,6 +19,7 @@ from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables import streams
 from impact_xval.experiments.tables.comparison import compare
+from impact_xval.experiments.tables.store import MANIFEST
 from impact_xval.model.collision import Outcome
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
@@ -104,14 +109,18 @@ def test_the_command_ends_with_1_where_something_moved_and_with_0_where_nothing_
         found = json.loads(capsys.readouterr().out)
         assert found["moved"] == 4 * code
         if code:
-            assert "4 rows moved by more than 1e-09, or have another status." in text
+            assert (
+                "4 rows moved by more than 1e-09, have another status, or are marked in one run alone."
+                in text
+            )
             assert "mujoco is shifted 1 in the first run, shifted 2 in the second." in text
             row = next(line.split() for line in text.splitlines() if line.startswith("mujoco  "))
-            assert row[:4] == ["mujoco", "12", "4", "2"]
+            assert row[:5] == ["mujoco", "12", "4", "2", "0"]
             assert found["worst"][0] == {
                 "cell": found["worst"][0]["cell"],
                 "solver": "mujoco",
                 "statuses": ["ok", "crashed"],
+                "mark_changed": False,
                 "velocity": None,
                 "divergence": None,
             }
@@ -160,6 +169,53 @@ def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs):
     }
     assert main(["compare-runs", str(a.root), str(runs[0].root)]) == 2
     assert "a run of columns of N balls, " in capsys.readouterr().err
+
+
+def _altered(folder, root, name, change):
+    """Copy a finished run with a table that is another one, as if it had been written so."""
+    shutil.copytree(folder.root, root)
+    path = root / name
+    pq.write_table(change(pq.read_table(path)), path)
+    manifest = json.loads((root / MANIFEST).read_text(encoding="utf-8"))
+    manifest["files"][name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    (root / MANIFEST).write_text(json.dumps(manifest), encoding="utf-8")
+    return root
+
+
+@pytest.mark.parametrize("cell", [0, 5, 11])
+@pytest.mark.parametrize("twice", [False, True])
+def test_a_row_of_divergence_that_is_missing_or_there_twice_is_named(runs, cell, twice, tmp_path, capsys):
+    def change(table):
+        cells = table.column("cell").to_pylist()
+        row = max(i for i, (c, s) in enumerate(zip(cells, table.column("solver").to_pylist(), strict=True))
+                  if (c, s) == (cell, "mujoco"))  # fmt: skip
+        return pa.concat_tables([table[: row + twice], table[row + 1 - twice :]])
+
+    a, b = str(runs[0].root), str(_altered(runs[0], tmp_path / "b", "divergence.parquet", change))
+    for first, second in ((a, b), (b, a)):
+        assert main(["compare-runs", first, second]) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(
+            f"impact-xval: {b}/divergence.parquet: cell {cell} of mujoco is not there once"
+        )
+        assert error.count("\n") == 1
+
+
+def test_a_row_that_one_run_alone_marks_has_moved(runs, tmp_path, capsys):
+    def change(table):
+        marks = table.column("marked").to_pylist()
+        row = [s == "mujoco" for s in table.column("solver").to_pylist()].index(True)
+        marks[row] = None if marks[row] else "grazing"
+        place = table.schema.get_field_index("marked")
+        return table.set_column(
+            place, table.schema.field(place), pa.array(marks, table.schema.field(place).type)
+        )
+
+    a, b = str(runs[0].root), str(_altered(runs[0], tmp_path / "b", "cells.parquet", change))
+    assert main(["compare-runs", a, b, "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert (found["moved"], found["solvers"]["mujoco"]["marks"]) == (1, 1)
+    assert [(row["cell"], row["mark_changed"]) for row in found["worst"]] == [(0, True)]
 
 
 @pytest.mark.parametrize("value", ["-1", "nan", "inf", "small"])

@@ -18,6 +18,7 @@ from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.arrays import to_xarray
 from impact_xval.experiments.presentation import report
+from impact_xval.experiments.presentation.apart import Apart
 from impact_xval.experiments.sweep import run as sweep
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.sandbox import FaultError
@@ -269,7 +270,7 @@ def test_no_type_in_a_manifest_is_a_traceback(run, block, capsys, monkeypatch):
     def died():
         raise FaultError("crashed", "its process died")
 
-    known = functools.partial(report.write_report, apart=report.Apart(died, died))
+    known = functools.partial(report.write_report, apart=Apart(died, died))
     monkeypatch.setattr(report, "write_report", known)
     (run / "figures").mkdir()
     (run / "figures" / "captions.json").write_text("{}")

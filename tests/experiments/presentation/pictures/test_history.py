@@ -1,13 +1,14 @@
 """A collision over time: its forces and heights against what springs, and the model's energies, say they are."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.experiments.presentation.pictures.history import history_of
+from impact_xval.experiments.presentation.pictures.history import TAIL, clocked, history_of, instants_of
 from impact_xval.model import Collision, solve
 
 ELASTIC = Collision(m1=2.0, m2=3.0, k1=1e6, k2=3e6, e1=1.0, e2=1.0, v0=-0.5)
@@ -48,6 +49,31 @@ def test_what_has_passed_at_the_end_are_the_impulses_of_the_outcome():
     assert history.impulses[-1] * 2.0 * 0.5 == pytest.approx([outcome.impulse1, outcome.impulse2], rel=1e-9)
     passed = (history.forces * np.diff(history.time)[:, None]).sum(axis=0)
     assert passed == pytest.approx(history.impulses[-1], rel=1e-9)
+
+
+def test_nothing_changes_after_the_end_that_is_shown():
+    """Gravity ends in a first flight: then, too, and not only where the last impulse has passed."""
+    for solver, cell in (("kelvin-voigt", ELASTIC), ("bistiffness", replace(ELASTIC, m2=0.02))):
+        _, history = of(solver, cell)
+        later = np.linspace(history.ended, history.time[-1], 50)
+        assert np.abs(history.velocity(later) - history.velocities[-1]).max() <= TAIL
+        before = history.velocities[history.time < history.ended][-1]
+        assert np.abs(before - history.velocities[-1]).max() > TAIL
+
+
+def test_flights_are_shortened_and_contacts_are_not():
+    """Two contacts that last 2 each, 100 apart, and what is shown beyond the end: a third of 4 goes to all of that."""
+    time = np.array([0, 1, 2, 102, 103, 104.0])
+    passed = np.array([0, 1, 2, 2, 3, 4.0])
+    velocities = np.column_stack([passed - 1, 0 * passed])
+    history = clocked(time, velocities, np.column_stack([passed, 0 * passed]), np.array([3, 3, 4, 3, 3, 4]))
+    assert history.ended == 104
+    instants = instants_of([history], 1001)
+    assert instants[[0, -1]] == pytest.approx([0, 1.12 * 104])
+    acting = ((instants > 0) & (instants <= 2)) | ((instants > 102) & (instants <= 104))
+    assert acting.mean() == pytest.approx(0.75, abs=2e-3)
+    short = replace(history, time=np.array([0, 1, 2, 2.5, 3.5, 4.5]))
+    assert np.diff(instants_of([short], 101)) == pytest.approx(1.12 * 4.5 / 100)
 
 
 def test_after_the_end_balls_fly_on():
