@@ -6,6 +6,9 @@ from contextlib import contextmanager
 
 import pytest
 
+#: Milliseconds after which a browser hangs; how fast it is does not matter.
+HUNG = 300_000
+
 
 @contextmanager
 def opened(address, width=1200, scheme="light", offline=True) -> Iterator:
@@ -20,8 +23,9 @@ def opened(address, width=1200, scheme="light", offline=True) -> Iterator:
 
     complaints = []
     with sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"], timeout=HUNG)
         page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+        page.set_default_timeout(HUNG)
         page.on("pageerror", lambda error: complaints.append(f"error: {error}"))
         page.on(
             "console",

@@ -1,9 +1,12 @@
 """What must hold before any test runs: no stale compiled kernel, and Ctrl-C that reaches the runs that tests start."""
 
+import os
 import signal
 from collections import Counter
 from contextlib import suppress
 from pathlib import Path
+
+from hypothesis import HealthCheck, settings
 
 # Numba keys its cache by a kernel's own file, not by those it calls: drop what a later edit made stale.
 folders = [Path(__file__).parents[1] / floor for floor in ("model", "compliant_baselines")]
@@ -19,9 +22,19 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
+# The gate tries the same examples each time; how fast they are drawn does not matter; a failure says how to replay it.
+settings.register_profile(
+    "steady",
+    derandomize="CI" in os.environ,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    print_blob=True,
+)
+settings.load_profile("steady")
+
 
 def pytest_collection_modifyitems(items):
     """Files with the most slow tests come first, so that workers side by side end at about the same time."""
-    marked = (item.path for item in items for name in ("slow", "exhaustive") if item.get_closest_marker(name))
+    marked = (item.path for item in items for name in ("slow", "nightly") if item.get_closest_marker(name))
     slow = Counter(marked)
     items.sort(key=lambda item: -slow[item.path])

@@ -52,7 +52,7 @@ def integrate(kappa, mu, e1, e2, original_stiffness, rtol=1e-12, least=0.0):
         w = math.sqrt(k1 * (1 + 1 / mu) + k2 / mu)
         run = solve_ivp(
             motion, (0, 1e4), y, method="DOP853", rtol=rtol, atol=1e-15, events=[f for _, f in watched],
-            max_step=0.1 / w, first_step=1e-4 / w,
+            max_step=0.03 / w, first_step=1e-4 / w,  # at 0.1 / w it misses a return and its end
         )  # fmt: skip
         assert run.status == 1, run.message
         y = run.y[:, -1].copy()

@@ -67,7 +67,7 @@ def test_two_balls_on_a_table_are_the_two_ball_solver():
     against_two_balls(1500, seed=1)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_two_balls_on_a_table_are_the_two_ball_solver_in_ten_thousand_cells():
     against_two_balls(10_000, seed=2)
 

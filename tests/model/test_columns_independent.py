@@ -42,7 +42,7 @@ def test_hertz_contacts(law):
     compare(21, 4, law, 1.5, 1e-9, balls=3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("law", "exponent", "count"), [(LAWS[0], 1.0, 15), (LAWS[1], 1.0, 30), (LAWS[1], 1.5, 10)]
 )

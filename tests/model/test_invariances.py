@@ -9,13 +9,15 @@ from hypothesis import strategies as st
 
 from impact_xval.model import Collision, solve
 
+pytestmark = pytest.mark.smoke
+
 ratios = st.floats(-3, 3).map(lambda x: 10.0**x)
 masses = st.floats(-2, 2).map(lambda x: 10.0**x)
 restitution = st.floats(0, 1)
 scale = st.floats(-6, 6).map(lambda x: 10.0**x)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(ratios, masses, restitution, restitution, scale, scale, scale)
 def test_theorem_5(kappa, mu, e1, e2, stiffness, mass, speed):
     """Outcome per |v0| and states do not change when both stiffnesses, both masses or v0 are scaled."""
@@ -28,7 +30,7 @@ def test_theorem_5(kappa, mu, e1, e2, stiffness, mass, speed):
     assert scaled.states == plain.states
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=500)
 @given(
     st.one_of(st.just(0.0), st.just(math.inf), st.floats(-4, 4).map(lambda x: 10.0**x)),
     masses,
@@ -48,7 +50,7 @@ def test_energy_never_grows_and_the_balls_part(kappa, mu, e1, e2, cutoff):
     assert (outcome.impulse2 - outcome.impulse1) / c.m2 == pytest.approx(outcome.v2, abs=1e-12 / min(1, mu))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(ratios, masses)
 def test_elastic_collisions_keep_their_energy(kappa, mu):
     c = Collision.from_ratios(kappa, mu, 1, 1)
@@ -56,7 +58,7 @@ def test_elastic_collisions_keep_their_energy(kappa, mu):
     assert outcome.retained_energy(c) == pytest.approx(1, abs=1e-12)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(ratios, masses, st.floats(0.05, 1), st.floats(0.05, 1))
 def test_equations_13_to_15_hold_along_the_path(kappa, mu, e1, e2):
     """dE1 = (v2 - v1) dI1 and dE2 = -v2 dI2 inside every stretch, and dI2/dI1 = sqrt(k2 E2/(k1 E1)) in S1."""

@@ -6,6 +6,8 @@ import pytest
 
 from impact_xval.model import Collision, solve
 
+pytestmark = pytest.mark.smoke
+
 MASS_RATIO = 2 / math.sqrt(3)  # parameters (44) of the paper: m1 = 1, m2 = 2/sqrt(3), e1 = 0.9, e2 = 0.7
 
 EXACT = [

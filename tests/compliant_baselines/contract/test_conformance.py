@@ -16,6 +16,8 @@ from impact_xval.compliant_baselines.contract.registry import law_of
 from impact_xval.compliant_baselines.references.kelvin_voigt import KelvinVoigtSolver
 from impact_xval.model.collision import Collision
 
+pytestmark = pytest.mark.smoke
+
 
 def problems(solver, law="kelvin-voigt"):
     return {check.__name__: problem for check, problem in conform(solver, law) if problem}

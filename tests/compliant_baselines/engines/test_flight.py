@@ -165,6 +165,7 @@ def test_a_limit_at_rest_that_the_exact_law_leaves_is_marked(cell):
     assert outcome.marked == says
 
 
+@pytest.mark.nightly
 def test_a_limit_is_not_looked_for_in_millions_of_steps():
     # At h/8 of this cell the balls hang together for 32 million steps, at h they part after 130,000.
     c = collision(0.00401105, 0.79584785, 0.82151817, 0.82299659)

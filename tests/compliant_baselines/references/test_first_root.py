@@ -21,7 +21,7 @@ def call(coefficients, sign=1.0, start=None, limit=1.0):
     return first_root(rows, 0, sign, sign * rows[0, 0] if start is None else start, rows.shape[1] - 1, limit)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.lists(st.floats(0.02, 1.5), min_size=1, max_size=6), st.sampled_from([1.0, -1.0]))
 def test_of_simple_roots_the_lowest(roots, sign):
     roots = np.array(roots)

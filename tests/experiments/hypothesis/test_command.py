@@ -280,6 +280,7 @@ def test_without_a_solver_of_columns_their_tables_are_empty(tmp_path):
     assert pd.read_parquet(tmp_path / "out/columns.parquet").empty
 
 
+@pytest.mark.nightly
 def test_too_short_a_range_is_undecided_in_every_solver():
     config = parse({**tomllib.loads(SMALL), "contrast": [10, 1e3], "plastic_contrast": [10, 1e3]}, "test")
     verdicts = class_frame(run_hypothesis(config, isolate=False))
@@ -287,7 +288,7 @@ def test_too_short_a_range_is_undecided_in_every_solver():
     assert verdicts.reason.str.contains("extend the range of contrasts").all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_results_do_not_depend_on_the_number_of_workers():
     data = {
         "points": 6,

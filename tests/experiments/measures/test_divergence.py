@@ -106,7 +106,7 @@ def _brute(a, b, spacing):
     return max(cKDTree(second).query(first)[0].max(), cKDTree(first).query(second)[0].max())
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1), monotone=st.booleans(), n=st.integers(1, 30), m=st.integers(1, 30))
 def test_hausdorff_against_brute_force(seed, monotone, n, m):
     random = np.random.default_rng(seed)

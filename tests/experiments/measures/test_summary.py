@@ -147,14 +147,14 @@ def test_report_is_one_safe_page(hostile):
         assert (hostile.root / "figures" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_report_of_a_known_summary_is_the_same(hostile):
     write_figures(hostile)
     alone = write_report(hostile).read_bytes()
     assert write_report(hostile, summarise(hostile)).read_bytes() == alone
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_report_brings_no_engine_into_the_process_that_writes_it(hostile):
     code = (
         "import sys; from impact_xval.experiments.commands.cli import main\n"
@@ -178,7 +178,7 @@ def test_a_report_says_that_scenes_could_not_be_examined(hostile):
     assert "were examined by impact-xval doctor, which failed: its process died: SIGSEGV." in page
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_figures_drawn_by_a_process_of_its_own_are_the_same(hostile, monkeypatch):
     def drawn():
         return {path.name: path.read_bytes() for path in (hostile.root / "figures").glob("*[!f]")}

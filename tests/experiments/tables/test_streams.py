@@ -19,6 +19,8 @@ from impact_xval.experiments.tables.streams import (
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
 
+pytestmark = pytest.mark.smoke
+
 SCHEMA = pa.schema([("cell", pa.int64()), ("solver", pa.string()), ("v", pa.float64())])
 
 
