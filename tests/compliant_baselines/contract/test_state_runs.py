@@ -9,6 +9,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import column_of, shorter_period
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.contract.state_runs import Runs, compared_states, merge_runs
+from impact_xval.compliant_baselines.contract.state_transition import model_paths
 from impact_xval.compliant_baselines.engines.recording import states_of
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.designs import cells_of
@@ -36,48 +37,40 @@ def as_path(raw):
 # The rules
 
 
-@pytest.mark.parametrize("unit", [1, 1e-7])
-@pytest.mark.parametrize(
-    ("raw", "names"),
-    [
-        # the plain case
-        ([(1, 50), (2, 40), (1, 30), (3, 20), (4, 1)], "S1 S2 S1 S3 S4"),
-        # until a contact first carries force it counts as if it did
-        ([(4, 2), (3, 9), (1, 50), (2, 40), (4, 1)], "S1 S2 S4"),
-        ([(2, 9), (1, 50), (3, 40), (4, 1)], "S1 S3 S4"),
-        # a short run joins the run before it
-        ([(1, 50), (3, 2), (1, 30), (2, 40), (4, 1)], "S1 S2 S4"),
-        ([(1, 50), (3, 3), (1, 30), (2, 40), (4, 1)], "S1 S3 S1 S2 S4"),
-        # chatter of short runs is one run
-        ([(1, 50), (3, 1), (1, 1), (3, 2), (1, 2), (2, 40), (4, 1)], "S1 S2 S4"),
-        # runs that rule 1 makes equal are long together
-        ([(4, 1), (3, 1), (1, 1), (2, 40), (4, 1)], "S1 S2 S4"),
-        # free flight on the way
-        ([(1, 50), (2, 40), (4, 10), (3, 30), (4, 1)], "S1 S2 S4 S3 S4"),
-        # B2 keeps resting on the table: the end is S4 all the same
-        ([(1, 50), (2, 40)], "S1 S2 S4"),
-        # the last S4 is short and still the end
-        ([(1, 50), (4, 1)], "S1 S4"),
-        # no second contact ever
-        ([(3, 50), (4, 1)], "S1 S3 S4"),
-        # broken in the first step
-        ([], "S1 S4"),
-    ],
-)
-def test_state_sequence_in_steps_and_in_time(raw, names, unit):
-    raw = runs(*raw, unit=unit) if raw else Runs(np.zeros(0, int), np.zeros(0, int), 0)
-    assert merge_runs(raw, 2.5 * unit).names == tuple(names.split())
+RULES = [
+    # the plain case
+    ([(1, 50), (2, 40), (1, 30), (3, 20), (4, 1)], "S1 S2 S1 S3 S4"),
+    # until a contact first carries force it counts as if it did
+    ([(4, 2), (3, 9), (1, 50), (2, 40), (4, 1)], "S1 S2 S4"),
+    ([(2, 9), (1, 50), (3, 40), (4, 1)], "S1 S3 S4"),
+    # a short run joins the run before it
+    ([(1, 50), (3, 2), (1, 30), (2, 40), (4, 1)], "S1 S2 S4"),
+    ([(1, 50), (3, 3), (1, 30), (2, 40), (4, 1)], "S1 S3 S1 S2 S4"),
+    # chatter of short runs is one run
+    ([(1, 50), (3, 1), (1, 1), (3, 2), (1, 2), (2, 40), (4, 1)], "S1 S2 S4"),
+    # runs that rule 1 makes equal are long together
+    ([(4, 1), (3, 1), (1, 1), (2, 40), (4, 1)], "S1 S2 S4"),
+    # free flight on the way
+    ([(1, 50), (2, 40), (4, 10), (3, 30), (4, 1)], "S1 S2 S4 S3 S4"),
+    # B2 keeps resting on the table: the end is S4 all the same
+    ([(1, 50), (2, 40)], "S1 S2 S4"),
+    # the last S4 is short and still the end
+    ([(1, 50), (4, 1)], "S1 S4"),
+    # no second contact ever
+    ([(3, 50), (4, 1)], "S1 S3 S4"),
+    # broken in the first step
+    ([], "S1 S4"),
+]
 
 
-def test_nothing_is_merged_if_no_time_is_too_short():
+def test_the_rules_hold_in_steps_and_in_time():
+    for unit in (1, 1e-7):
+        for pairs, names in RULES:
+            raw = runs(*pairs, unit=unit) if pairs else Runs(np.zeros(0, int), np.zeros(0, int), 0)
+            assert merge_runs(raw, 2.5 * unit).names == tuple(names.split()), (unit, pairs)
+    # nothing is merged if no time is too short
     raw = runs((1, 5), (3, 1), (1, 1), (2, 1), (4, 1))
     assert merge_runs(raw, 0).names == ("S1", "S3", "S1", "S2", "S4")
-
-
-def test_borders_stay_where_they_were():
-    merged = merge_runs(runs((4, 2), (1, 50), (3, 1), (1, 5), (2, 40), (4, 1)), 2.5)
-    assert merged.start.tolist() == [0, 58]
-    assert merged.state.tolist() == [1, 2]
 
 
 def test_a_state_held_for_just_that_time_counts_however_it_is_rounded():
@@ -93,8 +86,17 @@ def test_an_outcome_without_a_path_is_compared_as_it_is():
     assert compared_states(outcome, 1.0) == outcome.states
 
 
-@pytest.mark.parametrize("h", [1e-3, 7e-4, 2.5e-4, 1e-4])
-def test_one_path_seen_at_any_step_gives_one_sequence(h):
+def test_how_a_path_is_written_down_decides_nothing():
+    # S2 in one piece, and in two with an S1 of no length between them
+    whole = Runs(np.array([0, 3, 4.8]), np.array([1, 2, 3]), 8.0)
+    parted = Runs(np.array([0, 3, 3.9, 3.9, 4.8]), np.array([1, 2, 1, 2, 3]), 8.0)
+    assert merge_runs(parted, 1.0).names == merge_runs(whole, 1.0).names == ("S1", "S2", "S3", "S4")
+    # a stretch without a length counts, one without duration does not
+    raw = Runs(np.array([0, 1, 1, np.inf, np.inf]), np.array([1, 3, 2, 1, 2]), math.inf)
+    assert merge_runs(raw, 0.1).names == ("S1", "S2", "S1", "S2", "S4")
+
+
+def test_one_path_seen_at_any_step_gives_one_sequence():
     """Runs well above the stated time, some with one well below it in between, cut into steps at random instants."""
     rng = np.random.default_rng(5)
     for _ in range(100):
@@ -104,12 +106,13 @@ def test_one_path_seen_at_any_step_gives_one_sequence(h):
         state[0], held[0] = 1, 0.1
         ends = np.cumsum(held)
         exact = Runs(np.append(0, ends[:-1]), state, ends[-1])
-        # A step shows the state at its end, a state between two ends not at all.
-        at = np.arange(1, int(ends[-1] / h) + 1) * h
-        seen = state[np.searchsorted(ends, at)]
-        first = np.flatnonzero(np.diff(seen, prepend=0))
-        raw = Runs(first, seen[first], len(seen))
-        assert merge_runs(raw, SHARE / h).names == merge_runs(exact, SHARE).names
+        for h in (1e-3, 7e-4, 2.5e-4, 1e-4):
+            # A step shows the state at its end, a state between two ends not at all.
+            at = np.arange(1, int(ends[-1] / h) + 1) * h
+            seen = state[np.searchsorted(ends, at)]
+            first = np.flatnonzero(np.diff(seen, prepend=0))
+            raw = Runs(first, seen[first], len(seen))
+            assert merge_runs(raw, SHARE / h).names == merge_runs(exact, SHARE).names, h
 
 
 # The time
@@ -120,44 +123,13 @@ def test_the_time_is_a_share_of_the_period_the_step_is_a_share_of():
         column = column_of(c, Settings(step_fraction=0.01))
         assert shorter_period(c) == pytest.approx(column.step / 0.01, rel=1e-15)
         assert column.period == pytest.approx(shorter_period(c), rel=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("k1", "k2", "period"),
-    [
+    for k1, k2, period in (
         (1, 0, 2 * math.pi * math.sqrt(0.75)),
         (0, 4, math.pi * math.sqrt(3)),
         (1, math.inf, 0),
         (math.inf, 1, 0),
-    ],
-)
-def test_the_shorter_period_in_the_limits(k1, k2, period):
-    assert shorter_period(Collision(1.0, 3.0, k1, k2, 0.5, 0.5)) == pytest.approx(period, rel=1e-15)
-
-
-# The limits of the model
-
-
-@pytest.mark.parametrize(
-    ("collision", "states"),
-    [
-        # S2 lasts for ever, and S1 begins after it: no length is known of it, and none is compared.
-        (Collision(1.0, 1.0, 1.0, 0.0, 0.5, 0.5), "S1 S2 S1 S4"),
-        (Collision(1.0, 9.0, 1.0, 0.0, 0.9, 0.1), "S1 S2 S4"),
-        (Collision(1.0, 1.0, math.inf, 1.0, 0.5, 0.5), "S1 S2 S1 S4"),
-        (Collision(1.0, 1.0, 1.0, math.inf, 0.5, 0.5), "S1 S4"),
-        (Collision(1.0, 1.0, 0.0, 1.0, 0.5, 0.5), "S1 S4"),
-    ],
-)
-def test_closed_forms_of_the_limits_keep_their_states(collision, states):
-    outcome = solve(collision, path=True)
-    assert outcome.states == tuple(states.split())
-    assert compared_states(outcome, SHARE * shorter_period(collision)) == outcome.states
-
-
-def test_a_stretch_without_a_length_counts_and_one_without_duration_does_not():
-    raw = Runs(np.array([0, 1, 1, np.inf, np.inf]), np.array([1, 3, 2, 1, 2]), math.inf)
-    assert merge_runs(raw, 0.1).names == ("S1", "S2", "S1", "S2", "S4")
+    ):
+        assert shorter_period(Collision(1.0, 3.0, k1, k2, 0.5, 0.5)) == pytest.approx(period, rel=1e-15)
 
 
 # Exact solvers and engines
@@ -176,41 +148,30 @@ def compared(outcome, collision, share=SHARE):
     return compared_states(outcome, share * shorter_period(collision))
 
 
-@pytest.mark.parametrize("name", EXACT)
-def test_exact_solvers_keep_their_states_and_are_compared_without_the_short_ones(name):
+def test_exact_solvers_keep_their_states_and_are_compared_without_the_short_ones():
     cells = [
         *collisions(60, seed=3),
         *(Collision(1.0, 2.0, 1e8, 1e8, *e) for e in ((0, 0.5), (0.5, 0), (1, 1))),
     ]
-    outcomes = get_solver(name).solve_many(cells, Settings(record_path=True))
-    shortened = 0
-    for c, o in zip(cells, outcomes, strict=True):
-        if o.status in ("ok", "limit"):
-            assert o.states == get_solver(name).solve(c).states
-            assert compared(o, c, 0.0) == o.states
-            shortened += compared(o, c) != o.states
-    # On the original stiffness no contact gets quick enough for a short state here.
-    assert shortened > 3 or name == "liu-zhao-brogliato"
+    for name in EXACT:
+        outcomes = get_solver(name).solve_many(cells, Settings(record_path=True))
+        unrecorded = get_solver(name).solve_many(cells, Settings())
+        shortened = 0
+        for c, o, same in zip(cells, outcomes, unrecorded, strict=True):
+            if o.status in ("ok", "limit"):
+                assert o.states == same.states, (name, c)
+                assert compared(o, c, 0.0) == o.states, (name, c)
+                shortened += compared(o, c) != o.states
+        # On the original stiffness no contact gets quick enough for a short state here.
+        assert shortened > 3 or name == "liu-zhao-brogliato"
 
 
-@pytest.mark.parametrize("scale", [{"k": 1e-5}, {"m": 1e3}, {"v": 30.0}], ids=str)
-def test_what_is_compared_does_not_depend_on_scale(scale):
-    k, m, v = (scale.get(name, 1.0) for name in "kmv")
-    for c in collisions(30, seed=4):
-        there = Collision(c.m1 * m, c.m2 * m, c.k1 * k, c.k2 * k, c.e1, c.e2, c.v0 * v)
-        one, other = solve(c, path=True), solve(there, path=True)
-        assert compared(one, c) == compared(other, there)
-
-
-@pytest.mark.parametrize("scenario", ["impact", "drop"])
-@pytest.mark.parametrize("name", ["mujoco", "pybullet"])
-def test_the_states_of_an_engine_are_those_it_is_compared_by(name, scenario):
-    solver = installed(name)
+def test_the_states_of_an_engine_are_those_it_is_compared_by(engine):
     cells = collisions(6, seed=6)
-    for fraction in (1e-3, 5e-4):
+    for scenario, fraction in (("impact", 1e-3), ("impact", 5e-4), ("drop", 1e-3), ("drop", 5e-4)):
         settings = Settings(scenario=scenario, step_fraction=fraction, record_path=True)
-        for c, o in zip(cells, solver.solve_many(cells, settings), strict=True):
-            assert compared(o, c) == o.states
+        for c, o in zip(cells, engine.solve_many(cells, settings), strict=True):
+            assert compared(o, c) == o.states, (scenario, fraction, c)
 
 
 def test_the_states_of_an_engine_do_not_depend_on_its_step():
@@ -272,8 +233,24 @@ def test_an_engine_is_no_nearer_to_the_model_than_its_exact_law(side_by_side):
     assert share_of(engine, states) > share_of([o.states for o in exact], states) + 0.04
 
 
-def test_how_a_path_is_written_down_decides_nothing():
-    # S2 in one piece, and in two with an S1 of no length between them
-    whole = Runs(np.array([0, 3, 4.8]), np.array([1, 2, 3]), 8.0)
-    parted = Runs(np.array([0, 3, 3.9, 3.9, 4.8]), np.array([1, 2, 1, 2, 3]), 8.0)
-    assert merge_runs(parted, 1.0).names == merge_runs(whole, 1.0).names == ("S1", "S2", "S3", "S4")
+# Paths in bulk
+
+
+def named(code, n):
+    return tuple(f"S{1 + (int(code) >> 2 * (n - 1 - i) & 3)}" for i in range(n))
+
+
+def test_paths_in_bulk_are_those_of_single_collisions():
+    rng = np.random.default_rng(4)
+    kappa, mu = 10 ** rng.uniform(-3, 3, 300), 10 ** rng.uniform(-2, 2, 300)
+    e1, e2 = rng.uniform(0, 1, (2, 300))
+    kappa[:3], e1[3:6], e2[6:9] = [0, np.inf, 1], 0, 1
+    longest = 0
+    for cutoff in (1e5, 30.0, "exact"):
+        sequence, n_states = model_paths(kappa, mu, e1, e2, cutoff)
+        for i, row in enumerate(zip(kappa, mu, e1, e2, strict=True)):
+            states = solve(Collision.from_ratios(*map(float, row)), stiffness_ratio_cutoff=cutoff).states
+            assert n_states[i] == len(states), (cutoff, row)
+            assert named(sequence[i], min(len(states), 32)) == states[-32:], (cutoff, row)
+            longest = max(longest, len(states))
+    assert longest > 4

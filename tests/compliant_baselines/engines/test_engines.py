@@ -1,15 +1,14 @@
 """What holds of every engine adapter."""
 
 import math
+import subprocess
 import sys
 from importlib import import_module
-from importlib.metadata import version
 
 import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import SolverError, get_solver
-from impact_xval.compliant_baselines.contact.column import column_of
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines import packages
 from impact_xval.compliant_baselines.engines.recording import PATH_POINTS
@@ -40,18 +39,19 @@ def scaled(c, k=1.0, m=1.0, v=1.0):
 # Theorem 5
 
 
-@pytest.mark.parametrize("factor", [1e-6, 1e-3, 1e3, 1e4])
-@pytest.mark.parametrize("what", ["k", "m", "v"])
-@pytest.mark.parametrize("k1", [1.0, 1e8])
-def test_theorem_5_when_the_step_scales_along(engine, what, factor, k1):
-    cells = random_collisions(6, seed=5, k1=k1)
-    base = engine.solve_many(cells, COARSE)
-    other = engine.solve_many([scaled(c, **{what: factor}) for c in cells], COARSE)
-    scale = factor if what == "v" else 1.0
-    for a, b in zip(base, other, strict=True):
-        assert (a.status, b.status) == ("ok", "ok")
-        assert (b.v1 / scale, b.v2 / scale) == (pytest.approx(a.v1, abs=1e-9), pytest.approx(a.v2, abs=1e-9))
-        assert b.states == a.states
+def test_theorem_5_when_the_step_scales_along(engine):
+    for k1 in (1.0, 1e8):
+        cells = random_collisions(6, seed=5, k1=k1)
+        base = engine.solve_many(cells, COARSE)
+        for what in ("k", "m", "v"):
+            for factor in (1e-6, 1e-3, 1e4):
+                scale = factor if what == "v" else 1.0
+                scaled_cells = [scaled(c, **{what: factor}) for c in cells]
+                for a, b in zip(base, engine.solve_many(scaled_cells, COARSE), strict=True):
+                    assert (a.status, b.status) == ("ok", "ok"), (k1, what, factor)
+                    assert b.v1 / scale == pytest.approx(a.v1, abs=1e-9), (k1, what, factor)
+                    assert b.v2 / scale == pytest.approx(a.v2, abs=1e-9), (k1, what, factor)
+                    assert b.states == a.states, (k1, what, factor)
 
 
 # Invariants
@@ -85,45 +85,33 @@ def test_many_drops_in_one_call_are_one_by_one_to_the_bit(engine):
 # Refusals and failures
 
 
-@pytest.mark.parametrize(
-    ("kwargs", "says"),
-    [
+def test_what_no_dashpot_represents_is_refused(engine):
+    for kwargs, says in (
         ({"k2": math.inf}, r"k2 = inf N/m: .* finite stiffness > 0"),
         ({"k1": 0.0}, r"k1 = 0.0 N/m: .* finite stiffness > 0"),
         ({"e1": 0.0}, r"e1 = 0: no finite damping"),
         ({"e2": 0.0}, r"e2 = 0: no finite damping"),
-    ],
-)
-def test_what_no_dashpot_represents_is_refused(engine, kwargs, says):
-    c = Collision(**({"m1": 1.0, "m2": 1.0, "k1": 1e8, "k2": 1e8, "e1": 0.5, "e2": 0.5} | kwargs))
-    outcome = engine.solve_many([c], COARSE)[0]
-    assert outcome.status == "unrepresentable"
-    assert math.isnan(outcome.v1)
-    with pytest.raises(SolverError, match=rf"{engine.name}: unrepresentable: {says}"):
-        engine.solve(c, COARSE)
+    ):
+        c = Collision(**({"m1": 1.0, "m2": 1.0, "k1": 1e8, "k2": 1e8, "e1": 0.5, "e2": 0.5} | kwargs))
+        outcome = engine.solve_many([c], COARSE)[0]
+        assert outcome.status == "unrepresentable"
+        assert math.isnan(outcome.v1)
+        with pytest.raises(SolverError, match=rf"{engine.name}: unrepresentable: {says}"):
+            engine.solve(c, COARSE)
 
 
-@pytest.mark.parametrize(
-    ("name", "kwargs", "says"),
-    [
+def test_absolute_numbers_of_an_engine_are_refused_not_met(engine):
+    beyond = "periods, penetrations or energies beyond double precision"
+    for name, kwargs, says in (
         (
             "mujoco",
             {"k1": 1e22, "k2": 1e22},
-            r"accelerations about .* = 1\.\d+e\+11 m/s\^2: MuJoCo accepts 1e\+10",
+            r"accelerations about .* = 1\.\d+e\+11 .*: MuJoCo accepts 1e\+10",
         ),
-        ("mujoco", {"v0": -5e-324}, "periods, penetrations or energies beyond double precision"),
-        ("mujoco", {"m1": 1e147, "k1": 1e-193}, "periods, penetrations or energies beyond double precision"),
-        (
-            "pybullet",
-            {"m1": 1e147, "k1": 1e-193},
-            "periods, penetrations or energies beyond double precision",
-        ),
-        ("pybullet", {"v0": -1e-200}, "periods, penetrations or energies beyond double precision"),
-        (
-            "mujoco-naive",
-            {"m1": 5e138, "m2": 5e137, "k1": 1.6e266, "k2": 1.6e265, "e1": 1e-8, "e2": 1e-8, "v0": -4e-158},
-            "periods, penetrations or energies beyond double precision",
-        ),
+        ("mujoco", {"v0": -5e-324}, beyond),
+        ("mujoco", {"m1": 1e147, "k1": 1e-193}, beyond),
+        ("pybullet", {"m1": 1e147, "k1": 1e-193}, beyond),
+        ("pybullet", {"v0": -1e-200}, beyond),
         (
             "pybullet",
             {"k1": 1.0, "k2": 1.0, "v0": -1e6},
@@ -131,15 +119,11 @@ def test_what_no_dashpot_represents_is_refused(engine, kwargs, says):
         ),
         ("pybullet", {"k1": 1e30, "k2": 1e30}, r"step = .* PyBullet takes a step of .* for none"),
         ("pybullet", {"m1": 1e11, "m2": 1e11}, r"PyBullet caps a contact at 1e\+10 N s a step"),
-    ],
-)
-def test_absolute_numbers_of_an_engine_are_refused_not_met(name, kwargs, says):
-    solver = get_solver(name)
-    if solver.unavailable():
-        pytest.skip("not installed")
-    c = Collision(**({"m1": 1.0, "m2": 1.0, "k1": 1e8, "k2": 1e8, "e1": 0.5, "e2": 0.5} | kwargs))
-    with pytest.raises(SolverError, match=says):
-        solver.solve(c, COARSE)
+    ):
+        c = Collision(**({"m1": 1.0, "m2": 1.0, "k1": 1e8, "k2": 1e8, "e1": 0.5, "e2": 0.5} | kwargs))
+        if name == engine.name:
+            with pytest.raises(SolverError, match=says):
+                engine.solve(c, COARSE)
 
 
 def test_running_out_of_steps_is_a_timeout(engine):
@@ -177,15 +161,18 @@ def test_mujoco_s_complaint_becomes_a_crash_and_leaves_no_trace(tmp_path, monkey
     assert capfd.readouterr() == ("", "")
 
 
-def test_without_pybullet_the_way_out_is_said(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pybullet", None)
-    solver = get_solver("pybullet")
-    outcome = solver.solve_many(random_collisions(1, seed=1), COARSE)[0]
-    assert outcome.status == "unavailable"
-    assert outcome.reason == "PyBullet is not installed: run pip install 'pybullet>=3.2.7'"
+def test_without_an_engine_the_way_out_is_said(monkeypatch):
+    for module, name, advice in (
+        ("pybullet", "pybullet", "PyBullet is not installed: run pip install 'pybullet>=3.2.7'"),
+        ("mujoco.batch", "mujoco", "pip install 'mujoco>=4.0'"),
+    ):
+        monkeypatch.setitem(sys.modules, module, None)
+        outcome = get_solver(name).solve_many(random_collisions(1, seed=1), COARSE)[0]
+        assert outcome.status == "unavailable"
+        assert advice in outcome.reason
     monkeypatch.setattr(sys, "version_info", (3, 12, 0))
     assert "no wheels beyond CPython 3.11: run with Python 3.11, or build it from source" in str(
-        solver.unavailable()
+        get_solver("pybullet").unavailable()
     )
 
 
@@ -204,17 +191,23 @@ def test_a_package_that_is_there_and_broken_is_not_called_missing(monkeypatch, m
     assert "cannot be imported" in reason
 
 
-def test_a_mujoco_without_its_batches_is_not_called_missing(monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco.batch", None)
-    reason = get_solver("mujoco").unavailable()
-    assert reason.startswith(f"MuJoCo {version('mujoco')} cannot be imported")
+IMPORTING = """
+import os, sys
+from concurrent.futures import ThreadPoolExecutor
+from impact_xval.compliant_baselines.engines import packages
+
+os.write(2, b"before;")
+with ThreadPoolExecutor(4) as pool:
+    first, *others = pool.map(lambda _: packages.import_pybullet(), range(4))
+assert all(other is first for other in others)
+print("after", file=sys.stderr)
+"""
 
 
-def test_without_mujoco_the_way_out_is_said(monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco.batch", None)
-    outcome = get_solver("mujoco").solve_many(random_collisions(1, seed=1), COARSE)[0]
-    assert outcome.status == "unavailable"
-    assert "pip install 'mujoco>=4.0'" in outcome.reason
+def test_pybullet_is_imported_without_a_word():
+    pytest.importorskip("pybullet")
+    done = subprocess.run([sys.executable, "-c", IMPORTING], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "before;after\n")
 
 
 # Mappings
@@ -227,14 +220,6 @@ def test_naive_mapping_of_mujoco_is_off_by_what_was_measured_by_hand():
     assert (good.v1, good.v2) == (pytest.approx(0.652, abs=2e-3), pytest.approx(0.316, abs=2e-3))
     naive = get_solver("mujoco").solve(c, Settings(mapping="naive"))
     assert math.hypot(naive.v1 - good.v1, naive.v2 - good.v2) > 0.2
-
-
-@pytest.mark.parametrize("scenario", ["impact", "drop"])
-def test_naive_mapping_runs_at_any_scale(engine, scenario):
-    for m, k in ((1.0, 1e8), (1e-3, 1e5), (1e3, 1e10)):
-        c = scaled(random_collisions(1, seed=8, k1=k)[0], m=m)
-        o = engine.solve_many([c], Settings(scenario=scenario, mapping="naive", step_fraction=2e-3))[0]
-        assert o.status == "ok", o.reason
 
 
 # The path
@@ -269,43 +254,6 @@ def test_path(engine, scenario):
 
 
 # Facts of the engines that the adapters rely on
-
-
-def test_mujoco_inverse_weights_are_inverse_masses():
-    from mujoco.batch import Batch
-
-    from impact_xval.compliant_baselines.engines import mujoco_engine as md
-
-    columns = [column_of(c, COARSE) for c in random_collisions(3, seed=9)]
-    batch = Batch(md.scene_model(), 3, 1)
-    md.load(batch, columns, 1, False)
-    weights = batch.expanded("body_invweight0")[:, 1:, 0]
-    np.testing.assert_allclose(weights, [[1 / c.m1, 1 / c.m2] for c in columns], rtol=1e-14)
-
-
-def test_pybullet_heights_follow_from_velocities_and_nothing_drifts_sideways():
-    p = pytest.importorskip("pybullet")
-
-    from impact_xval.compliant_baselines.engines import pybullet_engine as pw
-
-    column = column_of(
-        Collision(m1=1.0, m2=2.0, k1=1e4, k2=3e4, e1=0.7, e2=0.8),
-        Settings(scenario="drop", step_fraction=1e-3),
-    )
-    with pw.connected() as client:
-        world = pw.World(client)
-        x1, x2, _ = world.prepare(column)
-        b1, b2 = world.balls
-        start = [p.getBasePositionAndOrientation(b, client)[0][2] for b in (b1, b2)]
-        x = np.array([x1, x2])
-        for _ in range(2000):
-            p.stepSimulation(client)
-            x += column.step * np.array([p.getBaseVelocity(b, client)[0][2] for b in (b1, b2)])
-        for b, base, first, height in zip((b1, b2), start, (x1, x2), x, strict=True):
-            position, orientation = p.getBasePositionAndOrientation(b, client)
-            assert position[2] - base == pytest.approx(height - first, abs=1e-12 * base)
-            assert position[:2] == (0, 0)
-            assert orientation == (0, 0, 0, 1)
 
 
 def test_pybullet_client_is_given_back():

@@ -5,7 +5,6 @@ import pytest
 
 from impact_xval.compliant_baselines.contact.column import column_of
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.compliant_baselines.engines.recording import states_of
 from impact_xval.model.collision import Collision
 
 pw = pytest.importorskip("impact_xval.compliant_baselines.engines.pybullet_engine")
@@ -51,49 +50,22 @@ def everything(run):
     return (*ends, run.raw.start.tolist(), run.raw.state.tolist())
 
 
-@pytest.mark.parametrize("scene", SCENES, ids=str)
-def test_many_steps_a_call_are_single_steps_to_the_bit(scene, monkeypatch):
-    some = columns(*scene, n=12, seed=11)
-    singly = runs(some, False, monkeypatch, least=10**9)
-    together = runs(some, False, monkeypatch, least=8)
-    traced = runs(some, True, monkeypatch, least=8)
-    assert [repr(everything(run)) for run in together] == [repr(everything(run)) for run in singly]
-    assert [repr(everything(run)) for run in traced] == [repr(everything(run)) for run in singly]
+def test_many_steps_a_call_are_single_steps_to_the_bit(monkeypatch):
+    for scene in SCENES:
+        some = columns(*scene, n=12, seed=11)
+        singly, together, traced = (
+            [repr(everything(run)) for run in runs(some, record, monkeypatch, least)]
+            for record, least in ((False, 10**9), (False, 8), (True, 8))
+        )
+        assert together == singly, scene
+        assert traced == singly, scene
 
 
-def test_most_steps_are_taken_together(monkeypatch):
-    (column,) = columns("drop", 1e8, 2.5e-4, n=1, seed=3)
-    taken = {"singly": 0, "together": 0}
-    for name in taken:
-        original = getattr(pw.World, name)
-
-        def counted(self, n, *more, original=original, name=name):
-            v, x = original(self, n, *more)
-            taken[name] += len(v) if more else n
-            return v, x
-
-        monkeypatch.setattr(pw.World, name, counted)
-    runs([column], False, monkeypatch, least=8)
-    assert taken["together"] > 10 * taken["singly"]
-
-
-def test_the_path_between_calls_is_that_of_single_steps(monkeypatch):
-    # k2/k1 = 1/40: returns, and long enough for many calls.
-    collision = Collision(m1=1.0, m2=2 / 3**0.5, k1=1e8, k2=2.5e6, e1=0.9, e2=0.7)
-    column = column_of(collision, Settings(step_fraction=1e-3))
-    (singly,), (traced,) = (runs([column], True, monkeypatch, least=least) for least in (10**9, 8))
-    exact, between = (run.path(states_of(run, 2.5e-3)) for run in (singly, traced))
-    for v in ("v1", "v2"):
-        off = np.interp(exact.time, between.time, getattr(between, v)) - getattr(exact, v)
-        # 6e-5 of the interpolation, and 2e-5 of the straight lines between points of this test.
-        assert np.abs(off).max() < 8e-5
-
-
-@pytest.mark.parametrize("h", [5.129e-7, 4.6e-7, 1e-3, 1 / 3, 0.1])
-def test_numbers_of_sub_steps_divide_exactly(h):
-    for n in range(1, 300):
-        exact = pw.exact(n, h)
-        assert 1 <= exact <= n
-        assert exact * h / exact == h
-        assert int(exact * h / h) == exact
-        assert exact > n / 2  # a power of two is always among them
+def test_numbers_of_sub_steps_divide_exactly():
+    for h in (5.129e-7, 4.6e-7, 1e-3, 1 / 3, 0.1):
+        for n in range(1, 300):
+            exact = pw.exact(n, h)
+            assert 1 <= exact <= n
+            assert exact * h / exact == h
+            assert int(exact * h / h) == exact
+            assert exact > n / 2  # a power of two is always among them
