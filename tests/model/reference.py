@@ -18,8 +18,11 @@ class Answer(NamedTuple):
     limit: bool
 
 
-def integrate(kappa, mu, e1, e2, cutoff=math.inf, rtol=1e-12):
-    """Model in units m1 = 1, k1 = 1, v0 = -1; the cut-off as the design of the model prescribes it."""
+def integrate(kappa, mu, e1, e2, cutoff=math.inf, rtol=1e-12, resolution=0.1):
+    """Model in units m1 = 1, k1 = 1, v0 = -1; the cut-off as the design of the model prescribes it.
+
+    The sign alone is looked at: of two events closer than `resolution` (rad of the fastest mode), both can be missed.
+    """
     k = np.array([1.0, kappa])
     e = np.array([e1, e2])
     y = np.array([-1.0, 0.0, 0.0, 0.0])  # v1, v2, delta1, delta2
@@ -65,8 +68,7 @@ def integrate(kappa, mu, e1, e2, cutoff=math.inf, rtol=1e-12):
             rtol=rtol,
             atol=1e-15 * np.array([1, 1, 1 / fastest, 1 / fastest]),
             events=[f for _, f in watched],
-            max_step=0.1
-            / fastest,  # two events closer than this could be missed: the sign alone is looked at
+            max_step=resolution / fastest,
             first_step=1e-3 / fastest,
         )
         assert run.status == 1, run.message

@@ -1,15 +1,18 @@
-"""The first event in S1 is never missed: close pairs, ties, tangencies, against brute force."""
+"""The first event in S1 is never missed: close pairs, ties, tangencies, against brute force; and the search's means."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from impact_xval.model import Collision, solve
 from impact_xval.model.events import first_event
-from impact_xval.model.motion import amplitudes, modal, modes_of, motion, single_contact
-from impact_xval.model.roots import positive_between
+from impact_xval.model.grazing import extremum_between
+from impact_xval.model.motion import LARGEST_ANGLE, amplitudes, cos_sin, modes_of, single_contact
+from impact_xval.model.roots import ENVELOPE_RESERVE, EPSILON, envelope_time, positive_between, root_before
 
 COMPRESSING, RESTORING = 1, 2
 
@@ -44,32 +47,6 @@ def random_springs(rng):
     return 10 ** rng.uniform(-1, 1), 10 ** rng.uniform(-2, 2), 10 ** rng.uniform(-2, 2)
 
 
-def test_modes_solve_the_equations_of_motion():
-    """K phi = omega^2 diag(1, mu) phi row by row, of unit modal mass; states are recovered from modal coordinates."""
-    rng = np.random.default_rng(3)
-    for _ in range(200):
-        mu, k1, k2 = 10 ** rng.uniform(-4, 4), 10 ** rng.uniform(-4, 4), 10 ** rng.uniform(-4, 4)
-        modes = modes_of(mu, k1, k2)
-        _, _, omega, phi1, phi2, delta, sigma, force1, force2 = modes
-        for j in (0, 1):
-            rows = (k1 * (phi1[j] - phi2[j]), k2 * phi2[j] - k1 * (phi1[j] - phi2[j]))
-            sizes = (k1 * (abs(phi1[j]) + abs(phi2[j])), (k1 + k2) * abs(phi2[j]) + k1 * abs(phi1[j]))
-            for row, size, mass, phi in zip(rows, sizes, (1, mu), (phi1[j], phi2[j]), strict=True):
-                assert row == pytest.approx(omega[j] ** 2 * mass * phi, abs=1e-14 * size)
-            assert phi1[j] ** 2 + mu * phi2[j] ** 2 == pytest.approx(1, rel=1e-14)
-            assert delta[j] == pytest.approx(phi2[j] - phi1[j], abs=1e-14 * (abs(phi1[j]) + abs(phi2[j])))
-            assert sigma[j] == pytest.approx(
-                phi1[j] + mu * phi2[j], abs=1e-14 * (abs(phi1[j]) + mu * abs(phi2[j]))
-            )
-            assert (force1[j], force2[j]) == (omega[j] * phi1[j], omega[j] * sigma[j])
-        assert omega[0] < omega[1]
-        state = rng.normal(size=4)
-        _, a, b = modal_state(mu, k1, k2, state)
-        q, r = modal(0.0, omega, a, b)
-        scale = np.abs(state).max() * max(1, math.sqrt(max(k1, k2)), math.sqrt(max(mu, 1 / mu)))
-        assert motion(q, r, modes) == pytest.approx(state, abs=1e-12 * scale)
-
-
 def test_the_certificate_never_lies():
     """Wherever it says positive, four hundred samples of f are."""
     rng = np.random.default_rng(4)
@@ -101,14 +78,14 @@ def test_the_certificate_never_lies():
 def test_first_event_against_brute_force():
     """No watched function is negative before the event, and the one that fires is zero there."""
     rng = np.random.default_rng(5)
-    for _ in range(150):
+    for _ in range(60):
         mu, k1, k2 = random_springs(rng)
         d1, v2 = rng.normal(size=2)
         F1, F2 = abs(rng.normal()) * math.sqrt(k1), abs(rng.normal()) * math.sqrt(k2)
         phases = (COMPRESSING if d1 > 0 else RESTORING, COMPRESSING if v2 < 0 else RESTORING)
         (time, fired, at_event, _, _), (s1, s2) = search(mu, k1, k2, (d1, v2, F1, F2), phases)
         assert any(fired)
-        states = evolve(mu, k1, k2, (d1, v2, F1, F2), np.linspace(0, time, 300))
+        states = evolve(mu, k1, k2, (d1, v2, F1, F2), np.linspace(0, time, 150))
         assert at_event == pytest.approx(states[:, -1], abs=1e-12 * max(1, np.abs(states).max()))
         watched = [s1 * states[0], s2 * states[1]]
         watched += [states[i] if phases[i - 2] == RESTORING else None for i in (2, 3)]
@@ -123,59 +100,57 @@ def test_first_event_against_brute_force():
                 assert abs(f[-1]) < 1e-13 * scale
 
 
-@pytest.mark.parametrize("depth", [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, -1e-12, -1e-10, -1e-8, -1e-4])
-@pytest.mark.parametrize("seed", range(8))
-def test_a_near_tangency_is_seen(seed, depth):
+def test_a_near_tangency_is_seen():
     """A compression rate that turns around at `depth` after a while: below zero its first root fires, above none.
 
     Built backwards: the state at the turning point (d1 = depth, d1' = 0 < d1''), followed back in time.
     """
-    rng = np.random.default_rng(seed)
-    mu, k1, k2 = random_springs(rng)
-    F1, v2 = rng.uniform(0.5, 2), -rng.uniform(0.5, 2)
-    bottom = (depth, v2, F1, F1 * (1 + mu))  # d1' = F2/mu - F1/M = 0
-    lead = 0.8 / modes_of(mu, k1, k2).omega[1]
-    start = evolve(mu, k1, k2, bottom, -lead)
-    assert start[0] > 0
-    assert start[1] < 0
-    (time, fired, _, margin, _), _ = search(mu, k1, k2, start, (COMPRESSING, COMPRESSING))
-    if depth < 0:
-        curvature = -k2 * v2 / mu - k1 * depth * (1 + 1 / mu)
-        assert fired[0]
-        before = lead - time  # depth + curvature before^2/2 = 0
-        assert before == pytest.approx(math.sqrt(-2 * depth / curvature), rel=0.2)
-    else:
-        assert time > lead
-        modes, a, b = modal_state(mu, k1, k2, start)
-        amplitude = sum(abs(modes.delta[j]) * math.hypot(a[j], b[j]) for j in (0, 1))
-        assert margin == pytest.approx(depth / amplitude, rel=1e-3, abs=1e-13)
+    depths = [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, -1e-12, -1e-10, -1e-8, -1e-4]
+    for seed, depth in product(range(8), depths):
+        rng = np.random.default_rng(seed)
+        mu, k1, k2 = random_springs(rng)
+        F1, v2 = rng.uniform(0.5, 2), -rng.uniform(0.5, 2)
+        bottom = (depth, v2, F1, F1 * (1 + mu))  # d1' = F2/mu - F1/M = 0
+        lead = 0.8 / modes_of(mu, k1, k2).omega[1]
+        start = evolve(mu, k1, k2, bottom, -lead)
+        assert start[0] > 0 > start[1]
+        (time, fired, _, margin, _), _ = search(mu, k1, k2, start, (COMPRESSING, COMPRESSING))
+        if depth < 0:
+            curvature = -k2 * v2 / mu - k1 * depth * (1 + 1 / mu)
+            assert fired[0], (seed, depth)
+            before = lead - time  # depth + curvature before^2/2 = 0
+            assert before == pytest.approx(math.sqrt(-2 * depth / curvature), rel=0.2), (seed, depth)
+        else:
+            assert time > lead, (seed, depth)
+            modes, a, b = modal_state(mu, k1, k2, start)
+            amplitude = sum(abs(modes.delta[j]) * math.hypot(a[j], b[j]) for j in (0, 1))
+            assert margin == pytest.approx(depth / amplitude, rel=1e-3, abs=1e-13), (seed, depth)
 
 
-@pytest.mark.parametrize("apart", [0.0, 1e-3, 1e-6, 1e-9, 1e-12])
-@pytest.mark.parametrize("seed", range(8))
-def test_events_close_together_or_at_once(seed, apart):
+def test_events_close_together_or_at_once():
     """Both compressions end `apart` of each other: the earlier fires alone; at once, both do.
 
     Built backwards from the state in which one rate is zero and the other has `apart` to go.
     """
-    rng = np.random.default_rng(seed)
-    mu, k1, k2 = random_springs(rng)
-    fast = modes_of(mu, k1, k2).omega[1]
-    for first in (0, 1):
+    for seed, apart, first in product(range(8), (0.0, 1e-3, 1e-6, 1e-9, 1e-12), (0, 1)):
+        rng = np.random.default_rng(seed)
+        mu, k1, k2 = random_springs(rng)
+        fast = modes_of(mu, k1, k2).omega[1]
         F1 = rng.uniform(1, 2)
         F2 = F1 * (1 + mu * rng.uniform(0.2, 0.8))  # d1' < 0 < v2'
         rates = [0.0, 0.0]
         rates[1 - first] = apart if first == 1 else -apart
         start = evolve(mu, k1, k2, (*rates, F1, F2), -0.01 / fast)
         (time, fired, at_event, _, _), _ = search(mu, k1, k2, start, (COMPRESSING, COMPRESSING))
-        assert time == pytest.approx(0.01 / fast, rel=1e-9)
-        assert fired[2:] == (False, False)
+        case = seed, apart, first
+        assert time == pytest.approx(0.01 / fast, rel=1e-9), case
+        assert fired[2:] == (False, False), case
         if apart == 0:
             # The start is rounded, so one may fire alone; the other one is then as good as zero.
-            assert any(fired)
-            assert np.abs(at_event[:2]).max() < 1e-14 * np.abs(start).max() * (1 + math.sqrt(1 / mu))
+            assert any(fired), case
+            assert np.abs(at_event[:2]).max() < 1e-14 * np.abs(start).max() * (1 + math.sqrt(1 / mu)), case
         else:
-            assert fired[:2] == (first == 0, first == 1)
+            assert fired[:2] == (first == 0, first == 1), case
 
 
 def test_a_tie_has_one_outcome_whichever_event_is_taken_first():
@@ -239,3 +214,118 @@ def test_single_contact_against_the_supplement():
     assert (returns, ended, impulse) == (True, True, part)
     lost = (1 - e * e) * (E + 0.5 * M * d * d)
     assert E_exit == pytest.approx(E + d * part - part**2 / (2 * M) - lost, rel=1e-13)
+
+
+def value(c, omega, a, b, t, order=0):
+    """f, f' or f'' of the sum of c_j (a_j cos(omega_j t) + b_j sin(omega_j t)), by the library's functions."""
+    phase = 0.5 * math.pi * order  # a derivative turns a sinusoid by a quarter
+    return sum(
+        c[j] * omega[j] ** order * (a[j] * np.cos(omega[j] * t + phase) + b[j] * np.sin(omega[j] * t + phase))
+        for j in (0, 1)
+    )
+
+
+def jet(c, omega, a, b, t):
+    return tuple(float(value(c, omega, a, b, t, order)) for order in (0, 1, 2))
+
+
+def pairs(rng, *ranges):
+    return tuple(tuple(map(float, rng.uniform(low, high, 2))) for low, high in ranges)
+
+
+def frequencies(rng):
+    fast = 10 ** rng.uniform(-2, 2)
+    return (float(fast * 10 ** rng.uniform(-3, 0)), float(fast))
+
+
+def amplitude(c, a, b):
+    return sum(abs(c[j]) * math.hypot(a[j], b[j]) for j in (0, 1))
+
+
+def single_roots(rng, n):
+    """Functions, and windows (t, t + h) that begin above zero, end below it, and hold one root."""
+    while n:
+        omega = frequencies(rng)
+        c, a, b = pairs(rng, (-1, 1), (-1, 1), (-1, 1))
+        t, h = float(rng.uniform(0, 100) / omega[1]), float(rng.uniform(0.1, 3.5) / omega[1])
+        signs = np.sign(value(c, omega, a, b, t + np.linspace(0, h, 300)))
+        if signs[0] > 0 > signs[-1] and np.count_nonzero(np.diff(signs)) == 1:
+            n -= 1
+            yield c, omega, a, b, t, h
+
+
+def test_a_root_is_found_to_rounding_with_the_state_there():
+    for c, omega, a, b, t, h in single_roots(np.random.default_rng(1), 500):
+        noise = 4 * EPSILON * amplitude(c, a, b)
+        start, end = jet(c, omega, a, b, t), jet(c, omega, a, b, t + h)
+        x, q, r = root_before(c, t, h, 0.0, start, end, noise, omega, a, b)
+        assert 0 < x < h
+        expected = brentq(lambda s: value(c, omega, a, b, s), t, t + h, xtol=1e-300, rtol=4 * EPSILON)  # noqa: B023
+        slope = abs(value(c, omega, a, b, expected, 1))
+        rounding = (1 + omega[1] * (t + h)) * 4 * noise
+        assert abs(t + x - expected) <= rounding / slope + 8 * EPSILON * expected
+        for j in (0, 1):
+            w = omega[j] * (t + x)
+            size = math.hypot(a[j], b[j]) * 8 * EPSILON * (1 + w)
+            assert q[j] == pytest.approx(a[j] * math.cos(w) + b[j] * math.sin(w), abs=size)
+            assert r[j] == pytest.approx(b[j] * math.cos(w) - a[j] * math.sin(w), abs=size)
+
+
+def test_an_extremum_is_exact_near_zero():
+    """Functions made to have an extremum of known height (of about 2 in amplitude) at a known time."""
+    rng = np.random.default_rng(3)
+    for height in [0.0, 1e-9, -1e-6, 1e-3, -0.03] * 100:
+        omega = frequencies(rng)
+        omega = (0.9 * omega[0], omega[1])
+        q0, r0 = rng.uniform(0.5, 1), rng.uniform(-1, 1)
+        q, r = (q0, height - q0), (r0, -omega[0] * r0 / omega[1])  # at the extremum f = height, f' = 0
+        at = float(rng.uniform(1, 50) / omega[1])
+        turned = [(math.cos(w * at), math.sin(w * at)) for w in omega]
+        a = tuple(float(q[j] * turned[j][0] - r[j] * turned[j][1]) for j in (0, 1))
+        b = tuple(float(r[j] * turned[j][0] + q[j] * turned[j][1]) for j in (0, 1))
+        c = (1.0, 1.0)
+        size = amplitude(c, a, b)
+        h = 0.2 / omega[1]
+        t = at - float(rng.uniform(0.2, 0.8)) * h
+        start, end = jet(c, omega, a, b, t), jet(c, omega, a, b, t + h)
+        if start[1] * end[1] >= 0:
+            continue  # two modes of nearly one frequency: hardly any curvature
+        found = extremum_between(c, t, h, start, end, size, omega, a, b)
+        assert found == pytest.approx(abs(height) / size, abs=1e-12)
+
+
+def test_a_search_is_skipped_until_the_slow_part_comes_down_to_the_fast_amplitude():
+    """Against the slow part itself, sampled: above that until then, at it then."""
+    rng = np.random.default_rng(5)
+    skipped = 0
+    for order in (0, 1) * 300:
+        omega = frequencies(rng)
+        c, a, b = pairs(rng, (-1, 1), (-1, 1), (-1, 1))
+        c = (c[0], 0.3 * c[1])
+        t = float(rng.uniform(0, 20) / omega[0])
+        radius = tuple(math.hypot(a[j], b[j]) for j in (0, 1))
+        near = abs(c[1]) * radius[1] + ENVELOPE_RESERVE * abs(c[0]) * radius[0]
+
+        def slow(s, c=c, a=a, b=b, w=omega[0], order=order):
+            rate = a[0] * np.cos(w * s) + b[0] * np.sin(w * s)
+            force = b[0] * np.cos(w * s) - a[0] * np.sin(w * s)
+            return c[0] * (rate, force)[order]
+
+        found = envelope_time(order, c, t, omega, a, b, radius)
+        if found == t:
+            assert slow(t) <= near * (1 + 1e-9)
+            continue
+        skipped += 1
+        assert found > t
+        assert np.all(slow(np.linspace(t, found, 200)[:-1]) > near * (1 - 1e-9))
+        assert slow(found) == pytest.approx(near, abs=1e-11 * abs(c[0]) * radius[0])
+    assert skipped > 100
+
+
+def test_cosine_and_sine_are_those_of_the_library():
+    random = [np.random.default_rng(1).uniform(0, x, 3000) for x in (1e-8, 4.0, 0.999 * LARGEST_ANGLE, 1e9)]
+    quarters = np.arange(1, 2000) * math.pi / 2
+    near = [np.nextafter(quarters, 0), quarters, np.nextafter(quarters, np.inf)]
+    for x in np.concatenate([*random, *near]).tolist():
+        assert cos_sin(x) == pytest.approx((math.cos(x), math.sin(x)), abs=4e-16, rel=0), x
+    assert cos_sin(0.0) == (1.0, 0.0)

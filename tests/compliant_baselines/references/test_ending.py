@@ -1,63 +1,27 @@
-"""How long a flight lasts and when a collision is over, against polynomials, matrix exponentials and root finders."""
+"""When a collision is over: free, at rest or stuck, against the matrix exponential."""
 
 import itertools
 import math
 
 import numpy as np
-import pytest
 from scipy.linalg import expm
-from scipy.optimize import brentq
 
-from impact_xval.compliant_baselines.contract.trajectory import (
-    FREE,
-    GOING,
-    REST,
-    STUCK,
-)
-from impact_xval.compliant_baselines.references.contact_law import COMPRESSION, LOADED, OPEN, SLACK, state_of
-from impact_xval.compliant_baselines.references.driver import LOG_COLUMNS, LOG_WIDTH, flight_time, write_row
-from impact_xval.compliant_baselines.references.ending import excess1, excess2, how_over, over_within
-from impact_xval.compliant_baselines.references.taylor import ORDER, expand, longest_step
-from tests.compliant_baselines.references.test_taylor import system, table_of
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.contract.trajectory import FREE, GOING, REST, STUCK
+from impact_xval.compliant_baselines.references.ending import how_over, settled
+from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, kelvin_voigt_batch
+from impact_xval.model import Collision
+from tests.compliant_baselines.reference_cells import random_cells
+from tests.compliant_baselines.references.test_taylor import system
+
+G = 0.3
 
 
-def test_states_are_named_by_the_contacts_that_carry_force():
-    for on, off in ((LOADED, SLACK), (COMPRESSION, OPEN)):
-        assert [state_of(*modes) for modes in itertools.product((on, off), repeat=2)] == [1, 3, 2, 4]
-
-
-def flight_event(p1, d1, p2, v2, g):
-    """First positive root of the flight's polynomials; the top of a flight out of the table that stays in it."""
-    times = [-p1 / d1] if p1 * d1 < 0 else []
-    roots = np.roots([0.5 * g, -v2, p2] if g else [-v2, p2])  # of the penetration of contact 2
-    real = [float(r.real) for r in roots if abs(r.imag) < 1e-12 and r.real > 0]
-    if real:
-        times.append(min(real))
-    elif g > 0 and p2 > 0 and v2 > 0:
-        times.append(v2 / g)
-    return min(times, default=math.inf)
-
-
-@pytest.mark.parametrize("g", [0.0, 0.01, 1.0])
-def test_flight_time_is_half_as_long_again_as_to_the_first_event(g):
-    rng = np.random.default_rng(6)
-    infinite = 0
-    for p1, d1, p2, v2 in rng.uniform(-1, 1, (500, 4)):
-        expected = 1.5 * flight_event(p1, d1, p2, v2, g)
-        infinite += math.isinf(expected)
-        assert flight_time(p1, d1, p2, v2, g) == pytest.approx(expected, rel=1e-9)
-    assert 0 < infinite < 500
-
-
-def test_a_flight_that_starts_on_the_table_downwards_is_over_at_once():
-    assert flight_time(-1.0, -1.0, 0.0, 0.0, 1.0) == 0
-    assert flight_time(-1.0, -1.0, 0.0, 0.5, 1.0) == pytest.approx(1.5)  # thrown up at 0.5, back after 1
-
-
-@pytest.mark.parametrize("loaded1", [True, False])
-@pytest.mark.parametrize("loaded2", [True, False])
-def test_without_gravity_it_is_over_when_nothing_pushes_and_all_part(loaded1, loaded2):
-    for d1, v2 in itertools.product((-0.5, 0.0, 0.5), repeat=2):
+def test_without_gravity_it_is_over_when_nothing_pushes_and_all_part():
+    for loaded1, loaded2, d1, v2 in itertools.product(
+        (True, False), (True, False), (-0.5, 0.0, 0.5), (-0.5, 0.0, 0.5)
+    ):
         over = not loaded1 and not loaded2 and v2 - d1 >= v2 >= 0
         found = how_over(loaded1, loaded2, 2.0, -0.1, d1, -0.1, v2, 1.0, 3.0, 0.0)
         assert found == (FREE if over else GOING)
@@ -74,11 +38,11 @@ def oscillation(mu, k1, k2, g, state, times, loaded1):
 def test_b2_is_at_rest_if_and_only_if_its_vibration_never_unloads_the_table():
     rng = np.random.default_rng(7)
     seen = set()
-    for _ in range(40):
+    for _ in range(20):
         mu, k2, g = 10 ** rng.uniform(-1, 1, 3)
         rest = mu * g / k2
         q2, v2 = rest * rng.uniform(-1, 1), g * math.sqrt(mu / k2) * rng.uniform(-1, 1)
-        times = np.linspace(0, 2 * math.pi * math.sqrt(mu / k2), 400)
+        times = np.linspace(0, 2 * math.pi * math.sqrt(mu / k2), 200)
         _, p2 = oscillation(mu, 1.0, k2, g, (-1.0, 0.0, q2, v2), times, loaded1=False)
         if abs(p2.min()) < 1e-3 * rest:
             continue  # too near to tell from samples
@@ -97,7 +61,7 @@ def test_b2_at_rest_under_a_b1_that_comes_back_is_not_over():
 
 def test_stuck_balls_never_unload_a_contact_and_a_little_more_energy_can():
     rng = np.random.default_rng(8)
-    for _ in range(40):
+    for _ in range(20):
         mu, k1, k2, g = 10 ** rng.uniform(-1, 1, 4)
         p1_rest, q2_rest = g / k1, g / k2  # contact 2 carries m2 g at q2 = 0, and that of B1 beside
         x = rng.normal(size=4)
@@ -111,44 +75,65 @@ def test_stuck_balls_never_unload_a_contact_and_a_little_more_energy_can():
         assert how_over(True, True, mu, *state(0.999 * least), k1, k2, g) == STUCK
         assert how_over(True, True, mu, *state(1.001 * least), k1, k2, g) == GOING
         assert how_over(True, True, mu, *state(0.0), k1, k2, 0.0) == GOING  # never without gravity
-        times = np.linspace(0, 30 * math.sqrt((1 + mu) / min(k1, k2)), 300)
+        times = np.linspace(0, 30 * math.sqrt((1 + mu) / min(k1, k2)), 150)
         p1, p2 = oscillation(mu, k1, k2, g, state(0.999 * least), times, loaded1=True)
         assert min(p1.min() / p1_rest, p2.min() / ((1 + mu) * g / k2)) > 0
 
 
-@pytest.mark.parametrize("loaded1", [True, False])
-def test_within_a_segment_the_end_is_where_the_energy_has_fallen(loaded1):
-    """Damped vibrations that come to rest in mid-segment, against a root finder on the matrix exponential."""
-    mu, k1, k2, c1, c2, g = 1.3, 1.0, 4.0, 0.3, 0.2, 0.5
-    state = (g / k1, 0.0, g / k2, 0.0) if loaded1 else (-1.0, -2.0, 0.0, 0.0)
-    kick = np.array([0.0, 0.0, 0.0, 1.0])
-    on = (k1, c1) if loaded1 else (0.0, 0.0)
-    column = mu, on[0], k2, on[1], c2
-    h = longest_step(*column)
-    rows = system(*column, g, 0.0)
-
-    def excess(x, start):
-        p1, d1, q2, v2, _ = expm(rows * (x * h)) @ [*start, 1]
-        return excess2(mu, p1, d1, q2, v2, k1, k2, g) if loaded1 else excess1(mu, q2, v2, k2, g)
-
-    # so strong a kick that the energy reaches the threshold in mid-segment
-    kicked = brentq(lambda s: excess(0.6, state + s * kick), 0.1, 10)
-    start = state + kicked * kick
-    table = table_of(start)
-    expand(table, ORDER, h, *column, g, 0.0)
-    found = over_within(table, ORDER, 1.0, loaded1, True, mu, k1, k2, g)
-    assert found == pytest.approx(brentq(excess, 0, 1, args=(start,), xtol=1e-15), abs=1e-12)
-    assert found == pytest.approx(0.6, abs=1e-9)
-    assert over_within(table, ORDER, 0.5, loaded1, True, mu, k1, k2, g) == 0.5  # not yet
+def columns(n, seed):
+    """Random columns and states about their equilibrium: heights x1, x2 and velocities."""
+    rng = np.random.default_rng(seed)
+    kappa, mu, e1, e2 = random_cells(n, seed)
+    _, c1, c2 = dampings("pair", kappa, mu, e1, e2)
+    for i in range(n):
+        m, k = np.diag([1, mu[i]]), kappa[i]
+        stiff, damp = (np.array([[a, -a], [-a, a + b]]) for a, b in ((1, k), (c1[i], c2[i])))
+        inverse = np.linalg.inv(m)
+        a = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiff, -inverse @ damp]])
+        yield (mu[i], k, c1[i], c2[i]), a, rng.normal(size=4)
 
 
-def test_a_row_is_written_where_there_is_one():
-    log = np.full((2, LOG_WIDTH), np.nan)
-    row = 5.0, (1.0, 2.0, 3.0, 4.0), 6.0, 7.0, 8.0, 2, 0, 31, 9.0
-    write_row(log, 1, *row)
-    assert dict(zip(LOG_COLUMNS, log[1], strict=True)) == {
-        "time": 5, "p1": 1, "d1": 2, "q2": 3, "v2": 4, "duration": 6, "k1": 7, "k2": 8,
-        "mode1": 2, "mode2": 0, "event": 31, "g": 9,
-    }  # fmt: skip
-    write_row(log, 2, *row)
-    assert np.isnan(log[0]).all()
+def kernel_state(y, kappa, g=G):
+    """(p1, d1, q2, v2) of heights and velocities about equilibrium; the kernel's k1 is 1."""
+    x1, x2, v1, v2 = y
+    return x2 - x1 + g, v2 - v1, -x2 + g / kappa, v2
+
+
+def largest(mu, k, c1, c2, a, y):
+    """Largest force beyond the weight, over that weight, of both contacts along 1500 short steps."""
+    step, most = expm(a * 0.05 / np.sqrt(max(1, k, 1 / mu))), 0.0
+    for _ in range(1500):
+        p1, d1, q2, v2 = kernel_state(y, k)
+        f1, f2 = p1 - G + c1 * d1, k * q2 - G - c2 * v2
+        most = max(most, abs(f1) / G, abs(f2) / ((1 + mu) * G))
+        y = step @ y
+    return most
+
+
+def test_a_settled_column_never_lets_go_and_one_that_does_is_not_settled():
+    sharp = []
+    for column, a, y in columns(60, 1):
+        k = column[1]
+        y = y / largest(*column, a, y)  # the largest force just unloads its contact
+        assert not settled(*column, G, *kernel_state(1.01 * y, k))
+        sharp.append(
+            max(s for s in (0.1, 0.3, 0.5, 0.7, 0.9) if settled(*column, G, *kernel_state(s * y, k)))
+        )
+    assert np.median(sharp) >= 0.7
+
+
+def test_columns_that_ring_for_ever_are_stuck_at_once():
+    # e2 = 1 on a soft table: of the slow motion next to nothing reaches the damped contact. Two million segments did
+    # not end these, cells of the default grid at k1 = 1e6 and 1e5 N/m.
+    for ratio, mass, e1, k1 in ((1e-3, 2.0, 0.5, 1e6), (10**-2.5, 2.0, 0.5, 1e6), (1e-2, 2.0, 0.5, 1e5)):
+        c = Collision(1.0, mass, k1, ratio * k1, e1, 1.0, -1.0)
+        outcome = get_solver("kelvin-voigt").solve(c, Settings(scenario="drop"))
+        assert (outcome.v1, outcome.v2) == (0, 0)
+        assert outcome.diagnostics["n_steps"] < 1000
+        batch = kelvin_voigt_batch(ratio, mass, e1, 1.0, 9.81 / np.sqrt(k1 * (1 + 1 / mass)))
+        assert batch.end == "stuck"
+
+
+def test_an_elastic_column_that_cannot_part_is_stuck():
+    start = kernel_state(np.array([5.0, 5.0, 0.01, 0.0]), 0.05)
+    assert settled(1.0, 0.05, 0.0, 0.0, G, *start)

@@ -94,16 +94,15 @@ def test_against_an_independent_integration(law, n, drop):
     assert law == "bistiffness" or again >= n // 5
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("drop", [False, True], ids=["impact", "drop"])
-def test_every_collision_ends_parted(law, drop):
+def test_every_collision_ends_parted():
     cells = random_wide_cells(3000, 35)
-    number = random_gravity(3000, 35) if drop else 0.0
-    batch = LAWS[law](*cells, number, frozen=True)
-    assert set(batch.status) <= {"ok", "limit"}
-    assert np.all(batch.v1 >= batch.v2 - 1e-12)
-    assert np.all(batch.v2 >= -1e-12)
-    assert np.all(batch.retained_energy <= 1 + 1e-12)
+    for law in LAWS:
+        for number in (0.0, random_gravity(3000, 35)):
+            batch = LAWS[law](*cells, number, frozen=True)
+            assert set(batch.status) <= {"ok", "limit"}, law
+            assert np.all(batch.v1 >= batch.v2 - 1e-12), law
+            assert np.all(batch.v2 >= -1e-12), law
+            assert np.all(batch.retained_energy <= 1 + 1e-12), law
 
 
 def test_what_is_left_of_a_penetration_is_forgotten():
@@ -111,6 +110,7 @@ def test_what_is_left_of_a_penetration_is_forgotten():
     cell = 0.4082560357, 1.8824229592, 0.3276377521, 0.9236459750
     _, c1, c2 = dampings("pair", *(np.array([x]) for x in cell))
     frozen, free = (kelvin_voigt_batch(*cell, frozen=f) for f in (True, False))
-    answer = oracle.dashpots(*cell[:2], c1[0], c2[0], frozen=True)
-    assert (frozen.v1, frozen.v2) == pytest.approx((answer.v1, answer.v2), abs=1e-10)
+    for batch, is_frozen in ((frozen, True), (free, False)):
+        answer = oracle.dashpots(*cell[:2], c1[0], c2[0], frozen=is_frozen)
+        assert (batch.v1, batch.v2) == pytest.approx((answer.v1, answer.v2), abs=1e-10)
     assert math.hypot(frozen.v1 - free.v1, frozen.v2 - free.v2) > 1e-3

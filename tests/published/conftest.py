@@ -1,0 +1,1 @@
+from tests.model.conftest import compiled_model  # noqa: F401
