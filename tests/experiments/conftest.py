@@ -1,6 +1,13 @@
+import shutil
+from pathlib import Path
+
 import pytest
 
 from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.presentation.report import present
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables.store import RunFolder
+from tests.experiments import fakes
 
 SMALL = {
     "name": "small",
@@ -10,7 +17,44 @@ SMALL = {
     "grid": {"stiffness_ratio": [0.5, 1.0, 2.0], "mass_ratio": [1.0, 1.5], "e1": [0.5, 0.9], "e2": [0.7]},
 }
 
+#: Text that a page, a table and LaTeX are to show as it is.
+HOSTILE = "</script><script>document.title = 'taken'</script><img src=x onerror=\"document.title='taken'\">"
+
 
 @pytest.fixture
 def small():
     return parse_config(SMALL)
+
+
+@pytest.fixture(scope="session")
+def engine_run(tmp_path_factory):
+    """A small run of a real engine and two exact laws, with its page; no test changes it."""
+    root = tmp_path_factory.mktemp("engines") / "a run"
+    solvers = ["kelvin-voigt", "bistiffness", "mujoco"]
+    run_sweep(
+        parse_config(SMALL | {"solvers": solvers, "scenario": "drop", "v0": -2.0, "name": HOSTILE}), root
+    )
+    present(RunFolder(root))
+    return root
+
+
+@pytest.fixture(scope="session")
+def fake_run(tmp_path_factory):
+    """A small run of an engine that is 0.01 m/s off and of one that is not installed; no test changes it."""
+    root = tmp_path_factory.mktemp("fakes") / "run"
+    return run_sweep(parse_config(SMALL), root, isolate=False, resolve=fakes.shifted)
+
+
+@pytest.fixture
+def run(fake_run, tmp_path):
+    """A copy of the folder of that run, to be altered."""
+    return Path(shutil.copytree(fake_run.root, tmp_path / "run"))
+
+
+@pytest.fixture(scope="session")
+def kernels(tmp_path_factory):
+    """Compile what columns of N balls and their ladders need."""
+    column = {"arrangement": ["chain", "drop"], "balls": [2, 3], "stiffness_taper": 1.0, "e": 0.9}
+    solvers = ["bistiffness", "kelvin-voigt", "hunt-crossley", "liu-zhao-brogliato", "mujoco"]
+    config = parse_config({"solvers": solvers, "column": column})
+    run_sweep(config, tmp_path_factory.mktemp("kernels") / "run", isolate=False)

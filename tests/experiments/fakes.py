@@ -206,22 +206,9 @@ class InterruptingColumns(Columns):
         return super().solve_columns(columns, settings, exponent)
 
 
-class WildColumns(Columns):
-    """A limit that is legal and whose square leaves double precision; of the first ball only."""
-
-    def solve_columns(self, columns, settings, exponent=1.0):
-        outcomes = super().solve_columns(columns, settings, exponent)
-        limits = [{f"v{i}_limit": 1e200 for i in range(1, 1 + len(o.velocities))} for o in outcomes]
-        return [dataclasses.replace(o, diagnostics=limit) for o, limit in zip(outcomes, limits, strict=True)]
-
-
 def columns(name):
     return _resolver(Columns)(name)
 
 
 def interrupting_columns(name):
     return _resolver(InterruptingColumns)(name)
-
-
-def wild_columns(name):
-    return _resolver(WildColumns)(name)

@@ -1,15 +1,14 @@
 """The command `doctor`, on files a user might have."""
 
-import ctypes
 import json
-import re
 
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands import doctor
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import load_config
+from impact_xval.experiments.config.configuration import load_config, parse_config
+from impact_xval.experiments.sweep import examination
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
 
@@ -68,8 +67,6 @@ def test_a_urdf_file_over_a_plane_of_which_nothing_is_set(tmp_path, capsys):
 
 
 def test_an_experiment_and_the_built_in_one(tmp_path, capsys, monkeypatch):
-    from impact_xval.experiments.sweep import examination
-
     monkeypatch.setattr(examination.experiment_findings, "__defaults__", (20, None))
     assert main(["doctor"]) == 0
     assert "scenes of 'default' (mujoco" in capsys.readouterr().out
@@ -98,81 +95,38 @@ def test_a_finished_run_of_a_list_is_examined_wherever_its_list_is(tmp_path, cap
     assert not err
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "says"),
-    [
+def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys):
+    no_pybullet = bool(get_solver("pybullet").unavailable())
+    for name, text, says in (
         ("gone.xml", None, "no such file"),
         ("bad.xml", "<mujoco><oops/></mujoco>", "MuJoCo does not compile it"),
         ("bad.txt", "", "legal: .xml or .mjb (MuJoCo), .py or .urdf (PyBullet), .toml"),
         ("bad.toml", "scenario = 3", "scenario = 3; legal: 'impact' or 'drop'"),
-        pytest.param(
-            "raises.py", "1 / 0", "before its first step it raised ZeroDivisionError", marks=needs_pybullet
-        ),
-        pytest.param("idle.py", "x = 1", "it ended without a stepSimulation()", marks=needs_pybullet),
-        pytest.param(
-            "exits.py",
-            "import sys; sys.exit(3)",
-            "it ended with 3 before its first step",
-            marks=needs_pybullet,
-        ),
-        pytest.param("bad.urdf", "<robot", "PyBullet does not load it", marks=needs_pybullet),
-    ],
-)
-def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys, name, text, says):
-    path = tmp_path / name
-    if text is not None:
-        path.write_text(text, encoding="utf-8")
-    assert main(["doctor", str(path)]) == 2
-    err = capsys.readouterr().err
-    assert says in err
-    assert "Traceback" not in err
-
-
-REPLICATE = '<replicate count="1000" offset="0 0 1">'
-BODY = "<body><freejoint/><geom size='1'/></body>"
+        ("raises.py", "1 / 0", "before its first step it raised ZeroDivisionError"),
+        ("idle.py", "x = 1", "it ended without a stepSimulation()"),
+        ("bad.urdf", "<robot", "PyBullet does not load it"),
+    ):
+        if no_pybullet and name.endswith((".py", ".urdf")):
+            continue
+        path = tmp_path / name
+        if text is not None:
+            path.write_text(text, encoding="utf-8")
+        assert main(["doctor", str(path)]) == 2, name
+        err = capsys.readouterr().err
+        assert says in err
+        assert "Traceback" not in err
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("inside", "says"),
-    [
-        ('<replicate count="1000000000" offset="0 0 1"><geom size="1"/></replicate>', "no answer within 3 s"),
-        (
-            REPLICATE * 3 + BODY + "</replicate>" * 3,
-            "no answer within 3 s",
-        ),
-        ('<geom type="hfield" hfield="a"/>', "cannot be examined|MuJoCo does not compile it"),
-        ('<geom size="1"/></worldbody><include file="bad.xml"/><worldbody>', "already included"),
-    ],
-    ids=["replicate", "nested", "field", "loop"],
-)
-def test_a_scene_without_end_costs_a_line(tmp_path, capsys, monkeypatch, inside, says):
-    if "replicate" in inside:
-        monkeypatch.setattr(doctor, "_LONGEST", 3.0)
+def test_a_scene_without_end_costs_a_line(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(doctor, "_LONGEST", 3.0)
     path = tmp_path / "bad.xml"
-    field = '<asset><hfield name="a" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>' * (
-        "hfield" in inside
-    )
-    path.write_text(f"<mujoco>{field}<worldbody>{inside}</worldbody></mujoco>", encoding="utf-8")
+    inside = '<replicate count="1000000000" offset="0 0 1"><geom size="1"/></replicate>'
+    path.write_text(f"<mujoco><worldbody>{inside}</worldbody></mujoco>", encoding="utf-8")
     assert main(["doctor", str(path)]) == 2
     error = capsys.readouterr().err
-    assert re.search(says, error)
+    assert "no answer within 3 s" in error
     assert error.count("\n") == 1
-
-
-@needs_pybullet
-@pytest.mark.slow
-def test_a_mesh_that_crashes_the_engine_costs_a_line(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(doctor, "_urdf", _crash)
-    (tmp_path / "bad.urdf").write_text(URDF)
-    assert main(["doctor", str(tmp_path / "bad.urdf")]) == 2
-    error = capsys.readouterr().err
-    assert "cannot be examined: its process died: SIGSEGV; legal: a scene that is loaded within 40 s" in error
-    assert error.count("\n") == 1
-
-
-def _crash(path):
-    ctypes.string_at(0)
 
 
 def test_the_name_of_a_geom_is_shown_as_it_is_written(tmp_path, capsys):
@@ -183,19 +137,9 @@ def test_the_name_of_a_geom_is_shown_as_it_is_written(tmp_path, capsys):
     assert r"mixed-signs: geoms #0 and b\u202e\x9bll" in capsys.readouterr().out
 
 
-def test_the_report_of_a_run_says_what_was_found(monkeypatch):
-    from impact_xval.experiments.config.configuration import parse_config
-    from impact_xval.experiments.sweep import examination
-
+def test_the_report_of_a_run_says_what_was_found():
     small = {"grid": {"stiffness_ratio": [1.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}}
     note = examination.traps_note(parse_config(small))
     assert note["introduction"].endswith("no traps.")
     note = examination.traps_note(parse_config(small | {"mapping": "naive"}))
     assert any("not-newton-per-metre: mujoco, 1 of 1 cells examined" in found for found in note["found"])
-    none = examination.traps_note(parse_config(small | {"solvers": ["kelvin-voigt"]}))
-    assert none == {
-        "introduction": "This run has no engine whose scenes could be examined here.",
-        "found": [],
-    }
-    monkeypatch.setattr(examination, "column_findings", lambda *_: 1 / 0)
-    assert "which failed: ZeroDivisionError" in examination.traps_note(parse_config(small))["introduction"]

@@ -5,7 +5,6 @@ import math
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
@@ -81,7 +80,6 @@ def test_a_cell_of_a_run_gives_what_its_table_holds(tmp_path, capsys):
     for arguments, says in (
         (["--cell", "1"], "unrepresentable: e2 = 0: no finite damping"),
         (["--cell", "4"], "--cell = '4'; legal: a whole number from 0 to 3"),
-        (["--cell", "one"], "--cell = 'one'; legal"),
         ([], "a cell of a run is named by --cell N"),
         (["--cell", "1", "--e1", "1"], "a cell of a run is named by --cell N, and by nothing else"),
         (["--cell", "1", "--solver", "kelvin-voigt"], "--solver = 'kelvin-voigt'; legal: mujoco, pybullet"),
@@ -105,14 +103,14 @@ def test_a_script_notices_numbers_that_are_not_its_own(tmp_path):
     assert "not the same" in done.stderr
 
 
-@pytest.mark.parametrize("arguments", [[], ["--stiffness-ratio", "1"], ["--cell", "3"]])
-def test_what_is_missing_is_named(arguments, capsys):
-    assert main(["export-scene", *arguments]) == 2
-    assert "legal: DIR --cell N, or the ratios of a collision" in capsys.readouterr().err
+def test_what_is_missing_is_named(capsys):
+    for arguments in ([], ["--stiffness-ratio", "1"], ["--cell", "3"]):
+        assert main(["export-scene", *arguments]) == 2
+        assert "legal: DIR --cell N, or the ratios of a collision" in capsys.readouterr().err
 
 
 def test_the_file_compiles_to_the_model_the_adapter_runs():
-    import mujoco
+    mujoco = pytest.importorskip("mujoco")
     from mujoco.batch import Batch
 
     from impact_xval.compliant_baselines.engines import mujoco_engine
@@ -129,14 +127,3 @@ def test_the_file_compiles_to_the_model_the_adapter_runs():
     assert model.opt.gravity.tolist() == [0, 0, -9.81]
     assert model.key_qpos[0].tolist() == batch.qpos[0].tolist()
     assert math.isclose(model.opt.tolerance, float(batch.expanded("opt.tolerance")[0]), rel_tol=0)
-
-
-@pytest.mark.skipif("pybullet" not in ENGINES, reason="PyBullet is not installed")
-def test_recording_leaves_pybullet_as_it_was(tmp_path):
-    import pybullet
-
-    assert main(["export-scene", *RATIOS, "--solver", "pybullet", "--out", str(tmp_path)]) == 0
-    assert sys.modules["pybullet"] is pybullet
-    text = Path(tmp_path / "pybullet" / "run.py").read_text(encoding="utf-8")
-    assert "p.setPhysicsEngineParameter(" in text
-    assert "p.ACTIVATION_STATE_DISABLE_SLEEPING" in text

@@ -2,12 +2,8 @@
 
 import math
 
-import pytest
-
 from impact_xval.experiments.config.columns import Columns
-from impact_xval.experiments.config.configuration import from_canonical, parse_config
-from impact_xval.experiments.config.grid import CellGrid
-from impact_xval.experiments.sweep.designs import experiment_cells
+from impact_xval.experiments.config.configuration import parse_config
 
 AXES = {
     "arrangement": ["cradle", "drop"],
@@ -78,24 +74,3 @@ def test_a_number_is_an_axis_of_one_value_and_a_list_is_as_its_range():
     assert plain.identity() == other.identity()
     assert plain.identity() != parse_config({"column": AXES | {"strike": 1}}).identity()
     assert plain.identity() == parse_config({"column": AXES, "figure_column": {"balls": 7}}).identity()
-
-
-def test_columns_go_through_a_manifest_and_back():
-    config = parse_config({"column": AXES})
-    assert from_canonical(config.canonical(), "manifest") == config
-    assert not {"grid", "figure_cell"} & config.canonical().keys()
-    assert (config.scenario, parse_config({}).scenario) == ("impact", "drop")
-
-
-def test_an_experiment_of_two_balls_knows_nothing_of_columns():
-    config = parse_config({})
-    assert isinstance(experiment_cells(config), CellGrid)
-    assert not {"column", "figure_column"} & config.canonical().keys()
-    assert config.identity() == "c19ecdc8e53870990fad592c2ff5bce917a88278d10d61e6b35fb8e357adf039"
-
-
-@pytest.mark.parametrize("arrangement", ["chain", "cradle", "drop", "stack"])
-def test_every_arrangement_is_a_column(arrangement):
-    columns = Columns(parse_config({"column": {"arrangement": arrangement, "balls": [2, 50]}}))
-    assert {len(cell.column.masses) for cell in columns} == {2, 50}
-    assert {cell.column.table for cell in columns} == {arrangement in ("drop", "stack")}

@@ -1,7 +1,6 @@
 """Runs of columns: rows, refusals, resumption, and what is known of them by other ways."""
 
 import math
-import os
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -14,6 +13,8 @@ from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.status import status_of
 from impact_xval.experiments.tables.schema import LINE_MEASURES, LINES, TABLES
 from tests.experiments import fakes, faulty
+
+pytestmark = pytest.mark.usefixtures("kernels")
 
 EXACT = ["state-transition", "bistiffness", "kelvin-voigt", "hunt-crossley"]
 
@@ -81,11 +82,6 @@ def test_a_run_that_was_interrupted_goes_on_to_the_same_bytes(tmp_path):
     said = []
     _run(_config(), tmp_path / "cut", resume=True, progress=lambda done, total, line: said.append(line))
     assert any(line.startswith("resumed: ") for line in said)
-    assert _tables(tmp_path / "whole") == _tables(tmp_path / "cut")
-    part = sorted((tmp_path / "cut/parts").glob("0*"))[1]
-    part.write_bytes(part.read_bytes()[:-7])
-    _run(_config(), tmp_path / "cut", resume=True, progress=lambda done, total, line: said.append(line))
-    assert "part 1 is damaged: computed again" in said
     assert _tables(tmp_path / "whole") == _tables(tmp_path / "cut")
 
 
@@ -191,20 +187,13 @@ def test_the_limit_of_an_engine_is_within_its_estimate_of_the_exact_solver_of_it
     assert {row["limit_distance"] for row in _rows(tmp_path / "b", "divergence")} == {None}
 
 
-def test_a_number_beyond_all_measure_is_a_crash_of_its_row(tmp_path):
-    _run(_config(), tmp_path / "a", fakes.wild_columns)
-    rows = [row for row in _rows(tmp_path / "a") if row["solver"] == "mujoco"]
-    assert {row["status"] for row in rows} == {"crashed"}
-    assert "velocities_limit = 1e+200; legal: at most 1e+150" in rows[0]["reason"]
-
-
 @pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_a_column_that_kills_or_hangs_its_solver_costs_its_own_row(tmp_path):
     config = parse_config(
         {
             "solvers": ["mujoco"],
             "cell_timeout": 3.0,
+            "chunk_size": 1,
             "column": {
                 "balls": 3,
                 "arrangement": "chain",

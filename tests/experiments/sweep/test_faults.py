@@ -32,23 +32,23 @@ def _rows(root):
 
 @pytest.mark.slow
 def test_every_kind_of_death_is_found_named_and_survived(tmp_path):
-    fatal = {1: faulty.ABORT, 6: faulty.LEAVE}
-    config = _config(tmp_path, 8, fatal, chunk_size=4)
+    fatal = {1: faulty.ABORT, 2: faulty.LEAVE}
+    config = _config(tmp_path, 4, fatal, chunk_size=2)
     folder = run_sweep(config, tmp_path / "a", workers=2, resolve=faulty.faulty)
     rows = _rows(tmp_path / "a")
     assert [(r["cell"], r["solver"]) for r in rows] == [
-        (i, s) for i in range(8) for s in ("state-transition", "mujoco")
+        (i, s) for i in range(4) for s in ("state-transition", "mujoco")
     ]
     failed = {(r["cell"], r["solver"]): (r["status"], r["reason"]) for r in rows if r["status"] != "ok"}
     assert failed == {
         (1, "mujoco"): ("crashed", "its process died: SIGABRT"),
-        (6, "mujoco"): ("crashed", "its process died: exit code 3"),
+        (2, "mujoco"): ("crashed", "its process died: exit code 3"),
     }
     assert folder.manifest()["sessions"][0]["processes_lost"] >= 2
 
 
 def test_a_reference_that_dies_leaves_the_others_a_result_without_a_comparison(tmp_path):
-    config = _config(tmp_path, 3, {1: faulty.SEGFAULT}, chunk_size=3, solvers=["kelvin-voigt"])
+    config = _config(tmp_path, 2, {1: faulty.SEGFAULT}, chunk_size=2, solvers=["kelvin-voigt"])
     run_sweep(config, tmp_path / "a", workers=1, resolve=faulty.faulty_model)
     rows = {(r["cell"], r["solver"]): r for r in _rows(tmp_path / "a")}
     assert rows[1, "state-transition"]["status"] == "crashed"

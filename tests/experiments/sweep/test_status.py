@@ -4,8 +4,6 @@ import functools
 import json
 import shlex
 
-import numpy as np
-import pyarrow as pa
 import pytest
 
 from impact_xval.experiments.commands.cli import main
@@ -13,11 +11,8 @@ from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep import run as sweep
-from impact_xval.experiments.sweep.designs import cells_of
-from impact_xval.experiments.sweep.executors import DirectExecutor
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.sweep.solving import Experiment, solve_chunks
-from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS, Medians, status_of
+from impact_xval.experiments.sweep.status import Medians, status_of
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
 
@@ -38,9 +33,6 @@ def test_status_while_it_runs_and_after(tmp_path, capsys):
         assert status.cells_done == done
         assert status.parts_done == done / 4
         assert sum(status.statuses["mujoco"].values()) == done
-        assert status.rate is not None
-        assert status.seconds_left is not None
-        assert status.seconds_left == pytest.approx((12 - done) / status.rate)
     final = status_of(tmp_path / "a")
     assert (final.state, final.cells_done, final.parts_done) == ("complete", 12, 3)
     assert final.statuses["mujoco"] == {"ok": 6, "crashed": 6}
@@ -98,13 +90,9 @@ def test_status_of_no_run_is_one_line(tmp_path, capsys):
     error = capsys.readouterr().err
     assert "no such folder" in error
     assert "state: missing; legal: 'running'" in error
-    folder = run_sweep(parse_config(SMALL), tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    (folder.root / "manifest.json").write_text(json.dumps(folder.manifest() | {"cells": "many"}))
-    assert main(["status", str(folder.root)]) == 2
-    assert "cells = 'many'; legal: a whole number" in capsys.readouterr().err
 
 
-def test_medians_are_there_before_a_chunk_is_done_and_end_as_those_of_the_summary(tmp_path):
+def test_medians_of_a_run_that_goes_on_end_as_those_of_its_summary(tmp_path):
     config = parse_config(SMALL | {"solvers": ["bistiffness", "mujoco", "pybullet"], "chunk_size": 6})
     medians, seen = Medians(config.solvers), {}
 
@@ -122,80 +110,3 @@ def test_medians_are_there_before_a_chunk_is_done_and_end_as_those_of_the_summar
     for name, found in rows.items():
         row = summary.get(name, "velocity_divergence")
         assert found == (row.n, row["median"])
-
-    for part in sorted((tmp_path / "a/parts").iterdir())[:1]:
-        part.unlink()
-    resumed = Medians(config.solvers)
-    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted, resume=True, on_rows=resumed.add)
-    assert resumed.rows() == medians.rows()
-
-
-def test_medians_are_found_again_where_a_solver_has_new_rows(monkeypatch):
-    medians, sizes, median = Medians(["bistiffness", "mujoco"]), [], np.median
-    monkeypatch.setattr(
-        "numpy.median", lambda values, **options: sizes.append(len(values)) or median(values, **options)
-    )
-
-    def add(name, *values):
-        medians.add(pa.table([[name] * len(values), values, pa.nulls(len(values))], MEDIAN_COLUMNS))
-
-    add("bistiffness", 3.0, 1.0, 2.0)
-    add("mujoco", 5.0, None)
-    for _ in range(3):
-        assert [row[1:] for row in medians.rows()] == [("bistiffness", 3, 2.0), ("mujoco", 1, 5.0)]
-    add("mujoco", 6.0)
-    assert [row[1:] for row in medians.rows()] == [("bistiffness", 3, 2.0), ("mujoco", 2, 5.5)]
-    assert sizes == [3, 1, 2]
-
-
-def test_parts_are_read_for_those_who_follow_a_run_and_after_it_says_what_is_there(tmp_path, monkeypatch):
-    config = parse_config(SMALL)
-    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    told = []
-    again = functools.partial(
-        run_sweep, config, tmp_path / "a", isolate=False, resolve=fakes.shifted, resume=True
-    )
-    again(progress=lambda done, total, line: told.append(line), on_rows=lambda rows: told.append(len(rows)))
-    assert told == ["", "resumed: 3 of 3 parts are there and whole", 12, 12, 12]
-    monkeypatch.setattr("impact_xval.experiments.sweep.run.pq.read_table", pytest.fail)
-    again()
-
-
-def test_rows_from_other_processes_are_read_for_those_who_follow_a_run(monkeypatch):
-    monkeypatch.setattr("impact_xval.experiments.sweep.solving.in_this_process", lambda executor: False)
-    config, given = parse_config(SMALL), []
-    executor = DirectExecutor(Experiment(config, fakes.shifted))
-    chunks = [(0, cells_of(config).cells(range(4)))]
-    (report,) = solve_chunks(executor, chunks, given.append)
-    assert [len(rows) for rows in given] == [12]  # of all solvers at once
-    monkeypatch.setattr("impact_xval.experiments.sweep.solving.read_part", pytest.fail)
-    (again,) = solve_chunks(executor, chunks)
-    assert again.data == report.data
-
-
-@pytest.fixture(scope="module")
-def complete(tmp_path_factory):
-    """A run whose manifest tests write over, and the text of that manifest."""
-    root = tmp_path_factory.mktemp("complete") / "run"
-    run_sweep(parse_config(SMALL), root, isolate=False, resolve=fakes.shifted)
-    return root, (root / "manifest.json").read_text()
-
-
-@pytest.mark.parametrize("seconds", [0.0, 5e-324, 1e-3, 1.7976931348623157e308])
-@pytest.mark.parametrize("computed", [0, 1, 10_000_000])
-def test_numbers_at_the_ends_of_double_precision_are_json(seconds, computed, complete, capsys):
-    root, text = complete
-    manifest = json.loads(text)
-    manifest["sessions"][0] |= {"parts_computed": computed, "wall_time_s": seconds}
-    (root / "manifest.json").write_text(json.dumps(manifest))
-    assert main(["status", str(root), "--json"]) == 0
-    rate = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)["rate"]
-    known = computed > 0 and seconds >= 1e-3
-    assert rate == (pytest.approx(computed / 3 * 12 / seconds) if known else None)
-    for wrong in (10**400, -1, 1e999, "nan"):
-        manifest["sessions"][0]["parts_computed"] = wrong
-        (root / "manifest.json").write_text(json.dumps(manifest))
-        assert main(["status", str(root), "--json"]) == 2
-        error = capsys.readouterr().err
-        assert error.count("\n") == 1
-        assert "parts_computed" in error

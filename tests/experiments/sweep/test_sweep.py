@@ -9,7 +9,6 @@ import pytest
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.sweep.run import run_sweep, van_der_corput
-from impact_xval.experiments.sweep.solving import Experiment, prepare
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, MEASURES
 from impact_xval.experiments.tables.store import TABLES
 from tests.experiments import fakes
@@ -20,9 +19,25 @@ def _tables(root):
     return {name: (root / name).read_bytes() for name in TABLES}
 
 
-def test_the_tables_are_long_and_tidy(small, tmp_path):
-    folder = run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    cells = pq.read_table(tmp_path / "a/cells.parquet")
+def _solved(root, name="mujoco", table="cells"):
+    return [row for row in pq.read_table(root / f"{table}.parquet").to_pylist() if row["solver"] == name]
+
+
+def _resume(config, root):
+    said = []
+    run_sweep(
+        config,
+        root,
+        resume=True,
+        isolate=False,
+        resolve=fakes.shifted,
+        progress=lambda done, total, line: said.append(line),
+    )
+    return said
+
+
+def test_the_tables_are_long_and_tidy(fake_run):
+    cells = pq.read_table(fake_run.root / "cells.parquet")
     assert cells.schema.equals(CELLS_SCHEMA)
     assert cells.schema.field("v1").metadata[b"unit"] == b"m/s"
     assert cells.num_rows == 12 * 3
@@ -34,61 +49,55 @@ def test_the_tables_are_long_and_tidy(small, tmp_path):
     assert rows[0]["n_states"] == len(rows[0]["states"].split())
     assert rows[1]["v1"] == pytest.approx(rows[0]["v1"] + 0.01)
 
-    divergence = pq.read_table(tmp_path / "a/divergence.parquet")
+    divergence = pq.read_table(fake_run.root / "divergence.parquet")
     assert divergence.schema.equals(DIVERGENCE_SCHEMA)
     assert divergence.num_rows == 12 * 2
     row = divergence.to_pylist()[0]
     assert (row["solver"], row["states_equal"], row["curve_distance"]) == ("mujoco", True, 0)
     assert row["velocity_divergence"] == pytest.approx(0.01)
-    lines = (tmp_path / "a/divergence.csv").read_text().splitlines()
+    lines = (fake_run.root / "divergence.csv").read_text().splitlines()
     assert lines[0].replace('"', "").split(",") == list(DIVERGENCE_SCHEMA.names)
     assert len(lines) == 1 + 24
-    manifest = folder.manifest()
+    manifest = fake_run.manifest()
     assert manifest["state"] == "complete"
     assert manifest["statuses"]["pybullet"] == {"unavailable": 12}
     assert manifest["versions"]["mujoco"] == "shifted 1"
 
 
-def test_an_unavailable_solver_is_rows_with_its_reason(small, tmp_path):
-    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    rows = [
-        r for r in pq.read_table(tmp_path / "a/divergence.parquet").to_pylist() if r["solver"] == "pybullet"
-    ]
-    assert {row["status"] for row in rows} == {"unavailable"}
-    assert {row["reason"] for row in rows} == {"no wheel for this Python; use Python 3.11"}
+def test_an_unavailable_solver_is_rows_with_its_reason(fake_run):
+    rows = _solved(fake_run.root, "pybullet", "divergence")
+    assert {(row["status"], row["reason"]) for row in rows} == {
+        ("unavailable", "no wheel for this Python; use Python 3.11")
+    }
     assert all(row[measure] is None for row in rows for measure in MEASURES)
 
 
-@pytest.mark.parametrize("count", [0, 1, 2, 3, 39, 97, 1025])
-def test_chunks_done_so_far_lie_all_over_the_grid(count):
+def test_chunks_done_so_far_lie_all_over_the_grid():
     """None is done twice, and no gap between those done is twice as wide as if they lay evenly."""
-    order = list(van_der_corput(count))
-    assert sorted(order) == list(range(count))
-    for done in range(1, count + 1):
-        edges = [0, *sorted(order[:done]), count]
-        assert max(b - a for a, b in itertools.pairwise(edges)) * done <= 2 * count
+    for count in (0, 1, 2, 3, 39, 97, 1025):
+        order = list(van_der_corput(count))
+        assert sorted(order) == list(range(count))
+        for done in range(1, count + 1):
+            edges = [0, *sorted(order[:done]), count]
+            assert max(b - a for a, b in itertools.pairwise(edges)) * done <= 2 * count, (count, done)
 
 
 def test_a_crash_costs_only_its_cells(small, tmp_path):
     run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.crashing)
-    rows = [r for r in pq.read_table(tmp_path / "a/cells.parquet").to_pylist() if r["solver"] == "mujoco"]
+    rows = _solved(tmp_path / "a")
     assert {(row["e1"], row["status"]) for row in rows} == {(0.5, "crashed"), (0.9, "ok")}
     crashed = next(row for row in rows if row["status"] == "crashed")
     assert crashed["reason"] == "ZeroDivisionError: a bug of the engine | here"
     assert crashed["v1"] is None
 
 
-def test_a_result_that_is_no_number_is_never_silent(small, tmp_path):
+def test_what_is_no_number_or_missing_is_a_crash_and_never_silent(small, tmp_path):
     run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.lying)
-    rows = [r for r in pq.read_table(tmp_path / "a/cells.parquet").to_pylist() if r["solver"] == "mujoco"]
+    rows = _solved(tmp_path / "a")
     assert {row["status"] for row in rows} == {"crashed"}
     assert "nan" in rows[0]["reason"]
-
-
-def test_missing_outcomes_are_noticed(small, tmp_path):
-    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.losing)
-    rows = [r for r in pq.read_table(tmp_path / "a/cells.parquet").to_pylist() if r["solver"] == "mujoco"]
-    assert {(r["status"], r["reason"]) for r in rows} == {
+    run_sweep(small, tmp_path / "b", isolate=False, resolve=fakes.losing)
+    assert {(r["status"], r["reason"]) for r in _solved(tmp_path / "b")} == {
         ("crashed", "RuntimeError: 0 outcomes for 1 collisions")
     }
 
@@ -105,91 +114,52 @@ def test_limits_are_rows_not_errors(tmp_path):
     assert all(row["reason"] for row in refused)
 
 
-def test_resume_after_an_interruption_gives_the_same_bytes(small, tmp_path):
-    run_sweep(small, tmp_path / "whole", isolate=False, resolve=fakes.shifted)
+def test_a_run_that_was_interrupted_goes_on_to_the_same_bytes(small, tmp_path, fake_run):
     with pytest.raises(InterruptedRunError):
         run_sweep(small, tmp_path / "cut", isolate=False, resolve=fakes.interrupting)
     assert len(list((tmp_path / "cut/parts").glob("0*"))) == 2
     assert not (tmp_path / "cut/cells.parquet").exists()
-    said = []
-    run_sweep(
-        small,
-        tmp_path / "cut",
-        isolate=False,
-        resume=True,
-        resolve=fakes.shifted,
-        progress=lambda done, total, line: said.append(line),
-    )
-    assert any("resumed: 2 of 3 parts" in line for line in said)
-    assert _tables(tmp_path / "whole") == _tables(tmp_path / "cut")
+    assert any("resumed: 2 of 3 parts" in line for line in _resume(small, tmp_path / "cut"))
+    assert _tables(tmp_path / "cut") == _tables(fake_run.root)
 
 
 @pytest.mark.parametrize("harm", ["truncate", "alter", "delete"])
-def test_a_damaged_part_is_computed_again_and_said_so(small, tmp_path, harm):
-    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    before = _tables(tmp_path / "a")
-    part = sorted((tmp_path / "a/parts").glob("0*"))[1]
+def test_a_damaged_part_is_computed_again_and_said_so(small, run, fake_run, harm):
+    part = sorted((run / "parts").glob("0*"))[1]
     data = part.read_bytes()
     if harm == "delete":
         part.unlink()
     else:
         part.write_bytes(data[:-7] if harm == "truncate" else data[:50] + bytes([data[50] ^ 1]) + data[51:])
-    (tmp_path / "a/cells.parquet").write_bytes(b"x")
-    said = []
-    run_sweep(
-        small,
-        tmp_path / "a",
-        resume=True,
-        isolate=False,
-        resolve=fakes.shifted,
-        progress=lambda d, t, line: said.append(line),
-    )
+    (run / "cells.parquet").write_bytes(b"x")
+    said = _resume(small, run)
     assert any("resumed: 2 of 3 parts" in line for line in said)
     assert ("part 1 is damaged: computed again" in said) == (harm != "delete")
-    assert _tables(tmp_path / "a") == before
+    assert _tables(run) == _tables(fake_run.root)
 
 
-def test_what_a_killed_run_left_half_written_is_removed(small, tmp_path):
-    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    before = _tables(tmp_path / "a")
-    (tmp_path / "a/figures").mkdir()
-    left = [
-        tmp_path / "a" / name
-        for name in (
-            ".tmp-7-ladder.csv",
-            f"parts/.tmp-7-000001-{32 * '0'}-{64 * '0'}.parquet",
-            "figures/.tmp-7-map.png",
-        )
-    ]
+def test_what_a_killed_run_left_half_written_is_removed(small, run, fake_run):
+    (run / "figures").mkdir(exist_ok=True)
+    part = f"parts/.tmp-7-000001-{32 * '0'}-{64 * '0'}.parquet"
+    left = [run / name for name in (".tmp-7-ladder.csv", part, "figures/.tmp-7-map.png")]
     for path in left:
         path.write_text("half")
-    run_sweep(small, tmp_path / "a", resume=True, isolate=False, resolve=fakes.shifted)
+    _resume(small, run)
     assert not any(path.exists() for path in left)
-    assert _tables(tmp_path / "a") == before
+    assert _tables(run) == _tables(fake_run.root)
 
 
-def test_resume_refuses_another_configuration(small, tmp_path):
-    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+def test_another_configuration_in_the_folder_is_refused_with_what_differs(small, run):
     other = parse_config(SMALL | {"step_fraction": 1e-2})
     with pytest.raises(UserError, match=r"step_fraction = 0.001 there, 0.01 now"):
-        run_sweep(other, tmp_path / "a", resume=True, isolate=False, resolve=fakes.shifted)
+        _resume(other, run)
     with pytest.raises(UserError, match="already holds a run; add --resume"):
-        run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+        run_sweep(small, run, isolate=False, resolve=fakes.shifted)
 
 
-def test_a_new_version_makes_parts_stale(small, tmp_path, monkeypatch):
-    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+def test_a_new_version_makes_parts_stale(small, run, monkeypatch):
     monkeypatch.setattr(fakes.Shifted, "version", lambda self: "shifted 2")
-    said = []
-    run_sweep(
-        small,
-        tmp_path / "a",
-        isolate=False,
-        resume=True,
-        resolve=fakes.shifted,
-        progress=lambda d, t, line: said.append(line),
-    )
-    assert sum("another configuration or version" in line for line in said) == 3
+    assert sum("another configuration or version" in line for line in _resume(small, run)) == 3
 
 
 @pytest.mark.slow
@@ -209,19 +179,3 @@ def test_the_lightest_ball_there_is_ends_no_run(tmp_path):
     rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
     assert [row["solver"] for row in rows] == ["state-transition", "bistiffness"]
     assert all(row["status"] != "ok" and row["reason"] for row in rows)
-
-
-def test_a_process_is_made_ready_by_an_ordinary_cell_whatever_the_experiment(monkeypatch):
-    solved = []
-
-    def resolve(name):
-        solver = fakes.Shifted()
-        monkeypatch.setattr(solver, "solve_many", lambda cells, settings: solved.extend(cells) or 1 / 0)
-        return solver
-
-    extreme = {"stiffness_ratio": 7e90, "mass_ratio": 1e-30, "e1": 1e-300, "e2": 1e-17}
-    config = parse_config(SMALL | {"k1": 1e30, "v0": -1e100, "figure_cell": extreme})
-    prepare(Experiment(config, resolve))
-    assert {(c.k1, c.v0, c.mass_ratio) for c in solved} == {
-        (1e8, -1.0, parse_config({}).figure_cell.mass_ratio)
-    }

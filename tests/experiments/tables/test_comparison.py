@@ -1,6 +1,7 @@
 """What moved between two runs: against the tables themselves, read whole, and between runs that were made to differ."""
 
 import dataclasses
+import itertools
 import json
 import math
 from typing import Any
@@ -63,26 +64,24 @@ def _merged(runs, name) -> Any:  # a data frame; its annotations are too wide to
     return a.merge(b, on=["cell", "solver"], suffixes=("_a", "_b"))
 
 
-@pytest.mark.parametrize("rows", [1, 5, 65_536])
-@pytest.mark.parametrize(("tolerance", "moved"), [(1e-9, 4), (0.0, 6), (1e-5, 2)])
-def test_the_changes_are_those_of_the_tables_wherever_blocks_are_cut(
-    runs, rows, tolerance, moved, monkeypatch
-):
-    monkeypatch.setattr(streams, "GROUP", rows)
-    found = compare(*runs, tolerance)
-    assert list(found.solvers) == SOLVERS
-    assert (found.moved, found.solvers["mujoco"].moved, found.solvers["mujoco"].statuses) == (moved, moved, 2)
-    assert found.versions["mujoco"] == ("shifted 1", "shifted 2")
+def test_the_changes_are_those_of_the_tables_wherever_blocks_are_cut(runs, monkeypatch):
     cells, away = _merged(runs, "cells.parquet"), _merged(runs, "divergence.parquet")
-    for name, each in found.solvers.items():
-        mine = cells[cells.solver == name]
-        assert each.compared == len(mine) == 12
-        changes = np.abs(mine[["v1_a", "v2_a"]].to_numpy() - mine[["v1_b", "v2_b"]].to_numpy())
-        assert each.velocity == np.nanmax(changes / np.abs(mine[["v0_a"]].to_numpy()))
-        d = away[away.solver == name]
-        change = (d.velocity_divergence_a - d.velocity_divergence_b).abs().max()
-        assert each.divergence == (0 if name == "state-transition" else change)
-    assert found.solvers["mujoco"].velocity == pytest.approx(1e-6, rel=1e-6)
+    for rows, (tolerance, moved) in itertools.product([1, 5, 65_536], [(1e-9, 4), (0.0, 6), (1e-5, 2)]):
+        monkeypatch.setattr(streams, "GROUP", rows)
+        found = compare(*runs, tolerance)
+        assert list(found.solvers) == SOLVERS
+        mujoco = found.solvers["mujoco"]
+        assert (found.moved, mujoco.moved, mujoco.statuses) == (moved, moved, 2), (rows, tolerance)
+        assert found.versions["mujoco"] == ("shifted 1", "shifted 2")
+        for name, each in found.solvers.items():
+            mine = cells[cells.solver == name]
+            assert each.compared == len(mine) == 12
+            changes = np.abs(mine[["v1_a", "v2_a"]].to_numpy() - mine[["v1_b", "v2_b"]].to_numpy())
+            assert each.velocity == np.nanmax(changes / np.abs(mine[["v0_a"]].to_numpy()))
+            d = away[away.solver == name]
+            change = (d.velocity_divergence_a - d.velocity_divergence_b).abs().max()
+            assert each.divergence == (0 if name == "state-transition" else change)
+        assert mujoco.velocity == pytest.approx(1e-6, rel=1e-6)
 
 
 def test_the_worst_are_those_of_another_status_and_then_the_largest_changes(runs):
@@ -144,7 +143,7 @@ def test_runs_whose_cells_differ_are_refused_with_the_place(runs, tmp_path, caps
     assert capsys.readouterr().err.startswith(f"impact-xval: {a}: has no cell 12")
 
 
-def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs):
+def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs, kernels):
     column = {"arrangement": ["cradle", "stack"], "balls": [2, 3], "stiffness_taper": 1.0, "e": 0.9}
     changed = {"solvers": SOLVERS, "chunk_size": 1, "column": column}
     a, b, c = (
@@ -162,13 +161,10 @@ def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs):
     assert "a run of columns of N balls, " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("value", ["-1", "nan", "inf", "small"])
-def test_a_tolerance_that_is_none_is_named(value, runs, capsys):
+def test_wrong_words_are_one_line(tmp_path, runs, capsys):
     a = str(runs[0].root)
-    assert main(["compare-runs", a, a, "--tolerance", value]) == 2
-    assert f"--tolerance = '{value}'; legal: a" in capsys.readouterr().err
-
-
-def test_a_folder_that_is_no_finished_run_is_named(tmp_path, runs, capsys):
-    assert main(["compare-runs", str(runs[0].root), str(tmp_path / "none")]) == 2
+    for value in ("-1", "nan", "small"):
+        assert main(["compare-runs", a, a, "--tolerance", value]) == 2
+        assert f"--tolerance = '{value}'; legal: a" in capsys.readouterr().err
+    assert main(["compare-runs", a, str(tmp_path / "none")]) == 2
     assert "none: no such folder; legal: the folder of a run" in capsys.readouterr().err

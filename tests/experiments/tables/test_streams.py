@@ -11,8 +11,6 @@ from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables import streams
 from impact_xval.experiments.tables.streams import (
     blocks,
-    codes,
-    column,
     derive,
     table_writer,
 )
@@ -70,20 +68,6 @@ def test_blocks_hold_whole_cells_and_every_row_once(tmp_path, tiny_groups):
     assert not list(blocks(tmp_path / "none"))
 
 
-def test_a_derived_table_is_that_of_the_whole(tmp_path, tiny_groups):
-    table = _table(200)
-    _write(tmp_path / "a", table, [])
-    schema = pa.schema([("cell", pa.int64()), ("spread", pa.float64())])
-
-    def spread(block):
-        grouped = block.group_by("cell", use_threads=False).aggregate([("v", "max"), ("v", "min")])
-        difference = pa.compute.subtract(grouped.column("v_max"), grouped.column("v_min"))
-        return pa.table({"cell": grouped.column("cell"), "spread": difference})
-
-    derive(tmp_path / "a", tmp_path / "b", schema, spread)
-    assert pq.read_table(tmp_path / "b").equals(spread(table).cast(schema))
-
-
 def test_an_error_leaves_what_was_there(tmp_path):
     _write(tmp_path / "a", _table(3), [])
     before = (tmp_path / "a").read_bytes()
@@ -95,16 +79,6 @@ def test_an_error_leaves_what_was_there(tmp_path):
         derive(tmp_path / "a", tmp_path / "a", SCHEMA, fail)
     assert (tmp_path / "a").read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
-
-
-def test_columns_of_numbers_and_codes(tmp_path):
-    table = pa.table(
-        {"cell": [0, 1, 2], "x": [1.5, None, -2.0], "t": [True, None, False], "s": ["b", None, "z"]}
-    )
-    pq.write_table(table, tmp_path / "a")
-    assert np.array_equal(column(tmp_path / "a", "x"), [1.5, np.nan, -2.0], equal_nan=True)
-    assert np.array_equal(column(tmp_path / "a", "t"), [1, np.nan, 0], equal_nan=True)
-    assert codes(tmp_path / "a", "s", ["a", "b"]).tolist() == [1, -1, -1]
 
 
 def test_a_summary_does_not_depend_on_the_blocks(tmp_path, monkeypatch):
