@@ -146,20 +146,17 @@ def test_without_any_result_there_is_a_table_and_no_picture():
         compared.plot()
 
 
-@pytest.mark.parametrize(
-    ("problem", "options", "error", "says"),
-    [
+def test_what_is_illegal_is_named():
+    for problem, options, error, says in (
         ((1, 2), {}, TypeError, "was given tuple; legal: a Collision or a Column"),
         (Collision.from_ratios(1, 1, 1, 1), {"solvers": ["newton"]}, ValueError, "'newton' is not a solver"),
         (Collision.from_ratios(1, 1, 1, 1), {"solvers": []}, ValueError, "is empty"),
         (Collision.from_ratios(1, 1, 1, 1), {"exponent": 1.5}, ValueError, "exponent = 1.5"),
         (Collision.from_ratios(1, 1, 1, 1), {"timeout": 0}, ValueError, "legal: greater than 0"),
         (Column((1, 1), (1,), (1,), (-1, 0)), {"exponent": 0.5}, ValueError, "exponent = 0.5"),
-    ],
-)
-def test_what_is_illegal_is_named(problem, options, error, says):
-    with pytest.raises(error, match=says):
-        compare(problem, **options)
+    ):
+        with pytest.raises(error, match=says):
+            compare(problem, **options)
 
 
 def test_outcomes_show_themselves_and_any_text_stays_text():

@@ -58,10 +58,10 @@ def test_nothing_is_measured_without_a_result():
     assert measures_of(COLUMN, {"mujoco": hertz}) == {"mujoco": ColumnMeasures()}
 
 
-@pytest.mark.parametrize("scale", [1e-150, 1e150])
-def test_no_scale_leaves_double_precision(scale):
-    chain = Column((scale, 2 * scale), (1.0,), (1.0,), (-scale, 0.0))
-    (measures,) = measures_of(chain, _by(NAMES[:1], chain)).values()
-    assert measures.retained_energy == pytest.approx(1, rel=1e-12)
-    assert measures.retained_momentum == pytest.approx(1, rel=1e-12)
-    assert not math.isnan(measures.velocity_divergence)
+def test_no_scale_leaves_double_precision():
+    for scale in (1e-150, 1e150):
+        chain = Column((scale, 2 * scale), (1.0,), (1.0,), (-scale, 0.0))
+        (measures,) = measures_of(chain, _by(NAMES[:1], chain)).values()
+        assert measures.retained_energy == pytest.approx(1, rel=1e-12)
+        assert measures.retained_momentum == pytest.approx(1, rel=1e-12)
+        assert not math.isnan(measures.velocity_divergence)

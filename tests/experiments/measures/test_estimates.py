@@ -7,8 +7,6 @@ import pytest
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.measures.estimates import convergence_estimates
 from impact_xval.experiments.measures.summary import summarise
-from impact_xval.experiments.presentation.pages import phrase
-from impact_xval.experiments.presentation.summary_page import estimate_facts
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, CERTIFICATE
 from tests.experiments.conftest import SMALL
@@ -56,11 +54,6 @@ def test_an_unconverged_cell_keeps_its_numbers_and_measures_nothing(tmp_path):
     assert all(row["velocity_divergence"] is None for row in divergence if row["solver"] == "mujoco")
 
 
-def test_what_is_wanted_of_limits_belongs_to_the_identity_of_a_run():
-    one, other = (parse_config({"convergence": {"tolerance": t}}).identity() for t in (1e-3, 1e-4))
-    assert one != other
-
-
 def row(solver, v1, limit=None, *, cell=0, status="ok", regularisation=0.0):
     """A row of the table of cells, as far as limits are concerned."""
     numbers = {"v1_limit": limit, "v2_limit": limit and 0.0, "limit_error": limit and 1e-3}
@@ -88,11 +81,6 @@ def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
     assert table.asked.tolist() == ["kelvin-voigt", "hunt-crossley"]
     assert table.asked_max.tolist() == pytest.approx([5e-4, 5e-4])
     assert table.honest.tolist() == [1.0, 1.0]
-    facts = estimate_facts(table)
-    text = phrase("estimates.md.j2", "convergence", facts)
-    for name, line in zip(table.asked, facts["estimate_rows"], strict=True):
-        assert f"from the exact contacts that were asked for ({name})" in text
-        assert line[1] == name
     # without the exact solver of its law an engine is held against nothing, whatever else there is
     table = held(tmp_path, [row for row in rows if row["solver"] != "hunt-crossley"], names)
     assert table.honest.isna().tolist() == [False, True]
@@ -103,8 +91,6 @@ def test_an_engine_of_the_naive_mapping_is_held_against_nothing(tmp_path):
     table = held(tmp_path, rows, ["mujoco", "mujoco-naive"])
     assert table.asked.tolist() == ["kelvin-voigt", ""]
     assert table.honest.isna().tolist() == [False, True]
-    text = phrase("estimates.md.j2", "convergence", estimate_facts(table))
-    assert text.count("its contacts are not those that were asked for") == 1
     assert held(tmp_path, rows, ["mujoco"], mapping="naive").asked.tolist() == [""]
 
 

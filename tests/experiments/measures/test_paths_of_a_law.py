@@ -1,7 +1,6 @@
 """State paths in the tables of a run: what is compared, and the agreement of a solver with its own law."""
 
 import dataclasses
-import json
 
 import pyarrow.parquet as pq
 import pytest
@@ -10,15 +9,12 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import shorter_period
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.contract.state_runs import compared_states
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.measures.summary import OWN_LAW, summarise
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables import streams
 from impact_xval.model import Collision
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
-from tests.experiments.pages import paragraphs, tables
 
 GRID = {"stiffness_ratio": {"log": [1e-3, 1e3, 5]}, "mass_ratio": [0.5, 2.0], "e1": [0.5, 0.9], "e2": [0.7]}
 
@@ -67,9 +63,7 @@ def test_the_tables_hold_the_complete_path_and_the_compared_one(run):
             assert (row["states_edit_distance"] == 0) == row["states_equal"]
 
 
-@pytest.mark.parametrize("group", [streams.GROUP, 7])
-def test_agreement_with_the_own_law_is_that_of_the_tables(run, group, monkeypatch):
-    monkeypatch.setattr(streams, "GROUP", group)
+def test_agreement_with_the_own_law_is_that_of_the_tables(run):
     table = pq.read_table(run.root / "divergence.parquet").to_pandas()
     wide = table.pivot(index="cell", columns="solver", values="states_compared")
     there = wide.mujoco.notna()
@@ -87,40 +81,6 @@ def test_agreement_with_the_own_law_is_that_of_the_tables(run, group, monkeypatc
         assert summary.get(reference, OWN_LAW).n == 0
 
 
-def test_the_summary_states_both_shares(run):
-    summary = summarise(run)
-    own, model = (summary.get("mujoco", share)["mean"] for share in (OWN_LAW, "states_equal"))
-    (text,) = (text for text in paragraphs(summary) if text.startswith("mujoco diverges"))
-    assert f"the model's in {100 * model:.1f} % of the cells" in text
-    assert (
-        f"that of kelvin-voigt, the exact solution of the law it is asked for, in {100 * own:.1f} %" in text
-    )
-    (table,) = (table for table in tables(summary) if table.header[-1] == "own law's path")
-    laws = {row[0]: (row[1], row[-1]) for row in table.rows}
-    assert laws == {
-        "mujoco": ("kelvin-voigt", f"{100 * own:.1f} % of 15"),
-        "kelvin-voigt": ("-", "-"),
-        "bistiffness": ("-", "-"),
-    }
-
-
 def test_without_the_reference_of_its_law_nothing_is_said_of_it(tmp_path, small):
     summary = summarise(run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted))
     assert summary.get("mujoco", OWN_LAW).n == 0
-    assert "the law it is asked for" not in " ".join(paragraphs(summary))
-
-
-@pytest.mark.parametrize("command", [["table"], ["figures"], ["report"], ["run", "--resume", "--out"]])
-def test_a_run_of_version_0_2_0_is_refused_in_one_line(tmp_path, small, command, capsys):
-    folder = run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    manifest = folder.root / "manifest.json"
-    old = json.loads(manifest.read_text())
-    del old["configuration"]["shortest_state"]
-    old["configuration"]["min_run"] = 3
-    manifest.write_text(json.dumps(old))
-    before = {path: path.read_bytes() for path in folder.root.rglob("*.*")}
-    assert main([*command, str(folder.root)]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "min_run = 3: of version 0.2.0; legal: shortest_state" in error
-    assert {path: path.read_bytes() for path in folder.root.rglob("*.*")} == before

@@ -4,14 +4,12 @@ import json
 import re
 
 import numpy as np
-import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import load_config
 from impact_xval.experiments.measures.columns.summary import summarise_columns
-from impact_xval.experiments.presentation.columns.figures import draw_columns, shown_until
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.run import run_sweep
@@ -30,10 +28,6 @@ stiffness_taper = 1.0
 balls = 4
 e = 0.8
 """
-FIGURES = [
-    *("divergence-by-balls", "energy-by-balls", "velocities"),
-    *("ladder-by-balls", "ladder-by-column", "ladder-norms", "wave"),
-]
 
 
 @pytest.fixture(scope="module")
@@ -62,18 +56,13 @@ def test_every_median_is_that_of_the_table(root):
     assert summary.statuses.loc["kelvin-voigt", "ok"] == 24
     (reason,) = {row.reason for row in summary.reasons.itertuples() if row.solver == "mujoco"}
     assert "exponent = 1.5" in reason
-    statistics = pd.read_csv(root / "summary.csv")
-    assert set(statistics.axis) == {"all", "balls", "arrangement", "strike", "e", "exponent", "mass_taper",
-                                    "stiffness_taper", "gap"}  # fmt: skip
 
 
 def test_the_page_shows_it(root):
     page = (root / "report.html").read_text(encoding="utf-8")
     page = re.sub(r"<script.*?</script>|<style.*?</style>", "", page, flags=re.DOTALL)
     captions = json.loads((root / "figures/captions.json").read_text(encoding="utf-8"))
-    assert list(captions) == FIGURES
-    assert page.count("data:image/png;base64,") == len(FIGURES)
-    assert "a cradle of 4 balls, 1 striking, e = 0.8" in captions["velocities"]
+    assert page.count("data:image/png;base64,") == len(captions) >= 7
     summary = summarise_columns(finished(root))
     for words in ("N = 2", "N = 3", "N = 4", "unrepresentable", "state-transition", "few columns"):
         assert words in page
@@ -115,17 +104,6 @@ def test_the_points_that_are_kept_of_forces_are_enough_to_draw_them():
     assert np.abs(drawn - forces[other]).max() < 1.001e-3 * 7
 
 
-def test_a_meeting_long_after_does_not_stretch_the_axis_of_time(root):
-    summary = summarise_columns(finished(root))
-    figures = {name: figure for name, figure, _ in draw_columns(finished(root), summary)}
-    axes = [ax for ax in figures["wave"].axes if ax.get_visible()]
-    assert [ax.get_title() for ax in axes] == ["state-transition", "bistiffness", "kelvin-voigt", "mujoco"]
-    ends = [max(line.get_xdata().max() for line in ax.lines) for ax in axes]
-    assert 0.9 * max(ends) < axes[0].get_xlim()[1] <= 1.05 * max(ends)
-    late = {"time": np.array([0, 1, 2, 1e6, 1e6 + 1]), "forces": [np.array([0, 1, 0, 0, 1e-4])]}
-    assert shown_until(late) == 2
-
-
 def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_law(tmp_path, capsys):
     (tmp_path / "c.toml").write_text(
         "solvers = ['kelvin-voigt', 'mujoco', 'hunt-crossley']\n"
@@ -141,35 +119,14 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
         assert row == ("2", "2")
 
 
-def test_nothing_compared_is_said_in_whole_numbers(tmp_path, capsys):
-    (tmp_path / "c.toml").write_text(
-        "solvers = ['mujoco']\n[column]\nballs = 3\nexponent = 1.5\ne = 0.9\narrangement = ['drop', 'stack']\n"
-    )
-    run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
-    assert main(["table", str(tmp_path / "run")]) == 0
-    assert re.search(r"^kelvin-voigt +mujoco +0 .* 6$", capsys.readouterr().out, flags=re.MULTILINE)
-
-
-@pytest.mark.slow
-def test_it_is_shown_again_and_written_again(root, capsys):
-    before = {name: (root / name).read_bytes() for name in ("summary.md", "summary.csv", "report.html")}
-    pictures = {name: (root / f"figures/{name}.png").read_bytes() for name in FIGURES}
+def test_commands_for_two_balls_refuse_it_and_the_table_is_shown_again(root, capsys):
+    for command in (["doctor", str(root)], ["export-scene", str(root), "--cell", "0"]):
+        assert main(command) == 2
+        error = capsys.readouterr().err
+        assert "columns of N balls; legal: " in error
+        assert error.count("\n") == 1
     assert main(["table", str(root)]) == 0
-    shown = capsys.readouterr().out
-    assert re.search(r"kelvin-voigt +kelvin-voigt +24 ", shown)
-    assert "mujoco: unrepresentable in 12: exponent = 1.5" in shown
-    assert main(["figures", str(root)]) == 0
-    assert main(["report", str(root)]) == 0
-    assert {name: (root / name).read_bytes() for name in before} == before
-    assert {name: (root / f"figures/{name}.png").read_bytes() for name in FIGURES} == pictures
-
-
-@pytest.mark.parametrize("command", [["doctor"], ["export-scene", "--cell", "0"]])
-def test_what_is_for_two_balls_refuses_it(root, command, capsys):
-    assert main([command[0], str(root), *command[1:]]) == 2
-    error = capsys.readouterr().err
-    assert "columns of N balls; legal: " in error
-    assert error.count("\n") == 1
+    assert "mujoco: unrepresentable in 12: exponent = 1.5" in capsys.readouterr().out
 
 
 def test_the_ladder_is_shown_of_the_run_of_a_column_and_by_way_of_a_law(root, capsys):
@@ -185,23 +142,11 @@ def test_the_ladder_is_shown_of_the_run_of_a_column_and_by_way_of_a_law(root, ca
         row = re.search(rf"mujoco +{name} +{len(of)} +(\S+) +(\S+) %", shown)
         assert float(row[1]) == pytest.approx(mean, rel=5e-3)
         assert float(row[2]) == pytest.approx(100 * share, abs=0.051)
-    assert "two switches between the model" in " ".join(shown.split())
     assert main(["ladder", str(root), "--cell", "0", "--law", "hunt-crossley"]) == 0
     shown = capsys.readouterr().out
     assert "cell 0: balls = 2, arrangement = cradle" in shown
-    assert re.search(r"cause +dv1/\|v0\| +dv2/\|v0\| +kinetic norm", shown)
     assert "choice of the dashpot" in shown
     assert main(["ladder", str(root), "--cell", "2"]) == 0
     assert "mujoco: unrepresentable: mujoco: exponent = 1.5" in capsys.readouterr().out
     assert main(["ladder", str(root), "--law", "kelvin-voigt-anchored"]) == 2
     assert "legal: kelvin-voigt, kelvin-voigt-textbook, hunt-crossley" in capsys.readouterr().err
-
-
-def test_a_search_and_an_examination_of_columns_are_refused(root, tmp_path, capsys):
-    file = str(root.parent / "c.toml")
-    for command in (["search", file, "--out", str(tmp_path / "a")], ["doctor", file]):
-        assert main(command) == 2
-        error = capsys.readouterr().err
-        assert "columns of N balls" in error or "search and column are given" in error
-        assert error.count("\n") == 1
-    assert not list(tmp_path.iterdir())

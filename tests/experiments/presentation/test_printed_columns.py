@@ -14,12 +14,6 @@ PAGE = (Path(__file__).parents[3] / "docs" / "columns.md").read_text(encoding="u
 FILE = tomllib.loads(PAGE.partition("<!-- experiment -->\n```toml\n")[2].partition("```")[0])
 
 
-def test_a_table_without_keys_has_the_axes_of_the_page():
-    printed = parse_config(FILE)
-    assert parse_config({"column": {}}).canonical()["column"] == printed.canonical()["column"]
-    assert printed.figure_column == parse_config({"column": {}}).figure_column
-
-
 def test_medians_are_what_the_page_prints(tmp_path):
     """Of the references, which are exact; without engines the run takes seconds."""
     run_sweep(

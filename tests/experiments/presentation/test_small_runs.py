@@ -15,50 +15,43 @@ _ONE = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0.7]}
 
 RUNS = {
     "one cell": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.shifted),
-    "one solver": ({"solvers": ["mujoco"]}, fakes.shifted),
     "the model alone": ({"grid": _ONE, "solvers": ["state-transition"]}, fakes.shifted),
     "no engine": ({"solvers": ["liu-zhao-brogliato"]}, fakes.shifted),
     "agreement": ({"solvers": ["mujoco"]}, fakes.perfect),
     "agreement beside a failure": ({}, fakes.perfect),
-    "agreement in one cell": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.perfect),
     "nothing but failures": ({"solvers": ["mujoco", "pybullet"]}, fakes.refusing),
-    "one cell, a failure": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.refusing),
     "the model fails too": ({"solvers": ["mujoco"]}, fakes.refusing_all),
     "numbers beyond all reason": ({"solvers": ["mujoco"]}, fakes.wild),
     "no result is a number": ({"solvers": ["mujoco"]}, fakes.lying),
 }
 
 
-#: Whose pages are looked at each time; the others are nightly.
-_TOLD = ("one cell", "agreement beside a failure", "nothing but failures", "numbers beyond all reason")
-_COMMANDS = [("table", kind) for kind in RUNS] + [("ladder", kind) for kind in RUNS]
-_COMMANDS += [
-    pytest.param("report", kind, marks=pytest.mark.slow if kind in _TOLD else pytest.mark.nightly)
-    for kind in RUNS
-]
+@pytest.mark.parametrize("kind", RUNS)
+def test_terminal_shows_it(kind, runs, capsys):
+    for command in ("table", "ladder"):
+        assert main([command, str(runs(kind))]) == 0, capsys.readouterr().err
+        said = capsys.readouterr()
+        assert "Traceback" not in said.err
+        if kind == "agreement":
+            assert "mujoco ends where the model does: there is nothing to split." in " ".join(
+                said.out.split()
+            )
 
 
-@pytest.mark.parametrize(("command", "kind"), _COMMANDS)
-def test_every_command_shows_it(command, kind, runs, capsys):
-    assert main([command, str(runs(kind))]) == 0, capsys.readouterr().err
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kind", ["agreement beside a failure", "nothing but failures", "numbers beyond all reason"]
+)
+def test_its_page_is_written(kind, runs, capsys):
+    assert main(["report", str(runs(kind))]) == 0, capsys.readouterr().err
     assert "Traceback" not in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("command", ["table", "ladder"])
-def test_agreement_is_said(command, runs, capsys):
-    assert main([command, str(runs("agreement"))]) == 0
-    assert "mujoco ends where the model does: there is nothing to split." in " ".join(
-        capsys.readouterr().out.split()
-    )
 
 
 def test_what_has_no_result_is_counted_with_the_most_frequent_reason(runs, capsys):
     assert main(["table", str(runs("agreement beside a failure"))]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    cells = 3 * 2 * 2
-    assert f"pybullet has no result in {cells} of {cells} cells ({cells} unavailable), most often: " in shown
-    # Who has no result is no vote.
-    assert "asked for the same law" not in shown
+    assert "pybullet has no result in 12 of 12 cells (12 unavailable), most often: " in shown
+    assert "asked for the same law" not in shown  # a solver without a result is no vote
 
 
 def test_rows_marked_where_the_model_is_not_are_all_counted(tmp_path):

@@ -1,7 +1,5 @@
 """What a cell shows when it is opened, held against the tables, the engine and the commands it names."""
 
-import base64
-import gzip
 import json
 import shlex
 
@@ -9,32 +7,21 @@ import pandas as pd
 import pytest
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.presentation.page.cells import opened_cells, packed_cells
-from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.presentation.page.cells import opened_cells
 from impact_xval.experiments.tables.store import RunFolder
-from tests.experiments.conftest import SMALL
 
 CELLS = [0, 7, 11]
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory):
-    root = tmp_path_factory.mktemp("runs") / "a run"
-    solvers = ["kelvin-voigt", "bistiffness", "mujoco"]
-    run_sweep(parse_config(SMALL | {"solvers": solvers, "scenario": "drop", "v0": -2.0}), root)
-    return root
+def cells(engine_run):
+    return opened_cells(RunFolder(engine_run), CELLS)
 
 
-@pytest.fixture(scope="module")
-def cells(root):
-    return opened_cells(RunFolder(root), CELLS)
-
-
-def test_it_shows_the_tables(root, cells):
-    table = pd.read_parquet(root / "cells.parquet").set_index(["cell", "solver"])
-    d = pd.read_parquet(root / "divergence.parquet").set_index(["cell", "solver"]).velocity_divergence
-    ladder = pd.read_parquet(root / "ladder.parquet").set_index("cell")
+def test_it_shows_the_tables(engine_run, cells):
+    table = pd.read_parquet(engine_run / "cells.parquet").set_index(["cell", "solver"])
+    d = pd.read_parquet(engine_run / "divergence.parquet").set_index(["cell", "solver"]).velocity_divergence
+    ladder = pd.read_parquet(engine_run / "ladder.parquet").set_index("cell")
     assert list(cells) == CELLS
     for number, cell in cells.items():
         assert [row["solver"] for row in cell["results"]] == list(table.loc[number].index)
@@ -60,8 +47,8 @@ def test_curves_end_where_the_tables_do(cells):
             assert impulse2 == sorted(impulse2)
 
 
-def test_its_commands_can_be_pasted(root, cells, monkeypatch, capsys):
-    monkeypatch.chdir(root.parent)
+def test_its_commands_can_be_pasted(engine_run, cells, monkeypatch, capsys):
+    monkeypatch.chdir(engine_run.parent)
     expected = {row["solver"]: row["v1"] for row in cells[7]["results"]}
     ladder, scene, solve, animate = (shlex.split(command)[1:] for _, command in cells[7]["commands"])
     for command in (ladder, scene):
@@ -71,15 +58,10 @@ def test_its_commands_can_be_pasted(root, cells, monkeypatch, capsys):
     found = json.loads(capsys.readouterr().out)
     assert {row["solver"]: row["v1"] for row in found} == expected
     assert main([*animate, "--solver", "kelvin-voigt"]) == 0, capsys.readouterr().err
-    assert (root.parent / "cell-7.html").is_file()
+    assert (engine_run.parent / "cell-7.html").is_file()
 
 
 def test_its_scene_is_one(cells):
     mujoco = pytest.importorskip("mujoco")
     for cell in cells.values():
         assert mujoco.MjModel.from_xml_string(cell["scene"]).npair == 2
-
-
-def test_what_is_packed_is_that(root, cells):
-    unpacked = json.loads(gzip.decompress(base64.b64decode(packed_cells(RunFolder(root), CELLS))))
-    assert unpacked == {str(number): cell for number, cell in cells.items()}
