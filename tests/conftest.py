@@ -22,6 +22,6 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 
 def pytest_collection_modifyitems(items):
     """Files with the most slow tests come first, so that workers side by side end at about the same time."""
-    marked = (item.path for item in items for name in ("slow", "exhaustive") if item.get_closest_marker(name))
+    marked = (item.path for item in items for name in ("slow", "nightly") if item.get_closest_marker(name))
     slow = Counter(marked)
     items.sort(key=lambda item: -slow[item.path])

@@ -55,13 +55,13 @@ def faulty_model(name):
 
 
 class SlowToStart(Shifted):
-    """Takes two seconds to answer the first time, as one does whose kernels are to be compiled."""
+    """Takes five seconds to answer the first time, as one does whose kernels are to be compiled."""
 
     started = False
 
     def solve_many(self, collisions, settings):
         if not SlowToStart.started:
-            time.sleep(2)
+            time.sleep(5)
         SlowToStart.started = True
         return super().solve_many(collisions, settings)
 

@@ -63,7 +63,7 @@ def test_outcomes_are_those_without_a_cutoff(box):
     assert max(compare(box, 4_000, seed=1)) < 1e-10
 
 
-@pytest.mark.exhaustive
+@pytest.mark.nightly
 @pytest.mark.parametrize("box", BOXES)
 def test_outcomes_of_four_hundred_thousand_cells_are_those_without_a_cutoff(box):
     """Within 1e-9 outside marked cells is what is promised; this is what is kept."""

@@ -47,14 +47,14 @@ def test_forty_random_cells(cutoffs):
     compare(random_cells(40, seed=20130101), *cutoffs)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.nightly
 def test_six_hundred_random_cells_with_those_that_reach_the_cutoff():
     grazing, limits = compare(random_cells(600, seed=1), *CUTOFFS[0])
     assert limits > 100  # about a third reach the cut-off
     assert grazing < 12
 
 
-@pytest.mark.exhaustive
+@pytest.mark.nightly
 def test_three_hundred_random_cells_without_a_cutoff():
     grazing, limits = compare(random_cells(300, seed=2), *CUTOFFS[1])
     assert limits > 60

@@ -81,14 +81,14 @@ def test_elastic_contacts(e1, e2, cutoffs):
     assert grazing == 0
 
 
-@pytest.mark.exhaustive
+@pytest.mark.nightly
 def test_two_thousand_random_cells():
     grazing, limits = compare(random_cells(2000, seed=7), *CUTOFFS[0])
     assert grazing <= 20
     assert limits > 300  # the closed form beyond the cut-off is compared too
 
 
-@pytest.mark.exhaustive
+@pytest.mark.nightly
 def test_batch_is_solve_to_the_last_bits_on_a_hundred_thousand_cells():
     cells = random_cells(100_000, seed=8)
     batch = solve_batch(*cells)

@@ -57,7 +57,7 @@ def test_a_few_random_cells(law, n, drop):
     assert left_out <= 1
 
 
-@pytest.mark.exhaustive
+@pytest.mark.nightly
 @pytest.mark.parametrize("drop", [False, True], ids=["impact", "drop"])
 @pytest.mark.parametrize("law", ["pair", "hunt-crossley", "bistiffness"])
 def test_five_hundred_random_cells(law, drop):

@@ -1,14 +1,10 @@
-import contextlib
 import json
 import math
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
-import psutil
 import pytest
 
 from impact_xval.compliant_baselines import solver_names
@@ -90,7 +86,7 @@ def test_the_model_is_added_so_that_any_solver_has_a_divergence(capsys):
 
 
 def test_an_outcome_without_a_result_has_no_divergence(capsys):
-    found = _json(capsys, *LONG, "--solver", "mujoco", "--cell-timeout", "1")
+    found = _json(capsys, *LONG, "--solver", "mujoco", "--cell-timeout", "5")
     assert [(each["status"], each["velocity_divergence"]) for each in found] == [
         ("unrepresentable", None),
         ("timeout", None),
@@ -230,12 +226,12 @@ LONG = ["--stiffness-ratio", "2.937", "--mass-ratio", "1e-150", "--e1", "1e-17",
 
 def test_a_solver_that_takes_too_long_is_ended_and_the_others_are_shown(capsys):
     names = ["--solver", "state-transition", "--solver", "mujoco"]
-    found = _json(capsys, *LONG, *names, "--cell-timeout", "1")
+    found = _json(capsys, *LONG, *names, "--cell-timeout", "5")
     assert [(each["status"], each["v1"]) for each in found] == [("timeout", None), ("unrepresentable", None)]
-    assert found[0]["reason"] == "no answer within 1 s; its process was ended"
-    assert main(["solve", *LONG, *names, "--cell-timeout", "1"]) == 0
+    assert found[0]["reason"] == "no answer within 5 s; its process was ended"
+    assert main(["solve", *LONG, *names, "--cell-timeout", "5"]) == 0
     shown = capsys.readouterr().out
-    assert "state-transition: timeout: no answer within 1 s; its process was ended" in shown
+    assert "state-transition: timeout: no answer within 5 s; its process was ended" in shown
     assert main(["solve", *LONG, "--cell-timeout", "0"]) == 2
     assert "--cell-timeout = 0.0; legal: " in capsys.readouterr().err
 
@@ -246,57 +242,6 @@ def test_a_solver_that_dies_costs_solve_its_own_row(capsys, monkeypatch):
     found = _json(capsys, *cell, "--solver", "mujoco", "--solver", "state-transition")
     assert [each["status"] for each in found] == ["crashed", "ok"]
     assert found[0]["reason"] == "its process died: SIGABRT"
-
-
-def test_solve_says_what_it_waits_for(capsys, monkeypatch):
-    monkeypatch.setattr(single, "_SAY", 0.5)
-    assert main(["solve", *LONG, "--solver", "state-transition", "--cell-timeout", "2"]) == 0
-    error = capsys.readouterr().err
-    assert "impact-xval: state-transition has worked for " in error
-    assert "s; it is ended after 2 s" in error
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["solve", *LONG],
-        ["map", "--e1", "1", "--e2", "1", "--cutoff", "inf", "--stiffness-ratio", "1e11", "1e12"],
-    ],
-    ids=lambda command: command[0],
-)
-def test_ctrl_c_ends_a_command_at_once_while_it_computes(tmp_path, command):
-    process = subprocess.Popen(
-        [sys.executable, "-m", "impact_xval", *command],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    until = (
-        time.monotonic() + 300
-    )  # a process of it is at work, and all is imported, after so much of its time
-    while _cpu(process.pid) < 8 and time.monotonic() < until:
-        time.sleep(0.1)
-    started = psutil.Process(process.pid).children(recursive=True)
-    start = time.monotonic()
-    os.killpg(process.pid, signal.SIGINT)
-    _, error = process.communicate(timeout=60)
-    assert time.monotonic() - start < 5
-    assert process.returncode == 1
-    assert error.splitlines()[-1].startswith("impact-xval: interrupted")
-    assert "Traceback" not in error
-    assert not psutil.wait_procs(started, timeout=10)[1]
-
-
-def _cpu(process):
-    """Seconds that the busiest process of a command has worked."""
-    main = psutil.Process(process)
-    with contextlib.suppress(psutil.NoSuchProcess):
-        return max(sum(each.cpu_times()[:2]) for each in (main, *main.children(recursive=True)))
-    return 0.0
 
 
 @pytest.mark.parametrize("closed", ["0<&-", "1>&-", "2>&-", "0<&- 1>&- 2>&-"])

@@ -147,17 +147,17 @@ def test_no_number_depends_on_the_speed(capsys):
 @pytest.mark.parametrize(
     ("e", "status", "reason"),
     [
-        (faulty.HANG, "timeout", "no answer within 2 s; its process was ended"),
+        (faulty.HANG, "timeout", "no answer within 5 s; its process was ended"),
         (faulty.ABORT, "crashed", "its process died: SIGABRT"),
     ],
 )
 def test_a_solver_that_hangs_or_dies_costs_its_own_row(capsys, monkeypatch, e, status, reason):
     monkeypatch.setattr(registry, "get_solver", faulty.faulty)
     names = _asked("mujoco", "pybullet", "state-transition")
-    found = _json(capsys, "cradle", "--e", str(e), *names, "--cell-timeout", "2")
+    found = _json(capsys, "cradle", "--e", str(e), *names, "--cell-timeout", "5")
     assert [each["status"] for each in found.values()] == [status, "unavailable", "ok"]
     assert found["mujoco"]["reason"] == reason
-    assert main(["cradle", "--e", str(e), *names, "--cell-timeout", "2"]) == 0
+    assert main(["cradle", "--e", str(e), *names, "--cell-timeout", "5"]) == 0
     assert f"mujoco: {status}: {reason}" in capsys.readouterr().out.splitlines()
 
 

@@ -3,7 +3,6 @@
 import ctypes
 import json
 import re
-import time
 
 import pytest
 
@@ -155,12 +154,10 @@ def test_a_scene_without_end_costs_a_line(tmp_path, capsys, monkeypatch, inside,
         "hfield" in inside
     )
     path.write_text(f"<mujoco>{field}<worldbody>{inside}</worldbody></mujoco>", encoding="utf-8")
-    start = time.perf_counter()
     assert main(["doctor", str(path)]) == 2
     error = capsys.readouterr().err
     assert re.search(says, error)
     assert error.count("\n") == 1
-    assert time.perf_counter() - start < 60
 
 
 @needs_pybullet

@@ -171,7 +171,7 @@ def test_an_engine_is_further_from_its_law_at_longer_steps():
     assert np.nanmedian(D[1]) > 4 * np.nanmedian(D[0])
 
 
-@pytest.mark.exhaustive
+@pytest.mark.nightly
 def test_the_table_of_longer_steps_is_what_the_benchmark_measures(capsys):
     text = (ROOT / "docs/convergence.md").read_text(encoding="utf-8")
     for label, name in (("MuJoCo", "mujoco"), ("PyBullet", "pybullet")):

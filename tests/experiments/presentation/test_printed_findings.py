@@ -58,7 +58,7 @@ def summary(tmp_path_factory):
     )
 
 
-@pytest.mark.exhaustive
+@pytest.mark.nightly
 @pytest.mark.parametrize("label", ROWS)
 def test_divergence_is_what_the_page_prints(summary, label):
     found = summary[(summary.solver == ROWS[label]) & (summary.cells == "all") & (summary.axis == "all")]
@@ -68,7 +68,7 @@ def test_divergence_is_what_the_page_prints(summary, label):
     assert [D.median, D.p95, D.max, paths.mean] == printed
 
 
-@pytest.mark.exhaustive
+@pytest.mark.nightly
 @pytest.mark.parametrize("band", BANDS)
 def test_shares_are_what_the_page_prints(summary, band):
     found = summary[(summary.solver == "mujoco") & (summary.axis == "stiffness_band")]

@@ -1,12 +1,10 @@
 """What is seen of work that goes on, on a terminal and in a log, and at the end of a run."""
 
-import errno
 import io
 import os
 import re
 import subprocess
 import sys
-import time
 from types import SimpleNamespace
 
 import pytest
@@ -14,7 +12,7 @@ from rich.console import Console
 
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.measures.summary import summarise
-from impact_xval.experiments.presentation.terminal import at_work, show, show_progress
+from impact_xval.experiments.presentation.terminal import show, show_progress
 from impact_xval.experiments.presentation.views import show_end
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
@@ -48,39 +46,6 @@ def test_a_log_has_a_line_for_the_first_rows_and_for_each_tenth(clock):
     assert lines[6].endswith("median D so far: bistiffness 0.215 (16), mujoco 0.1 (8)")
 
 
-def test_a_log_has_a_line_after_a_while_and_takes_a_hundredth_of_the_time_for_medians(monkeypatch):
-    monkeypatch.setattr("impact_xval.experiments.presentation.terminal._SAY", 0.0)
-    console = Console(file=io.StringIO(), width=150)
-    with show_progress(console, medians=lambda: time.sleep(0.05) or MEDIANS) as progress:
-        for done in (0, 1, 2, 3, 10, 11, 12):
-            progress(done, 100, "")
-    assert [line.split(" of ")[0] for line in console.file.getvalue().splitlines()] == ["0", "10"]
-    with show_progress(console) as progress:
-        progress(0, 100, "")
-        time.sleep(0.5)
-        progress(1, 100, "")
-    assert console.file.getvalue().splitlines()[-1].startswith("1 of 100 cells")
-
-
-def test_a_log_has_lines_while_nobody_reports(monkeypatch):
-    for name, seconds in (("_SAY", 0.1), ("_LOOK", 0.02)):
-        monkeypatch.setattr(f"impact_xval.experiments.presentation.terminal.{name}", seconds)
-    console = Console(file=io.StringIO(), width=150)
-
-    def said():
-        before = len(console.file.getvalue().splitlines())
-        time.sleep(0.5)
-        return {line.split(" after ")[0] for line in console.file.getvalue().splitlines()[before:]}
-
-    with show_progress(console) as progress:
-        assert said() == {"no cells yet, at work on what comes before"}
-        progress(1, 2, "")
-        assert said() == {"1 of 2 cells"}
-        progress(2, 2, "")
-        assert said() == {"all 2 cells are done, at work on what is made of them"}
-    assert said() == set()
-
-
 @pytest.mark.parametrize("output", ["/dev/full", "pipe"])
 def test_an_output_that_takes_nothing_is_an_error_that_names_it(output):
     if output == "pipe":
@@ -95,27 +60,6 @@ def test_an_output_that_takes_nothing_is_an_error_that_names_it(output):
     done = subprocess.run([sys.executable, "-c", script], stdout=write, stderr=subprocess.PIPE, check=False)
     os.close(write)
     assert done.stderr.decode().splitlines()[0] == "standard output"
-
-
-def test_what_is_waited_for_is_said(monkeypatch, capsys):
-    monkeypatch.setattr("impact_xval.experiments.presentation.terminal._SAY", 0.05)
-    with at_work("asking somebody"):
-        time.sleep(0.3)
-    first, *_ = capsys.readouterr().err.splitlines()
-    assert first == "impact-xval: asking somebody has taken 0 s"
-    time.sleep(0.2)
-    assert capsys.readouterr().err == ""
-
-
-def test_an_output_that_breaks_while_nobody_reports_ends_the_work(monkeypatch):
-    for name in ("_SAY", "_LOOK"):
-        monkeypatch.setattr(f"impact_xval.experiments.presentation.terminal.{name}", 0.01)
-    full = io.StringIO()
-    full.write = lambda text: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left on device"))
-    with show_progress(Console(file=full)) as progress:
-        time.sleep(0.3)
-        with pytest.raises(OSError, match="No space left"):
-            progress(0, 0, "")
 
 
 def test_a_log_without_medians_counts_only():
@@ -138,38 +82,6 @@ def test_a_terminal_shows_the_medians_above_the_bar(width):
     plain = shown.replace("\r", "\n").splitlines()
     assert max(len(line.split("\x1b[2K")[-1].replace("\x1b[?25l", "")) for line in plain) <= width
     assert shown.rstrip().endswith("\x1b[2K")  # the table is gone once there is more to say
-
-
-def test_a_terminal_says_what_is_left_at_the_rate_so_far_and_what_follows_the_last_cell(clock):
-    console = Console(file=io.StringIO(), width=120, force_terminal=True, color_system=None)
-
-    def shown():
-        before = len(console.file.getvalue())
-        time.sleep(0.6)  # the screen is drawn four times a second
-        return console.file.getvalue()[before:]
-
-    with show_progress(console) as progress:
-        progress(20, 120, "")  # a run that is resumed
-        assert "left" not in shown()
-        clock.now += 1
-        progress(21, 120, "")
-        assert "0:01:39 left" in shown()
-        clock.now += 9
-        assert "0:01:30 left" in shown()
-        progress(120, 120, "")
-        assert "at work on what is made of them" in shown()
-
-
-def test_a_terminal_takes_a_hundredth_of_the_time_for_medians():
-    console, calls = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None), []
-
-    def medians():
-        calls.append(time.sleep(0.05))
-        return MEDIANS
-
-    with show_progress(console, medians=medians):
-        time.sleep(1)  # the screen is drawn four times
-    assert len(calls) == 1
 
 
 def test_what_was_shown_stays_where_work_is_stopped():

@@ -2,11 +2,6 @@
 
 import math
 import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -20,7 +15,6 @@ from impact_xval.experiments.sweep.status import status_of
 from impact_xval.experiments.tables.schema import LINE_MEASURES, LINES, TABLES
 from tests.experiments import fakes, faulty
 
-ROOT = Path(__file__).parents[3]
 EXACT = ["state-transition", "bistiffness", "kelvin-voigt", "hunt-crossley"]
 
 
@@ -93,30 +87,6 @@ def test_a_run_that_was_interrupted_goes_on_to_the_same_bytes(tmp_path):
     _run(_config(), tmp_path / "cut", resume=True, progress=lambda done, total, line: said.append(line))
     assert "part 1 is damaged: computed again" in said
     assert _tables(tmp_path / "whole") == _tables(tmp_path / "cut")
-
-
-@pytest.mark.slow
-def test_a_run_that_was_killed_goes_on_to_the_same_bytes_whatever_the_workers(tmp_path):
-    """SIGKILL after the first parts, wherever that finds it."""
-    text = (
-        "solvers = ['bistiffness', 'kelvin-voigt', 'mujoco']\nchunk_size = 2\n"
-        "[column]\narrangement = ['cradle', 'stack']\nballs = [2, 3, 5]\ne = [0.6, 0.8]\n"
-    )
-    (tmp_path / "c.toml").write_text(text)
-    command = [sys.executable, "-m", "tests.experiments.runner", str(tmp_path / "c.toml")]
-    subprocess.run([*command, str(tmp_path / "whole"), "--workers", "1"], cwd=ROOT, check=True)
-    cut = tmp_path / "cut"
-    with subprocess.Popen([*command, str(cut), "--workers", "2"], cwd=ROOT) as process:
-        until = time.monotonic() + 120
-        while len(list((cut / "parts").glob("0*"))) < 3 and process.poll() is None:
-            assert time.monotonic() < until
-            time.sleep(0.01)
-        process.send_signal(signal.SIGKILL)
-    done = subprocess.run(
-        [*command, str(cut), "--workers", "2"], cwd=ROOT, check=True, capture_output=True, text=True
-    )
-    assert " of 18 parts are there and whole" in done.stdout
-    assert _tables(tmp_path / "whole") == _tables(cut)
 
 
 def test_another_experiment_in_the_folder_is_refused(tmp_path, small):
@@ -234,7 +204,7 @@ def test_a_column_that_kills_or_hangs_its_solver_costs_its_own_row(tmp_path):
     config = parse_config(
         {
             "solvers": ["mujoco"],
-            "cell_timeout": 2.0,
+            "cell_timeout": 3.0,
             "column": {
                 "balls": 3,
                 "arrangement": "chain",

@@ -6,7 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -15,7 +14,6 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.lock import (
     OWNER,
-    SILENCE,
     holding,
     owner_of,
     running,
@@ -73,66 +71,6 @@ def test_a_killed_owner_blocks_nobody_and_is_named(tmp_path, other):
     assert owner_of(tmp_path) is None
     with holding(tmp_path) as line:
         assert line == ""
-
-
-def test_a_run_on_another_machine_counts_as_dead_after_a_silence(tmp_path):
-    path = tmp_path / OWNER
-    path.write_text(json.dumps({"host": "elsewhere", "pid": 7, "since": "2026-01-01T00:00:00+00:00"}))
-    with (
-        pytest.raises(UserError, match=r"process 7 on elsewhere.*counts as dead after 60 s"),
-        holding(tmp_path),
-    ):
-        pass
-    assert running(tmp_path) is not None
-    past = time.time() - SILENCE - 5
-    os.utime(path, (past, past))
-    assert running(tmp_path) is None
-    with holding(tmp_path) as line:
-        assert "process 7 on elsewhere" in line
-
-
-def test_a_sign_ahead_of_the_clock_is_for_the_user_to_judge(tmp_path, small, capsys):
-    root = tmp_path / "run"
-    run_sweep(small, root, isolate=False, resolve=fakes.shifted)
-    path = root / OWNER
-    path.write_text(json.dumps({"host": "elsewhere", "pid": 7, "since": "2026-01-01T00:00:00+00:00"}))
-    ahead = time.time() + 86400
-    os.utime(path, (ahead, ahead))
-    with pytest.raises(
-        UserError, match=r"8\d{4} s ahead of the clock.*--take-over if it is known to be dead"
-    ):
-        run_sweep(small, root, isolate=False, resume=True, resolve=fakes.shifted)
-    assert main(["run", "--out", str(root), "--resume", "--workers", "1"]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    said = []
-    run_sweep(
-        small,
-        root,
-        isolate=False,
-        resume=True,
-        take_over=True,
-        resolve=fakes.shifted,
-        progress=lambda done, total, line: said.append(line),
-    )
-    assert said[0].startswith("warning: taken over from a run that died (process 7 on elsewhere")
-    assert any("3 of 3 parts are there" in line for line in said)
-    # Not so far ahead: as alive as one that is as far behind, whatever the user says.
-    path.write_text(json.dumps({"host": "elsewhere", "pid": 7, "since": "2026-01-01T00:00:00+00:00"}))
-    for age in (SILENCE - 10, 10 - SILENCE):
-        os.utime(path, (time.time() - age, time.time() - age))
-        with pytest.raises(UserError, match="counts as dead after 60 s"), holding(root, take_over=True):
-            pass
-
-
-def test_take_over_takes_nothing_from_a_run_of_this_machine(tmp_path, other):
-    ahead = time.time() + 86400
-    os.utime(tmp_path / OWNER, (ahead, ahead))
-    with (
-        pytest.raises(UserError, match=f"another run writes there .process {other.pid} on"),
-        holding(tmp_path, take_over=True),
-    ):
-        pass
-    assert running(tmp_path, take_over=True) is not None
 
 
 def test_a_run_leaves_the_sign_of_one_that_took_over(tmp_path):
