@@ -106,7 +106,7 @@ def main(names):
             "commit": git("rev-parse", "HEAD"),
             "fingerprint": adapter.fingerprint(),
         }
-    file.write_text(json.dumps(provenance, indent=1) + "\n")
+        file.write_text(json.dumps(provenance, indent=1) + "\n")
 
 
 if __name__ == "__main__":
