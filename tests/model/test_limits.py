@@ -111,18 +111,6 @@ def test_a_plastic_contact_unites_the_balls_or_keeps_the_lower_one_on_the_table(
         assert (outcome.v1, outcome.v2) == pytest.approx((0, 0), abs=1e-15)
 
 
-def test_the_cutoff_changes_little_wherever_it_applies():
-    """Also next to the cut-off, where the stiff contact still holds all of its energy when the ratio leaves it."""
-    ratio = np.array([0.9e-5, 1.01e-5, 3e-5, 1e-4, 9e-4, 1.1e3, 5e4, 0.99e5, 1.1e5])[:, None, None]
-    e1, e2 = np.array([(0.3, 0.7), (0.9, 0.3), (0.6, 1.0), (0.9, 0.7)]).T[..., None]
-    default, off = (
-        solve_batch(ratio, [0.3, MU, 4.0], e1, e2, **options)
-        for options in ({}, {"stiffness_ratio_cutoff": math.inf})
-    )
-    np.testing.assert_allclose(default.v1, off.v1, atol=5e-5, rtol=0)
-    np.testing.assert_allclose(default.v2, off.v2, atol=5e-5, rtol=0)
-
-
 def test_an_illegal_cutoff_is_named():
     for cutoff in (1.0, -5.0, math.nan):
         with pytest.raises(ValueError, match=f"stiffness_ratio_cutoff = {cutoff}.*legal: greater than 1"):
