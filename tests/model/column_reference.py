@@ -2,6 +2,14 @@
 
 Shares nothing with the package but the parameters. The unknowns are velocities of balls and deformations of contacts,
 the integrator is DOP853, events are found by sign changes on its dense output.
+
+Energetic restitution by a second stiffness of unloading, k/e^2, with positions frozen. The laws differ in what a
+compression that is not the first uses:
+
+* the model (`stiffens`): the stiffness the contact has by then, k/e^(2n) after n ends of compression;
+* Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008): the original k. A restart of compression during restitution
+  keeps the force, as in the implementation by the authors' group (Siconos, OSNSMultipleImpact,
+  `Compute_energyContact`); the known numbers involve returns only, and pin down the return, not the restart.
 """
 
 import math
@@ -151,12 +159,16 @@ class _Run:
         self.body = [body - (body > i) for body in self.body]
 
 
-def integrate(column, exponent=1.0, stiffens=True, rtol=1e-12, resolution=0.1, most=5000):
-    """Final velocities and sets of acting contacts of a column whose rates are about 1."""
+def integrate(column, exponent=1.0, stiffens=True, rtol=1e-12, resolution=0.1, most=5000, least=0.0):
+    """Final velocities and sets of acting contacts of a column whose rates are about 1.
+
+    Ends early where no velocity and no force is above `least`.
+    """
     run = _Run(column, exponent, stiffens)
     states, limit = [run.acting()], False
     for _ in range(most):
-        if not any(run.phase):
+        sizes = [*map(abs, run.v), *(run.force(i) for i in range(len(run.k)))]
+        if not any(run.phase) or max(sizes) <= least:
             return (
                 Answer(tuple(run.v[b] for b in run.body), (*states, ()), limit)
                 if states[-1]

@@ -3,7 +3,6 @@ import math
 import pytest
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.model import solve
 from impact_xval.model.collision import Collision
 
 CELL = Collision(m1=1.0, m2=2 / 3**0.5, k1=1.0, k2=1.0, e1=0.9, e2=0.7)
@@ -42,12 +41,3 @@ def test_the_model_behind_the_contract_is_the_model():
     )
     assert outcome.states == ("S1", "S2", "S1", "S3", "S4")
     assert outcome.path is not None
-
-
-def test_the_cut_off_reaches_the_model():
-    c = Collision(m1=1.0, m2=1.0, k1=1.0, k2=200.0, e1=0.9, e2=0.9)
-    strict, free = Settings(stiffness_ratio_cutoff=100.0), Settings(stiffness_ratio_cutoff=math.inf)
-    solver = get_solver("state-transition")
-    assert solver.solve(c, strict).status == "limit"
-    assert solver.solve(c, strict).v1 == solve(c, stiffness_ratio_cutoff=100.0).v1
-    assert solver.solve(c, free).status == "ok"

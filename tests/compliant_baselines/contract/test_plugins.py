@@ -121,19 +121,3 @@ def test_a_name_that_is_taken_stays_what_it_is(site):
     assert type(get_solver("mujoco")).__module__ == "impact_xval.compliant_baselines.engines.mujoco_engine"
     assert solver_names().count("mujoco") == 1
     assert origins()["mujoco"] == "impact-xval (rival 1.2 ignored: the name is taken)"
-
-
-def test_a_solver_that_misbehaves_later_ends_nothing(site):
-    text = (
-        "import sys\nfrom impact_xval.compliant_baselines.contract.solver import SolverBase\n"
-        "class Engine(SolverBase):\n name = 'moody'\n"
-        " def version(self): raise OSError('no licence')\n"
-        " def solve_many(self, collisions, settings): sys.exit('licence expired')\n"
-    )
-    install(site, "moody", {"moody": "moody:Engine"}, moody=text)
-    solver = get_solver("moody")
-    assert solver.version() == ""
-    (outcome,) = answer(solver, [CELL], Settings())
-    assert (outcome.status, outcome.reason) == ("crashed", "SystemExit: licence expired")
-    with pytest.raises(SolverError, match="moody: crashed: SystemExit: licence expired"):
-        solver.solve(CELL)

@@ -77,12 +77,6 @@ def test_contacts_that_bounce_rigid_together_end_at_rest():
     assert (batch.status, batch.end, batch.v1, batch.v2) == ("limit", "free", 0.0, 0.0)
 
 
-def test_an_illegal_ratio_from_which_a_contact_is_rigid_is_named():
-    for bad in (1.0, math.nan):
-        with pytest.raises(ValueError, match="rigid_ratio"):
-            bistiffness_batch(1.0, 1.0, 0.5, 0.5, rigid_ratio=bad)
-
-
 def test_a_path_that_ends_in_a_limit_is_finite():
     # Stiffness of unloading k1/e1^2: a polynomial over the limit's duration would leave double precision.
     for e1 in (1e-17, 1e-70):

@@ -1,8 +1,6 @@
 """The references for N balls: two balls, an independent integration, invariances, gaps, and what is refused."""
 
-import math
 from dataclasses import replace
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -10,23 +8,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.columns.solving import LAWS, coefficients_of, solve_column
-from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
 from impact_xval.model import Column
 from impact_xval.model import solve_column as solve_by_the_model
 from tests.compliant_baselines.column_in_time import integrate
+from tests.compliant_baselines.reference_cells import BATCHES, DAMPING
 from tests.model.test_columns import random_column
 
-DAMPING = {
-    "kelvin-voigt": "pair",
-    "kelvin-voigt-textbook": "textbook",
-    "hunt-crossley": "hunt-crossley",
-}
-BATCHES = {
-    "bistiffness": bistiffness_batch,
-    **{law: partial(kelvin_voigt_batch, damping=damping) for law, damping in DAMPING.items()},
-}
 NAMES = {(1, 2): "S1", (2,): "S2", (1,): "S3", (): "S4"}
 
 
@@ -181,12 +169,6 @@ def test_a_touching_pair_beyond_a_gap_waits():
     assert path.forces.max() > 0.4
 
 
-def test_a_long_chain():
-    outcome = solve_column(cradle(60, 1, e=0.95))
-    assert outcome.status == "ok"
-    assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
-
-
 def in_time_without_events(column, law, duration):
     """Final velocities of Hertz contacts of spring and dashpot: forces of positions alone, nothing watched."""
     balls, b = len(column.masses), coefficients_of(column, law, 1.5)
@@ -288,14 +270,3 @@ def test_a_solver_refuses_by_name_what_it_cannot_represent():
     ):
         with pytest.raises(SolverError, match=says):
             get_solver(solver).solve_column(cradle(3, 1), settings, exponent)
-
-
-def test_every_solver_gives_the_same_kind_of_outcome():
-    column = cradle(3, 1, e=0.9)
-    names = ("state-transition", "liu-zhao-brogliato", *LAWS)
-    for name in names:
-        outcome = get_solver(name).solve_column(column, Settings(record_path=True))
-        assert outcome.solver == name
-        assert outcome.states[-1] == ()
-        assert outcome.path is not None
-        assert math.isclose(sum(outcome.velocities), -1)
