@@ -118,16 +118,6 @@ def test_b2_stays_settled_until_it_is_hit(engine):
         assert run.x2 == pytest.approx(-c.m2 * 9.81 / c.k2, rel=2e-4), ratio
 
 
-def test_weak_gravity_is_no_gravity(engine):
-    c = collision(1.0, 0.9, 0.7)
-    impact = engine.solve(c, Settings(step_fraction=2e-3))
-    drop = engine.solve(c, Settings(scenario="drop", gravity=1e-3, step_fraction=2e-3))
-    assert drop.diagnostics["gravity_number"] == pytest.approx(
-        1e-3 / (1e8 * (1 + 3**0.5 / 2)) ** 0.5, rel=1e-12
-    )
-    assert (drop.v1, drop.v2) == (pytest.approx(impact.v1, abs=1e-5), pytest.approx(impact.v2, abs=1e-5))
-
-
 def test_b2_at_rest_on_the_table_is_reported_at_rest(engine):
     c = Collision(m1=1.0, m2=2.0, k1=1e6, k2=1e9, e1=0.5, e2=0.5)
     o = engine.solve(c, Settings(scenario="drop"))

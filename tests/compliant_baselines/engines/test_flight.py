@@ -134,17 +134,6 @@ def test_a_limit_at_rest_that_the_exact_law_leaves_is_marked(cell):
     assert outcome.marked == says
 
 
-@pytest.mark.nightly
-def test_a_limit_is_not_looked_for_in_millions_of_steps():
-    # At h/8 of this cell the balls hang together for 32 million steps, at h they part after 130,000.
-    c = collision(0.00401105, 0.79584785, 0.82151817, 0.82299659)
-    outcome = get_solver("pybullet").solve_many([c], DROP)[0]
-    assert outcome.status == "unconverged"
-    most = re.search(r"not over after max_steps = (\d+) steps", outcome.reason)
-    halved = outcome.diagnostics["step"] / outcome.diagnostics["finest_step"] * 2
-    assert int(most[1]) == pytest.approx(8 * outcome.diagnostics["n_steps"] * halved, rel=1e-3)
-
-
 @pytest.mark.parametrize("name", ["kelvin-voigt", "mujoco"])
 def test_impulses_go_with_the_velocities_reported(name):
     # B2 is at rest on the table, where it was still moving at 0.3 |v0|

@@ -9,7 +9,6 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, contacts
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
 from impact_xval.compliant_baselines.engines.convergence import (
-    fitted_order,
     limit_of,
 )
 from impact_xval.model.collision import Collision
@@ -58,23 +57,6 @@ def test_the_chance_of_contact_starts_is_estimated():
     assert np.mean([abs(limit.velocities[0] - 0.5) <= 3 * limit.error for limit in blind]) < 0.97
 
 
-def honest(after):
-    """Whether a limit is within the estimated error, v2 after the step h given; v1 is 0.5."""
-    limit = limit_of(np.column_stack([np.full(3, 0.5), after(4 * H)]), 0.0, 1e-6, PAIR)
-    return abs(limit.velocities[1] - after(0.0)) <= limit.error
-
-
-def test_what_a_vibration_leaves_is_estimated():
-    # A vector that is smooth in the step, by the length of which the balls part; or it is damped away by steps.
-    rng = np.random.default_rng(3)
-    start, slope = rng.normal(size=(2, 4000, 2)) @ [1, 1j]
-    slope *= 10 ** rng.uniform(-2, 0.5, 4000)
-    for a, b in zip(start, slope, strict=True):
-        assert honest(lambda h, a=a, b=b: 1e-3 * abs(a + b * h)), (a, b)
-    for d in 10 ** rng.uniform(-2, 0.5, 4000):
-        assert honest(lambda h, d=d: 5e-3 + 1e-3 * np.exp(-d * h)), d
-
-
 def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
     # v2 - v1 falls by 0.01 with each halving and is 0.005 beyond the last: the balls have yet to meet there.
     velocities = np.array([[0.4, 0.365], [0.4, 0.375], [0.4, 0.385]])
@@ -94,13 +76,6 @@ def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
     ] == pytest.approx(0.1)
 
 
-def test_nothing_but_rounding_has_no_order():
-    limit = limit_of(sequence(lambda h: 0.3 + 0 * h), 0.0, 1e-6, PAIR)
-    assert math.isnan(limit.order)
-    assert limit.error == 0
-    assert fitted_order(np.array([8.0, 2.0, 0.5])) == pytest.approx(2)
-
-
 def test_illegal_convergence_is_refused():
     for kwargs, says in (
         ({"tolerance": 0.0}, r"tolerance = 0.0; legal: greater than 0"),
@@ -109,16 +84,6 @@ def test_illegal_convergence_is_refused():
     ):
         with pytest.raises(ValueError, match=says):
             Convergence(**kwargs)
-
-
-def test_regularised_contacts_are_those_of_the_constraint_equations():
-    # Elastic, B2 as heavy as it may be: what d changes is of first order in it, and halves with it.
-    c = Collision(m1=1.0, m2=0.5, k1=1.0, k2=0.1, e1=1.0, e2=1.0)
-    plain, one, two = (
-        kelvin_voigt(c.m1, c.m2, c.k1, c.k2, 0.0, 0.0, c.v0, impedance=d) for d in (0.0, 1e-4, 2e-4)
-    )
-    assert abs(one.v2 - plain.v2) > 1e-5
-    assert (two.v2 - plain.v2) / (one.v2 - plain.v2) == pytest.approx(2, rel=0.01)
 
 
 # A ball-ball and a ball-table contact that are stiffer, dissipative and elastic contacts; returns of contacts.
@@ -196,13 +161,6 @@ def test_halving_stops_where_the_tolerance_is_met():
     assert loose.diagnostics["finest_step"] == loose.diagnostics["step"]
     assert tight.diagnostics["finest_step"] < tight.diagnostics["step"]
     assert tight.diagnostics["limit_error"] <= 1e-3
-
-
-def test_the_naive_mapping_has_a_limit_of_its_own(engine):
-    c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e8, e1=0.8, e2=0.6)
-    (outcome,) = engine.solve_many([c], Settings(mapping="naive", convergence=Convergence()))
-    assert outcome.status == "ok", outcome.reason
-    assert outcome.diagnostics["regularisation"] == 0
 
 
 def test_a_longer_step_that_would_take_millions_of_steps_is_left_out_whatever_else_is_run():

@@ -59,13 +59,3 @@ def test_many_steps_a_call_are_single_steps_to_the_bit(monkeypatch):
         )
         assert together == singly, scene
         assert traced == singly, scene
-
-
-def test_numbers_of_sub_steps_divide_exactly():
-    for h in (5.129e-7, 4.6e-7, 1e-3, 1 / 3, 0.1):
-        for n in range(1, 300):
-            exact = pw.exact(n, h)
-            assert 1 <= exact <= n
-            assert exact * h / exact == h
-            assert int(exact * h / h) == exact
-            assert exact > n / 2  # a power of two is always among them
