@@ -7,32 +7,11 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands import doctor
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import load_config, parse_config
+from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep import examination
-from impact_xval.experiments.sweep.run import run_sweep
-from tests.experiments import fakes
 
 SCENE = """<mujoco><option timestep="{step}"/><worldbody><geom type="plane" size="1 1 1"/>
 <body pos="0 0 2"><freejoint/><geom name="ball" size="1" solref="{solref}"/></body></worldbody></mujoco>"""
-SCRIPT = """
-import sys
-import pybullet as p
-p.connect(p.DIRECT)
-p.setPhysicsEngineParameter(contactSlop={slop}, fixedTimeStep=1e-4)
-plane = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
-ball = p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=1), basePosition=[0, 0, 2])
-p.changeDynamics(ball, -1, contactStiffness=1e4, contactDamping=1)
-p.changeDynamics(plane, -1, contactStiffness=1e30, contactDamping=0)
-for _ in range(10**9):
-    p.stepSimulation()
-"""
-URDF = """<robot name="ball"><link name="base"><contact><stiffness value="1e4"/><damping value="1"/></contact>
-<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-<collision><geometry><sphere radius="1"/></geometry></collision></link></robot>"""
-
-needs_pybullet = pytest.mark.skipif(
-    bool(get_solver("pybullet").unavailable()), reason="PyBullet is not installed"
-)
 
 
 def test_an_mjcf_file(tmp_path, capsys):
@@ -48,24 +27,6 @@ def test_an_mjcf_file(tmp_path, capsys):
     assert "mixed-signs" in [row["trap"] for row in json.loads(capsys.readouterr().out)]
 
 
-@needs_pybullet
-def test_a_pybullet_script_is_run_up_to_its_first_step(tmp_path, capsys):
-    script = tmp_path / "scene.py"
-    script.write_text(SCRIPT.format(slop=0), encoding="utf-8")
-    assert main(["doctor", str(script)]) == 0
-    script.write_text(SCRIPT.format(slop=1e-4), encoding="utf-8")
-    assert main(["doctor", str(script)]) == 1
-    assert "slop: contactSlop: forces begin 0.0001 m inside a surface" in capsys.readouterr().out
-
-
-@needs_pybullet
-def test_a_urdf_file_over_a_plane_of_which_nothing_is_set(tmp_path, capsys):
-    urdf = tmp_path / "ball.urdf"
-    urdf.write_text(URDF, encoding="utf-8")
-    assert main(["doctor", str(urdf)]) == 1
-    assert "unset-body: body 0" in capsys.readouterr().out
-
-
 def test_an_experiment_and_the_built_in_one(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(examination.experiment_findings, "__defaults__", (20, None))
     assert main(["doctor"]) == 0
@@ -76,23 +37,6 @@ def test_an_experiment_and_the_built_in_one(tmp_path, capsys, monkeypatch):
     out = capsys.readouterr().out
     assert "not-newton-per-metre: mujoco, " in out
     assert "long-step: mujoco, 20 of 20 cells examined" in out
-
-
-def test_a_finished_run_of_a_list_is_examined_wherever_its_list_is(tmp_path, capsys, monkeypatch):
-    (tmp_path / "there").mkdir()
-    monkeypatch.chdir(tmp_path / "there")
-    (tmp_path / "there" / "cells.csv").write_text(
-        "stiffness_ratio,mass_ratio,e1,e2\n1,1,0.9,0.7\n2,1,0.9,0.7\n"
-    )
-    (tmp_path / "there" / "c.toml").write_text(
-        "cells = 'cells.csv'\nsolvers = ['mujoco']\nmapping = 'naive'\n"
-    )
-    run_sweep(load_config("c.toml"), tmp_path / "run", isolate=False, resolve=fakes.shifted)
-    monkeypatch.chdir(tmp_path)
-    assert main(["doctor", "run"]) == 1
-    out, err = capsys.readouterr()
-    assert "not-newton-per-metre: mujoco, 2 of 2 cells examined" in out
-    assert not err
 
 
 def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys):

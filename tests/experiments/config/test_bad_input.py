@@ -12,10 +12,8 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
     "axes": [
         ("[grid]\nstiffness_ratio = [1, -1]", ["grid.stiffness_ratio", "-1", "0 to inf"]),
         ("[grid]\nstiffness_ratio = [nan]", ["grid.stiffness_ratio", "nan", "0 to inf"]),
-        ("[grid]\nmass_ratio = [inf]", ["grid.mass_ratio", "inf", "a finite number > 0"]),
         ("[grid]\nmass_ratio = [0.0]", ["grid.mass_ratio", "0.0", "a finite number > 0"]),
         ("[grid]\ne1 = [0.5, 1.5]", ["grid.e1", "1.5", BELOW_ONE]),
-        ("[grid]\ne2 = [-0.1]", ["grid.e2", "-0.1", BELOW_ONE]),
         ("[grid]\ne2 = ['half']", ["grid.e2", "half", "not a number", BELOW_ONE]),
         ("[grid]\ne1 = 0.5", ["grid.e1", "0.5", "a list of numbers", "linear"]),
         ("[grid]\ne1 = []", ["grid.e1", "empty", "one value or more"]),
@@ -32,7 +30,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[grid]\nstiffness_ratio = {log = [1, inf, 3]}", ["grid.stiffness_ratio", "both finite"]),
         ("[grid]\ne1 = {linear = [0, 1, 1]}", ["grid.e1", "n = 1", "from 2 to"]),
         ("[grid]\ne1 = {linear = [0, 1, 2.5]}", ["grid.e1", "n = 2.5", "a whole number"]),
-        ("[grid]\ne1 = {linear = [0, 1, 1000000000000]}", ["grid.e1", "1000000000000", "from 2 to"]),
         (
             "[grid]\ne1 = {linear = [0, 1, 9000]}\ne2 = {linear = [0, 1, 9000]}",
             ["grid", "cells", "1 to 10000000"],
@@ -48,15 +45,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[column]\nexponent = 0.5", ["column.exponent = 0.5", "1.5: Hertz) to 3"]),
         ("[column]\nmass_taper = [0.0]", ["column.mass_taper = 0.0", "> 0 (m_(i+1)/m_i)"]),
         (
-            "[column]\nballs = 10\nstiffness_taper = [1, 1e200]",
-            [
-                "column.stiffness_taper = 1e+200",
-                "power 9",
-                "k1 = 100000000.0 times that",
-                "finite numbers > 0",
-            ],
-        ),
-        (
             "[column]\narrangement = ['chain', 'pile']",
             ["column.arrangement = 'pile'", "'chain', 'cradle', 'drop' or 'stack'"],
         ),
@@ -71,21 +59,13 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
     ],
     "scales": [
         ("gravity = 0", ["gravity = 0", "a finite number > 0"]),
-        ("gravity = nan", ["gravity = nan", "a finite number > 0"]),
         ("m1 = -1.0", ["m1 = -1.0", "a finite number > 0 (kg)"]),
         ("m1 = '1'", ["m1 = '1'", "a finite number > 0 (kg)"]),
-        ("k1 = inf", ["k1 = inf", "a finite number > 0 (N/m)"]),
         ("v0 = 1.0", ["v0 = 1.0", "a finite number < 0"]),
         ("m1 = -1\nv0 = 1", ["m1 = -1", "and 1 more"]),
         (
             "k1 = 1e300\n[grid]\nstiffness_ratio = [1e200]",
             ["stiffness_ratio = 1e+200", "double precision"],
-        ),
-        ("m1 = 1e-300\n[grid]\nmass_ratio = [1e-200]", ["mass_ratio = 1e-200", "double precision"]),
-        ("v0 = -1e-300\nk1 = 1e-100", ["v0 = -1e-300", "k1 = 1e-100", "= inf leaves double precision"]),
-        (
-            "v0 = -1e200\ngravity = 1e-50\n[sample]\nmass_ratio = {log = [1e-300, 1.0]}",
-            ["v0 = -1e+200", "mass_ratio = 1e-300", "= 0.0 leaves double precision"],
         ),
         (
             "scenario = 'impact'\nm1 = 1e-200\nv0 = -1e-200",
@@ -103,13 +83,11 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("stiffness_ratio_cutoff = 1", ["stiffness_ratio_cutoff = 1", "greater than 1, up to inf"]),
         ("stiffness_ratio_cutoff = 'none'", ["stiffness_ratio_cutoff = 'none'", "or 'exact'"]),
         ("workers = 0", ["workers = 0", "a whole number from 1 to 4096"]),
-        ("chunk_size = -3", ["chunk_size = -3", "a whole number from 1"]),
         ("grazing_threshold = 2.0", ["grazing_threshold = 2.0", "from 0 to 1"]),
         ("name = ''", ["name = ''", "1 to 100 printable"]),
         ('name = "a\\nb"', ["name", "a\\nb", "printable"]),
         ("[figure_cell]\ne1 = 2.0", ["figure_cell.e1 = 2.0", BELOW_ONE]),
         ("[convergence]\ntolerance = 0", ["convergence.tolerance", "0", "greater than 0, at most 1"]),
-        ("[convergence]\nhalvings = -1", ["convergence.halvings", "-1", "from 0 to 10"]),
         (
             "[convergence]\nhalving = 3",
             ["convergence.halving", "did you mean 'halvings'", "enabled, tolerance"],
@@ -123,7 +101,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
     ],
     "text": [
         ("gravity = 9.81\nm1 = = 2", ["not TOML", "line 2"]),
-        ("m1 = 1\nm1 = 2\nv0 = -1", ["not TOML", "overwrite"]),
     ],
 }
 
@@ -200,25 +177,20 @@ CELL = {"--stiffness-ratio": "1", "--mass-ratio": "1", "--e1": "0.9", "--e2": "0
 RATIOS = [word for pair in CELL.items() for word in pair]
 OPTIONS = [
     ({"--stiffness-ratio": "-1"}, ["--stiffness-ratio = -1", "0 to inf"]),
-    ({"--stiffness-ratio": "nan"}, ["--stiffness-ratio = nan", "0 to inf"]),
     ({"--stiffness-ratio": "stiff"}, ["--stiffness-ratio = 'stiff'", "0 to inf"]),
     ({"--mass-ratio": "0"}, ["--mass-ratio = 0", "a finite number > 0"]),
-    ({"--mass-ratio": "inf"}, ["--mass-ratio = inf", "a finite number > 0"]),
     ({"--e1": "1.01"}, ["--e1 = 1.01", BELOW_ONE]),
-    ({"--e2": "-0.5"}, ["--e2 = -0.5", BELOW_ONE]),
     ({"--scenario": "throw"}, ["--scenario = 'throw'", "'impact' or 'drop'"]),
     ({"--mapping": "x"}, ["--mapping = 'x'", "'calibrated' or 'naive'"]),
     ({"--step-fraction": "0"}, ["--step-fraction = 0", "at most 0.1"]),
     ({"--v0": "0"}, ["--v0 = 0", "a finite number < 0"]),
     ({"--m1": "0"}, ["--m1 = 0", "a finite number > 0"]),
-    ({"--k1": "-1"}, ["--k1 = -1", "a finite number > 0"]),
     ({"--gravity": "-9"}, ["--gravity = -9", "a finite number > 0"]),
     (
         {"--gravity": "5"},
         ["--gravity = 5", "--scenario impact, which has no gravity; legal: --scenario drop"],
     ),
     ({"--cutoff": "0.5"}, ["--cutoff = 0.5", "greater than 1"]),
-    ({"--cutoff": "none"}, ["--cutoff = 'none'", "greater than 1, up to inf, or 'exact'"]),
     ({"--cell-timeout": "0"}, ["--cell-timeout = 0.0; legal: "]),
     ({"--solver": "bullet"}, ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
     ({"--m1": "1e-200", "--v0": "-1e-200"}, ["--m1", "times |v0| = 1e-200", "product > 0"]),
@@ -229,7 +201,6 @@ CRADLE = [
     ({"--balls": "0", "--arrangement": "stack"}, ["--balls = 0", "from 1 to 1000, for a stack"]),
     ({"--balls": "2.5"}, ["--balls = '2.5'", "a whole number from 2"]),
     ({"--strike": "5"}, ["--strike = 5", "from 1 to 4, for 5 balls"]),
-    ({"--strike": "two"}, ["--strike = 'two'", "a whole number from 1 to balls - 1"]),
     ({"--strike": "1", "--arrangement": "chain"}, ["--strike = 1", "none for a chain"]),
     ({"--e": "1.01"}, ["--e = 1.01", BELOW_ONE]),
     ({"--exponent": "0.5"}, ["--exponent = 0.5", "from 1 (linear contacts; 1.5: Hertz) to 3"]),
@@ -242,11 +213,7 @@ CRADLE = [
         {"--k": "1e300", "--stiffness-taper": "1e10"},
         ["--stiffness-taper = 1", "k = 1e+300 times that", "finite numbers > 0"],
     ),
-    ({"--k": "0"}, ["--k = 0.0", "a finite number > 0 (N/m^p)"]),
     ({"--m": "1e-200", "--v0": "-1e-200"}, ["--v0 = -1e-200", "m = 1e-200", "product > 0"]),
-    ({"--step-fraction": "1"}, ["--step-fraction = 1.0", "at most 0.1"]),
-    ({"--mapping": "x"}, ["--mapping = 'x'", "'calibrated' or 'naive'"]),
-    ({"--solver": "bullet"}, ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
     ({"--e": "2", "--gap": "-1"}, ["--e = 2.0", "(and 1 more)"]),
 ]
 
@@ -262,22 +229,13 @@ def test_a_wrong_option_is_one_line_that_names_option_value_and_range(command, g
 
 def test_wrong_words_of_other_commands_are_one_line_and_leave_no_file(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    map_ = ["map", *RATIOS[4:]]
     for arguments, expected in (
         (["sovle"], ["sovle", "--help"]),
         (["table"], ["Missing argument", "DIR"]),
         (["run", "a.toml", "b.toml"], ["b.toml"]),
         (["run", "--workers", "0"], ["--workers = '0'", "a whole number from 1 to 4096"]),
-        (["run", "--workers", "two"], ["--workers = 'two'", "a whole number from 1 to 4096"]),
-        (["search", "--solver", ""], ["--solver", "'' is not a solver", "legal: state-transition"]),
         (["conform", "bullet"], ["SOLVER 'bullet'", "did you mean 'pybullet'", "legal: state-transition"]),
         (["export-scene", *RATIOS, "--scenario", ""], ["--scenario = ''", "'impact' or 'drop'"]),
-        (["export-scene", *RATIOS, "--gravity", "9.81"], ["--gravity = 9.81", "legal: --scenario drop"]),
-        (
-            [*map_, "--scenario", "impact", "--gravity", "9.81"],
-            ["--gravity = 9.81", "legal: --scenario drop"],
-        ),
-        ([*map_, "--k1", "1e-300", "--m1", "1e300"], ["--gravity, --m1", "inf", "a finite number"]),
         (["--versoin"], ["--versoin"]),
     ):
         _fails(capsys, arguments, expected)
@@ -287,10 +245,9 @@ def test_wrong_words_of_other_commands_are_one_line_and_leave_no_file(capsys, tm
 def test_a_file_where_a_folder_is_to_be_written_is_one_line_and_stays(capsys, tmp_path):
     file = tmp_path / "file"
     file.write_text("mine")
-    needed = {"map": RATIOS[4:], "export-scene": RATIOS}
-    for command in ("run", "search", "hypothesis", "calibrate", "map", "export-scene"):
+    for command in (["run"], ["hypothesis"], ["export-scene", *RATIOS]):
         for out in (file, file / "below"):
-            _fails(capsys, [command, *needed.get(command, []), "--out", str(out)], [f"--out {out}"])
-        _fails(capsys, [command, *needed.get(command, []), "--out", ""], ["--out = '", "legal: a path"])
+            _fails(capsys, [*command, "--out", str(out)], [f"--out {out}"])
+        _fails(capsys, [*command, "--out", ""], ["--out = '", "legal: a path"])
     assert file.read_text() == "mine"
     assert list(tmp_path.iterdir()) == [file]
