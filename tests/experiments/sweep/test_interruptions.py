@@ -201,11 +201,17 @@ def test_a_signal_keeps_what_is_done_and_says_how_to_go_on(tmp_path, end):
     assert len(_parts(root)) >= 2
 
 
-@pytest.mark.slow
-def test_five_kills_change_no_byte(tmp_path):
-    """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
+@pytest.fixture
+def left_alone(tmp_path):
+    """The tables of a run that nothing ends."""
     (tmp_path / "c.toml").write_text(CONFIG % 24)
     run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "whole", isolate=False)
+    return tables_of(tmp_path / "whole")
+
+
+@pytest.mark.slow
+def test_five_kills_change_no_byte(tmp_path, left_alone):
+    """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
     root = tmp_path / "cut"
     cut = ["-m", "tests.experiments.runner", str(tmp_path / "c.toml"), str(root), "--workers", "2"]
     for parts in range(1, 6):
@@ -216,4 +222,4 @@ def test_five_kills_change_no_byte(tmp_path):
         assert len(_parts(root)) >= parts
     done = subprocess.run([sys.executable, *cut], cwd=ROOT, check=True, capture_output=True, text=True)
     assert " of 8 parts are there and whole" in done.stdout
-    assert tables_of(root) == tables_of(tmp_path / "whole")
+    assert tables_of(root) == left_alone
