@@ -17,6 +17,11 @@ compiled = njit(**OPTIONS)
 #: For what is called within a search: passing a dozen numbers to it would cost as much as it does.
 inlined = njit(forceinline=True, **OPTIONS)
 
+#: The same for functions that are handed many arrays and make none: they count no references to them, which would cost
+#: as much as the work.
+uncounted = njit(_nrt=False, **OPTIONS)
+inlined_uncounted = njit(forceinline=True, _nrt=False, **OPTIONS)
+
 
 def cache_folder(kernel: Any) -> Path:
     """Return the folder in which the machine code of a kernel is kept from one process to the next."""

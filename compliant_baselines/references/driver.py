@@ -1,7 +1,7 @@
 """One driver for the contact laws in time: a collision of the column, event by event, exact to rounding.
 
 A collision is a sequence of segments. In each the same contacts carry force, the motion is a polynomial
-(`references.taylor`), and the first root of what is watched (`references.first_root`) ends it. What is watched of a
+(`references.taylor`), and the first root of what is watched (`model.chain.roots`) ends it. What is watched of a
 contact, and what an event does to it, is the law's: `references.bistiffness_law` and `references.dashpot_law`.
 
 **Frozen positions.** With `frozen` an OPEN contact does not move: it keeps p = 0, whatever gap or rest of a penetration
@@ -43,7 +43,6 @@ from impact_xval.compliant_baselines.references.contact_law import (
     state_of,
 )
 from impact_xval.compliant_baselines.references.ending import TOO_LONG, how_over, over_within, settled
-from impact_xval.compliant_baselines.references.first_root import first_root
 from impact_xval.compliant_baselines.references.taylor import (
     D1,
     ORDER,
@@ -56,6 +55,7 @@ from impact_xval.compliant_baselines.references.taylor import (
     longest_step,
     trusted,
 )
+from impact_xval.model.chain.roots import first_root
 
 #: What each law watches: by law, mode and what.
 WATCHED = np.stack(

@@ -85,12 +85,11 @@ def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     """List the kernels that columns of N balls need with some solvers."""
     # With scipy's integrators, which two balls do not need.
     from impact_xval.compliant_baselines.engines.lines import scan
-    from impact_xval.compliant_baselines.references.columns import driver
     from impact_xval.model.columns.solving import solve_scaled
 
     parts: dict[str, tuple[str, Any]] = {
         "model": ("columns", solve_scaled),
-        "reference": ("columns-in-time", driver.collide),
+        "reference": ("columns", solve_scaled),
         "engine": ("lines", scan),
     }
 

@@ -11,10 +11,12 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from impact_xval.model.chain.kernel import COLLAPSE, PLASTIC, RUNAWAY, TOO_MANY_EVENTS, collide
+from impact_xval.model.chain.laws import LIU_ZHAO_BROGLIATO, STATE_TRANSITION
+from impact_xval.model.chain.power_law import TOLERANCE, new_workspace
+from impact_xval.model.chain.state import Chain, ball_values
 from impact_xval.model.collision import RESULT_STATUSES
-from impact_xval.model.columns.chain import Chain, ball_values
 from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
-from impact_xval.model.columns.diagram import COLLAPSE, PLASTIC, RUNAWAY, TOO_MANY_EVENTS, collide
 from impact_xval.model.compiled import OPTIONS, compiled
 from impact_xval.model.diagram import MASS_PRECISION
 from impact_xval.model.grazing import MARKS, mark_codes
@@ -83,15 +85,17 @@ def solve_column(
     balls, contacts = len(column.masses), len(column.stiffnesses)
     scaled, units = scaled_column(column, p)
     points = POINTS if path else 1
+    nothing = np.zeros(contacts)
+    problem = scaled, p, _code(rules), nothing, True, nothing, TOLERANCE
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
-    result = solve_scaled(scaled, p, rules.stiffens, max_events, points, log)
+    result = solve_scaled(*problem, max_events, points, log)
     outcome = _outcome(column, result, units, rules, grazing_threshold, max_events)
     if outcome.status not in RESULT_STATUSES:
         return outcome
     if result[-1] > LOG_ROWS:
         points, rows = fitting(points, result[-1], log.shape[1])
         log = np.empty((rows, log.shape[1]))
-        result = solve_scaled(scaled, p, rules.stiffens, max_events, points, log)
+        result = solve_scaled(*problem, max_events, points, log)
     log = log[: result[-1]]
     trail = path_of(column, log, result[0], result[5], units) if path else None
     return replace(outcome, states=states_of(column, log), path=trail)
@@ -150,7 +154,7 @@ def solve_columns(
         rates,
         np.array(drifts),
         p,
-        rules.stiffens,
+        _code(rules),
         max_events,
     )
     outcomes = []
@@ -159,6 +163,10 @@ def solve_columns(
         result = (velocities[of_balls[i] : of_balls[i + 1]], int(code), int(events), margin, residual, 0.0, 0)
         outcomes.append(_outcome(column, result, unit, rules, grazing_threshold, max_events))
     return outcomes
+
+
+def _code(rules: ImpactLaw) -> int:
+    return STATE_TRANSITION if rules.stiffens else LIU_ZHAO_BROGLIATO
 
 
 def _check_touching(column: Column) -> None:
@@ -202,7 +210,7 @@ def scaled_column(column: Column, p: float) -> tuple[tuple[Any, ...], Units]:
 
 
 @compiled
-def chain_of(scaled, p):
+def chain_of(scaled, p, law, b, frozen):
     """Chain of a column of `scaled_column`, and its kinetic energy relative to the centre of mass or the table."""
     masses, stiffnesses, restitutions, rates, drift = scaled
     balls, contacts = masses.size, stiffnesses.size
@@ -213,13 +221,17 @@ def chain_of(scaled, p):
         stiffnesses.copy(),
         stiffnesses.copy(),
         restitutions.copy(),
+        b.copy(),
         rates.copy(),
         np.zeros(contacts),
         np.zeros(contacts, np.int64),
         np.arange(contacts),
         np.empty(contacts),
+        np.zeros(contacts),
         np.arange(balls),
         p,
+        law,
+        frozen,
     )
     velocities = np.empty(balls)
     ball_values(chain, contacts, rates, drift, velocities)
@@ -229,13 +241,13 @@ def chain_of(scaled, p):
 
 
 @compiled
-def solve_scaled(scaled, p, stiffens, max_events, points, log):
+def solve_scaled(scaled, p, law, b, frozen, gaps, tolerance, max_events, points, log):
     """Solve a column of `scaled_column`: velocities, code, events, margin, residual, time, rows of the log."""
     masses, drift = scaled[0], scaled[-1]
-    chain, energy = chain_of(scaled, p)
+    chain, energy = chain_of(scaled, p, law, b, frozen)
     velocities = np.empty(masses.size)
     n, code, events, margin, loss, time, rows = collide(
-        chain, energy, drift, stiffens, max_events, points, log
+        chain, new_workspace(gaps.size), energy, drift, gaps, tolerance, max_events, points, log
     )
     ball_values(chain, n, chain.w, drift, velocities)
     residual = 1 - (loss + 0.5 * (masses * (velocities - drift) ** 2).sum()) / energy
@@ -243,15 +255,16 @@ def solve_scaled(scaled, p, stiffens, max_events, points, log):
 
 
 @njit(parallel=True, **OPTIONS)
-def _solve_all(
-    of_balls, of_contacts, masses, stiffnesses, restitutions, rates, drifts, p, stiffens, max_events
-):
+def _solve_all(of_balls, of_contacts, masses, stiffnesses, restitutions, rates, drifts, p, law, max_events):
     velocities, numbers = np.empty(masses.size), np.empty((drifts.size, 4))
     no_log = np.empty((0, 0))
     for i in prange(drifts.size):
         balls, contacts = slice(of_balls[i], of_balls[i + 1]), slice(of_contacts[i], of_contacts[i + 1])
         scaled = (masses[balls], stiffnesses[contacts], restitutions[contacts], rates[contacts], drifts[i])
-        v, code, events, margin, residual, _, _ = solve_scaled(scaled, p, stiffens, max_events, 1, no_log)
+        nothing = np.zeros(scaled[1].size)
+        v, code, events, margin, residual, _, _ = solve_scaled(
+            scaled, p, law, nothing, True, nothing, TOLERANCE, max_events, 1, no_log
+        )
         velocities[balls] = v
         numbers[i, 0], numbers[i, 1], numbers[i, 2], numbers[i, 3] = code, events, margin, residual
     return velocities, numbers

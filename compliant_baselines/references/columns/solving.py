@@ -12,11 +12,11 @@ from impact_xval.compliant_baselines.contact.restitution_laws import (
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
-from impact_xval.compliant_baselines.references.columns.driver import collide
-from impact_xval.compliant_baselines.references.contact_law import BISTIFFNESS, HUNT_CROSSLEY, KELVIN_VOIGT
+from impact_xval.model.chain.kernel import RUNAWAY, TOO_MANY_EVENTS
+from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
+from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
+from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.columns.column import Column, ColumnOutcome
-from impact_xval.model.columns.diagram import RUNAWAY, TOO_MANY_EVENTS
-from impact_xval.model.columns.power_law import TOLERANCE
 from impact_xval.model.columns.solving import (
     LOG_ROWS,
     POINTS,
@@ -25,6 +25,7 @@ from impact_xval.model.columns.solving import (
     impulses_of,
     path_of,
     scaled_column,
+    solve_scaled,
     states_of,
 )
 from impact_xval.model.inputs import EXPONENT
@@ -114,12 +115,12 @@ def solve_column(
         b = b * units.speed
     else:
         b = b / math.sqrt(column.masses[0]) / math.sqrt(column.stiffnesses[0])
-    problem = LAWS[law], scaled, np.array(column.gaps) / length, b, p, frozen
+    problem = scaled, p, LAWS[law], b, frozen, np.array(column.gaps) / length
     balls, contacts = len(column.masses), len(column.stiffnesses)
     points = POINTS if path else 1
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
-    result = collide(*problem, TOLERANCE, max_steps, points, log)
-    velocities, code, events, margin, time, rows = result
+    result = solve_scaled(*problem, TOLERANCE, max_steps, points, log)
+    velocities, code, events, margin, _, time, rows = result
     if code & TOO_MANY_EVENTS:
         return ColumnOutcome.failure(
             law, column, "timeout", f"not over within max_steps = {max_steps} pieces of segments"
@@ -127,11 +128,13 @@ def solve_column(
     if rows > LOG_ROWS:
         points, rows = fitting(points, rows, log.shape[1])
         log = np.empty((rows, log.shape[1]))
-        collide(*problem, TOLERANCE, max_steps, points, log)
+        solve_scaled(*problem, TOLERANCE, max_steps, points, log)
     log = log[:rows]
     diagnostics = {"duration": time * units.time}
     if p != 1 or LAWS[law] == HUNT_CROSSLEY:
-        looser, code2, *_ = collide(*problem, LOOSER * TOLERANCE, max_steps, 1, np.empty((0, log.shape[1])))
+        looser, code2, *_ = solve_scaled(
+            *problem, LOOSER * TOLERANCE, max_steps, 1, np.empty((0, log.shape[1]))
+        )
         moved = math.nan if code2 & TOO_MANY_EVENTS else float(np.abs(looser - velocities).max())
         diagnostics["velocity_error"] = moved * units.speed
     velocities = velocities * units.speed

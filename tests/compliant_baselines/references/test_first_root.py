@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impact_xval.compliant_baselines.references.first_root import first_root
+from impact_xval.model.chain.roots import first_root
 
 
 def all_roots(coefficients):

@@ -1,12 +1,9 @@
-"""The state of a column under way, and the impact law as what an event does to one contact of it.
+"""The state of a chain under way.
 
 Contact i is between bodies i and i + 1, counted from 0. A body is a ball, several that a rigid contact has united, or
 the table, the last one, of infinite mass. The unknowns are, for each contact, the compression rate w = v_{i+1} - v_i
-and the virtual deformation delta of positions that stay frozen, delta' = w, with the force F = k delta^p: equations
-(13)-(15) of docs/theory.md in time, for any number of contacts. All of w and F are continuous through every event.
-
-The law is that of `model.law` in these terms. At an end of compression E <- e^2 E, where E = k delta^(p+1)/(p + 1), and
-F stays: delta <- e^2 delta, k <- k/e^(2p).
+and the deformation delta, delta' = w: of frozen positions only while the contact acts, which is equations (13)-(15) of
+docs/theory.md in time; else always, negative across a gap. All of w and F are continuous through every event.
 """
 
 from __future__ import annotations
@@ -17,91 +14,90 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.compiled import compiled, inlined
-from impact_xval.model.law import COMPRESSION, INACTIVE, RESTITUTION
+from impact_xval.model.chain.laws import carries, force, has_dashpot, is_linear, spring
+from impact_xval.model.compiled import inlined_uncounted, uncounted
+from impact_xval.model.law import COMPRESSION, INACTIVE
 
-#: A contact in compression that has less than this share of the energy of impact is at rest; for linear contacts and
-#: for others. Below it, errors decide what happens.
-NOTHING, NOTHING_OF_STEPS = 1e-32, 1e-26
+#: Rounding of a neighbour's motion, as a share of its energy: the square of 2^-53, and what steps leave.
+ROUNDING, ROUNDING_OF_STEPS = 1e-32, 1e-26
+
+#: Far ahead of a wave a load underflows; below this share of the energy of impact it is none.
+UNDERFLOW = 1e-150
 
 
 class Chain(NamedTuple):
-    """A column under way; the arrays are changed in place.
+    """A chain under way; the arrays are changed in place.
 
     Attributes
     ----------
     a : ndarray, shape (C + 1,)
         Inverse masses of the bodies; 0 for the table.
-    k, original, e : ndarray, shape (C,)
-        Running and original stiffness, coefficient of restitution.
+    k, original, e, b : ndarray, shape (C,)
+        Running and original stiffness, coefficient of restitution, and damping of the law (`chain.laws`).
     w, delta : ndarray, shape (C,)
         Compression rate and deformation.
     phase : ndarray of int, shape (C,)
-        `INACTIVE`, `COMPRESSION` or `RESTITUTION`.
+        `INACTIVE`, `COMPRESSION`, `RESTITUTION` or `SLACK`.
     contact : ndarray of int, shape (C,)
-        Which contact of the column this is: some become rigid and are left out.
+        Which contact of the collision this is: some become rigid and are left out.
     length : ndarray, shape (C,)
         Deformation that would hold all the energy of impact at the original stiffness.
+    reach : ndarray, shape (C,)
+        Twice the largest energy that this contact or a neighbour has had (`oscillation`).
     body : ndarray of int, shape (N,)
         Body of each ball.
     p : float
         Exponent of the forces.
+    law : int
+        One of `chain.laws`.
+    frozen : bool
+        Whether positions are frozen.
     """
 
     a: NDArray[np.float64]
     k: NDArray[np.float64]
     original: NDArray[np.float64]
     e: NDArray[np.float64]
+    b: NDArray[np.float64]
     w: NDArray[np.float64]
     delta: NDArray[np.float64]
     phase: NDArray[np.int64]
     contact: NDArray[np.int64]
     length: NDArray[np.float64]
+    reach: NDArray[np.float64]
     body: NDArray[np.int64]
     p: float
+    law: int
+    frozen: bool
 
 
-@inlined
-def power_force(k, delta, p):
-    """F = k delta^p."""
-    if p == 1:
-        return k * delta
-    return k * delta**p if delta > 0 else 0.0
-
-
-@inlined
-def force(c, n, i):
-    """Force of contact i; 0 of one that does not act, and beyond the ends of a chain of n contacts."""
-    return power_force(c.k[i], c.delta[i], c.p) if 0 <= i < n and c.phase[i] != INACTIVE else 0.0
-
-
-@inlined
+@inlined_uncounted
 def acceleration(c, n, i):
     """Return w' of contact i: what its own force and those of its neighbours do to it."""
     own = (c.a[i] + c.a[i + 1]) * force(c, n, i)
     return c.a[i] * force(c, n, i - 1) + c.a[i + 1] * force(c, n, i + 1) - own
 
 
-@inlined
+@inlined_uncounted
 def tangent(c, i):
-    """dF/ddelta of contact i."""
+    """dF/ddelta of the spring of contact i."""
     return c.k[i] if c.p == 1 else c.p * c.k[i] * max(c.delta[i], 0.0) ** (c.p - 1)
 
 
-@inlined
-def strain(c, n, i):
-    """Strain energy of contact i."""
-    return force(c, n, i) * c.delta[i] / (c.p + 1)
+@inlined_uncounted
+def strain(c, i):
+    """Strain energy of the spring of contact i, where it acts."""
+    return spring(c, i) * c.delta[i] / (c.p + 1) if carries(c.phase[i]) else 0.0
 
 
-@inlined
-def oscillation(c, n, i):
+@inlined_uncounted
+def oscillation(c, i):
     """Twice the energy of the oscillation of contact i on its own, at its running stiffness."""
-    F = force(c, n, i)
+    F = spring(c, i) if carries(c.phase[i]) else 0.0
     return (F * F / tangent(c, i) if F > 0 else 0.0) + c.w[i] * c.w[i] / (c.a[i] + c.a[i + 1])
 
 
-@inlined
+@inlined_uncounted
 def neighbours(c, n, i):
     """Return what the neighbours that act ask of contact i.
 
@@ -119,8 +115,8 @@ def neighbours(c, n, i):
     frequency = inverse * tangent(c, i)
     static, slope, imposed, swing = 0.0, 0.0, 0.0, 0.0
     for j in (i - 1, i + 1):
-        if 0 <= j < n and c.phase[j] != INACTIVE:
-            shared, of_j, energy = c.a[max(i, j)], c.a[j] + c.a[j + 1], oscillation(c, n, j)
+        if 0 <= j < n and carries(c.phase[j]):
+            shared, of_j, energy = c.a[max(i, j)], c.a[j] + c.a[j + 1], oscillation(c, j)
             static += shared / inverse * force(c, n, j)
             slope += shared / inverse * tangent(c, j) * c.w[j]
             imposed += shared * sqrt(energy / of_j) * min(1.0, of_j * tangent(c, j) / frequency)
@@ -128,86 +124,68 @@ def neighbours(c, n, i):
     return static, slope, imposed, swing
 
 
-@compiled
-def begin(c, n):
-    """Let every contact act that approaches, or is at rest in a row of contacts at rest beside one that approaches."""
+@uncounted
+def touch(c, n, gaps):
+    """Let every closed contact act that approaches, or is at rest in a row of closed ones beside one that does."""
     for i in range(n):
-        c.phase[i] = COMPRESSION if c.w[i] > 0 else INACTIVE
+        c.delta[i] = -gaps[i]
+        c.phase[i] = COMPRESSION if c.w[i] > 0 and gaps[i] == 0 else INACTIVE
     for i in range(1, n):
-        if c.w[i] == 0 and c.phase[i - 1] == COMPRESSION:
+        if c.w[i] == 0 and gaps[i] == 0 and c.phase[i - 1] == COMPRESSION:
             c.phase[i] = COMPRESSION
     for i in range(n - 2, -1, -1):
-        if c.w[i] == 0 and c.phase[i + 1] == COMPRESSION:
+        if c.w[i] == 0 and gaps[i] == 0 and c.phase[i + 1] == COMPRESSION:
             c.phase[i] = COMPRESSION
 
 
-@compiled
-def still(c, n, nothing):
-    """Bring to rest what has no energy: neighbours load a contact at rest long before it matters."""
+@inlined_uncounted
+def nothing(c, i, energy):
+    """Energy of contact i, twice, that rounding can make: of its neighbours' motion so far, or where loads underflow.
+
+    A contact j gives the ball that it shares with i at most a kinetic energy of its own, and rounding of that velocity
+    is all that i can have of it by mistake. Ahead of a wave no neighbour has moved, and the smallest load counts.
+    """
+    share = 0.0 if has_dashpot(c) else ROUNDING if is_linear(c) else ROUNDING_OF_STEPS
+    return share * c.reach[i] + UNDERFLOW * energy
+
+
+@uncounted
+def still(c, n, energy):
+    """Bring to rest the contacts in compression that have no energy but that of rounding."""
+    before, own = 0.0, oscillation(c, 0)
     for i in range(n):
-        if c.phase[i] == COMPRESSION and oscillation(c, n, i) <= nothing:
+        after = oscillation(c, i + 1) if i + 1 < n else 0.0
+        c.reach[i] = max(c.reach[i], before, own, after)
+        before, own = own, after
+    for i in range(n):
+        if c.phase[i] == COMPRESSION and oscillation(c, i) <= nothing(c, i, energy):
             c.w[i], c.delta[i] = 0.0, 0.0
 
 
-@compiled
-def rate_event(c, n, i, stiffens, nothing, loss):
-    """Apply the law where the rate of contact i is zero; the loss with the energy that it takes."""
-    c.w[i] = 0.0
-    e = c.e[i]
-    if c.phase[i] == INACTIVE:
-        c.phase[i] = COMPRESSION
-        c.delta[i] = 0.0
-        if not stiffens:
-            c.k[i] = c.original[i]
-    elif c.phase[i] == RESTITUTION:
-        c.phase[i] = COMPRESSION
-        if not stiffens:
-            loss -= (1 / (e * e) - 1) * strain(c, n, i)
-            c.delta[i] /= e * e
-            c.k[i] = c.original[i]
-    elif strain(c, n, i) <= nothing:
-        loss += strain(c, n, i)
-        spent(c, i)
-    else:
-        c.phase[i] = RESTITUTION
-        loss += (1 - e * e) * strain(c, n, i)
-        c.delta[i] *= e * e
-        c.k[i] /= e ** (2 * c.p)
-    return loss
-
-
-@inlined
-def spent(c, i):
-    """End restitution: contact i is inactive and keeps its stiffness for a return."""
-    c.phase[i] = INACTIVE
-    c.delta[i] = 0.0
-
-
-@compiled
+@uncounted
 def unite(c, n, i):
     """Make one body of the two that contact i joins, for good; the number of contacts that are left."""
     c.a[i] = 1 / (1 / c.a[i] + 1 / c.a[i + 1])
     for j in range(i + 1, n):
         c.a[j] = c.a[j + 1]
     for j in range(i, n - 1):
-        c.k[j], c.original[j], c.e[j] = c.k[j + 1], c.original[j + 1], c.e[j + 1]
-        c.w[j], c.delta[j] = c.w[j + 1], c.delta[j + 1]
-        c.phase[j], c.contact[j] = c.phase[j + 1], c.contact[j + 1]
-        c.length[j] = c.length[j + 1]
+        c.k[j], c.original[j], c.e[j], c.b[j] = c.k[j + 1], c.original[j + 1], c.e[j + 1], c.b[j + 1]
+        c.w[j], c.delta[j], c.phase[j] = c.w[j + 1], c.delta[j + 1], c.phase[j + 1]
+        c.contact[j], c.length[j], c.reach[j] = c.contact[j + 1], c.length[j + 1], c.reach[j + 1]
     for ball in range(c.body.size):
         if c.body[ball] > i:
             c.body[ball] -= 1
     return n - 1
 
 
-@compiled
+@uncounted
 def ball_values(c, n, rates, drift, out):
     """Velocities of the balls of compression rates, or accelerations of their derivatives.
 
     Parameters
     ----------
     c, n
-        The column, and its number of contacts.
+        The chain, and its number of contacts.
     rates : ndarray, shape (n,) or more
     drift : float
         Of the centre of mass; without meaning on a table.
@@ -227,3 +205,13 @@ def ball_values(c, n, rates, drift, out):
         while ball >= 0 and c.body[ball] == i:
             out[ball] = last
             ball -= 1
+
+
+@uncounted
+def left_in_contacts(c, n):
+    """Energy left in the contacts that act, with that of their bodies' approach."""
+    total = 0.0
+    for i in range(n):
+        if carries(c.phase[i]):
+            total += 0.5 * c.w[i] * c.w[i] / (c.a[i] + c.a[i + 1]) + strain(c, i)
+    return total

@@ -47,7 +47,7 @@ def _positive(f0, df0, f1, df1, w, C):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def _refine(f, i, sign, start, first, degree, low, high, f0, f1, df1):
+def refine(f, i, sign, start, first, degree, low, high, f0, f1, df1):
     """Root in (low, high], where the function is positive at low and not at high, and the slope there.
 
     Newton within bisection, from the root of a parabola. Newton's steps shrink as s, s^2, s^4...: one whose
@@ -134,7 +134,7 @@ def first_root(f, i, sign, start, degree, limit):
             low, f0, df0 = high, f1, df1
             high = min(low + 2 * w, limit)
         elif f1 <= 0:
-            x, slope = _refine(f, i, sign, start, first, degree, low, high, f0, f1, df1)
+            x, slope = refine(f, i, sign, start, first, degree, low, high, f0, f1, df1)
             if w < SHORTEST or _positive(f0, df0, 0.0, slope, x - low, C):
                 return x
             high = low + 0.5 * w
