@@ -7,8 +7,6 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.references.columns.rounding import MOVED, changed, mark_columns
 from impact_xval.compliant_baselines.references.columns.solving import solve_column
-from impact_xval.experiments.config.arrangements import Arranged
-from impact_xval.experiments.measures.columns.ladder import column_corners
 from impact_xval.model import Column
 
 #: All of 8 balls fall together, elastic: 585 events. By Taylor series in 40 and in 60 digits, which agree in these ten.
@@ -56,12 +54,3 @@ def test_an_engine_is_marked_where_its_exact_law_is():
     (tame,) = get_solver("mujoco").solve_columns([TAME], settings)
     assert engine.marked == exact.marked != ""
     assert tame.marked == ""
-
-
-def test_a_ladder_is_marked_where_one_of_its_corners_is():
-    stack = Arranged(arrangement="stack", balls=8, e=1.0, mass_taper=0.5, stiffness_taper=3.0)
-    tame = Arranged(arrangement="stack", balls=8, e=0.9)
-    _, (marked, unmarked) = column_corners(np.zeros((2, 8)), [stack, tame])
-    assert marked.startswith("ladder: ")
-    assert "moves the exact outcome of" in marked
-    assert unmarked == ""

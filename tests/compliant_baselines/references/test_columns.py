@@ -1,8 +1,6 @@
 """The references for N balls: two balls, an independent integration, invariances, gaps, and what is refused."""
 
-import math
 from dataclasses import replace
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -10,23 +8,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.columns.solving import LAWS, coefficients_of, solve_column
-from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
 from impact_xval.model import Column
 from impact_xval.model import solve_column as solve_by_the_model
 from tests.compliant_baselines.column_in_time import integrate
+from tests.compliant_baselines.reference_cells import BATCHES, DAMPING
 from tests.model.test_columns import random_column
 
-DAMPING = {
-    "kelvin-voigt": "pair",
-    "kelvin-voigt-textbook": "textbook",
-    "hunt-crossley": "hunt-crossley",
-}
-BATCHES = {
-    "bistiffness": bistiffness_batch,
-    **{law: partial(kelvin_voigt_batch, damping=damping) for law, damping in DAMPING.items()},
-}
 NAMES = {(1, 2): "S1", (2,): "S2", (1,): "S3", (): "S4"}
 
 
@@ -91,10 +79,12 @@ def compare(seed, count, law, exponent, most, frozen=False):
     ("law", "exponent", "count", "most"),
     [
         ("kelvin-voigt", 1, 8, 7),
-        ("bistiffness", 1, 4, 4),
+        pytest.param("kelvin-voigt", 1, 6, 10, marks=pytest.mark.slow),
         ("kelvin-voigt", 1.5, 3, 4),
+        pytest.param("kelvin-voigt", 1.5, 4, 10, marks=pytest.mark.slow),
         ("hunt-crossley", 1, 3, 4),
         ("hunt-crossley", 1.5, 3, 4),
+        ("bistiffness", 1, 4, 4),
         ("bistiffness", 1.5, 2, 3),
     ],
 )
@@ -105,12 +95,6 @@ def test_an_integration_in_time_agrees(law, exponent, count, most):
 def test_an_integration_in_time_agrees_where_positions_are_frozen():
     for law, exponent in (("kelvin-voigt", 1), ("kelvin-voigt", 1.5), ("hunt-crossley", 1)):
         compare(6, 4, law, exponent, 6, frozen=True)
-
-
-@pytest.mark.slow
-def test_an_integration_in_time_agrees_on_long_columns():
-    for exponent in (1, 1.5):
-        compare(3, 6, "kelvin-voigt", exponent, 10)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -179,12 +163,6 @@ def test_a_touching_pair_beyond_a_gap_waits():
     assert path.velocities[-1] == pytest.approx(outcome.velocities)
     assert path.impulses[-1] == pytest.approx(outcome.impulses)
     assert path.forces.max() > 0.4
-
-
-def test_a_long_chain():
-    outcome = solve_column(cradle(60, 1, e=0.95))
-    assert outcome.status == "ok"
-    assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
 
 
 def in_time_without_events(column, law, duration):
@@ -279,23 +257,6 @@ def test_a_solver_refuses_by_name_what_it_cannot_represent():
         ("kelvin-voigt-anchored", Settings(), 1, "kelvin-voigt-anchored is a law of two balls on a table"),
         ("bistiffness", Settings(scenario="drop"), 1, "scenario = 'drop'"),
         ("mujoco", Settings(), 1.5, "exponent = 1.5: the contacts of an engine are linear"),
-        (
-            "drake",
-            Settings(mapping="naive"),
-            1,
-            "mapping = 'naive': Drake's is that of|Drake is not installed",
-        ),
     ):
         with pytest.raises(SolverError, match=says):
             get_solver(solver).solve_column(cradle(3, 1), settings, exponent)
-
-
-def test_every_solver_gives_the_same_kind_of_outcome():
-    column = cradle(3, 1, e=0.9)
-    names = ("state-transition", "liu-zhao-brogliato", *LAWS)
-    for name in names:
-        outcome = get_solver(name).solve_column(column, Settings(record_path=True))
-        assert outcome.solver == name
-        assert outcome.states[-1] == ()
-        assert outcome.path is not None
-        assert math.isclose(sum(outcome.velocities), -1)
