@@ -7,11 +7,9 @@ import pytest
 
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.contract.answers import (
-    LONGEST,
     IllegalOutcomeError,
     answer,
     answer_columns,
-    one_line,
     validated,
     validated_column,
 )
@@ -49,18 +47,6 @@ def test_an_outcome_of_a_column_is_what_its_class_says():
     ):
         with pytest.raises(IllegalOutcomeError, match=says):
             validated_column(dataclasses.replace(GOOD, **changes), COLUMN)
-
-
-def test_a_text_of_a_solver_is_a_line_that_can_be_shown():
-    for text, line in (
-        ("e1 = 0 — refused", "e1 = 0 — refused"),
-        ("two\n  lines\tand more", "two lines and more"),
-        ("\x1b[2Jgone\x07", "\\x1b[2Jgone\\x07"),
-        ("to the \u202eleft", "to the \\u202eleft"),
-    ):
-        assert one_line(text) == line
-        assert one_line(1000 * text).isprintable()
-        assert len(one_line(1000 * text)) <= LONGEST
 
 
 class Mine(SolverBase):

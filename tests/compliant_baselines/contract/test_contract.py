@@ -3,10 +3,7 @@ import math
 import pytest
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.model import solve
 from impact_xval.model.collision import Collision
-
-CELL = Collision(m1=1.0, m2=2 / 3**0.5, k1=1.0, k2=1.0, e1=0.9, e2=0.7)
 
 
 def test_illegal_settings_are_named_with_the_legal_range():
@@ -29,25 +26,3 @@ def test_a_failure_in_a_direct_call_carries_status_and_reason():
         get_solver("mujoco").solve(Collision(1.0, 1.0, 1.0, 1.0, 0.0, 0.5))
     assert caught.value.status in ("unrepresentable", "unavailable")
     assert caught.value.reason in str(caught.value)
-
-
-def test_the_model_behind_the_contract_is_the_model():
-    solver = get_solver("state-transition")
-    outcome = solver.solve(CELL, Settings(stiffness_ratio_cutoff=math.inf, record_path=True))
-    assert outcome.solver == "state-transition"
-    # docs/theory.md, section 6
-    assert (outcome.v1, outcome.v2) == (
-        pytest.approx(0.61394941925041, abs=1e-12),
-        pytest.approx(0.20971952034697, abs=1e-12),
-    )
-    assert outcome.states == ("S1", "S2", "S1", "S3", "S4")
-    assert outcome.path is not None
-
-
-def test_the_cut_off_reaches_the_model():
-    c = Collision(m1=1.0, m2=1.0, k1=1.0, k2=200.0, e1=0.9, e2=0.9)
-    strict, free = Settings(stiffness_ratio_cutoff=100.0), Settings(stiffness_ratio_cutoff=math.inf)
-    solver = get_solver("state-transition")
-    assert solver.solve(c, strict).status == "limit"
-    assert solver.solve(c, strict).v1 == solve(c, stiffness_ratio_cutoff=100.0).v1
-    assert solver.solve(c, free).status == "ok"

@@ -51,26 +51,15 @@ def test_an_installed_solver_is_found_used_and_conforms(site, capsys):
 
 def test_a_run_uses_it_in_worker_processes_and_writes_its_version(site, tmp_path):
     install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
-    config = tmp_path / "tiny.toml"
-    config.write_text(
-        'solvers = ["kelvin-voigt", "tiny"]\nstep_fraction = 0.02\nchunk_size = 1\n[grid]\n'
-        "stiffness_ratio = [1.0, 2.0]\nmass_ratio = [1.0]\ne1 = [0.9]\ne2 = [0.7]\n",
-        encoding="utf-8",
-    )
+    grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}
+    config = {"solvers": ["kelvin-voigt", "tiny"], "step_fraction": 0.02, "chunk_size": 1, "grid": grid}
     code = (
-        "from pathlib import Path\nfrom impact_xval.experiments.config.configuration import load_config\n"
+        "from pathlib import Path\nfrom impact_xval.experiments.config.configuration import parse_config\n"
         "from impact_xval.experiments.sweep.run import run_sweep\n"
-        f"run_sweep(load_config({str(config)!r}), Path({str(tmp_path / 'run')!r}), workers=2)"
+        f"run_sweep(parse_config({config!r}), Path({str(tmp_path / 'run')!r}), workers=2)"
     )
-    paths = os.pathsep.join([str(site), *sys.path])
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": paths},
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    paths = {"PYTHONPATH": os.pathsep.join([str(site), *sys.path])}
+    subprocess.run([sys.executable, "-c", code], env=os.environ | paths, check=True)
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["versions"]["tiny"] == "1.2"
     assert manifest["statuses"]["tiny"] == {"ok": 2}, manifest["statuses"]
@@ -80,16 +69,10 @@ BROKEN = {
     "no-module": ("gone:Engine", "", r"ModuleNotFoundError: No module named 'gone'"),
     "no-class": ("bad_one:Engine", "x = 1", r"AttributeError: .*Engine"),
     "raises": ("bad_two:Engine", "1 / 0", "ZeroDivisionError: division by zero"),
-    "needs": ("bad_four:Engine", "class Engine:\n def __init__(self, port): ...", "TypeError: .*port"),
     "lacks": (
         "bad_five:Engine",
         "class Engine:\n name = 'lacks'",
         "it lacks version, unavailable, solve_many, solve",
-    ),
-    "other": (
-        "bad_six:Engine",
-        "from impact_xval.compliant_baselines.contract.state_transition import StateTransitionSolver as Engine",
-        "its name is 'state-transition'",
     ),
 }
 
@@ -121,19 +104,3 @@ def test_a_name_that_is_taken_stays_what_it_is(site):
     assert type(get_solver("mujoco")).__module__ == "impact_xval.compliant_baselines.engines.mujoco_engine"
     assert solver_names().count("mujoco") == 1
     assert origins()["mujoco"] == "impact-xval (rival 1.2 ignored: the name is taken)"
-
-
-def test_a_solver_that_misbehaves_later_ends_nothing(site):
-    text = (
-        "import sys\nfrom impact_xval.compliant_baselines.contract.solver import SolverBase\n"
-        "class Engine(SolverBase):\n name = 'moody'\n"
-        " def version(self): raise OSError('no licence')\n"
-        " def solve_many(self, collisions, settings): sys.exit('licence expired')\n"
-    )
-    install(site, "moody", {"moody": "moody:Engine"}, moody=text)
-    solver = get_solver("moody")
-    assert solver.version() == ""
-    (outcome,) = answer(solver, [CELL], Settings())
-    assert (outcome.status, outcome.reason) == ("crashed", "SystemExit: licence expired")
-    with pytest.raises(SolverError, match="moody: crashed: SystemExit: licence expired"):
-        solver.solve(CELL)

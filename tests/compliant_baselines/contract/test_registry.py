@@ -28,13 +28,6 @@ def test_kinds_and_laws_are_those_of_the_classes_and_laws_are_exact_solvers():
         assert (registry.kind_of(law) == "model") == (kind == "model"), name
 
 
-def test_what_is_not_of_this_project_is_taken_for_an_engine_of_springs_and_dashpots():
-    name = "installed-elsewhere"
-    found = registry.kind_of(name), registry.law_of(name), registry.is_costly(name)
-    assert found == ("engine", "kelvin-voigt", False)
-    assert name not in registry.engine_names(on_request=True)
-
-
 def test_solvers_are_told_of_without_importing_them_and_made_without_importing_engines():
     code = (
         "import sys; from impact_xval.compliant_baselines.contract import registry as r\n"
@@ -47,10 +40,3 @@ def test_solvers_are_told_of_without_importing_them_and_made_without_importing_e
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["[]", "[]"]
-
-
-def test_every_solver_is_described_in_a_line_of_its_own():
-    described = [registry.description_of(name) for name in ALL]
-    assert len(set(described)) == len(ALL)
-    assert all(text.isprintable() for text in described)
-    assert all(described)

@@ -12,15 +12,7 @@ from impact_xval.model.collision import Collision
 from tests.compliant_baselines.reference import kelvin_voigt
 
 # k2/k1, e1, e2: one contact stiffer and the other, elastic and not
-CELLS = [
-    (1.0, 0.9, 0.7),
-    (40.0, 0.9, 0.7),
-    (1 / 40, 0.9, 0.7),
-    (100.0, 0.5, 0.5),
-    (3.0, 0.7, 1.0),
-    (0.3, 1.0, 0.6),
-    (10.0, 1.0, 0.8),
-]
+CELLS = [(1.0, 0.9, 0.7), (40.0, 0.9, 0.7), (1 / 40, 0.9, 0.7), (100.0, 0.5, 0.5), (0.3, 1.0, 0.6)]
 ELASTIC = [(1.0, 1.0, 1.0), (40.0, 1.0, 1.0), (1 / 40, 1.0, 1.0)]
 FRACTIONS = np.array([0.01, 0.005, 0.0025, 0.00125])
 
@@ -42,11 +34,6 @@ def errors(engine, c, fractions=FRACTIONS):
 
 def slope(fractions, error):
     return np.polyfit(np.log(fractions), np.log(error), 1)[0]
-
-
-def test_the_reference_gives_the_theory_s_numbers():
-    ref = kelvin_voigt(1.0, 2 / 3**0.5, 1.0, 1.0, 0.0, 0.0, -1.0)
-    assert (ref.v1, ref.v2) == (pytest.approx(0.954509, abs=5e-7), pytest.approx(0.277489, abs=5e-7))
 
 
 def test_first_order_convergence_to_kelvin_voigt(engine):
@@ -76,13 +63,10 @@ def test_states_and_impulses_are_those_of_kelvin_voigt(engine):
         # Contacts that end within shortest_state of a period of each other end together.
         assert got.states in (ref.states, tuple(s for s in ref.states if s != "S2")), cell
         assert got.states == ref.states or cell == (40.0, 0.9, 0.7), cell
-        assert (got.impulse1, got.impulse2) == (
-            pytest.approx(ref.impulse1, rel=3e-3),
-            pytest.approx(ref.impulse2, rel=3e-3),
-        ), cell
-        # without gravity the two impulses and the two velocities say the same
-        assert got.v1 == pytest.approx(c.v0 + got.impulse1 / c.m1, abs=1e-12)
-        assert got.v2 == pytest.approx((got.impulse2 - got.impulse1) / c.m2, abs=1e-12)
+        impulses = got.impulse1, got.impulse2
+        assert impulses == pytest.approx((ref.impulse1, ref.impulse2), rel=3e-3), cell
+        balance = c.v0 + got.impulse1 / c.m1, (got.impulse2 - got.impulse1) / c.m2
+        assert (got.v1, got.v2) == pytest.approx(balance, abs=1e-12)
 
 
 @pytest.mark.parametrize("ratio", [0.5, 2.0, 10.0])
@@ -95,12 +79,10 @@ def test_drop_follows_kelvin_voigt_with_gravity(engine, ratio):
         ref = reference(c, gravity=9.81, until=got.diagnostics["duration"])
         v2 = got.diagnostics.get("rest_speed", got.v2)
         error.append(np.hypot(got.v1 - ref.v1, v2 - ref.v2))
-        assert (got.impulse1, got.impulse2) == (
-            pytest.approx(ref.impulse1, rel=20 * fraction),
-            pytest.approx(ref.impulse2, rel=20 * fraction),
-        )
+        impulses = got.impulse1, got.impulse2
+        assert impulses == pytest.approx((ref.impulse1, ref.impulse2), rel=20 * fraction)
     assert slope(FRACTIONS, error) == pytest.approx(1, abs=0.25)
-    # and gravity is not a detail here: without it the answer is another one
+    # gravity is no detail here
     assert error[-1] < 0.3 * np.hypot(ref.v1 - weightless.v1, ref.v2 - weightless.v2)
 
 
@@ -116,16 +98,6 @@ def test_b2_stays_settled_until_it_is_hit(engine):
         # an elastic B2 out of balance by x would swing at omega2 x for ever
         assert np.abs(run.points[:, 2]).max() < 1e-10 * 9.81 * (c.m2 / c.k2) ** 0.5, ratio
         assert run.x2 == pytest.approx(-c.m2 * 9.81 / c.k2, rel=2e-4), ratio
-
-
-def test_weak_gravity_is_no_gravity(engine):
-    c = collision(1.0, 0.9, 0.7)
-    impact = engine.solve(c, Settings(step_fraction=2e-3))
-    drop = engine.solve(c, Settings(scenario="drop", gravity=1e-3, step_fraction=2e-3))
-    assert drop.diagnostics["gravity_number"] == pytest.approx(
-        1e-3 / (1e8 * (1 + 3**0.5 / 2)) ** 0.5, rel=1e-12
-    )
-    assert (drop.v1, drop.v2) == (pytest.approx(impact.v1, abs=1e-5), pytest.approx(impact.v2, abs=1e-5))
 
 
 def test_b2_at_rest_on_the_table_is_reported_at_rest(engine):
