@@ -1,4 +1,4 @@
-"""Columns of N balls: the two-ball solver, invariances, limits, the path, and what is refused."""
+"""Columns of N balls: two balls, an integration in time, invariances, limits, the path, and what is refused."""
 
 import math
 from dataclasses import replace
@@ -9,6 +9,7 @@ import pytest
 
 from impact_xval.model import Column, solve, solve_batch, solve_column, solve_columns
 from impact_xval.model.collision import Collision
+from tests.model.column_reference import integrate
 
 LAWS = ("jia-mason-erdmann", "liu-zhao-brogliato")
 GRAZING = 1e-5
@@ -50,8 +51,9 @@ def two_ball_cells(count, seed):
     )
 
 
-def against_two_balls(count, seed):
-    cells = two_ball_cells(count, seed)
+@pytest.mark.parametrize("count", [1000, pytest.param(10_000, marks=pytest.mark.nightly)])
+def test_two_balls_on_a_table_are_the_two_ball_solver(count):
+    cells = two_ball_cells(count, seed=count)
     for law in LAWS:
         fast = solve_batch(*cells, impact_law=law)
         outcomes = solve_columns([two_balls(*cell) for cell in cells.T.tolist()], law=law)
@@ -63,15 +65,6 @@ def against_two_balls(count, seed):
         assert np.array([o.status for o in outcomes])[clear].tolist() == fast.status[clear].tolist()
 
 
-def test_two_balls_on_a_table_are_the_two_ball_solver():
-    against_two_balls(1000, seed=1)
-
-
-@pytest.mark.nightly
-def test_two_balls_on_a_table_are_the_two_ball_solver_in_ten_thousand_cells():
-    against_two_balls(10_000, seed=2)
-
-
 def test_states_of_two_balls():
     names = {(1, 2): "S1", (2,): "S2", (1,): "S3", (): "S4"}
     cells = two_ball_cells(100, 3).T.tolist()
@@ -79,6 +72,42 @@ def test_states_of_two_balls():
     ended = [(one.states, other.states) for one, other in both if one.status == "ok"]
     assert len(ended) > 50
     assert all(tuple(names[s] for s in other) == one for one, other in ended)
+
+
+def compare(seed, count, law, exponent, bound, balls=None):
+    """Compare with the integration; how many were left out, beside a jump or with infinitely many events."""
+    rng = np.random.default_rng(seed)
+    left_out = 0
+    for _ in range(count):
+        column = random_column(rng, balls)
+        ours = solve_column(column, law=law, exponent=exponent)
+        if ours.grazing_margin < GRAZING or "infinitely many" in ours.reason:
+            left_out += 1
+            continue
+        # It looks at signs, and misses pairs of events: it is repeated in short steps before it counts.
+        for resolution in (0.1, 0.02):
+            theirs = integrate(column, exponent, law == LAWS[0], resolution=resolution)
+            if np.abs(np.subtract(ours.velocities, theirs.velocities)).max() <= bound:
+                break
+        assert ours.velocities == pytest.approx(theirs.velocities, abs=bound, rel=0), column
+        assert (ours.status == "limit") == theirs.limit, column
+        if not theirs.limit:
+            assert ours.states == theirs.states, column
+    return left_out
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_random_columns_are_those_of_the_integration(law):
+    compare(20, 5, law, 1.0, 1e-9)
+    compare(21, 4, law, 1.5, 1e-9, balls=3)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("law", "exponent", "count"), [(LAWS[0], 1.0, 15), (LAWS[1], 1.0, 30), (LAWS[1], 1.5, 10)]
+)
+def test_more_random_columns_are_those_of_the_integration(law, exponent, count):
+    assert compare(22, count, law, exponent, 1e-9) <= 2
 
 
 def test_a_plastic_contact_is_that_of_two_balls():
@@ -142,11 +171,13 @@ def test_reversal_and_a_moving_observer():
             assert tuple(tuple(sorted(n - i for i in s)) for s in there.states) == here.states
 
 
-def test_one_ball():
-    outcome = solve_column(Column((2.0,), (5.0,), (0.6,), (-3.0,), table=True))
-    assert outcome.velocities == pytest.approx((1.8,), abs=1e-14)
-    assert outcome.states == ((1,), ())
-    assert outcome.impulses == pytest.approx((9.6,))
+def test_one_ball_two_pairs_and_a_plastic_chain():
+    one = solve_column(Column((2.0,), (5.0,), (0.6,), (-3.0,), table=True))
+    assert (one.velocities, one.impulses) == (pytest.approx((1.8,), abs=1e-14), pytest.approx((9.6,)))
+    pairs = solve_column(Column((1, 1, 1, 1), (1, 1, 2), (0.8, 0.5, 0.6), (-1, 0, -9, -9)))
+    assert pairs.velocities == pytest.approx((-0.1, -0.9, -9, -9), abs=1e-14)
+    plastic = solve_column(Column((1, 2, 3, 4), (1, 5, 0.2), (0, 0, 0), (-1, 0, 0, 0)))
+    assert plastic.velocities == pytest.approx((-0.1,) * 4, abs=1e-14)
 
 
 def test_a_cradle_of_ever_softer_contacts_is_a_sequence_of_single_impacts():
@@ -157,17 +188,6 @@ def test_a_cradle_of_ever_softer_contacts_is_a_sequence_of_single_impacts():
         errors.append(np.abs(np.subtract(outcome.velocities, (0, 0, 0, -1))).max())
     assert errors[2] < 2e-3
     assert np.log10(errors[0] / errors[2]) / 4 > 0.45
-
-
-def test_plastic_chains_move_as_one():
-    outcome = solve_column(Column((1, 2, 3, 4), (1, 5, 0.2), (0, 0, 0), (-1, 0, 0, 0)))
-    assert outcome.velocities == pytest.approx((-0.1,) * 4, abs=1e-14)
-
-
-def test_separate_groups_do_not_meet():
-    first = solve_column(Column((1, 1, 1, 1), (1, 1, 2), (0.8, 0.5, 0.6), (-1, 0, -9, -9)))
-    assert first.velocities[2:] == (-9, -9)
-    assert first.velocities[:2] == pytest.approx((-0.1, -0.9), abs=1e-14)
 
 
 EXTREME = [
@@ -200,13 +220,6 @@ def test_an_endless_cycle_below_a_ball_that_has_left_ends_at_rest():
     assert "infinitely many events" in outcome.reason
 
 
-def test_given_up():
-    outcome = solve_column(random_columns(8, 1, balls=6)[0], max_events=3)
-    assert outcome.status == "unconverged"
-    assert outcome.reason == "not over within 3 pieces of segments"
-    assert all(math.isnan(v) for v in (*outcome.velocities, *outcome.impulses))
-
-
 def test_ratios_beyond_double_precision_are_refused_by_name():
     for masses, stiffnesses in (
         ((1e300, 1e-300), (1,)),
@@ -224,17 +237,6 @@ def test_ratios_beyond_double_precision_are_refused_by_name():
                 assert "where one exceeds 1e+150 times another, squares of vel" in outcome.reason
 
 
-def test_outcomes_jump_only_beside_a_small_margin():
-    columns = random_columns(9, 1000, balls=4)
-    moved = [replace(c, stiffnesses=(c.stiffnesses[0] * (1 + 1e-6), *c.stiffnesses[1:])) for c in columns]
-    here, there = solve_columns(columns), solve_columns(moved)
-    margins = np.array([o.grazing_margin for o in here])
-    jumps = np.array([apart(a, b) for a, b in zip(here, there, strict=True)]) > 1e-4
-    assert np.all(margins[jumps] < 1e-4)
-    assert np.mean(margins < 1e-4) < 0.01
-    assert [bool(o.marked) for o in here] == (margins < 5e-5).tolist()
-
-
 def test_a_jump_has_a_margin_that_vanishes():
     """Between two columns of either side of a jump, found by bisection of one stiffness."""
     column = Column((1,) * 3, (1,) * 3, (0.9,) * 3, (-1,) * 3, table=True)
@@ -249,13 +251,10 @@ def test_a_jump_has_a_margin_that_vanishes():
     low, high = grid[i], grid[i + 1]
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (
-            (middle, high) if apart(at(middle), at(low)) < apart(at(middle), at(high)) else (low, middle)
-        )
+        nearer_low = apart(at(middle), at(low)) < apart(at(middle), at(high))
+        low, high = (middle, high) if nearer_low else (low, middle)
     assert apart(at(low), at(high)) > 1e-2
-    for k in (low, high):
-        outcome = at(k)
-        assert outcome.grazing_margin is not None
+    for outcome in (at(low), at(high)):
         assert outcome.grazing_margin < 1e-9
         assert outcome.marked.startswith("grazing")
 
@@ -265,12 +264,10 @@ def test_a_path_ends_in_the_outcome_and_its_forces_are_the_rates_of_its_impulses
     column = random_column(np.random.default_rng(10), balls=4, table=True)
     outcome = solve_column(column, exponent=exponent, path=True)
     path = outcome.path
-    assert path is not None
     assert tuple(path.velocities[0]) == column.velocities
     assert tuple(path.velocities[-1]) == outcome.velocities
     assert path.impulses[-1] == pytest.approx(outcome.impulses)
     assert np.all(np.diff(path.time) >= 0)
-    assert path.impulses.shape == path.forces.shape == path.acting.shape == (len(path.time), 4)
     rounding = 1e-9 if exponent == 1 else 1e-6  # of the quintics between the ends of a step
     assert path.forces.min() > -rounding
     assert np.all(np.abs(path.forces[~path.acting]) < rounding)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from impact_xval.model import SUPPLEMENT_CUTOFF, Collision, solve, solve_batch
-from impact_xval.model.oracle import solve_oracle, straight_first_step
+from impact_xval.model.oracle import solve_oracle
 from tests.model.reference import integrate
 
 #: Cells whose compression rate turned around this near zero are told apart: beside a jump, rounding decides.
@@ -100,8 +100,3 @@ def test_the_shift_by_a_finite_first_step_vanishes_with_it():
         shifts = [math.hypot(o.v1 - exact.v1, o.v2 - exact.v2) for o in outcomes]
         assert shifts[0] > 1e-6
         np.testing.assert_allclose(np.diff(np.log(shifts)) / np.diff(np.log(steps)), 1.5, atol=0.05)
-
-
-def test_a_finite_first_step_has_the_limit_that_the_supplement_quotes():
-    impulse2, _, _ = straight_first_step(1e12, MASS_RATIO, 1e-2)
-    assert impulse2 == pytest.approx(1e-2, rel=1e-8)

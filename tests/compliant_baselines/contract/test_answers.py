@@ -1,6 +1,7 @@
 """What leaves a solver, whatever it does: a legal outcome for each collision."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -22,12 +23,6 @@ COLUMN = Column((1.0, 1.0, 1.0), (1e6, 1e6), (0.9, 0.9), (-1.0, 0.0, 0.0))
 GOOD = ColumnOutcome("x", (0.1, -0.2, -0.9), (1.0, 0.5), ((1, 2), ()))
 
 
-def test_numbers_of_numpy_are_legal_and_become_those_of_python():
-    outcome = Outcome("x", np.float32(0.5), np.float64(0.25), np.int64(1), 1, ("S1", "S4"))
-    found = validated(outcome, CELL)
-    assert [type(value) for value in (found.v1, found.v2, found.impulse1, found.impulse2)] == [float] * 4
-
-
 def test_no_number_is_legal_only_without_a_result():
     for status in ("unconverged", "timeout", "crashed"):
         failed = Outcome.failure("x", status, "too long")
@@ -47,6 +42,21 @@ def test_an_outcome_of_a_column_is_what_its_class_says():
     ):
         with pytest.raises(IllegalOutcomeError, match=says):
             validated_column(dataclasses.replace(GOOD, **changes), COLUMN)
+
+
+def test_illegal_settings_are_named_with_the_legal_range():
+    for field, values, legal in (
+        ("scenario", ["bounce"], "'impact' or 'drop'"),
+        ("gravity", [0.0, math.inf, math.nan], "a finite number > 0"),
+        ("step_fraction", [0.0, 0.2, math.nan], "greater than 0, at most 0.1"),
+        ("max_steps", [0], "a whole number >= 1"),
+        ("mapping", ["default"], "'calibrated' or 'naive'"),
+        ("shortest_state", [-0.001, 0.2, math.nan], "from 0 to 0.1"),
+        ("stiffness_ratio_cutoff", [1.0], "greater than 1, up to inf"),
+    ):
+        for value in values:
+            with pytest.raises(ValueError, match=rf"{field} = {value!r}; legal: {legal}"):
+                Settings(**{field: value})
 
 
 class Mine(SolverBase):

@@ -1,14 +1,20 @@
-"""Both engines against an independent Kelvin-Voigt integration, and against what a scenario asks of them."""
+"""Engines against an independent Kelvin-Voigt integration, naive mappings, and what a scenario asks of them."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.contact.column import column_of
-from impact_xval.compliant_baselines.contact.mapping import contacts, damping_ratio, restitution
-from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.model.collision import Collision
+from impact_xval.compliant_baselines.contact.mapping import (
+    contacts,
+    damping_ratio,
+    restitution,
+    textbook_damping_ratio,
+)
+from impact_xval.model import Collision
 from tests.compliant_baselines.reference import kelvin_voigt
 
 # k2/k1, e1, e2: one contact stiffer and the other, elastic and not
@@ -17,8 +23,8 @@ ELASTIC = [(1.0, 1.0, 1.0), (40.0, 1.0, 1.0), (1 / 40, 1.0, 1.0)]
 FRACTIONS = np.array([0.01, 0.005, 0.0025, 0.00125])
 
 
-def collision(ratio, e1, e2):
-    return Collision(m1=1.0, m2=2 / 3**0.5, k1=1e8, k2=1e8 * ratio, e1=e1, e2=e2)
+def collision(ratio, e1, e2, k1=1e8):
+    return Collision(m1=1.0, m2=2 / 3**0.5, k1=k1, k2=k1 * ratio, e1=e1, e2=e2)
 
 
 def reference(c, **options):
@@ -72,7 +78,7 @@ def test_states_and_impulses_are_those_of_kelvin_voigt(engine):
 @pytest.mark.parametrize("ratio", [0.5, 2.0, 10.0])
 def test_drop_follows_kelvin_voigt_with_gravity(engine, ratio):
     # k1 = 1e4 N/m: gravity matters (g/(|v0| omega1) = 0.07)
-    c = Collision(m1=1.0, m2=2 / 3**0.5, k1=1e4, k2=1e4 * ratio, e1=0.9, e2=0.7)
+    c = collision(ratio, 0.9, 0.7, k1=1e4)
     error, weightless = [], reference(c)
     for fraction in FRACTIONS:
         got = engine.solve(c, Settings(scenario="drop", gravity=9.81, step_fraction=float(fraction)))
@@ -121,3 +127,40 @@ def test_balls_that_never_part_end_at_rest(engine):
     # between them the contacts carried the balls' weight and took B1's momentum
     weight = (c.m1 + c.m2) * 9.81 * o.diagnostics["duration"]
     assert o.impulse2 == pytest.approx(weight + c.m1, rel=1e-12)
+
+
+def test_what_the_naive_mapping_of_mujoco_costs():
+    soft, hard = (collision(1, 0.9, 0.7, k1=k1) for k1 in (1e4, 1e8))
+    exact, engine, naive = (get_solver(name) for name in ("kelvin-voigt", "mujoco", "mujoco-naive"))
+    assert naive.solve(hard).v1 == engine.solve(hard, Settings(mapping="naive")).v1
+    exact = exact.solve(hard)
+    for fraction in (4e-3, 1e-3):  # no matter of the step
+        settings = Settings(step_fraction=fraction)
+        calibrated, found = engine.solve(hard, settings), naive.solve(hard, settings)
+        assert math.hypot(calibrated.v1 - exact.v1, calibrated.v2 - exact.v2) < 0.005
+        assert math.hypot(found.v1 - exact.v1, found.v2 - exact.v2) > 0.3
+        assert found.v1 > 0.9
+        assert found.v2 < 0.15
+    # Theorem 5: the outcome does not depend on the scale of k. Under the default solimp it does.
+    for solver, least, most in ((engine, 0, 1e-8), (naive, 0.01, 0.1)):
+        assert least <= abs(solver.solve(soft).v1 - solver.solve(hard).v1) <= most
+
+
+def test_what_the_naive_mapping_of_pybullet_is():
+    pytest.importorskip("pybullet")
+    for ratio in (1.0, 5.0):
+        c = collision(ratio, 0.9, 0.7, k1=1e4)
+        zeta1, zeta2 = (textbook_damping_ratio(e) for e in (c.e1, c.e2))
+        c1 = 2 * zeta1 * math.sqrt(c.k1 * c.m1 * c.m2 / (c.m1 + c.m2))
+        c2 = 2 * zeta2 * math.sqrt(c.k2 * c.m2)
+        # both balls carry (k1, c1), the table (k2, c2): stiffness in series, damping added
+        series = 1 / (1 / c.k1 + 1 / c.k2)
+        expected = kelvin_voigt(c.m1, c.m2, c.k1 / 2, series, 2 * c1, c1 + c2, c.v0)
+        errors = []
+        for fraction in (1e-3, 5e-4, 2.5e-4):
+            o = get_solver("pybullet-naive").solve(c, Settings(step_fraction=fraction))
+            errors.append(math.hypot(o.v1 - expected.v1, o.v2 - expected.v2))
+        assert errors[-1] < 2e-3
+        assert errors[0] / errors[2] == pytest.approx(4, rel=0.2)  # first order in the step
+        exact = get_solver("kelvin-voigt").solve(c)
+        assert math.hypot(expected.v1 - exact.v1, expected.v2 - exact.v2) > 0.1

@@ -33,9 +33,6 @@ def gap(a, b, v0=-1.0):
     return math.hypot(a.v1 - b.v1, a.v2 - b.v2) / abs(v0)
 
 
-# Discrete time
-
-
 @pytest.mark.parametrize("cell", CELLS, ids=str)
 @needs_drake
 def test_discrete_drake_converges_to_kelvin_voigt_at_first_order(cell):
@@ -62,23 +59,6 @@ def test_discrete_drake_and_pybullet_solve_the_same_equations(scenario):
     # Eight digits where Drake's solver converges beyond its relative tolerance of 1e-6, that otherwise.
     assert np.median(apart) < 2e-8
     assert max(apart) < 5e-6
-
-
-@needs_drake
-def test_what_drake_raises_becomes_a_status(monkeypatch):
-    from pydrake.systems.analysis import Simulator
-
-    def broken(self, until):
-        raise RuntimeError("SAP did not\nconverge")
-
-    monkeypatch.setattr(Simulator, "AdvanceTo", broken)
-    drake = get_solver("drake")
-    of_two, of_many = drake.solve_many([collision(1.0)], Settings()), drake.solve_columns([CHAIN], Settings())
-    for outcome in (*of_two, *of_many):
-        assert (outcome.status, "Drake: SAP did not converge" in outcome.reason) == ("crashed", True)
-
-
-# Continuous time
 
 
 @needs_drake
@@ -118,9 +98,6 @@ def test_the_naive_mapping_is_that_of_two_balls_in_discrete_time():
     for name in LAWS:
         with pytest.raises(SolverError, match=r"mapping = 'naive': Drake's is that of two balls"):
             get_solver(name).solve_column(CHAIN, naive)
-
-
-# N balls
 
 
 def limits(outcome):
@@ -166,9 +143,6 @@ def test_a_step_too_short_is_refused_and_not_run():
     drifting = line_of(Column((1, 1), (1e4,), (1,), (-1001, -1000)), Settings())
     assert "impulses below 1e-06" in get_solver("drake").line_refusal(drifting)
     assert get_solver("drake").line_refusal(replace(drifting, velocities=(-1.0, 0.0))) is None
-
-
-# Without Drake
 
 
 def test_without_drake_the_way_out_is_said(monkeypatch):

@@ -1,6 +1,5 @@
 """Engines for N balls: two balls, the limit dt -> 0 against Kelvin-Voigt, states, paths, and what is refused."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,6 @@ from scipy.interpolate import CubicHermiteSpline
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
 from impact_xval.compliant_baselines.contract.solver import Convergence
-from impact_xval.compliant_baselines.engines.lines import PATH_POINTS
 from impact_xval.model import Collision, Column
 from tests.model.test_columns import random_column
 
@@ -84,12 +82,6 @@ def test_what_an_engine_refuses(engine):
                 get_solver(solver).solve_column(column)
 
 
-def test_a_column_that_is_not_over_is_a_timeout(engine):
-    (outcome,) = engine.solve_columns([CHAIN], Settings(max_steps=50))
-    assert outcome.status == "timeout"
-    assert np.isnan(outcome.velocities).all()
-
-
 def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(engine):
     column = replace(CHAIN, restitutions=(0.8, 0.9))
     exact = get_solver("kelvin-voigt").solve_column(column, Settings(record_path=True)).path
@@ -115,31 +107,7 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
     assert order == pytest.approx(1, abs=0.05)
 
 
-def test_a_path_is_bounded_however_many_steps_there_are():
-    outcome = get_solver("mujoco").solve_column(CHAIN, Settings(step_fraction=1e-5, record_path=True))
-    path = outcome.path
-    assert outcome.diagnostics["n_steps"] > 2 * PATH_POINTS
-    assert PATH_POINTS / 2 <= len(path.time) <= PATH_POINTS
-    assert path.time[-1] == outcome.diagnostics["duration"]
-    assert path.impulses[-1] == pytest.approx(outcome.impulses, rel=1e-12)
-    assert np.diff(path.time) @ path.forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)
-
-
 def between(path, contact, time):
     """Force of a contact between the points of a path, from the cubics through its impulses and forces."""
     impulses, forces = path.impulses[:, contact], path.forces[:, contact]
     return CubicHermiteSpline(path.time, impulses, forces).derivative()(time)
-
-
-def test_a_flight_has_no_points_but_its_ends(engine):
-    column = Column((1, 1, 1), (1e4, 1e4), (1, 0.8), (-1, 0, 0), gaps=(0, 0.5))
-    outcome = engine.solve_column(column, Settings(record_path=True))
-    path = outcome.path
-    contact = math.pi * math.sqrt(0.5 / 1e4)
-    assert outcome.diagnostics["duration"] == pytest.approx(0.5 + 1.5 * contact, rel=0.01)
-    (flight,) = np.flatnonzero(np.diff(path.time) > 0.1)
-    assert np.diff(path.time)[flight] == pytest.approx(0.5 - contact / 2, rel=0.01)
-    assert len(path.time) < 1.1 * 2 * contact / outcome.diagnostics["step"]
-    assert path.acting[[0, flight, flight + 1]].tolist() == [[True, False], [False, False], [False, True]]
-    assert path.forces[flight + 1].tolist() == [0.0, 0.0]
-    assert np.diff(path.time) @ path.forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)

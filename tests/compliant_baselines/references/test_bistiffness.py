@@ -48,23 +48,6 @@ def test_velocities_do_not_depend_on_where_a_contact_counts_as_rigid():
     assert errors[2] < 1e-12
 
 
-def test_the_size_of_a_batch_changes_no_bit():
-    n = 5000  # more than one thread is given at once
-    cells = random_cells(n, 3, lowest_e=0.1)
-    whole = bistiffness_batch(*cells, 1e-4)
-    assert set(whole.status) <= {"ok", "limit"}
-    for start in range(0, n, 999):
-        some = bistiffness_batch(*(column[start : start + 999] for column in cells), 1e-4)
-        for name in ("v1", "v2", "sequence", "duration", "status"):
-            assert np.array_equal(getattr(some, name), getattr(whole, name)[start : start + 999])
-
-
-def test_contacts_that_bounce_rigid_together_end_at_rest():
-    # B2 hammered between B1 and the table
-    batch = bistiffness_batch(0.0238100735, 1.8035984528, 0.2385805087, 0.0274028867, max_steps=20_000)
-    assert (batch.status, batch.end, batch.v1, batch.v2) == ("limit", "free", 0.0, 0.0)
-
-
 def test_an_illegal_ratio_from_which_a_contact_is_rigid_is_named():
     for bad in (1.0, math.nan):
         with pytest.raises(ValueError, match="rigid_ratio"):
