@@ -217,8 +217,7 @@ class Bistiffness(Column):
 
     def __init__(self, kappa, mu, e1, e2, g=0.0, finer=1, frozen=False):
         super().__init__(kappa, mu, g, finer, frozen)
-        self.e, self.phase, self.ends, self.returns = (e1, e2), [COMPRESSION, COMPRESSION], [0, 0], 0
-        self.body = None  # of a contact that became rigid: the one that still works
+        self.e, self.phase = (e1, e2), [COMPRESSION, COMPRESSION]
 
     def force(self, i, y):
         return self.k[i] * self.depth(i, y)
@@ -246,7 +245,6 @@ class Bistiffness(Column):
                 y[3] = 0.0
         if name.startswith("end"):
             force = self.force(i, y)
-            self.ends[i] += 1
             self.k[i] /= self.e[i] ** 2
             y[i] = force / self.k[i]  # the surface stays behind
             self.phase[i] = RESTITUTION
@@ -254,17 +252,14 @@ class Bistiffness(Column):
             push = self.force(other, y) if self.phase[other] != OPEN else 0.0
             push = push / (1 + self.mu) if i == 0 else push + self.mu * self.g
             if self.k[i] * push**2 > self.rigid * self.k[other] * force**2:
-                self.finish_rigid(i)
+                raise RigidError(i)
         elif name.startswith("restart"):
             self.phase[i] = COMPRESSION
         elif name.startswith("spent"):
             self.phase[i] = OPEN
             y[i] = 0.0 if self.frozen else y[i]
         else:
-            self.phase[i], self.returns = COMPRESSION, self.returns + 1
-
-    def finish_rigid(self, i):
-        raise RigidError(i)
+            self.phase[i] = COMPRESSION
 
 
 class RigidError(Exception):
@@ -307,24 +302,23 @@ def dashpots(*args, **kwargs):
 
 
 def bistiffness(*args, **kwargs):
-    """Outcome, and how many contacts returned; end "limit-..." where a contact became rigid."""
+    """Outcome; its end is "limit" where a contact became rigid."""
     column = Bistiffness(*args, **kwargs)
     try:
-        return column.run(), column.returns
+        return column.run()
     except RigidError as rigid:
         y, mu, g = column.y, column.mu, column.g
         over = column.over()
         if over:
             v1, v2 = y[2], y[3]
-            return Answer(
-                0.0 if over == "stuck" else v1, v2 if over == "free" else 0.0, over, column.t, ()
-            ), column.returns
+            v1, v2 = 0.0 if over == "stuck" else v1, v2 if over == "free" else 0.0
+            return Answer(v1, v2, over, column.t, ())
         if rigid.args[0] == 0:
             phase = column.phase[1] == COMPRESSION
             v = single(1 + mu, column.depth(1, y), y[3], column.k[1], column.e[1], phase, g)
-            return Answer(v, v, "limit", column.t, ()), column.returns
+            return Answer(v, v, "limit", column.t, ())
         depth, v1, compressing = column.depth(0, y), y[2], column.phase[0] == COMPRESSION
         if column.phase[0] == OPEN:
             depth, v1, compressing = 0.0, -math.sqrt(v1 * v1 - 2 * g * depth), True
         v = single(1.0, depth, v1, column.k[0], column.e[0], compressing, g)
-        return Answer(v, 0.0, "limit", column.t, ()), column.returns
+        return Answer(v, 0.0, "limit", column.t, ())

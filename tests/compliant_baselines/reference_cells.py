@@ -1,6 +1,22 @@
-"""Random collisions for the references, the same in tests and benchmarks."""
+"""Random collisions for the references of two balls, and those references in bulk by the name of their solver."""
+
+from functools import partial
 
 import numpy as np
+
+from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
+
+DAMPING = {
+    "kelvin-voigt": "pair",
+    "kelvin-voigt-anchored": "anchored",
+    "kelvin-voigt-textbook": "textbook",
+    "hunt-crossley": "hunt-crossley",
+}
+BATCHES = {
+    "bistiffness": bistiffness_batch,
+    **{law: partial(kelvin_voigt_batch, damping=damping) for law, damping in DAMPING.items()},
+}
 
 
 def random_cells(n, seed, lowest_e=0.3):

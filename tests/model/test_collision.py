@@ -66,9 +66,3 @@ def test_the_arrays_of_a_batch_are_broadcast_and_an_empty_batch_is_legal():
     assert batch.v1.shape == (2, 3)
     assert batch.v1[1, 2] == solve_batch(2, 3, 0.6, 0.9).v1
     assert np.shape(solve_batch([], 1, 1, 1).v1) == (0,)
-
-
-def test_collisions_are_values():
-    assert Collision(**GOOD) == Collision(**GOOD)
-    with pytest.raises(AttributeError):
-        Collision(**GOOD).m1 = 2.0

@@ -1,4 +1,4 @@
-"""Columns of N balls: the two-ball solver, invariances, limits, the path, and what is refused."""
+"""Columns of N balls: two balls, an integration in time, invariances, limits, the path, and what is refused."""
 
 import math
 from dataclasses import replace
@@ -9,6 +9,7 @@ import pytest
 
 from impact_xval.model import Column, solve, solve_batch, solve_column, solve_columns
 from impact_xval.model.collision import Collision
+from tests.model.column_reference import integrate
 
 LAWS = ("jia-mason-erdmann", "liu-zhao-brogliato")
 GRAZING = 1e-5
@@ -50,8 +51,9 @@ def two_ball_cells(count, seed):
     )
 
 
-def against_two_balls(count, seed):
-    cells = two_ball_cells(count, seed)
+@pytest.mark.parametrize("count", [1000, pytest.param(10_000, marks=pytest.mark.nightly)])
+def test_two_balls_on_a_table_are_the_two_ball_solver(count):
+    cells = two_ball_cells(count, seed=count)
     for law in LAWS:
         fast = solve_batch(*cells, impact_law=law)
         outcomes = solve_columns([two_balls(*cell) for cell in cells.T.tolist()], law=law)
@@ -63,25 +65,49 @@ def against_two_balls(count, seed):
         assert np.array([o.status for o in outcomes])[clear].tolist() == fast.status[clear].tolist()
 
 
-def test_two_balls_on_a_table_are_the_two_ball_solver():
-    against_two_balls(1000, seed=1)
+def test_states_of_two_balls():
+    names = {(1, 2): "S1", (2,): "S2", (1,): "S3", (): "S4"}
+    cells = two_ball_cells(100, 3).T.tolist()
+    both = [(solve(Collision.from_ratios(*cell)), solve_column(two_balls(*cell))) for cell in cells]
+    ended = [(one.states, other.states) for one, other in both if one.status == "ok"]
+    assert len(ended) > 50
+    assert all(tuple(names[s] for s in other) == one for one, other in ended)
+
+
+def compare(seed, count, law, exponent, bound, balls=None):
+    """Compare with the integration; how many were left out, beside a jump or with infinitely many events."""
+    rng = np.random.default_rng(seed)
+    left_out = 0
+    for _ in range(count):
+        column = random_column(rng, balls)
+        ours = solve_column(column, law=law, exponent=exponent)
+        if ours.grazing_margin < GRAZING or "infinitely many" in ours.reason:
+            left_out += 1
+            continue
+        # It looks at signs, and misses pairs of events: it is repeated in short steps before it counts.
+        for resolution in (0.1, 0.02):
+            theirs = integrate(column, exponent, law == LAWS[0], resolution=resolution)
+            if np.abs(np.subtract(ours.velocities, theirs.velocities)).max() <= bound:
+                break
+        assert ours.velocities == pytest.approx(theirs.velocities, abs=bound, rel=0), column
+        assert (ours.status == "limit") == theirs.limit, column
+        if not theirs.limit:
+            assert ours.states == theirs.states, column
+    return left_out
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_random_columns_are_those_of_the_integration(law):
+    compare(20, 5, law, 1.0, 1e-9)
+    compare(21, 4, law, 1.5, 1e-9, balls=3)
 
 
 @pytest.mark.nightly
-def test_two_balls_on_a_table_are_the_two_ball_solver_in_ten_thousand_cells():
-    against_two_balls(10_000, seed=2)
-
-
-def test_states_of_two_balls():
-    names = {(1, 2): "S1", (2,): "S2", (1,): "S3", (): "S4"}
-    compared = 0
-    for cell in two_ball_cells(100, 3).T.tolist():
-        one = solve(Collision.from_ratios(*cell))
-        other = solve_column(two_balls(*cell))
-        if one.status == "ok":
-            compared += 1
-            assert tuple(names[s] for s in other.states) == one.states
-    assert compared > 50
+@pytest.mark.parametrize(
+    ("law", "exponent", "count"), [(LAWS[0], 1.0, 15), (LAWS[1], 1.0, 30), (LAWS[1], 1.5, 10)]
+)
+def test_more_random_columns_are_those_of_the_integration(law, exponent, count):
+    assert compare(22, count, law, exponent, 1e-9) <= 2
 
 
 def test_a_plastic_contact_is_that_of_two_balls():
@@ -96,7 +122,7 @@ def test_a_plastic_contact_is_that_of_two_balls():
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("exponent", [1.0, 1.5])
-def test_invariants(exponent, law):
+def test_momentum_energy_and_the_order_of_balls(exponent, law):
     columns = random_columns(4, 120 if exponent == 1 else 12)
     for column, outcome in zip(columns, solve_columns(columns, law=law, exponent=exponent), strict=True):
         m, before, after = (np.array(x) for x in (column.masses, column.velocities, outcome.velocities))
@@ -121,18 +147,12 @@ def test_elastic_columns_keep_their_energy():
 
 def test_theorem_5():
     """Only ratios of masses and stiffnesses matter, and velocities scale."""
-    for exponent, column in [(1.0, c) for c in random_columns(6, 30)] + [
-        (1.5, c) for c in random_columns(6, 6)
-    ]:
+    columns = [(1.0, c) for c in random_columns(6, 30)] + [(1.5, c) for c in random_columns(6, 6)]
+    for exponent, column in columns:
         here = solve_column(column, exponent=exponent)
-        scaled = Column(
-            tuple(3 * m for m in column.masses),
-            tuple(700 * k for k in column.stiffnesses),
-            column.restitutions,
-            tuple(0.01 * v for v in column.velocities),
-            column.table,
-        )
-        there = solve_column(scaled, exponent=exponent)
+        scales = {"masses": 3, "stiffnesses": 700, "velocities": 0.01}
+        scaled = {name: tuple(s * x for x in getattr(column, name)) for name, s in scales.items()}
+        there = solve_column(replace(column, **scaled), exponent=exponent)
         assert here.grazing_margin is not None
         if here.grazing_margin > GRAZING:
             unscaled = tuple(100 * v for v in there.velocities)
@@ -151,11 +171,13 @@ def test_reversal_and_a_moving_observer():
             assert tuple(tuple(sorted(n - i for i in s)) for s in there.states) == here.states
 
 
-def test_one_ball():
-    outcome = solve_column(Column((2.0,), (5.0,), (0.6,), (-3.0,), table=True))
-    assert outcome.velocities == pytest.approx((1.8,), abs=1e-14)
-    assert outcome.states == ((1,), ())
-    assert outcome.impulses == pytest.approx((9.6,))
+def test_one_ball_two_pairs_and_a_plastic_chain():
+    one = solve_column(Column((2.0,), (5.0,), (0.6,), (-3.0,), table=True))
+    assert (one.velocities, one.impulses) == (pytest.approx((1.8,), abs=1e-14), pytest.approx((9.6,)))
+    pairs = solve_column(Column((1, 1, 1, 1), (1, 1, 2), (0.8, 0.5, 0.6), (-1, 0, -9, -9)))
+    assert pairs.velocities == pytest.approx((-0.1, -0.9, -9, -9), abs=1e-14)
+    plastic = solve_column(Column((1, 2, 3, 4), (1, 5, 0.2), (0, 0, 0), (-1, 0, 0, 0)))
+    assert plastic.velocities == pytest.approx((-0.1,) * 4, abs=1e-14)
 
 
 def test_a_cradle_of_ever_softer_contacts_is_a_sequence_of_single_impacts():
@@ -166,19 +188,6 @@ def test_a_cradle_of_ever_softer_contacts_is_a_sequence_of_single_impacts():
         errors.append(np.abs(np.subtract(outcome.velocities, (0, 0, 0, -1))).max())
     assert errors[2] < 2e-3
     assert np.log10(errors[0] / errors[2]) / 4 > 0.45
-
-
-def test_plastic_chains_move_as_one():
-    outcome = solve_column(Column((1, 2, 3, 4), (1, 5, 0.2), (0, 0, 0), (-1, 0, 0, 0)))
-    assert outcome.velocities == pytest.approx((-0.1,) * 4, abs=1e-14)
-
-
-def test_separate_groups_do_not_meet():
-    """Two collisions at either end, and a gap of velocities between them."""
-    column = Column((1, 1, 1, 1), (1, 1, 2), (0.8, 0.5, 0.6), (-1, 0, -3, -2.5))
-    first = solve_column(replace(column, velocities=(-1, 0, -9, -9)))
-    assert first.velocities[2:] == (-9, -9)
-    assert first.velocities[:2] == pytest.approx((-0.1, -0.9), abs=1e-14)
 
 
 EXTREME = [
@@ -202,34 +211,13 @@ def test_no_column_is_endless():
             assert np.all(np.diff(outcome.velocities) <= 0), (law, column)
 
 
-def test_an_endless_cycle_ends_at_rest():
-    """The collapse of two balls under the second law, and the same below a third that has left."""
-    assert solve_column(two_balls(0.775, 0.165, 0.4, 0.33), law=LAWS[1]).velocities == (0, 0)
+def test_an_endless_cycle_below_a_ball_that_has_left_ends_at_rest():
     outcome = solve_column(
         Column((5, 1, 0.165), (3, 1, 0.775), (1, 0.4, 0.33), (9, -1, 0), table=True), law=LAWS[1]
     )
     assert outcome.velocities == pytest.approx((9, 0, 0), abs=1e-12)
     assert outcome.status == "limit"
     assert "infinitely many events" in outcome.reason
-
-
-def test_given_up():
-    outcome = solve_column(random_columns(8, 1, balls=6)[0], max_events=3)
-    assert outcome.status == "unconverged"
-    assert outcome.reason == "not over within 3 pieces of segments"
-    assert all(math.isnan(v) for v in (*outcome.velocities, *outcome.impulses))
-
-
-def test_steps_beyond_double_precision_are_shortened():
-    for masses, status in (
-        ([1e10**i for i in range(6)], "limit"),
-        ([1e-10**i for i in range(6)], "unconverged"),
-    ):
-        column = Column(masses, (1,) * 5, (0.9,) * 5, (-1, 0, 0, 0, 0, 0))
-        outcome = solve_column(column, exponent=1.5, max_events=1000)
-        assert outcome.status == status
-        if status == "limit":
-            assert outcome.velocities == pytest.approx((0.9, 0, 0, 0, 0, 0), abs=1e-9)
 
 
 def test_ratios_beyond_double_precision_are_refused_by_name():
@@ -240,36 +228,13 @@ def test_ratios_beyond_double_precision_are_refused_by_name():
     ):
         column = Column(masses, stiffnesses, (0.9,) * len(stiffnesses), (-1,) + (0,) * (len(masses) - 1))
         for exponent in (1.0, 1.5):
-            one = solve_column(column, exponent=exponent)
-            for outcome in (one, *solve_columns([column], exponent=exponent)):
+            one, (other,) = (
+                solve_column(column, exponent=exponent),
+                solve_columns([column], exponent=exponent),
+            )
+            for outcome in (one, other):
                 assert outcome.status == "unrepresentable", column
-                assert (
-                    "where one exceeds 1e+150 times another, squares of velocities are lost" in outcome.reason
-                )
-
-
-def test_masses_whose_sum_overflows_are_as_good_as_any():
-    heavy, light = (Column((m, m), (1,), (0.9,), (-1, 0)) for m in (1.5e308, 1.0))
-    assert heavy.mean_velocity == light.mean_velocity
-    assert solve_column(heavy).velocities == solve_column(light).velocities
-
-
-def test_a_hundred_balls():
-    outcome = solve_column(Column((1,) * 100, (1,) * 99, (0.99,) * 99, (-1,) + (0,) * 99))
-    assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
-    assert abs(outcome.diagnostics["energy_residual"]) < 1e-12
-    assert outcome.velocities[-1] < -0.5
-
-
-def test_outcomes_jump_only_beside_a_small_margin():
-    columns = random_columns(9, 1000, balls=4)
-    moved = [replace(c, stiffnesses=(c.stiffnesses[0] * (1 + 1e-6), *c.stiffnesses[1:])) for c in columns]
-    here, there = solve_columns(columns), solve_columns(moved)
-    margins = np.array([o.grazing_margin for o in here])
-    jumps = np.array([apart(a, b) for a, b in zip(here, there, strict=True)]) > 1e-4
-    assert np.all(margins[jumps] < 1e-4)
-    assert np.mean(margins < 1e-4) < 0.01
-    assert [bool(o.marked) for o in here] == (margins < 5e-5).tolist()
+                assert "where one exceeds 1e+150 times another, squares of vel" in outcome.reason
 
 
 def test_a_jump_has_a_margin_that_vanishes():
@@ -286,13 +251,10 @@ def test_a_jump_has_a_margin_that_vanishes():
     low, high = grid[i], grid[i + 1]
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (
-            (middle, high) if apart(at(middle), at(low)) < apart(at(middle), at(high)) else (low, middle)
-        )
+        nearer_low = apart(at(middle), at(low)) < apart(at(middle), at(high))
+        low, high = (middle, high) if nearer_low else (low, middle)
     assert apart(at(low), at(high)) > 1e-2
-    for k in (low, high):
-        outcome = at(k)
-        assert outcome.grazing_margin is not None
+    for outcome in (at(low), at(high)):
         assert outcome.grazing_margin < 1e-9
         assert outcome.marked.startswith("grazing")
 
@@ -302,12 +264,10 @@ def test_a_path_ends_in_the_outcome_and_its_forces_are_the_rates_of_its_impulses
     column = random_column(np.random.default_rng(10), balls=4, table=True)
     outcome = solve_column(column, exponent=exponent, path=True)
     path = outcome.path
-    assert path is not None
     assert tuple(path.velocities[0]) == column.velocities
     assert tuple(path.velocities[-1]) == outcome.velocities
     assert path.impulses[-1] == pytest.approx(outcome.impulses)
     assert np.all(np.diff(path.time) >= 0)
-    assert path.impulses.shape == path.forces.shape == path.acting.shape == (len(path.time), 4)
     rounding = 1e-9 if exponent == 1 else 1e-6  # of the quintics between the ends of a step
     assert path.forces.min() > -rounding
     assert np.all(np.abs(path.forces[~path.acting]) < rounding)
@@ -318,23 +278,14 @@ def test_a_path_ends_in_the_outcome_and_its_forces_are_the_rates_of_its_impulses
 
 def test_many_at_once_are_the_same():
     columns = random_columns(11, 60)
-    for one, other in zip(columns, solve_columns(columns), strict=True):
-        single = solve_column(one)
-        assert (single.velocities, single.n_events, single.grazing_margin) == (
-            other.velocities,
-            other.n_events,
-            other.grazing_margin,
-        )
+    for column, one in zip(columns, solve_columns(columns), strict=True):
+        single = solve_column(column)
+        assert (single.velocities, single.n_events) == (one.velocities, one.n_events)
+        assert single.grazing_margin == one.grazing_margin
     assert solve_columns([]) == []
 
 
-LEGAL = {
-    "masses": (1, 2, 3),
-    "stiffnesses": (1, 1),
-    "restitutions": (0.9, 1),
-    "velocities": (-1, 0, 0),
-    "table": False,
-}
+LEGAL = {"masses": (1, 2, 3), "stiffnesses": (1, 1), "restitutions": (0.9, 1), "velocities": (-1, 0, 0)}
 
 
 def test_an_illegal_column_is_refused_in_one_line_that_names_field_value_and_range():
@@ -349,10 +300,7 @@ def test_an_illegal_column_is_refused_in_one_line_that_names_field_value_and_ran
         ({"table": True}, "stiffnesses: 2 values; legal: 3, for 3 balls on a table"),
         ({"restitutions": (0.9, 1.1)}, r"restitutions\[2\] = 1.1; legal: from 0 to 1"),
         ({"velocities": (0, 0)}, "velocities: 2 values; legal: 3"),
-        (
-            {"velocities": (1, 0, 0)},
-            r"velocities = \(1.0, 0.0, 0.0\): nothing meets; legal: a ball is slower",
-        ),
+        ({"velocities": (1, 0, 0)}, r"velocities = \(1.0, 0.0, 0.0\): nothing meets; legal: a ball is"),
     ):
         with pytest.raises(ValueError, match=message) as caught:
             Column(**{**LEGAL, **changes})

@@ -60,8 +60,8 @@ def test_elastic_collisions_keep_their_energy(kappa, mu):
 
 @settings(max_examples=100)
 @given(ratios, masses, st.floats(0.05, 1), st.floats(0.05, 1))
-def test_equations_13_to_15_hold_along_the_path(kappa, mu, e1, e2):
-    """dE1 = (v2 - v1) dI1 and dE2 = -v2 dI2 inside every stretch, and dI2/dI1 = sqrt(k2 E2/(k1 E1)) in S1."""
+def test_equations_13_and_14_hold_along_the_path(kappa, mu, e1, e2):
+    """dE1 = (v2 - v1) dI1 and dE2 = -v2 dI2 inside every stretch."""
     c = Collision(2.0, 2.0 * mu, 1e6, 1e6 * kappa, e1, e2, -3.0)
     outcome = solve(c, path=True)
     p = outcome.path
@@ -80,20 +80,17 @@ def test_equations_13_to_15_hold_along_the_path(kappa, mu, e1, e2):
     assert (p.v1[-1], p.v2[-1]) == (outcome.v1, outcome.v2)
 
 
-def test_equations_13_to_15_hold_at_second_order_along_a_path_of_many_points():
-    """The same sums converge at second order in the spacing of the points, so the path is the solution."""
+def test_sums_along_a_path_converge_at_second_order_in_the_spacing_of_its_points():
     c = Collision.from_ratios(40, 2 / math.sqrt(3), 0.9, 0.7)
     p = solve(c, path=True).path
     residuals = []
     for every in (1, 2, 4):
         worst = 0.0
         for start, stop in smooth_pieces(p):
-            i = np.arange(start, stop, every)
-            dI1, dI2 = np.diff(p.impulse1[i]), np.diff(p.impulse2[i])
-            d1 = (p.v2 - p.v1)[i]
-            worst = max(worst, abs(np.sum(np.diff(p.energy1[i]) - 0.5 * (d1[1:] + d1[:-1]) * dI1)))
-            d2 = -p.v2[i]
-            worst = max(worst, abs(np.sum(np.diff(p.energy2[i]) - 0.5 * (d2[1:] + d2[:-1]) * dI2)))
+            i = slice(start, stop, every)
+            for d, impulse, energy in ((p.v2 - p.v1, p.impulse1, p.energy1), (-p.v2, p.impulse2, p.energy2)):
+                middle = 0.5 * (d[i][1:] + d[i][:-1])
+                worst = max(worst, abs(np.sum(np.diff(energy[i]) - middle * np.diff(impulse[i]))))
         residuals.append(worst)
     assert residuals[0] < 1e-4
     assert math.log2(residuals[2] / residuals[0]) / 2 == pytest.approx(2, abs=0.3)
@@ -133,12 +130,3 @@ def smooth_pieces(p):
     )
     borders = np.flatnonzero(np.append(True, np.any(np.diff(key, axis=1) != 0, axis=0)) | repeated)
     return [(a, b) for a, b in zip(borders, [*borders[1:], p.time.size], strict=True) if b - a > 2]
-
-
-def test_a_path_has_times_whatever_the_ratios():
-    for ratios in ((1e-30, 1.0, 0.0, 1e-300), (1.0, 1.0, 1e-300, 1e-300), (1e-300, 1e150, 1e-300, 1.0)):
-        path = solve(Collision.from_ratios(*ratios), path=True).path
-        assert path is not None
-        assert path.time[0] == 0
-        assert not np.isnan(path.time).any(), ratios
-        assert np.all(path.time[1:] >= path.time[:-1]), ratios

@@ -43,14 +43,9 @@ def test_stiffness_ratio_infinite_is_one_ball_on_the_table():
 
 
 def test_either_stiffness_may_be_the_zero_or_the_infinite_one():
-    for k1, k2 in ((math.inf, 5.0), (2.0, 0.0)):
+    for k1, k2, v1 in ((math.inf, 5, 0.45203), (2, 0, 0.45203), (2, math.inf, 0.9), (0, 5, 0.9)):
         outcome = solve(Collision(1, MU, k1, k2, 0.9, 0.7), path=True)
-        assert outcome.v1 == pytest.approx(0.45203, abs=1e-5)
-        assert outcome.path is not None
-        assert not np.isnan(outcome.path.time).any()
-    for k1, k2 in ((2.0, math.inf), (0.0, 5.0)):
-        outcome = solve(Collision(1, MU, k1, k2, 0.9, 0.7), path=True)
-        assert outcome.v1 == pytest.approx(0.9)
+        assert outcome.v1 == pytest.approx(v1, abs=1e-5)
         assert not np.isnan(outcome.path.time).any()
 
 
@@ -73,10 +68,9 @@ def test_stiffness_ratio_towards_zero_at_first_order():
 
 
 def test_stiffness_ratio_towards_infinity_at_first_order_and_at_second_where_the_table_contact_loses_energy():
-    """docs/errata.md: first order where e2 = 1, second where e2 < 1."""
     ratios = np.logspace(3.5, 7, 15)
     for mu, e1, e2, rate, band in (
-        # An elastic table contact keeps its stiffness: the expected first order (events shift about it).
+        # An elastic table contact keeps its stiffness.
         *((MU, 0.9, 1.0, -1, 0.15), (0.5, 0.3, 1.0, -1, 0.15), (3.0, 0.5, 1.0, -1, 0.15)),
         # A lossy one stiffens with every vibration of B2 on the table, and its ratio runs away: second order.
         *((MU, 0.9, 0.5, -2, 0.05), (0.5, 0.3, 0.8, -2, 0.1), (3.0, 0.5, 0.7, -2, 0.05)),
@@ -102,25 +96,12 @@ def test_a_plastic_contact_is_the_limit_of_small_restitution():
 
 def test_a_plastic_contact_unites_the_balls_or_keeps_the_lower_one_on_the_table():
     united = solve(Collision.from_ratios(1, MU, 0, 0.7))
-    assert united.v1 == united.v2
-    assert united.states == ("S1", "S2", "S4")
+    assert (united.v1, united.states) == (united.v2, ("S1", "S2", "S4"))
     kept = solve(Collision.from_ratios(40, MU, 0.9, 0))
     assert (kept.v2, kept.states) == (0, ("S1", "S3", "S4"))
     for kappa in (0, 1e-3, 1, 1e3, math.inf):
         outcome = solve(Collision.from_ratios(kappa, MU, 0, 0))
         assert (outcome.v1, outcome.v2) == pytest.approx((0, 0), abs=1e-15)
-
-
-def test_the_cutoff_changes_little_wherever_it_applies():
-    """Also next to the cut-off, where the stiff contact still holds all of its energy when the ratio leaves it."""
-    ratio = np.array([0.9e-5, 1.01e-5, 3e-5, 1e-4, 9e-4, 1.1e3, 5e4, 0.99e5, 1.1e5])[:, None, None]
-    e1, e2 = np.array([(0.3, 0.7), (0.9, 0.3), (0.6, 1.0), (0.9, 0.7)]).T[..., None]
-    default, off = (
-        solve_batch(ratio, [0.3, MU, 4.0], e1, e2, **options)
-        for options in ({}, {"stiffness_ratio_cutoff": math.inf})
-    )
-    np.testing.assert_allclose(default.v1, off.v1, atol=5e-5, rtol=0)
-    np.testing.assert_allclose(default.v2, off.v2, atol=5e-5, rtol=0)
 
 
 def test_an_illegal_cutoff_is_named():
@@ -135,13 +116,8 @@ def extreme_cells(n, seed):
     def restitution():
         e = rng.uniform(0, 1, n)
         kind = rng.uniform(0, 1, n)
-        e[kind < 0.03] = 0
-        e[(kind > 0.03) & (kind < 0.06)] = 1
-        tiny = (kind > 0.06) & (kind < 0.10)
-        e[tiny] = 10 ** rng.uniform(-12, 0, tiny.sum())
-        nearly = (kind > 0.10) & (kind < 0.13)
-        e[nearly] = 1 - 10 ** rng.uniform(-12, -1, nearly.sum())
-        return e
+        tiny, nearly = 10 ** rng.uniform(-12, 0, n), 1 - 10 ** rng.uniform(-12, -1, n)
+        return np.select([kind < 0.03, kind < 0.06, kind < 0.1, kind < 0.13], [0.0, 1.0, tiny, nearly], e)
 
     return 10 ** rng.uniform(-12, 12, n), 10 ** rng.uniform(-6, 6, n), restitution(), restitution()
 
@@ -167,13 +143,6 @@ def test_no_corner_fails(cutoff):
     assert np.max(np.abs(batch.energy_residual[ok])) < 1e-10
     assert np.min(batch.energy_residual[done]) > -1e-10
     assert np.max(batch.energy_residual[done]) < (1e-4 if cutoff == 1e5 else 1e-10)
-
-
-def test_elastic_collision_with_thousands_of_state_changes():
-    """Both contacts elastic, the ball-ball one 1e8 times stiffer: energy is kept through every one of them."""
-    batch = solve_batch(1e-8, 1.3, 1.0, 1.0, stiffness_ratio_cutoff=math.inf)
-    assert batch.n_events > 3000
-    assert batch.v1**2 + 1.3 * batch.v2**2 == pytest.approx(1, abs=1e-11)
 
 
 def test_a_very_heavy_lower_ball_is_hit_and_then_hits_the_table():

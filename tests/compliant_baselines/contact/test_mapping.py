@@ -5,16 +5,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines.contact.mapping import (
-    MUJOCO_IMPEDANCE,
-    PYBULLET_RIGID,
     Contact,
-    MujocoContact,
-    PybulletBody,
     contact_time,
     contacts,
     damping_ratio,
-    mujoco_contact,
-    pybullet_bodies,
     restitution,
     textbook_damping_ratio,
 )
@@ -104,22 +98,3 @@ def test_contacts_of_a_collision():
     e, duration = integrated_contact(one.c / (2 * math.sqrt(5 * 1.2)))
     assert e == pytest.approx(0.6, rel=1e-10)
     assert one.duration == pytest.approx(duration * math.sqrt(1.2 / 5), rel=1e-10)
-
-
-def test_mujoco_calibrated_and_naive():
-    contact = Contact(k=8.0, c=2.0, mass=4.0)
-    impedance = (MUJOCO_IMPEDANCE, MUJOCO_IMPEDANCE, 1e-3, 0.5, 1)
-    assert mujoco_contact(contact) == MujocoContact((-2.0, -0.5), impedance)
-    assert mujoco_contact(contact, "naive") == MujocoContact((-8.0, -2.0), (0.9, 0.95, 1e-3, 0.5, 2))
-    assert mujoco_contact(contact).stiffness(4.0) == pytest.approx(8.0)
-
-
-def test_pybullet_calibrated_bodies_combine_to_the_contacts_and_naive_ones_to_half_the_stiffness():
-    one, two = Contact(1e8, 300.0, 0.5), Contact(1e5, 20.0, 1.0)
-    upper, lower, table = pybullet_bodies(one, two)
-    assert upper.against(lower) == PybulletBody(one.k, one.c)
-    assert lower.against(table) == PybulletBody(pytest.approx(two.k, rel=1e-15), two.c)
-    assert lower == PybulletBody(PYBULLET_RIGID, 0.0)
-    upper, lower, table = pybullet_bodies(one, Contact(1e8, 20.0, 1.0), "naive")
-    assert upper.against(lower) == PybulletBody(pytest.approx(0.5e8), 600.0)
-    assert lower.against(table) == PybulletBody(pytest.approx(0.5e8), 320.0)

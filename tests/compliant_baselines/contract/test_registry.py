@@ -1,19 +1,27 @@
+import json
+import os
+import re
 import subprocess
 import sys
 
 import pytest
 
-from impact_xval.compliant_baselines import get_solver, solver_names
+from impact_xval.compliant_baselines import SolverError, get_solver, solver_names
 from impact_xval.compliant_baselines.contract import registry
+from impact_xval.compliant_baselines.contract.answers import answer
+from impact_xval.compliant_baselines.contract.conformance import conform
+from impact_xval.compliant_baselines.contract.registry import origins
+from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.references.solver import ReferenceSolver
+from impact_xval.experiments.commands.cli import main
+from impact_xval.model.collision import Collision
+from tests.compliant_baselines.third_party import GOOD, install
 
-FIRST = ("state-transition", "mujoco", "pybullet")
 ALL = solver_names(on_request=True)
 
 
-def test_names_come_in_the_order_of_the_tables_and_an_unknown_one_is_told_the_known_ones():
-    assert tuple(n for n in solver_names() if n in FIRST) == FIRST
+def test_an_unknown_name_is_told_the_known_ones_in_the_order_of_the_tables():
     with pytest.raises(ValueError, match=r"solver 'bullet' is unknown; known: .*mujoco.*pybullet"):
         get_solver("bullet")
 
@@ -26,13 +34,6 @@ def test_kinds_and_laws_are_those_of_the_classes_and_laws_are_exact_solvers():
         assert law in registry.engine_free_names(), name
         assert registry.law_of(law) == law
         assert (registry.kind_of(law) == "model") == (kind == "model"), name
-
-
-def test_what_is_not_of_this_project_is_taken_for_an_engine_of_springs_and_dashpots():
-    name = "installed-elsewhere"
-    found = registry.kind_of(name), registry.law_of(name), registry.is_costly(name)
-    assert found == ("engine", "kelvin-voigt", False)
-    assert name not in registry.engine_names(on_request=True)
 
 
 def test_solvers_are_told_of_without_importing_them_and_made_without_importing_engines():
@@ -49,8 +50,90 @@ def test_solvers_are_told_of_without_importing_them_and_made_without_importing_e
     assert done.stdout.split() == ["[]", "[]"]
 
 
-def test_every_solver_is_described_in_a_line_of_its_own():
-    described = [registry.description_of(name) for name in ALL]
-    assert len(set(described)) == len(ALL)
-    assert all(text.isprintable() for text in described)
-    assert all(described)
+CELL = Collision(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.9, e2=0.7)
+RATIOS = ["--stiffness-ratio", "1", "--mass-ratio", "1", "--e1", "0.9", "--e2", "0.7"]
+
+
+@pytest.fixture
+def site(tmp_path, monkeypatch):
+    """A folder of installed distributions; what is imported from it is forgotten afterwards."""
+    before = set(sys.modules)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    for name in set(sys.modules) - before:
+        if getattr(sys.modules[name], "__file__", None) and str(tmp_path) in str(sys.modules[name].__file__):
+            del sys.modules[name]
+
+
+def test_an_installed_solver_is_found_used_and_conforms(site, capsys):
+    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
+    assert "tiny" in solver_names()
+    assert origins()["tiny"] == "tiny-engine 1.2"
+    assert "tiny_engine" not in sys.modules  # nothing is imported before it is asked for
+    tiny = get_solver("tiny")
+    assert (tiny.name, tiny.version(), tiny.unavailable()) == ("tiny", "1.2", None)
+    exact = get_solver("kelvin-voigt").solve(CELL)
+    assert tiny.solve(CELL, Settings(step_fraction=1e-4)).v1 == pytest.approx(exact.v1, abs=1e-3)
+    with pytest.raises(SolverError, match="tiny: unrepresentable: e1 = 0"):
+        tiny.solve(Collision(1.0, 1.0, 1.0, 1.0, 0.0, 0.5))
+    assert [(check.__name__, problem) for check, problem in conform(tiny.solver) if problem] == []
+    assert main(["solve", *RATIOS, "--solver", "tiny", "--solver", "kelvin-voigt", "--json"]) == 0
+    ours, exact, _ = json.loads(capsys.readouterr().out)  # and the model
+    assert ours["v1"] == pytest.approx(exact["v1"], abs=0.01)
+
+
+def test_a_run_uses_it_in_worker_processes_and_writes_its_version(site, tmp_path):
+    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
+    grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}
+    config = {"solvers": ["kelvin-voigt", "tiny"], "step_fraction": 0.02, "chunk_size": 1, "grid": grid}
+    code = (
+        "from pathlib import Path\nfrom impact_xval.experiments.config.configuration import parse_config\n"
+        "from impact_xval.experiments.sweep.run import run_sweep\n"
+        f"run_sweep(parse_config({config!r}), Path({str(tmp_path / 'run')!r}), workers=2)"
+    )
+    paths = {"PYTHONPATH": os.pathsep.join([str(site), *sys.path])}
+    subprocess.run([sys.executable, "-c", code], env=os.environ | paths, check=True)
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["versions"]["tiny"] == "1.2"
+    assert manifest["statuses"]["tiny"] == {"ok": 2}, manifest["statuses"]
+
+
+BROKEN = {
+    "no-module": ("gone:Engine", "", r"ModuleNotFoundError: No module named 'gone'"),
+    "no-class": ("bad_one:Engine", "x = 1", r"AttributeError: .*Engine"),
+    "raises": ("bad_two:Engine", "1 / 0", "ZeroDivisionError: division by zero"),
+    "lacks": (
+        "bad_five:Engine",
+        "class Engine:\n name = 'lacks'",
+        "it lacks version, unavailable, solve_many, solve",
+    ),
+}
+
+
+def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, capsys):
+    modules = {value.split(":")[0]: text for value, text, _ in BROKEN.values() if text}
+    install(site, "broken", {name: value for name, (value, _, _) in BROKEN.items()}, **modules)
+    for name, (value, _, says) in BROKEN.items():
+        solver = get_solver(name)
+        (outcome,) = answer(solver, [CELL], Settings())
+        assert outcome.status == "unavailable"
+        assert re.search(rf"broken 1.2 provides '{name}' as {value}, but .*{says}", outcome.reason)
+        assert solver.version() == ""
+    assert main(["solve", *RATIOS]) == 0  # every solver, these included
+    printed = capsys.readouterr().out
+    assert all(f"{name}: unavailable: broken 1.2" in printed for name in BROKEN)
+    assert main(["solvers"]) == 0
+    assert main(["conform", "raises"]) == 2
+
+
+def test_two_distributions_with_one_name_are_told(site):
+    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
+    install(site, "tiny-fork", {"tiny": "tiny_fork:TinyEngine"}, tiny_fork=GOOD)
+    assert "tiny-engine 1.2 and tiny-fork 1.2 both provide 'tiny'" in str(get_solver("tiny").unavailable())
+
+
+def test_a_name_that_is_taken_stays_what_it_is(site):
+    install(site, "rival", {"mujoco": "rival:Engine"})
+    assert type(get_solver("mujoco")).__module__ == "impact_xval.compliant_baselines.engines.mujoco_engine"
+    assert solver_names().count("mujoco") == 1
+    assert origins()["mujoco"] == "impact-xval (rival 1.2 ignored: the name is taken)"

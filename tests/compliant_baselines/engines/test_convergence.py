@@ -1,32 +1,30 @@
-"""Both engines against an independent Kelvin-Voigt integration, and against what a scenario asks of them."""
+"""Engines against an independent Kelvin-Voigt integration, naive mappings, and what a scenario asks of them."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.contact.column import column_of
-from impact_xval.compliant_baselines.contact.mapping import contacts, damping_ratio, restitution
-from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.model.collision import Collision
+from impact_xval.compliant_baselines.contact.mapping import (
+    contacts,
+    damping_ratio,
+    restitution,
+    textbook_damping_ratio,
+)
+from impact_xval.model import Collision
 from tests.compliant_baselines.reference import kelvin_voigt
 
 # k2/k1, e1, e2: one contact stiffer and the other, elastic and not
-CELLS = [
-    (1.0, 0.9, 0.7),
-    (40.0, 0.9, 0.7),
-    (1 / 40, 0.9, 0.7),
-    (100.0, 0.5, 0.5),
-    (3.0, 0.7, 1.0),
-    (0.3, 1.0, 0.6),
-    (10.0, 1.0, 0.8),
-]
+CELLS = [(1.0, 0.9, 0.7), (40.0, 0.9, 0.7), (1 / 40, 0.9, 0.7), (100.0, 0.5, 0.5), (0.3, 1.0, 0.6)]
 ELASTIC = [(1.0, 1.0, 1.0), (40.0, 1.0, 1.0), (1 / 40, 1.0, 1.0)]
 FRACTIONS = np.array([0.01, 0.005, 0.0025, 0.00125])
 
 
-def collision(ratio, e1, e2):
-    return Collision(m1=1.0, m2=2 / 3**0.5, k1=1e8, k2=1e8 * ratio, e1=e1, e2=e2)
+def collision(ratio, e1, e2, k1=1e8):
+    return Collision(m1=1.0, m2=2 / 3**0.5, k1=k1, k2=k1 * ratio, e1=e1, e2=e2)
 
 
 def reference(c, **options):
@@ -42,11 +40,6 @@ def errors(engine, c, fractions=FRACTIONS):
 
 def slope(fractions, error):
     return np.polyfit(np.log(fractions), np.log(error), 1)[0]
-
-
-def test_the_reference_gives_the_theory_s_numbers():
-    ref = kelvin_voigt(1.0, 2 / 3**0.5, 1.0, 1.0, 0.0, 0.0, -1.0)
-    assert (ref.v1, ref.v2) == (pytest.approx(0.954509, abs=5e-7), pytest.approx(0.277489, abs=5e-7))
 
 
 def test_first_order_convergence_to_kelvin_voigt(engine):
@@ -76,31 +69,26 @@ def test_states_and_impulses_are_those_of_kelvin_voigt(engine):
         # Contacts that end within shortest_state of a period of each other end together.
         assert got.states in (ref.states, tuple(s for s in ref.states if s != "S2")), cell
         assert got.states == ref.states or cell == (40.0, 0.9, 0.7), cell
-        assert (got.impulse1, got.impulse2) == (
-            pytest.approx(ref.impulse1, rel=3e-3),
-            pytest.approx(ref.impulse2, rel=3e-3),
-        ), cell
-        # without gravity the two impulses and the two velocities say the same
-        assert got.v1 == pytest.approx(c.v0 + got.impulse1 / c.m1, abs=1e-12)
-        assert got.v2 == pytest.approx((got.impulse2 - got.impulse1) / c.m2, abs=1e-12)
+        impulses = got.impulse1, got.impulse2
+        assert impulses == pytest.approx((ref.impulse1, ref.impulse2), rel=3e-3), cell
+        balance = c.v0 + got.impulse1 / c.m1, (got.impulse2 - got.impulse1) / c.m2
+        assert (got.v1, got.v2) == pytest.approx(balance, abs=1e-12)
 
 
 @pytest.mark.parametrize("ratio", [0.5, 2.0, 10.0])
 def test_drop_follows_kelvin_voigt_with_gravity(engine, ratio):
     # k1 = 1e4 N/m: gravity matters (g/(|v0| omega1) = 0.07)
-    c = Collision(m1=1.0, m2=2 / 3**0.5, k1=1e4, k2=1e4 * ratio, e1=0.9, e2=0.7)
+    c = collision(ratio, 0.9, 0.7, k1=1e4)
     error, weightless = [], reference(c)
     for fraction in FRACTIONS:
         got = engine.solve(c, Settings(scenario="drop", gravity=9.81, step_fraction=float(fraction)))
         ref = reference(c, gravity=9.81, until=got.diagnostics["duration"])
         v2 = got.diagnostics.get("rest_speed", got.v2)
         error.append(np.hypot(got.v1 - ref.v1, v2 - ref.v2))
-        assert (got.impulse1, got.impulse2) == (
-            pytest.approx(ref.impulse1, rel=20 * fraction),
-            pytest.approx(ref.impulse2, rel=20 * fraction),
-        )
+        impulses = got.impulse1, got.impulse2
+        assert impulses == pytest.approx((ref.impulse1, ref.impulse2), rel=20 * fraction)
     assert slope(FRACTIONS, error) == pytest.approx(1, abs=0.25)
-    # and gravity is not a detail here: without it the answer is another one
+    # gravity is no detail here
     assert error[-1] < 0.3 * np.hypot(ref.v1 - weightless.v1, ref.v2 - weightless.v2)
 
 
@@ -116,16 +104,6 @@ def test_b2_stays_settled_until_it_is_hit(engine):
         # an elastic B2 out of balance by x would swing at omega2 x for ever
         assert np.abs(run.points[:, 2]).max() < 1e-10 * 9.81 * (c.m2 / c.k2) ** 0.5, ratio
         assert run.x2 == pytest.approx(-c.m2 * 9.81 / c.k2, rel=2e-4), ratio
-
-
-def test_weak_gravity_is_no_gravity(engine):
-    c = collision(1.0, 0.9, 0.7)
-    impact = engine.solve(c, Settings(step_fraction=2e-3))
-    drop = engine.solve(c, Settings(scenario="drop", gravity=1e-3, step_fraction=2e-3))
-    assert drop.diagnostics["gravity_number"] == pytest.approx(
-        1e-3 / (1e8 * (1 + 3**0.5 / 2)) ** 0.5, rel=1e-12
-    )
-    assert (drop.v1, drop.v2) == (pytest.approx(impact.v1, abs=1e-5), pytest.approx(impact.v2, abs=1e-5))
 
 
 def test_b2_at_rest_on_the_table_is_reported_at_rest(engine):
@@ -149,3 +127,40 @@ def test_balls_that_never_part_end_at_rest(engine):
     # between them the contacts carried the balls' weight and took B1's momentum
     weight = (c.m1 + c.m2) * 9.81 * o.diagnostics["duration"]
     assert o.impulse2 == pytest.approx(weight + c.m1, rel=1e-12)
+
+
+def test_what_the_naive_mapping_of_mujoco_costs():
+    soft, hard = (collision(1, 0.9, 0.7, k1=k1) for k1 in (1e4, 1e8))
+    exact, engine, naive = (get_solver(name) for name in ("kelvin-voigt", "mujoco", "mujoco-naive"))
+    assert naive.solve(hard).v1 == engine.solve(hard, Settings(mapping="naive")).v1
+    exact = exact.solve(hard)
+    for fraction in (4e-3, 1e-3):  # no matter of the step
+        settings = Settings(step_fraction=fraction)
+        calibrated, found = engine.solve(hard, settings), naive.solve(hard, settings)
+        assert math.hypot(calibrated.v1 - exact.v1, calibrated.v2 - exact.v2) < 0.005
+        assert math.hypot(found.v1 - exact.v1, found.v2 - exact.v2) > 0.3
+        assert found.v1 > 0.9
+        assert found.v2 < 0.15
+    # Theorem 5: the outcome does not depend on the scale of k. Under the default solimp it does.
+    for solver, least, most in ((engine, 0, 1e-8), (naive, 0.01, 0.1)):
+        assert least <= abs(solver.solve(soft).v1 - solver.solve(hard).v1) <= most
+
+
+def test_what_the_naive_mapping_of_pybullet_is():
+    pytest.importorskip("pybullet")
+    for ratio in (1.0, 5.0):
+        c = collision(ratio, 0.9, 0.7, k1=1e4)
+        zeta1, zeta2 = (textbook_damping_ratio(e) for e in (c.e1, c.e2))
+        c1 = 2 * zeta1 * math.sqrt(c.k1 * c.m1 * c.m2 / (c.m1 + c.m2))
+        c2 = 2 * zeta2 * math.sqrt(c.k2 * c.m2)
+        # both balls carry (k1, c1), the table (k2, c2): stiffness in series, damping added
+        series = 1 / (1 / c.k1 + 1 / c.k2)
+        expected = kelvin_voigt(c.m1, c.m2, c.k1 / 2, series, 2 * c1, c1 + c2, c.v0)
+        errors = []
+        for fraction in (1e-3, 5e-4, 2.5e-4):
+            o = get_solver("pybullet-naive").solve(c, Settings(step_fraction=fraction))
+            errors.append(math.hypot(o.v1 - expected.v1, o.v2 - expected.v2))
+        assert errors[-1] < 2e-3
+        assert errors[0] / errors[2] == pytest.approx(4, rel=0.2)  # first order in the step
+        exact = get_solver("kelvin-voigt").solve(c)
+        assert math.hypot(expected.v1 - exact.v1, expected.v2 - exact.v2) > 0.1

@@ -1,6 +1,5 @@
 """Engines for N balls: two balls, the limit dt -> 0 against Kelvin-Voigt, states, paths, and what is refused."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,20 +8,11 @@ from scipy.interpolate import CubicHermiteSpline
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
 from impact_xval.compliant_baselines.contract.solver import Convergence
-from impact_xval.compliant_baselines.engines.convergence import parted
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.lines import PATH_POINTS
 from impact_xval.model import Collision, Column
 from tests.model.test_columns import random_column
 
 CHAIN = Column((1, 1, 1), (1, 1), (1, 0.9), (-1, 0, 0))
 SETTINGS = Settings(step_fraction=4e-3, convergence=Convergence())
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    """Kernels of the reference for columns, so that no test is charged with compiling them."""
-    get_solver("kelvin-voigt").solve_column(CHAIN, Settings(record_path=True))
 
 
 def limits(outcome):
@@ -50,6 +40,12 @@ def test_a_chain_has_the_limit_of_kelvin_voigt(engine):
     assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
 
 
+def test_a_column_alone_is_the_column_among_others(engine):
+    columns = [CHAIN, Column((1, 2), (1,), (0.5,), (-1, 0)), CHAIN.reversed()]
+    for column, among in zip(columns, engine.solve_columns(columns, Settings()), strict=True):
+        assert engine.solve_column(column).velocities == among.velocities
+
+
 def test_gaps_and_speeds_beyond_a_hundred(engine):
     """Balls that are apart meet one after the other; PyBullet's multibodies are capped at 100 m/s by default."""
     column = Column((1, 1, 1), (1e4, 1e4), (1, 0.8), (-500, 0, 0), gaps=(0, 40.0))
@@ -73,13 +69,6 @@ def test_random_columns_have_the_limit_of_kelvin_voigt(engine):
         assert off < 3 * ours.diagnostics["limit_error"]
 
 
-def test_a_column_alone_is_the_column_among_others():
-    columns = [CHAIN, Column((1, 2), (1,), (0.5,), (-1, 0)), CHAIN.reversed()]
-    many = get_solver("mujoco").solve_columns(columns, Settings())
-    assert many[2].velocities == get_solver("mujoco").solve_column(columns[2]).velocities
-    assert many[1].velocities == get_solver("mujoco").solve_column(columns[1]).velocities
-
-
 def test_what_an_engine_refuses(engine):
     for solver, column, says in (
         ("mujoco", Column((1, 1), (1,), (0,), (-1, 0)), r"restitutions\[1\] = 0\.0: no finite damping"),
@@ -91,30 +80,6 @@ def test_what_an_engine_refuses(engine):
         if solver.startswith(engine.name):
             with pytest.raises(SolverError, match=says):
                 get_solver(solver).solve_column(column)
-
-
-def test_an_engine_without_an_adapter_for_columns_says_so_when_a_limit_is_asked_for():
-    class Bare(EngineSolver):
-        name, distribution = "bare", "numpy"
-
-        def run_columns(self, columns, max_steps, record_path=False):
-            raise AssertionError("not asked for")
-
-    (outcome,) = Bare().solve_columns([CHAIN], SETTINGS)
-    assert outcome.status == "unrepresentable"
-    assert outcome.reason == "bare has no adapter for columns of N balls"
-
-
-def test_a_column_that_is_not_over_is_a_timeout(engine):
-    (outcome,) = engine.solve_columns([CHAIN], Settings(max_steps=50))
-    assert outcome.status == "timeout"
-    assert np.isnan(outcome.velocities).all()
-
-
-def test_velocities_in_the_wrong_order_are_pooled():
-    assert parted([1.0, 2.0, 0.5], [1.0, 3.0, 1.0]) == (1.75, 1.75, 0.5)
-    assert parted([1.0, 0.0, 2.0, -1.0], [1.0] * 4, table=False) == (1.0, 1.0, 1.0, -1.0)
-    assert parted([1.0, 0.0, 2.0, -1.0], [1.0] * 4) == (1.0, 1.0, 1.0, 0.0)
 
 
 def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(engine):
@@ -142,31 +107,7 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
     assert order == pytest.approx(1, abs=0.05)
 
 
-def test_a_path_is_bounded_however_many_steps_there_are():
-    outcome = get_solver("mujoco").solve_column(CHAIN, Settings(step_fraction=1e-5, record_path=True))
-    path = outcome.path
-    assert outcome.diagnostics["n_steps"] > 2 * PATH_POINTS
-    assert PATH_POINTS / 2 <= len(path.time) <= PATH_POINTS
-    assert path.time[-1] == outcome.diagnostics["duration"]
-    assert path.impulses[-1] == pytest.approx(outcome.impulses, rel=1e-12)
-    assert np.diff(path.time) @ path.forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)
-
-
 def between(path, contact, time):
     """Force of a contact between the points of a path, from the cubics through its impulses and forces."""
     impulses, forces = path.impulses[:, contact], path.forces[:, contact]
     return CubicHermiteSpline(path.time, impulses, forces).derivative()(time)
-
-
-def test_a_flight_has_no_points_but_its_ends(engine):
-    column = Column((1, 1, 1), (1e4, 1e4), (1, 0.8), (-1, 0, 0), gaps=(0, 0.5))
-    outcome = engine.solve_column(column, Settings(record_path=True))
-    path = outcome.path
-    contact = math.pi * math.sqrt(0.5 / 1e4)
-    assert outcome.diagnostics["duration"] == pytest.approx(0.5 + 1.5 * contact, rel=0.01)
-    (flight,) = np.flatnonzero(np.diff(path.time) > 0.1)
-    assert np.diff(path.time)[flight] == pytest.approx(0.5 - contact / 2, rel=0.01)
-    assert len(path.time) < 1.1 * 2 * contact / outcome.diagnostics["step"]
-    assert path.acting[[0, flight, flight + 1]].tolist() == [[True, False], [False, False], [False, True]]
-    assert path.forces[flight + 1].tolist() == [0.0, 0.0]
-    assert np.diff(path.time) @ path.forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)

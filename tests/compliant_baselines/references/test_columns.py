@@ -1,8 +1,6 @@
 """The references for N balls: two balls, an independent integration, invariances, gaps, and what is refused."""
 
-import math
 from dataclasses import replace
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -10,23 +8,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.compliant_baselines.references.columns.rounding import MOVED, changed, mark_columns
 from impact_xval.compliant_baselines.references.columns.solving import LAWS, coefficients_of, solve_column
-from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
 from impact_xval.model import Column
 from impact_xval.model import solve_column as solve_by_the_model
 from tests.compliant_baselines.column_in_time import integrate
+from tests.compliant_baselines.reference_cells import BATCHES, DAMPING
 from tests.model.test_columns import random_column
 
-DAMPING = {
-    "kelvin-voigt": "pair",
-    "kelvin-voigt-textbook": "textbook",
-    "hunt-crossley": "hunt-crossley",
-}
-BATCHES = {
-    "bistiffness": bistiffness_batch,
-    **{law: partial(kelvin_voigt_batch, damping=damping) for law, damping in DAMPING.items()},
-}
 NAMES = {(1, 2): "S1", (2,): "S2", (1,): "S3", (): "S4"}
 
 
@@ -91,10 +80,12 @@ def compare(seed, count, law, exponent, most, frozen=False):
     ("law", "exponent", "count", "most"),
     [
         ("kelvin-voigt", 1, 8, 7),
-        ("bistiffness", 1, 4, 4),
+        pytest.param("kelvin-voigt", 1, 6, 10, marks=pytest.mark.slow),
         ("kelvin-voigt", 1.5, 3, 4),
+        pytest.param("kelvin-voigt", 1.5, 4, 10, marks=pytest.mark.slow),
         ("hunt-crossley", 1, 3, 4),
         ("hunt-crossley", 1.5, 3, 4),
+        ("bistiffness", 1, 4, 4),
         ("bistiffness", 1.5, 2, 3),
     ],
 )
@@ -105,12 +96,6 @@ def test_an_integration_in_time_agrees(law, exponent, count, most):
 def test_an_integration_in_time_agrees_where_positions_are_frozen():
     for law, exponent in (("kelvin-voigt", 1), ("kelvin-voigt", 1.5), ("hunt-crossley", 1)):
         compare(6, 4, law, exponent, 6, frozen=True)
-
-
-@pytest.mark.slow
-def test_an_integration_in_time_agrees_on_long_columns():
-    for exponent in (1, 1.5):
-        compare(3, 6, "kelvin-voigt", exponent, 10)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -142,24 +127,8 @@ def test_a_pair_alone_has_its_restitution_at_any_speed():
         assert (v1 - v2) / speed == pytest.approx(e, abs=1e-10), (law, speed, exponent)
 
 
-def test_elastic_balls_that_touch_are_those_of_the_model():
-    # No contact of these returns before the balls part for good, so that positions do not matter.
-    column = cradle(3, 1)
-    for law, exponent in product(("bistiffness", "kelvin-voigt", "hunt-crossley"), (1, 1.5)):
-        expected = solve_by_the_model(column, exponent=exponent).velocities
-        ours = solve_column(column, law, exponent=exponent).velocities
-        assert ours == pytest.approx(expected, abs=1e-10), (law, exponent)
-
-
 def test_gaps_make_another_collision():
-    """Gaps as long as a collision is deep turn it into single impacts: the textbook's cradle."""
-    touching, hardly, wide = (np.array(solve_column(cradle(5, 2, gap)).velocities) for gap in (0, 1e-3, 20))
-    assert np.abs(touching - hardly).max() < 0.01
-    assert wide == pytest.approx([0, 0, 0, -1, -1], abs=1e-12)
-    assert np.abs(touching - wide).max() > 0.3
-
-
-def test_gaps_of_a_hundred_thousandth_of_a_diameter_change_a_cradle_of_steel():
+    """Of steel a hundred-thousandth of a diameter does; gaps as long as a collision is deep make single impacts."""
     mass, stiffness, diameter = 0.0638, 1.2165e10, 0.025  # Hertz contacts of steel balls of this diameter
     velocities = []
     for gap in (0, 1e-5 * diameter, 1e-2 * diameter):
@@ -179,12 +148,6 @@ def test_a_touching_pair_beyond_a_gap_waits():
     assert path.velocities[-1] == pytest.approx(outcome.velocities)
     assert path.impulses[-1] == pytest.approx(outcome.impulses)
     assert path.forces.max() > 0.4
-
-
-def test_a_long_chain():
-    outcome = solve_column(cradle(60, 1, e=0.95))
-    assert outcome.status == "ok"
-    assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
 
 
 def in_time_without_events(column, law, duration):
@@ -237,15 +200,6 @@ def test_long_rows_end_at_every_exponent(law):
         assert v @ v <= 2 * (1 + 1e-9)
 
 
-def test_contacts_left_at_rest_do_not_keep_a_collision_going():
-    # Balls so heavy that those behind the second contact never move.
-    column = Column([1e29**i for i in range(6)], (1,) * 5, (0.9,) * 5, (-1, 0, 0, 0, 0, 0))
-    for exponent in (1, 1.5):
-        outcome = solve_column(column, "bistiffness", exponent=exponent, max_steps=5000)
-        assert outcome.status == "ok"
-        assert outcome.velocities == pytest.approx((0.9, 0, 0, 0, 0, 0), abs=1e-9)
-
-
 def test_ratios_beyond_double_precision_end_with_a_status():
     far = Column((1e74, 1, 1e-75), (1, 1), (0.9, 0.9), (-1, 0, 0))
     for law in LAWS:
@@ -279,23 +233,53 @@ def test_a_solver_refuses_by_name_what_it_cannot_represent():
         ("kelvin-voigt-anchored", Settings(), 1, "kelvin-voigt-anchored is a law of two balls on a table"),
         ("bistiffness", Settings(scenario="drop"), 1, "scenario = 'drop'"),
         ("mujoco", Settings(), 1.5, "exponent = 1.5: the contacts of an engine are linear"),
-        (
-            "drake",
-            Settings(mapping="naive"),
-            1,
-            "mapping = 'naive': Drake's is that of|Drake is not installed",
-        ),
     ):
         with pytest.raises(SolverError, match=says):
             get_solver(solver).solve_column(cradle(3, 1), settings, exponent)
 
 
-def test_every_solver_gives_the_same_kind_of_outcome():
-    column = cradle(3, 1, e=0.9)
-    names = ("state-transition", "liu-zhao-brogliato", *LAWS)
-    for name in names:
-        outcome = get_solver(name).solve_column(column, Settings(record_path=True))
-        assert outcome.solver == name
-        assert outcome.states[-1] == ()
-        assert outcome.path is not None
-        assert math.isclose(sum(outcome.velocities), -1)
+#: All of 8 balls fall together, elastic: 585 events. By Taylor series in 40 and in 60 digits, which agree in these ten.
+STACK = Column(
+    tuple(0.5**i for i in range(8)), tuple(3.0**i for i in range(8)), (1.0,) * 8, (-1.0,) * 8, table=True
+)
+TRUTH = (1.09328, 1.05188, 0.81421, 0.65294, 0.59658, 0.23538, 0.21022, 0.03787)
+
+TAME = Column((1.0, 0.5, 0.25), (1e5, 2e5, 4e5), (0.9, 0.8, 1.0), (-1.0, -1.0, -1.0), table=True)
+
+
+def test_what_rounding_decides_is_marked():
+    for law in ("bistiffness", "kelvin-voigt"):
+        (outcome,) = get_solver(law).solve_columns([STACK], Settings(scenario="impact"))
+        assert outcome.status == "ok"
+        assert np.abs(np.subtract(outcome.velocities, TRUTH)).max() > 0.1  # which is why
+        assert outcome.marked.startswith(
+            "a change of 1e-06 in masses and stiffnesses moves the exact outcome"
+        )
+
+
+def test_what_it_does_not_decide_is_not():
+    for law in ("bistiffness", "kelvin-voigt", "kelvin-voigt-textbook", "hunt-crossley"):
+        (outcome,) = get_solver(law).solve_columns([TAME], Settings(scenario="impact"))
+        assert (outcome.status, outcome.marked) == ("ok", ""), law
+        for other in changed(TAME):
+            assert other.velocities == TAME.velocities
+            away = np.abs(np.subtract(solve_column(other, law).velocities, outcome.velocities)).max()
+            assert away < MOVED, law
+
+
+def test_an_error_that_is_stated_marks_too():
+    outcome = solve_column(STACK, "hunt-crossley")
+    assert outcome.diagnostics["velocity_error"] > 1e-3
+    (marked,) = mark_columns([outcome], [STACK], "hunt-crossley")
+    assert marked.marked.startswith("its own error moves")
+
+
+@pytest.mark.slow
+def test_an_engine_is_marked_where_its_exact_law_is():
+    column = Column(STACK.masses[:6], STACK.stiffnesses[:6], (1.0,) * 6, STACK.velocities[:6], table=True)
+    settings = Settings(scenario="impact", step_fraction=0.05)
+    (exact,) = get_solver("kelvin-voigt").solve_columns([column], settings)
+    (engine,) = get_solver("mujoco").solve_columns([column], settings)
+    (tame,) = get_solver("mujoco").solve_columns([TAME], settings)
+    assert engine.marked == exact.marked != ""
+    assert tame.marked == ""

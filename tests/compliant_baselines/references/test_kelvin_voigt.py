@@ -7,14 +7,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import SolverError, get_solver
-from impact_xval.compliant_baselines.contact.mapping import contacts, damping_ratio
+from impact_xval.compliant_baselines.contact.mapping import damping_ratio
 from impact_xval.compliant_baselines.contact.restitution_laws import (
     damping_ratios,
     hunt_crossley_coefficients,
 )
-from impact_xval.compliant_baselines.references.kelvin_voigt import DAMPINGS, dampings, kelvin_voigt_batch
+from impact_xval.compliant_baselines.references.kelvin_voigt import DAMPINGS, kelvin_voigt_batch
 from impact_xval.model import Collision
-from tests.compliant_baselines.reference import kelvin_voigt as impact_reference
 
 MU = 2 / math.sqrt(3)
 
@@ -30,16 +29,6 @@ def test_known_numbers():
         assert outcome.status == "ok"
     elastic = kelvin_voigt_batch(1.0, MU, 1.0, 1.0)
     assert (elastic.v1, elastic.v2) == pytest.approx((0.954509, 0.277489), abs=6e-7)
-
-
-def test_agrees_with_the_reference_of_the_engine_tests():
-    c = Collision(m1=0.3, m2=1.1, k1=2e4, k2=9e4, e1=0.8, e2=0.6, v0=-2.5)
-    first, second = contacts(c)
-    answer = impact_reference(c.m1, c.m2, c.k1, c.k2, first.c, second.c, c.v0)
-    outcome = get_solver("kelvin-voigt").solve(c)
-    for name in ("v1", "v2", "impulse1", "impulse2"):
-        assert getattr(outcome, name) == pytest.approx(getattr(answer, name), rel=1e-9)
-    assert outcome.states == answer.states
 
 
 def test_damping_ratios_are_those_of_the_mapping():
@@ -95,16 +84,6 @@ def test_anchored_is_exact_where_the_lower_ball_is_pressed_on_the_table():
     assert stiff["pair"] > 0.68
 
 
-def test_the_dampings_differ_as_they_say():
-    one = [np.array([x]) for x in (4.0, 3.0, 0.8, 0.7)]
-    c = {d: dampings(d, *one) for d in DAMPINGS}
-    assert c["anchored"][1][0] / c["pair"][1][0] == pytest.approx(math.sqrt(1 / 0.75))
-    assert c["anchored"][2][0] == c["pair"][2][0]
-    assert c["textbook"][2][0] / c["pair"][2][0] == pytest.approx(0.1128 / 0.1222, abs=1e-3)
-    with pytest.raises(ValueError, match=r"damping = 'none'; legal: pair, anchored"):
-        dampings("none", *one)
-
-
 def test_a_limit_of_the_model_is_refused_by_name():
     for name in ("kelvin-voigt", "kelvin-voigt-anchored", "hunt-crossley", "bistiffness"):
         for ratios, what in (
@@ -118,27 +97,14 @@ def test_a_limit_of_the_model_is_refused_by_name():
 
 
 def test_batch_says_unrepresentable_and_timeout_in_the_cell():
-    batch = kelvin_voigt_batch(
-        [1.0, 0.0, np.inf, 1.0, 1.0, 1e9], 1.0, [0.5, 0.5, 0.5, 0.0, 0.5, 1.0], 0.5, max_steps=50
-    )
-    assert list(batch.status) == [
-        "ok",
-        "unrepresentable",
-        "unrepresentable",
-        "unrepresentable",
-        "ok",
-        "timeout",
-    ]
-    assert list(np.isnan(batch.v1)) == [False, True, True, True, False, True]
+    batch = kelvin_voigt_batch([1, 0, np.inf, 1, 1e9], 1.0, [0.5, 0.5, 0.5, 0, 1], 0.5, max_steps=50)
+    assert list(batch.status) == ["ok", *3 * ["unrepresentable"], "timeout"]
+    assert list(np.isnan(batch.v1)) == [False, True, True, True, True]
 
 
 def test_a_batch_names_an_illegal_value():
     arguments = {"stiffness_ratio": 1.0, "mass_ratio": 1.0, "e1": 0.5, "e2": 0.5, "gravity_number": 0.0}
-    for argument, value in (
-        ("stiffness_ratio", -1),
-        ("mass_ratio", 0),
-        ("e2", np.nan),
-        ("gravity_number", -1e-3),
-    ):
+    illegal = {"stiffness_ratio": -1, "mass_ratio": 0, "e2": np.nan, "gravity_number": -1e-3}
+    for argument, value in illegal.items():
         with pytest.raises(ValueError, match=f"{argument} = .*legal"):
             kelvin_voigt_batch(**(arguments | {argument: [0.5, value]}))

@@ -11,15 +11,8 @@ from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
 from impact_xval.model import Collision
-from tests.compliant_baselines.reference_cells import random_cells
+from tests.compliant_baselines.reference_cells import BATCHES, random_cells
 
-BATCHES = {
-    "bistiffness": bistiffness_batch,
-    "kelvin-voigt": kelvin_voigt_batch,
-    "kelvin-voigt-anchored": lambda *a: kelvin_voigt_batch(*a, damping="anchored"),
-    "kelvin-voigt-textbook": lambda *a: kelvin_voigt_batch(*a, damping="textbook"),
-    "hunt-crossley": lambda *a: kelvin_voigt_batch(*a, damping="hunt-crossley"),
-}
 CELLS = [tuple(map(float, cell)) for cell in zip(*random_cells(25, 21), strict=True)]
 SCENARIOS = [Settings(), Settings(scenario="drop", gravity=0.05), Settings(scenario="drop", gravity=0.3)]
 
@@ -36,35 +29,18 @@ def test_single_and_batch_are_one_mathematics(name):
         one = get_solver(name).solve(c, settings)
         cells = BATCHES[name](*cell, gravity_number(c, settings))
         # gravity goes through a product and a quotient on its way to a number: an ulp or two, amplified
-        assert (one.v1, one.v2) == pytest.approx((float(cells.v1), float(cells.v2)), abs=1e-11), (
-            settings,
-            cell,
-        )
-        impulses = float(cells.impulse1), float(cells.impulse2)
-        assert (one.impulse1, one.impulse2) == pytest.approx(impulses, abs=1e-10), (settings, cell)
+        *velocities, impulse1, impulse2 = map(float, (cells.v1, cells.v2, cells.impulse1, cells.impulse2))
+        assert (one.v1, one.v2) == pytest.approx(tuple(velocities), abs=1e-11), (settings, cell)
+        assert (one.impulse1, one.impulse2) == pytest.approx((impulse1, impulse2), abs=1e-10)
         assert one.states[-32:] == cells.states(())
         assert (len(one.states), one.n_events) == (cells.n_states, cells.n_events)
 
 
+@pytest.mark.parametrize("frozen", [False, True], ids=["free", "frozen"])
 @pytest.mark.parametrize("name", BATCHES)
-def test_theorem_5(name):
-    solver, scales = get_solver(name), {"stiffness": (1, 7, 1), "mass": (3, 1, 1), "velocity": (1, 1, 5)}
-    for cell, scenario, (what, s) in itertools.product(CELLS[:10], ("impact", "drop"), scales.items()):
-        kappa, mu, e1, e2 = cell
-        other = Collision(s[0], s[0] * mu, s[1], s[1] * kappa, e1, e2, -float(s[2]))
-        # with gravity, g/(|v0| omega1) is a fifth number: scaled along
-        g = 0.05 * s[2] * math.sqrt(s[1] / s[0])
-        a = solver.solve(Collision.from_ratios(*cell), Settings(scenario=scenario, gravity=0.05))
-        b = solver.solve(other, Settings(scenario=scenario, gravity=g))
-        assert (b.v1 / s[2], b.v2 / s[2]) == pytest.approx((a.v1, a.v2), abs=1e-11), (cell, scenario, what)
-        assert b.impulse2 / (s[0] * s[2]) == pytest.approx(a.impulse2, abs=1e-10), (cell, scenario, what)
-        assert b.states == a.states, (cell, scenario, what)
-
-
-@pytest.mark.parametrize("name", BATCHES)
-def test_energy_never_grows_and_the_balls_part(name):
+def test_energy_never_grows_and_the_balls_part(name, frozen):
     cells = random_cells(20_000, 8, lowest_e=0.02)
-    batch = BATCHES[name](*cells)
+    batch = BATCHES[name](*cells, frozen=frozen)
     assert set(batch.status) <= {"ok", "limit"}
     assert np.all(batch.retained_energy <= 1 + 1e-13)
     assert np.all(batch.v1 >= batch.v2 - 1e-15)
@@ -100,27 +76,9 @@ def test_a_path_keeps_momentum_loses_energy_and_ends_in_the_outcome(name):
             assert last == pytest.approx(expected, abs=1e-12), cell
 
 
-def test_extremes_end():
-    for name, ratio in itertools.product(
-        ("bistiffness", "kelvin-voigt", "hunt-crossley"), (1e-9, 1e-6, 1e6, 1e9)
-    ):
-        batch = BATCHES[name](ratio, [0.01, 1.0, 100.0], 0.8, 0.6)
-        assert set(batch.status) <= {"ok", "limit"}, (name, ratio)
-        if ratio > 1:
-            # k2/k1 to infinity: v2 = 0, and v1 = e1 where a contact keeps its restitution whatever the mass
-            np.testing.assert_allclose(batch.v2, 0, atol=0.02)
-        if name == "bistiffness" and ratio == 1e9:
-            np.testing.assert_allclose(batch.v1, 0.8, atol=0.01)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("ratio", "number"),
-    [
-        (1e-15, 0.1),
-        (1e300, 0),
-        *(pytest.param(*far, marks=pytest.mark.nightly) for far in ((1e-300, 0), (1e-15, 0), (1e15, 0.1))),
-    ],
+    ("ratio", "number"), [(1e-15, 0.1), (1e300, 0), pytest.param(1e15, 0.1, marks=pytest.mark.nightly)]
 )
 def test_beyond_double_precision_a_cell_ends_with_a_status(ratio, number):
     for batch in BATCHES.values():
