@@ -101,7 +101,6 @@ def _root(
 # In the order of the help.
 for command in (
     runs.run,
-    runs.search,
     runs.status,
     collisions.solve,
     collisions.cradle,

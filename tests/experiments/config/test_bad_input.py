@@ -269,7 +269,6 @@ def test_wrong_words_of_other_commands_are_one_line_and_leave_no_file(capsys, tm
         (["run", "a.toml", "b.toml"], ["b.toml"]),
         (["run", "--workers", "0"], ["--workers = '0'", "a whole number from 1 to 4096"]),
         (["run", "--workers", "two"], ["--workers = 'two'", "a whole number from 1 to 4096"]),
-        (["search", "--solver", ""], ["--solver", "'' is not a solver", "legal: state-transition"]),
         (["conform", "bullet"], ["SOLVER 'bullet'", "did you mean 'pybullet'", "legal: state-transition"]),
         (["export-scene", *RATIOS, "--scenario", ""], ["--scenario = ''", "'impact' or 'drop'"]),
         (["export-scene", *RATIOS, "--gravity", "9.81"], ["--gravity = 9.81", "legal: --scenario drop"]),
@@ -288,7 +287,7 @@ def test_a_file_where_a_folder_is_to_be_written_is_one_line_and_stays(capsys, tm
     file = tmp_path / "file"
     file.write_text("mine")
     needed = {"map": RATIOS[4:], "export-scene": RATIOS}
-    for command in ("run", "search", "hypothesis", "calibrate", "map", "export-scene"):
+    for command in ("run", "hypothesis", "calibrate", "map", "export-scene"):
         for out in (file, file / "below"):
             _fails(capsys, [command, *needed.get(command, []), "--out", str(out)], [f"--out {out}"])
         _fails(capsys, [command, *needed.get(command, []), "--out", ""], ["--out = '", "legal: a path"])
