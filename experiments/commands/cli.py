@@ -21,7 +21,6 @@ from impact_xval.experiments.commands.contact import contact
 from impact_xval.experiments.commands.explore import explore
 from impact_xval.experiments.commands.ladder import ladder
 from impact_xval.experiments.commands.pictures.animate import animate
-from impact_xval.experiments.commands.pictures.map import draw_map
 from impact_xval.experiments.commands.supervision import last_word
 from impact_xval.experiments.config.errors import UserError
 
@@ -120,7 +119,6 @@ for command in (
     ladder,
 ):
     app.command(cls=_Command)(command)
-app.command("map", cls=_Command)(draw_map)
 
 #: What typer makes of Ctrl-C in a command.
 _CTRL_C = 130

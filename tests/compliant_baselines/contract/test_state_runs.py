@@ -9,11 +9,10 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contact.column import column_of, shorter_period
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.contract.state_runs import Runs, compared_states, merge_runs
-from impact_xval.compliant_baselines.contract.state_transition import model_paths
 from impact_xval.compliant_baselines.engines.recording import states_of
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.designs import cells_of
-from impact_xval.model import Collision, Outcome, solve
+from impact_xval.model import Collision, Outcome
 from impact_xval.model.collision import ImpulseCurve
 
 SHARE = Settings().shortest_state
@@ -231,26 +230,3 @@ def test_an_engine_is_no_nearer_to_the_model_than_its_exact_law(side_by_side):
     # Through the engine's filter alone it is: an artefact.
     states = [o.states for o in model]
     assert share_of(engine, states) > share_of([o.states for o in exact], states) + 0.04
-
-
-# Paths in bulk
-
-
-def named(code, n):
-    return tuple(f"S{1 + (int(code) >> 2 * (n - 1 - i) & 3)}" for i in range(n))
-
-
-def test_paths_in_bulk_are_those_of_single_collisions():
-    rng = np.random.default_rng(4)
-    kappa, mu = 10 ** rng.uniform(-3, 3, 300), 10 ** rng.uniform(-2, 2, 300)
-    e1, e2 = rng.uniform(0, 1, (2, 300))
-    kappa[:3], e1[3:6], e2[6:9] = [0, np.inf, 1], 0, 1
-    longest = 0
-    for cutoff in (1e5, 30.0, "exact"):
-        sequence, n_states = model_paths(kappa, mu, e1, e2, cutoff)
-        for i, row in enumerate(zip(kappa, mu, e1, e2, strict=True)):
-            states = solve(Collision.from_ratios(*map(float, row)), stiffness_ratio_cutoff=cutoff).states
-            assert n_states[i] == len(states), (cutoff, row)
-            assert named(sequence[i], min(len(states), 32)) == states[-32:], (cutoff, row)
-            longest = max(longest, len(states))
-    assert longest > 4
