@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from impact_xval.experiments.commands import calibrate, collisions, doctor, hypothesis, runs, solvers
+from impact_xval.experiments.commands import collisions, doctor, hypothesis, runs, solvers
 from impact_xval.experiments.commands.contact import contact
 from impact_xval.experiments.commands.explore import explore
 from impact_xval.experiments.commands.ladder import ladder
@@ -106,7 +106,6 @@ for command in (
     animate,
     explore,
     hypothesis.hypothesis,
-    calibrate.calibrate,
     collisions.export_scene,
     contact,
     doctor.doctor,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.compliant_baselines.calibration.calibration import ContactRequest
+from impact_xval.compliant_baselines.calibration.pair import Pair, columns
 from impact_xval.compliant_baselines.contact.line import line_of
 from impact_xval.compliant_baselines.contact.mapping import Contact, DrakeGeometry, drake_geometries
 from impact_xval.compliant_baselines.contract.solver import Convergence
@@ -119,7 +119,7 @@ def test_what_drake_raises_becomes_a_status(monkeypatch):
 @pytest.mark.parametrize(("fraction", "felt"), [(1e-5, 1.0), (1e-7, 0.0)])
 def test_a_step_too_short_switches_a_contact_off(fraction, felt):
     # Half way into an elastic contact, at full speed: the force is k delta, or nothing at all.
-    column = ContactRequest("ball-table", 1.0, k=1e6).column()
+    (column,) = columns(Pair((1.0, math.inf), 1.0, stiffness=1e6), 1.0, [0.0])
     omega = column.contact2.omega
     column = replace(column, step=fraction * column.contact2.period, x1=1.0, v1=0.0, x2=-0.5 / omega, v2=-1.0)
     from impact_xval.compliant_baselines.engines.drake_engine import run

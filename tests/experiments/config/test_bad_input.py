@@ -281,7 +281,7 @@ def test_a_file_where_a_folder_is_to_be_written_is_one_line_and_stays(capsys, tm
     file = tmp_path / "file"
     file.write_text("mine")
     needed = {"export-scene": RATIOS}
-    for command in ("run", "hypothesis", "calibrate", "export-scene"):
+    for command in ("run", "hypothesis", "export-scene"):
         for out in (file, file / "below"):
             _fails(capsys, [command, *needed.get(command, []), "--out", str(out)], [f"--out {out}"])
         _fails(capsys, [command, *needed.get(command, []), "--out", ""], ["--out = '", "legal: a path"])
