@@ -54,8 +54,7 @@ PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
 #: Files a run writes, by folder.
 _WRITTEN = {
     ".": re.compile(
-        "|".join(map(re.escape, (MANIFEST, OWNER, *TABLES)))
-        + r"|ladder-[a-z-]+\.(parquet|csv)|summary\.(md|csv|tex)|report\.html"
+        "|".join(map(re.escape, (MANIFEST, OWNER, *TABLES))) + r"|summary\.(md|csv|tex)|report\.html"
     ),
     "parts": re.compile(rf"{PART.pattern}|{re.escape(CONFIGURATION)}"),
     "figures": re.compile(r"[a-z0-9-]+\.(png|pdf)|captions\.json"),
