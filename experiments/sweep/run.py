@@ -81,7 +81,7 @@ def run_sweep(
     workers : int, optional
         Processes on this machine, on which no result depends; by default the configuration's, else one a core.
     scheduler : str, optional
-        Address of a Dask scheduler, or ``local`` for a Dask cluster on this machine; by default no Dask.
+        Address of a Dask scheduler; by default no Dask.
     resume : bool
         Continue from the parts that are there; where the manifest is damaged, it is written again.
     take_over : bool
