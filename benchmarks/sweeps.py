@@ -5,8 +5,8 @@
     built-in experiment's box, Sobol points; best of several repetitions. Ends with core-hours for 1e6 and 1e8
     cells.
 ``python benchmarks/sweeps.py scaling``
-    One and two workers, on an engine sweep: wall time from the first
-    task to the last part (what starts the processes is shown beside it) and the ratio; best of several.
+    One and two workers on an engine sweep: wall time from the first task to the last part (what starts the processes
+    is shown beside it) and the ratio; best of several.
 ``python benchmarks/sweeps.py million [--largest N]``
     Engine-free solvers, 1e4, 1e5 and 1e6 cells on all cores, each in a process of its own: wall time a cell of
     solving and of writing tables and summary, and the peak memory of the main process; best of several, the
