@@ -7,8 +7,7 @@ Run as ``python benchmarks/references.py``. The cells are random: k2/k1 log-unif
 * solve_ivp as one would write it who knows scipy well: positions and velocities, terminal events with a direction,
   DOP853 at rtol 1e-8, a largest step of a radian of the fastest motion. It looks at signs at the ends of steps only:
   how many of its answers are off by more than 1e-5 is printed too. It runs on the first cells, as impacts;
-* a map of 1000 x 1000 cells over k2/k1 and m2/m1 of each reference, and one of every engine-free rung of the ladder
-  (nine batches, written to a file as ``impact-xval map`` does), and the peak memory.
+* a map of 1000 x 1000 cells over k2/k1 and m2/m1 of each reference, and the peak memory.
 
 Times are the best of several repetitions; what was compiled is compiled before.
 """
@@ -19,10 +18,8 @@ import argparse
 import math
 import platform
 import resource
-import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numba
@@ -34,7 +31,6 @@ from scipy.integrate import solve_ivp
 from impact_xval.compliant_baselines.references.batch import ReferenceBatch
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, kelvin_voigt_batch
-from impact_xval.experiments.measures.plane import Plane, write_plane
 
 GRAVITY_NUMBER = 0.05
 REFERENCES: dict[str, Callable[..., ReferenceBatch]] = {
@@ -187,11 +183,6 @@ def main() -> None:
             for scenario, number in (("impact", 0.0), ("drop", GRAVITY_NUMBER)):
                 seconds = best_time(lambda r=reference, g=number: r(*plane, 0.9, 0.7, g), 1)
                 console.print(f"map of {arguments.side}^2 cells, {name}, {scenario}: {seconds:.1f} s")
-        plane_of_all = Plane(0.9, 0.7, (1e-3, 1e3), (0.1, 10), arguments.side, 9.81e-4, 1e5)
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "map.parquet"
-            seconds = best_time(lambda: write_plane(plane_of_all, path), 1)
-            console.print(f"map of {arguments.side}^2 cells, every engine-free rung, a drop: {seconds:.1f} s")
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
         console.print(f"peak memory {peak:.2f} GB")
 

@@ -5,8 +5,8 @@
     built-in experiment's box, Sobol points; best of several repetitions. Ends with core-hours for 1e6 and 1e8
     cells.
 ``python benchmarks/sweeps.py scaling``
-    One and two workers, as processes and on a local Dask cluster, on an engine sweep: wall time from the first
-    task to the last part (what starts the processes is shown beside it) and the ratio; best of several.
+    One and two workers on an engine sweep: wall time from the first task to the last part (what starts the processes
+    is shown beside it) and the ratio; best of several.
 ``python benchmarks/sweeps.py million [--largest N]``
     Engine-free solvers, 1e4, 1e5 and 1e6 cells on all cores, each in a process of its own: wall time a cell of
     solving and of writing tables and summary, and the peak memory of the main process; best of several, the
@@ -69,29 +69,26 @@ def costs(repetitions: int) -> None:
 def scaling(repetitions: int, cells: int) -> None:
     """Compare one worker with two."""
     config = parse_config({"solvers": ["mujoco"], "chunk_size": 16, "sample": {"n": cells, "seed": 1}})
-    table = Table("executor", "workers", "start (s)", "solve (s)", "whole run (s)", "one over this")
-    for scheduler in (None, "local"):
-        first = 0.0
-        for workers in (1, 2):
-            runs = [_stages(config, workers, scheduler) for _ in range(repetitions)]
-            stages = min(runs, key=lambda run: run["solve"])
-            first = first or stages["solve"]
-            table.add_row(
-                (scheduler and "Dask") or "processes",
-                str(workers),
-                f"{stages['start']:.2f}",
-                f"{stages['solve']:.2f}",
-                f"{stages['whole']:.2f}",
-                f"{first / stages['solve']:.2f}",
-            )
+    table = Table("workers", "start (s)", "solve (s)", "whole run (s)", "one over this")
+    first = 0.0
+    for workers in (1, 2):
+        stages = min((_stages(config, workers) for _ in range(repetitions)), key=lambda run: run["solve"])
+        first = first or stages["solve"]
+        table.add_row(
+            str(workers),
+            f"{stages['start']:.2f}",
+            f"{stages['solve']:.2f}",
+            f"{stages['whole']:.2f}",
+            f"{first / stages['solve']:.2f}",
+        )
     Console().print(f"mujoco and the model, {cells} cells, best of {repetitions}")
     Console().print(table)
 
 
-def _stages(config: Config, workers: int, scheduler: str | None) -> dict[str, float]:
+def _stages(config: Config, workers: int) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as name:
         root = Path(name) / "run"
-        folder = run_sweep(config, root, workers=workers, scheduler=scheduler)
+        folder = run_sweep(config, root, workers=workers)
         session = folder.manifest()["sessions"][-1]
         return {**session["stages_s"], "whole": session["wall_time_s"]}
 

@@ -24,7 +24,6 @@ from numbers import Real
 
 import numpy as np
 
-from impact_xval.compliant_baselines.calibration.calibration import ContactRequest
 from impact_xval.compliant_baselines.contact.column import Column
 from impact_xval.compliant_baselines.contact.mapping import Contact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.contract.solver import SolverError
@@ -192,32 +191,43 @@ def drops(
     SolverError
         If the engine refuses, or a contact does not end.
     """
-    columns = _columns(pair, step, phases, gravity)
-    refused = solver.refusal(columns[0])
+    some = columns(pair, step, phases, gravity)
+    refused = solver.refusal(some[0])
     if refused is not None:
         raise SolverError(solver.name, "unrepresentable", refused)
     most = 10 * math.ceil(pair.contact.duration / step) + 100
-    runs = solver.run_columns(columns, most)
+    runs = solver.run_columns(some, most)
     measured = np.array([_measure(solver.name, pair, run) for run in runs])
     (e_low, T_low), (e_high, T_high) = measured.min(axis=0).tolist(), measured.max(axis=0).tolist()
-    return Drops(step, (e_low, e_high), (T_low, T_high), len(columns))
+    return Drops(step, (e_low, e_high), (T_low, T_high), len(some))
 
 
-def _columns(pair: Pair, step: float, phases: Sequence[float], gravity: float = 0.0) -> list[Column]:
-    """Set up a column for each place of the touch within a step; only the contact of the pair takes part."""
+def columns(pair: Pair, step: float, phases: Sequence[float], gravity: float = 0.0) -> list[Column]:
+    """Set up a column for each place of the touch within a step; only the contact of the pair takes part.
+
+    The column of a collision is used, so that what is tested is what is run. The other contact is kept out of the way
+    by how the balls start: where one body is fixed, B2 meets the table while B1 leaves upwards at twice the speed; of
+    two free bodies B1 meets B2 in a frame that rises at twice the speed, high above the table.
+    """
     light, heavy = pair.masses if not math.isinf(pair.masses[0]) else pair.masses[::-1]
-    contact = pair.contact
-    request = ContactRequest(
-        "ball-table" if pair.fixed else "ball-ball",
-        pair.restitution,
-        k=contact.k,
+    contact, speed = pair.contact, pair.speed
+    # Out of reach for the contact's whole duration, with room to spare.
+    far = 10 * speed * contact.period
+    column = Column(
         m1=light,
         m2=light if pair.fixed else heavy,
-        v0=-pair.speed,
+        contact1=contact,
+        contact2=contact,
+        mapping="calibrated",
+        gravity=gravity,
+        settled=False,
+        x1=far,
+        x2=0.0 if pair.fixed else far,
+        # The idle ball stays the faster one, whatever gravity takes from it meanwhile: else the run would go on.
+        v1=(2 * speed if pair.fixed else speed) + 20 * gravity * contact.duration,
+        v2=-speed if pair.fixed else 2 * speed,
+        step=step,
     )
-    column = replace(request.column(), step=step, gravity=gravity)
-    # The idle ball stays the faster one, whatever gravity takes from it meanwhile: else the run would go on.
-    column = replace(column, v1=column.v1 + 20 * gravity * contact.duration)
     which = "x2" if pair.fixed else "x1"
     return [
         replace(column, **{which: getattr(column, which) + phase * pair.speed * step}) for phase in phases
@@ -355,7 +365,7 @@ def durations_taken(solver: EngineSolver, pair: Pair) -> tuple[float, float] | N
             asked = replace(pair, stiffness=None, duration=10.0**exponent)
         except ValueError:
             return False
-        (column,) = _columns(asked, 1e-3 * asked.contact.duration, [0.0])
+        (column,) = columns(asked, 1e-3 * asked.contact.duration, [0.0])
         return solver.refusal(column) is None
 
     decades = [d for d in range(-100, 101) if taken(d)]

@@ -76,18 +76,16 @@ class ScanParameters(NamedTuple):
 #: * n_steps: number of steps so far;
 #: * again: what contacts that began to carry force *again* did in their first step, summed as changes of the relative
 #:   velocity of their pair in m/s;
-#: * unloaded: when a contact last ceased to carry force, in s: where the straight line through its mean forces in the
-#:   last two steps, each counted at the middle of its step, comes to zero. NaN as long as it has not;
 #: * lead, lead_contact: by how many steps the first flight of a drop began or did not, and which contact decided on
 #:   that: after so many of flight it closed, or, negative, it had closed so many before the other one opened. The
 #:   nearest such event; infinite without one.
 #:
-#: The rest is for the next call: whether a contact carries force (1, 0, or -1 as long as it never has) and its impulses
-#: in the last two steps; whether its gap is closed, and the step at which it last closed; the step at which the first
-#: flight began (-1 before it, -2 once a gap has closed again).
+#: The rest is for the next call: whether a contact carries force (1, 0, or -1 as long as it never has); whether its
+#: gap is closed, and the step at which it last closed; the step at which the first flight began (-1 before it, -2 once
+#: a gap has closed again).
 MEMORY = np.dtype(
     [(name, "f8") for name in ("n_steps", "again", "lead", "lead_contact", "flight")]
-    + [(name, "f8", 2) for name in ("unloaded", "loaded", "last", "before_last", "closed", "closed_at")]
+    + [(name, "f8", 2) for name in ("loaded", "closed", "closed_at")]
 )
 
 
@@ -96,26 +94,17 @@ def new_memory() -> NDArray[np.void]:
     memory = np.zeros(1, MEMORY)
     memory["lead"] = np.inf
     memory["flight"] = memory["loaded"] = -1
-    for name in ("unloaded", "last", "before_last"):
-        memory[name] = np.nan
     memory["closed"], memory["closed_at"] = 1, -np.inf  # as far back as there was a past
     return memory
 
 
 @numba.njit(cache=True)
-def _remember(memory, contact, loaded, impulse, inverse_mass, h):  # pragma: no cover (compiled)
+def _remember(memory, contact, loaded, impulse, inverse_mass):  # pragma: no cover (compiled)
     """Note what a contact did in a step."""
-    last, before = memory.last[contact], memory.before_last[contact]
     if loaded and memory.loaded[contact] == 0:
         memory.again += impulse * inverse_mass
-    if not loaded and memory.loaded[contact] == 1:
-        fall = before - last
-        beyond = last / fall if fall > 0 else 0.5
-        memory.unloaded[contact] = (memory.n_steps - 1.5 + min(beyond, 1.5)) * h
     if loaded or memory.loaded[contact] == 1:
         memory.loaded[contact] = 1.0 if loaded else 0.0
-    memory.before_last[contact] = last
-    memory.last[contact] = impulse
 
 
 @numba.njit(cache=True)
@@ -192,8 +181,8 @@ def scan(  # pragma: no cover (compiled)
         codes[i] = (1 if loaded2 else 3) if loaded1 else (2 if loaded2 else 4)
         u1, u2 = v1, v2
         seen.n_steps += 1
-        _remember(seen, 0, loaded1, impulse1, 1 / p.m1 + 1 / p.m2, p.h)
-        _remember(seen, 1, loaded2, impulse2, 1 / p.m2, p.h)
+        _remember(seen, 0, loaded1, impulse1, 1 / p.m1 + 1 / p.m2)
+        _remember(seen, 1, loaded2, impulse2, 1 / p.m2)
 
         weightless = p.g == 0
         if not weightless or seen.flight >= 0:

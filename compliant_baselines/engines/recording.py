@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from math import inf, nan
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -114,8 +114,6 @@ class Run(Ended):
     starts : float
         What contacts that began to carry force again did in their first steps, in m/s (`again` of
         `trajectory.MEMORY`). When in its first step a contact is met is chance: by so much the outcome depends on it.
-    unloaded : tuple of float
-        When contacts 1 and 2 last ceased to carry force, in s, to a fraction of a step; NaN if they never did.
     max_steps : int
         Steps it was allowed.
     fall : tuple of int and two floats, or None
@@ -137,7 +135,6 @@ class Run(Ended):
     points: Floats | None
     failure: str = ""
     starts: float = 0.0
-    unloaded: tuple[float, float] = (nan, nan)
     max_steps: int = 0
     fall: tuple[int, float, float] | None = None
     lead: tuple[float, int] = (inf, 0)
@@ -364,7 +361,6 @@ class Recorder:
             points=self._thin() if self._record_path else None,
             failure=failure,
             starts=float(memory["again"]),
-            unloaded=tuple(memory["unloaded"].tolist()),
             max_steps=self._max_steps,
             fall=self._fall,
             lead=(float(memory["lead"]) * self.column.step, int(memory["lead_contact"])),

@@ -16,12 +16,11 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from impact_xval.experiments.commands import calibrate, collisions, doctor, hypothesis, runs, solvers
+from impact_xval.experiments.commands import collisions, doctor, hypothesis, runs, solvers
 from impact_xval.experiments.commands.contact import contact
 from impact_xval.experiments.commands.explore import explore
 from impact_xval.experiments.commands.ladder import ladder
 from impact_xval.experiments.commands.pictures.animate import animate
-from impact_xval.experiments.commands.pictures.map import draw_map
 from impact_xval.experiments.commands.supervision import last_word
 from impact_xval.experiments.config.errors import UserError
 
@@ -101,14 +100,12 @@ def _root(
 # In the order of the help.
 for command in (
     runs.run,
-    runs.search,
     runs.status,
     collisions.solve,
     collisions.cradle,
     animate,
     explore,
     hypothesis.hypothesis,
-    calibrate.calibrate,
     collisions.export_scene,
     contact,
     doctor.doctor,
@@ -121,7 +118,6 @@ for command in (
     ladder,
 ):
     app.command(cls=_Command)(command)
-app.command("map", cls=_Command)(draw_map)
 
 #: What typer makes of Ctrl-C in a command.
 _CTRL_C = 130

@@ -1,11 +1,9 @@
-"""``impact-xval doctor``: traps in a scene of the user's, or in those of an experiment."""
+"""``impact-xval doctor``: traps in a MuJoCo scene of the user's, or in those of an experiment."""
 
 from __future__ import annotations
 
 import os
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,13 +25,12 @@ def doctor(
         typer.Argument(
             metavar="[SCENE]",
             parser=path("SCENE"),
-            help="MJCF file, PyBullet script (run up to its first step), URDF, CONFIG.toml or folder of a run; "
-            "without it, the built-in experiment.",
+            help="MJCF file, CONFIG.toml or folder of a run; without it, the built-in experiment.",
         ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print a JSON list, an object a trap.")] = False,
 ) -> None:
-    """Look for the traps engines set: contact parameters that are replaced, ignored or not what they seem.
+    """Look for the traps that MuJoCo sets: contact parameters that are replaced, ignored or not what they seem.
 
     Exit code 1 if there are any.
     """
@@ -73,41 +70,31 @@ def _of_experiment(what: Path | None) -> tuple[str, list[Finding]]:
             cells = cells_of_run(folder, config)
     else:
         config = load_config(what)
-    examined, findings = experiment_findings(config, cells=cells)
-    return f"scenes of {config.name!r} ({', '.join(examined) or 'no engine is installed'})", findings
+    findings = experiment_findings(config, cells=cells)
+    what_is = "mujoco" if findings is not None else "MuJoCo is not among its solvers, or not installed"
+    return f"scenes of {config.name!r} ({what_is})", findings or []
 
 
 def _of_file(scene: Path) -> list[Finding]:
     from impact_xval.compliant_baselines import get_solver
 
     if not scene.is_file():
-        raise UserError(
-            f"{scene}: no such file; legal: an MJCF, URDF, TOML or Python file, or the folder of a run"
-        )
-    kinds = {
-        ".xml": ("mujoco", _mjcf),
-        ".mjb": ("mujoco", _mjcf),
-        ".urdf": ("pybullet", _urdf),
-        ".py": ("pybullet", _script),
-    }
-    if scene.suffix not in kinds:
-        raise UserError(
-            f"{scene}: legal: .xml or .mjb (MuJoCo), .py or .urdf (PyBullet), .toml, or the folder of a run"
-        )
-    engine, examine = kinds[scene.suffix]
-    reason = get_solver(engine).unavailable()
+        raise UserError(f"{scene}: no such file; legal: an MJCF or TOML file, or the folder of a run")
+    if scene.suffix not in (".xml", ".mjb"):
+        raise UserError(f"{scene}: legal: .xml or .mjb (MuJoCo), .toml, or the folder of a run")
+    reason = get_solver("mujoco").unavailable()
     if reason is not None:
-        raise UserError(f"{scene}: {engine} is unavailable: {reason}")
-    return examine(scene) if examine is _script else _apart(examine, scene)
+        raise UserError(f"{scene}: mujoco is unavailable: {reason}")
+    return _apart(scene)
 
 
-def _apart(examine: Callable[[Path], list[Finding]], path: Path) -> list[Finding]:
+def _apart(path: Path) -> list[Finding]:
     """Examine a file in a process of its own: a few bytes can be a scene of any size, and crash its engine."""
     from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
 
     sandbox = Sandbox(None, _limit_memory)
     try:
-        found = sandbox.call(_examined, examine, path, timeout=_LONGEST)
+        found = sandbox.call(_examined, path, timeout=_LONGEST)
     except FaultError as fault:
         raise UserError(
             f"{path}: cannot be examined: {fault.reason}; legal: a scene that is loaded within {_LONGEST:g} s, "
@@ -128,10 +115,10 @@ def _limit_memory(_: None) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
-def _examined(_: None, examine: Callable[[Path], list[Finding]], path: Path) -> list[Finding] | str:
+def _examined(_: None, path: Path) -> list[Finding] | str:
     """Return what was found, or why nothing could be."""
     try:
-        return examine(path)
+        return _mjcf(path)
     except UserError as error:
         return str(error)
     except Exception as error:  # of an engine that met what it does not expect
@@ -150,53 +137,3 @@ def _mjcf(path: Path) -> list[Finding]:
     except ValueError as error:
         raise UserError(f"{path}: MuJoCo does not compile it: {error}") from None
     return diagnose_mujoco(model)
-
-
-def _urdf(path: Path) -> list[Finding]:
-    """Examine a URDF file over a plane of which nothing is set, as `loadURDF` and its examples have it."""
-    import pybullet as p
-
-    from impact_xval.compliant_baselines.diagnosis.diagnose_pybullet import diagnose_pybullet
-
-    client = p.connect(p.DIRECT)
-    try:
-        plane = p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client)
-        p.createMultiBody(0, plane, physicsClientId=client)
-        try:
-            p.loadURDF(str(path), physicsClientId=client)
-        except p.error as error:
-            raise UserError(f"{path}: PyBullet does not load it: {error}") from None
-        return diagnose_pybullet(client, {})
-    finally:
-        p.disconnect(client)
-
-
-def _script(path: Path) -> list[Finding]:
-    import runpy
-
-    from impact_xval.compliant_baselines.diagnosis.diagnose_pybullet import diagnose_at_first_step
-
-    def run() -> None:
-        with _as_main(path):
-            runpy.run_path(str(path), run_name="__main__")
-
-    try:
-        findings = diagnose_at_first_step(run)
-    except SystemExit as error:
-        raise UserError(f"{path}: it ended with {error} before its first step") from None
-    except Exception as error:
-        raise UserError(f"{path}: before its first step it raised {type(error).__name__}: {error}") from None
-    if findings is None:
-        raise UserError(f"{path}: it ended without a stepSimulation(); nothing to examine")
-    return findings
-
-
-@contextmanager
-def _as_main(path: Path) -> Iterator[None]:
-    """Let a script see its own arguments and find its neighbours, as ``python path`` does."""
-    arguments, paths = sys.argv, sys.path
-    sys.argv, sys.path = [str(path)], [str(path.resolve().parent), *sys.path]
-    try:
-        yield
-    finally:
-        sys.argv, sys.path = arguments, paths

@@ -1,8 +1,7 @@
-"""``impact-xval ladder``: the causes of divergence of a finished run, of one cell, or by another law."""
+"""``impact-xval ladder``: the causes of divergence of a finished run, or of one cell."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,8 +10,6 @@ from impact_xval.experiments.commands.options import Folder, whole
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from impact_xval.experiments.tables.store import RunFolder
 
 
@@ -26,78 +23,44 @@ def _cell(text: str) -> int:
 
 def ladder(
     folder: Folder,
-    law: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="What if: the dissipation law on the way; kelvin-voigt, kelvin-voigt-anchored, "
-            "kelvin-voigt-textbook or hunt-crossley.",
-        ),
-    ] = "kelvin-voigt",
     cell: Annotated[
         int | None, typer.Option(metavar="N", parser=_cell, help="Show one cell, from 0.")
     ] = None,
 ) -> None:
-    """Show why the engines of a finished run diverge: frozen positions, law, gravity, mapping, time step.
-
-    Another law than kelvin-voigt splits the contribution of the dissipation law into what that law would leave and
-    what the choice of the dashpot adds, and writes ladder-NAME.parquet and .csv into the folder.
-    """
-    from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
-    from impact_xval.experiments.measures.ladder_table import LADDER
-    from impact_xval.experiments.presentation.terminal import make_console, print_line
-    from impact_xval.experiments.sweep.executors import available_cores, open_executor
-    from impact_xval.experiments.sweep.ladders import CELLS, ready, write_ladder
-    from impact_xval.experiments.sweep.solving import kind_of_cells
+    """Show why the engines of a finished run diverge: frozen positions, law, gravity, mapping, time step."""
     from impact_xval.experiments.tables.folders import finished
 
     run = finished(folder)
-    kind = kind_of_cells(run.config())
-    if law not in kind.ladders.laws:
-        raise UserError(f"--law = {law!r}; legal: {', '.join(kind.ladders.laws)}")
-    stem = "ladder" if law == KELVIN_VOIGT else f"ladder-{law}"
-    if law != KELVIN_VOIGT:
-        run.table_path("cells.parquet", kind.layout.cells)  # what it is made from has to be whole
-        workers = min(available_cores(), -(-run.manifest()["cells"] // CELLS))
-        with open_executor(None, partial(ready, kind.kernels), workers) as executor:
-            say = partial(print_line, make_console())
-            write_ladder(run.root, executor, kind.ladders, law=law, name=f"{stem}.parquet", say=say)
     if cell is None:
-        _show_run(run, law, stem)
+        _show_run(run)
     else:
-        path = run.root / f"{stem}.parquet"
-        path = run.table_path(LADDER, kind.ladders.schema(law)) if law == KELVIN_VOIGT else path
-        _show_cell(run, path, cell)
-    if law != KELVIN_VOIGT:
-        print_line(make_console(), f"{stem}.parquet and {stem}.csv are in {run.root}")
+        _show_cell(run, cell)
 
 
-def _show_run(folder: RunFolder, law: str, stem: str) -> None:
-    from dataclasses import replace
-
-    from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
+def _show_run(folder: RunFolder) -> None:
     from impact_xval.experiments.measures.columns.summary import summarise_columns
-    from impact_xval.experiments.measures.ladder_summary import ladder_statistics, summarise_ladder
+    from impact_xval.experiments.measures.ladder_summary import summarise_ladder
     from impact_xval.experiments.presentation.ladder_page import ladder_facts
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
 
     config = folder.config()
     found = summarise_ladder(folder, config) if config.column is None else summarise_columns(folder).ladder
-    if law != KELVIN_VOIGT:
-        found = replace(found, statistics=ladder_statistics(folder.root / f"{stem}.parquet", config))
     show(make_console(), render("ladder_run.md.j2", ladder=ladder_facts(found)))
 
 
-def _show_cell(folder: RunFolder, path: Path, cell: int) -> None:
+def _show_cell(folder: RunFolder, cell: int) -> None:
     import pyarrow.parquet as pq
 
     from impact_xval.compliant_baselines.contract.registry import kind_of
     from impact_xval.experiments.config.arrangements import COLUMN_AXES
     from impact_xval.experiments.config.axes import AXES
+    from impact_xval.experiments.measures.ladder_table import LADDER
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
+    from impact_xval.experiments.sweep.solving import kind_of_cells
 
+    path = folder.table_path(LADDER, kind_of_cells(folder.config()).ladders.schema)
     rows = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
     if not len(rows):
         if all(kind_of(name) != "engine" for name in folder.config().solvers):

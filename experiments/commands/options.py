@@ -217,7 +217,7 @@ Scheduler = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="Compute on a Dask cluster: the address of its scheduler, or 'local' for one here.",
+        help="Compute on a Dask cluster: the address of its scheduler.",
     ),
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue what was begun in the folder.")]

@@ -75,7 +75,7 @@ def run(
 
         summaries.append(present(folder))
 
-    with _writing(root, "parts", words, console, medians.rows, _size(experiment)) as progress:
+    with _writing(root, words, console, medians.rows, _size(experiment)) as progress:
         folder = run_sweep(
             experiment,
             root,
@@ -90,61 +90,6 @@ def run(
     from impact_xval.experiments.presentation.views import show_end
 
     show_end(console, summaries[-1], time.perf_counter() - start, str(folder.root))
-
-
-def search(
-    config: Annotated[
-        Path | None, config_file("The experiment; without a table [search], the box of its grid or sample.")
-    ] = None,
-    out: Annotated[Path | None, folder_to_write("by default runs/NAME-search")] = None,
-    solver: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The solver, in place of the file's.")
-    ] = None,
-    workers: Workers = None,
-    resume: Resume = False,
-    take_over: TakeOver = False,
-    scheduler: Scheduler = None,
-) -> None:
-    """Search a box of parameters for the worst divergence of a solver from the model."""
-    from impact_xval.experiments.config.axes import AXES
-    from impact_xval.experiments.config.configuration import from_canonical
-    from impact_xval.experiments.presentation.pages import phrase
-    from impact_xval.experiments.presentation.pictures.search import write_figure
-    from impact_xval.experiments.presentation.terminal import make_console, print_line
-    from impact_xval.experiments.presentation.views import show_found
-    from impact_xval.experiments.sweep.search import search_worst
-
-    experiment, where = _experiment(config, "built-in search"), str(config or "built-in search")
-    try:
-        table = experiment.search_table()
-    except ValueError as error:
-        raise UserError(f"{where}: {error}") from None
-    experiment = from_canonical(experiment.canonical() | {"search": table}, where)
-    if solver is not None:
-        experiment = from_canonical(
-            experiment.canonical() | {"search": table | {"solver": solver}}, "--solver"
-        )
-    root = out if out is not None else Path("runs") / f"{_slug(experiment.name)}-search"
-    options = [*_option("--solver", solver), *_option("--scheduler", scheduler)]
-    console = make_console()
-    words = ["search", config, "--out", root, *options, "--resume"]
-    assert experiment.search is not None
-    box = phrase(
-        "progress.md.j2", "box", {AXES[name]: ends for name, ends in experiment.search.ends().items()}
-    )
-    with _writing(root, "generations", words, console, before=box) as progress:
-        found = search_worst(
-            experiment,
-            root,
-            workers=workers,
-            scheduler=scheduler,
-            resume=resume,
-            take_over=take_over,
-            progress=progress,
-            present=lambda folder, found: write_figure(folder, experiment, found),
-        )
-    show_found(console, found)
-    print_line(console, f"evaluations.parquet, worst.csv and search.png are in {root}")
 
 
 def status(
@@ -327,11 +272,10 @@ def _slug(name: str) -> str:
 @contextlib.contextmanager
 def _writing(
     root: Path,
-    kept: str,
     words: list[Any],
     console: Any,
-    medians: MedianRows = lambda: [],
-    before: str = "",
+    medians: MedianRows,
+    before: str,
 ) -> Iterator[Progress]:
     """Show the progress of what writes a folder; one line and exit code 1 where it is stopped.
 
@@ -339,8 +283,6 @@ def _writing(
     ----------
     root : Path
         The folder; where the input is wrong, no empty folder is left above it that was not there.
-    kept : str
-        What is kept of a run that is stopped.
     words : list
         Of the command that continues it; None is left out.
     console : Console
@@ -363,7 +305,7 @@ def _writing(
         raise
     except InterruptedRunError as stopped:
         command = shlex.join(["impact-xval", *(str(word) for word in words if word is not None)])
-        last_word(visible(f"{stopped}; finished {kept} are kept; to continue: {command}"))
+        last_word(visible(f"{stopped}; finished parts are kept; to continue: {command}"))
         raise typer.Exit(1) from None
 
 

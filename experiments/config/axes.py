@@ -1,4 +1,4 @@
-"""The four parameters of an experiment: what is legal, axes of a grid, and boxes that are searched or sampled."""
+"""The four parameters of an experiment: what is legal, axes of a grid, and boxes that are sampled."""
 
 from __future__ import annotations
 
@@ -136,17 +136,30 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
+def whole(default: int | None, low: int, high: int, what: str = "") -> Any:
+    """Give a field of whole numbers, and say what is legal."""
+    return Field(default, ge=low, le=high, description=f"a whole number from {low} to {high}{what}")
+
+
+_SEED = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
+
+
 def _range(default: Range, name: str) -> Any:
     return Field(default, description=f"{_RANGE}; {LEGAL[name].text}")
 
 
-class Box(Strict):
-    """A box of parameters: each a number, or a range taken evenly or evenly in its logarithm."""
+class Sample(Strict):
+    """Cells drawn from a box: each parameter a number, or a range taken evenly or evenly in its logarithm."""
 
     stiffness_ratio: Range = _range({"log": [1e-3, 1e3]}, "stiffness_ratio")
     mass_ratio: Range = _range({"log": [0.5, 2.0]}, "mass_ratio")
     e1: Range = _range({"linear": [0.5, 1.0]}, "e1")
     e2: Range = _range({"linear": [0.5, 1.0]}, "e2")
+    method: Literal["sobol", "latin-hypercube", "random"] = Field(
+        "sobol", description="'sobol', 'latin-hypercube' or 'random'"
+    )
+    n: int = whole(1024, 1, MAX_CELLS, " (cells)")
+    seed: int = _SEED
 
     @field_validator(*AXES, mode="before")
     @classmethod
@@ -158,7 +171,7 @@ class Box(Strict):
 
     def ranges(self) -> dict[str, Range]:
         """Range of every parameter, in the order of a grid's axes."""
-        return {name: getattr(self, name) for name in Box.model_fields}
+        return {name: getattr(self, name) for name in AXES}
 
     def ends(self) -> dict[str, tuple[float, float]]:
         """Least and greatest value of every parameter."""
@@ -192,58 +205,6 @@ class Box(Strict):
             inside = _between(lo, hi, u) if "log" in range_ else lo + (hi - lo) * u
             placed[:, i] = np.clip(inside, lo, hi)
         return placed
-
-
-def box_around(axes: dict[str, list[float]]) -> dict[str, Range]:
-    """Return the smallest box around the axes of a grid, ratios above 0 evenly in their logarithms.
-
-    Parameters
-    ----------
-    axes : dict
-        Values by parameter.
-
-    Returns
-    -------
-    dict
-        A range by parameter, a number where an axis has one value; what is legal of it is for `Box` to say.
-    """
-    box: dict[str, Range] = {}
-    for name, values in axes.items():
-        low, high = min(values), max(values)
-        even = "log" if name in ("stiffness_ratio", "mass_ratio") and low > 0 else "linear"
-        box[name] = low if low == high else {even: [low, high]}
-    return box
-
-
-def whole(default: int | None, low: int, high: int, what: str = "") -> Any:
-    """Give a field of whole numbers, and say what is legal."""
-    return Field(default, ge=low, le=high, description=f"a whole number from {low} to {high}{what}")
-
-
-_SEED = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
-
-
-class Sample(Box):
-    """Cells drawn from a box."""
-
-    method: Literal["sobol", "latin-hypercube", "random"] = Field(
-        "sobol", description="'sobol', 'latin-hypercube' or 'random'"
-    )
-    n: int = whole(1024, 1, MAX_CELLS, " (cells)")
-    seed: int = _SEED
-
-
-class Search(Box):
-    """What is searched for its largest divergence: a box, a solver and a measure."""
-
-    solver: str = Field("mujoco", description="the name of a solver")
-    measure: Literal["velocity_divergence", "dv1", "dv2", "dretained_energy", "curve_distance"] = Field(
-        "velocity_divergence",
-        description="'velocity_divergence', 'dv1', 'dv2', 'dretained_energy' or 'curve_distance'",
-    )
-    population: int = whole(64, 8, 10_000, " (cells)")
-    generations: int = whole(30, 1, 10_000)
-    seed: int = _SEED
 
 
 def _ends(range_: Range) -> tuple[float, float]:

@@ -23,11 +23,9 @@ from impact_xval.experiments.config.axes import (
     MAX_CELLS,
     Axis,
     Sample,
-    Search,
     Strict,
     axis_length,
     axis_problem,
-    box_around,
     expand_axis,
     whole,
 )
@@ -46,7 +44,7 @@ from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, le
 DESIGNS = ("grid", "sample", "cells", "column")
 
 #: Keys on which no row depends. The cells of a list are part of the identity of each chunk, wherever their file lies.
-COSMETIC = ("name", "workers", "figure_cell", "figure_column", "cells", "search")
+COSMETIC = ("name", "workers", "figure_cell", "figure_column", "cells")
 
 #: The solver every other one is compared with; part of every run.
 REFERENCE = "state-transition"
@@ -158,7 +156,6 @@ class Config(Strict):
     column: ColumnTable | None = Field(
         None, description=f"a table of axes: arrangement, {', '.join(COLUMN_LEGAL)}"
     )
-    search: Search | None = Field(None, description="a table: solver, measure, and ranges")
     convergence: ConvergenceTable = Field(
         default_factory=lambda: ConvergenceTable.model_validate({}),
         description="a table: enabled, tolerance, halvings",
@@ -249,14 +246,14 @@ class Config(Strict):
 
     def _ratios(self) -> dict[str, list[float]]:
         """Ratios of the figures' cell and of the cells known so far: those of a list are read later."""
-        boxes = [box.ends() for box in (self.sample, self.search) if box is not None]
+        ends = self.sample.ends() if self.sample is not None else {}
         # The built-in grid stands beside other designs too, and nothing computes it there.
         axes = self.grid.axes() if self.sample is None and self.cells is None and self.column is None else {}
         return {
             name: [
                 *axes.get(name, []),
                 getattr(self.figure_cell, name),
-                *(end for ends in boxes for end in ends[name]),
+                *ends.get(name, ()),
             ]
             for name in ("stiffness_ratio", "mass_ratio")
         }
@@ -268,10 +265,6 @@ class Config(Strict):
         ]
         if len(given) > 1:
             raise ValueError(f"{' and '.join(given)} are given; legal: one of {', '.join(DESIGNS)}")
-        if self.search is not None:
-            problem = solvers_problem([self.search.solver])
-            if problem or self.search.solver == REFERENCE:
-                raise ValueError(f"search.solver = {problem or 'the model itself; legal: another solver'}")
         return self
 
     @model_validator(mode="after")
@@ -286,8 +279,6 @@ class Config(Strict):
             raise ValueError(
                 "gravity is given with column; legal: none, columns of N balls are solved without it"
             )
-        if self.search is not None:
-            raise ValueError("search and column are given; legal: a search of collisions of two balls")
         if self.scenario != "impact":
             raise ValueError(
                 f"scenario = {self.scenario!r}: columns of N balls are solved without gravity; "
@@ -330,22 +321,6 @@ class Config(Strict):
         if self.sample is not None or self.cells is not None:
             of_others = (*of_others, "grid")
         return {key: value for key, value in plain.items() if key not in of_others}
-
-    def search_table(self) -> dict[str, Any]:
-        """Return the table ``[search]`` as plain values; without one, the box that the grid or the sample spans.
-
-        Raises
-        ------
-        ValueError
-            If the cells are a list, which spans none.
-        """
-        if self.search is not None:
-            return self.search.model_dump()
-        if self.cells is not None:
-            raise ValueError(
-                "cells is given without search; legal: a table search, or a grid or sample as its box"
-            )
-        return self.sample.ranges() if self.sample is not None else box_around(self.grid.axes())
 
     def identity(self) -> str:
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""

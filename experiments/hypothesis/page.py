@@ -146,7 +146,6 @@ def build_page(
         "e2": e2,
         "needed": list(shown.itertuples()),
         "maps": {map_name(*pair): pair for pair in results.mapped},
-        "redrawn": results.redrawn,
         "unavailable": results.unavailable,
         "costly": list(dict.fromkeys(s.solver.name for s in results.series if s.solver.costly)),
     }
@@ -344,9 +343,6 @@ def _sureness(results: Results) -> dict[str, Any]:
             "verdicts": _moved((r, r.whole, r.whole.shifted) for r in mine),
             "classes": _moved((r, g, g.shifted) for r in mine for g in r.classes),
             "others": _moved((r, r.whole, r.whole.shifted) for r in others),
-            "redrawn": _moved(
-                (r, r.whole, results.redrawn.get((r.solver, r.case.key, "all"))) for r in results.verdicts
-            ),
         },
         "control": results.control,
         "outcomes": sum(len(s.outcomes) for s in results.series),
@@ -356,6 +352,6 @@ def _sureness(results: Results) -> dict[str, Any]:
 
 
 def _moved(compared: Iterable[Move]) -> dict[str, Any]:
-    """Which verdicts another fit or design changes, of how many that it gives."""
+    """Which verdicts another fit changes, of how many that it gives."""
     found = [(result, group, other) for result, group, other in compared if other]
     return {"changed": [one for one in found if one[1].verdict != one[2].verdict], "of": len(found)}

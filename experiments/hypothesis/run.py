@@ -30,7 +30,7 @@ from impact_xval.experiments.hypothesis.mechanism import (
     observe,
 )
 from impact_xval.experiments.hypothesis.solvers import SolverUnderTest, isolated, under_test
-from impact_xval.experiments.hypothesis.verdicts import CaseResult, Group, Series, examine
+from impact_xval.experiments.hypothesis.verdicts import CaseResult, Series, examine
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
@@ -63,8 +63,6 @@ class Results:
         By limit, then by solver.
     verdicts : list of CaseResult
         In the order of `series`.
-    redrawn : dict
-        Group by (solver, limit, class; ``all`` for all) with another seed; exact solvers only.
     mechanisms : list of Mechanism
     motions : dict
         Relative motion by (solver, limit) at `DRAWN_CONTRAST`.
@@ -86,7 +84,6 @@ class Results:
     config: HypothesisConfig
     series: list[Series]
     verdicts: list[CaseResult]
-    redrawn: dict[tuple[str, str, str], Group]
     mechanisms: list[Mechanism]
     motions: dict[tuple[str, str], Motion]
     branches: list[Branches]
@@ -154,18 +151,15 @@ def run_hypothesis(
         progress(0, 0, f"{name} is left out: {reason}")
     solvers = tuple(under_test(name, config.steps, resolve) for name in reasons if name not in unavailable)
     points = {case.key: (*draw(case, config.points, config.seed), *config.given(case.key)) for case in CASES}
-    again = {case.key: tuple(draw(case, config.points, config.seed + 1)) for case in CASES}
     series, maps = _series(config, solvers, points), _maps(config, solvers)
-    redrawn = [task for task in _series(config, solvers, again) if task.solver.kind == "exact"]
     workers = workers or config.workers or available_cores()
     with open_executor(_Context(solvers, resolve), _prepare, workers, isolate=isolate) as executor:
-        done = _solve(config, solvers, points, [*series, *redrawn, *maps], executor, progress)
+        done = _solve(config, solvers, points, [*series, *maps], executor, progress)
     found = [done.made[task] for task in series]
     return Results(
         config=config,
         series=found,
         verdicts=[_examined(config, one) for one in found],
-        redrawn=_by_class(_examined(config, done.made[task]) for task in redrawn),
         mechanisms=[mechanism for mechanism, _ in done.followed],
         motions={
             (m.solver, m.case): motion
@@ -331,14 +325,6 @@ def _hand_out(
 def _examined(config: HypothesisConfig, series: Series) -> CaseResult:
     stepped = series.solver.kind == "stepped"
     return examine(series, config.engine_fit_decades if stepped else config.fit_decades)
-
-
-def _by_class(verdicts: Iterable[CaseResult]) -> dict[tuple[str, str, str], Group]:
-    return {
-        (one.solver, one.case.key, group.name): group
-        for one in verdicts
-        for group in (one.whole, *one.classes)
-    }
 
 
 def _control(series: Iterable[Series], config: HypothesisConfig) -> dict[str, pd.DataFrame]:

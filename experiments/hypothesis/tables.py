@@ -23,14 +23,14 @@ def class_frame(results: Results) -> pd.DataFrame:
     """One row a solver, limit and class (``all`` first)."""
     return pd.DataFrame(
         [
-            _class_row(result, group, results.redrawn.get((result.solver, result.case.key, group.name)))
+            _class_row(result, group)
             for result in results.verdicts
             for group in (result.whole, *result.classes)
         ]
     )
 
 
-def _class_row(result: CaseResult, group: Group, again: Group | None) -> dict[str, Any]:
+def _class_row(result: CaseResult, group: Group) -> dict[str, Any]:
     refuted = group.judged("refuted")
     least, median, largest = np.quantile(group.offsets or [math.nan], [0, 0.5, 1])
     return {
@@ -43,8 +43,6 @@ def _class_row(result: CaseResult, group: Group, again: Group | None) -> dict[st
         "within_solver_error": group.agrees,
         "verdict_a_decade_before": group.shifted.verdict if group.shifted else "",
         **_shares(group.shifted, "_a_decade_before"),
-        "verdict_redrawn": again.verdict if again else "",
-        **_shares(again, "_redrawn"),
         "points": group.points,
         **{f"n_{word}": group.counts[word] for word in ("supported", "refuted", "undecided")},
         "rate": group.rate,

@@ -10,8 +10,6 @@ All off is the state-transition model, all on the law of the engine in its scena
 docs/theory.md, section 7. They are computed through the batch functions of the references, exactly between events and
 without a time step, whether or not a run lists them as solvers; the model's is the run's own row. In an `impact`
 the corners of the third switch are two and two the same.
-
-The switch of the law has one more position where an `alternative` is put in the place of the engine's law.
 """
 
 from __future__ import annotations
@@ -44,11 +42,9 @@ Index = tuple[int, int, int]
 MODEL: Index = (FROZEN, ENERGETIC, WEIGHTLESS)
 
 
-#: Laws that "what if" may put in the place of kelvin-voigt, and what answers for them.
+#: Laws that engines are asked for, and what answers for them.
 LAWS: Mapping[str, Callable[..., ReferenceBatch]] = {
     KELVIN_VOIGT: kelvin_voigt_batch,
-    "kelvin-voigt-anchored": partial(kelvin_voigt_batch, damping="anchored"),
-    "kelvin-voigt-textbook": partial(kelvin_voigt_batch, damping="textbook"),
     "hunt-crossley": partial(kelvin_voigt_batch, damping="hunt-crossley"),
 }
 
@@ -59,9 +55,9 @@ class Corners:
 
     Attributes
     ----------
-    velocities : ndarray, shape (2, m, g, n, N)
-        By position of each switch, velocities per abs(v0); NaN without a result. m is 2, or 3 with an alternative; g is
-        2, or 1 of columns of N balls, which know no gravity.
+    velocities : ndarray, shape (2, 2, g, n, N)
+        By position of each switch, velocities per abs(v0); NaN without a result. g is 2, or 1 of columns of N balls,
+        which know no gravity.
     reason : ndarray of str, shape (n,)
         Empty where all have a result; else the first, of those beside the model, that has none, and its status. Those
         that come after it have none either.
@@ -85,23 +81,21 @@ class Corners:
         return self.velocities[-1, -1, -1]
 
 
-def corner_names(alternative: bool, *, gravity: bool = True) -> dict[Index, str]:
+def corner_names(*, gravity: bool = True) -> dict[Index, str]:
     """Return the name of every corner, as in columns of tables, by the positions of its switches."""
-    laws = ("energetic", "alternative", "asked") if alternative else ("energetic", "asked")
     return {
         (i, j, k): f"{positions}_{law}{weight}"
         for i, positions in enumerate(("frozen", "free"))
-        for j, law in enumerate(laws)
+        for j, law in enumerate(("energetic", "asked"))
         for k, weight in enumerate(("_weightless", "_scenario") if gravity else ("",))
     }
 
 
-def laws_of(law: str, obeyed: str) -> tuple[str, ...]:
-    """Return the names of the laws of a cube: bistiffness, the alternative if there is one, that of the engine."""
-    for name, value in (("law", law), ("obeyed", obeyed)):
-        if value not in LAWS:
-            raise ValueError(f"{name} = {value!r}; legal: {', '.join(LAWS)}")
-    return ("bistiffness", obeyed) if law == KELVIN_VOIGT else ("bistiffness", law, obeyed)
+def laws_of(obeyed: str) -> tuple[str, str]:
+    """Return the names of the laws of a cube: bistiffness, and that of the engine."""
+    if obeyed not in LAWS:
+        raise ValueError(f"obeyed = {obeyed!r}; legal: {', '.join(LAWS)}")
+    return "bistiffness", obeyed
 
 
 def solvers(
@@ -125,14 +119,12 @@ def solvers(
                 yield index, partial(solve, frozen=positions == FROZEN), number
 
 
-def corner_marks(
-    cells: Sequence[Floats], gravity_number: Floats, law: str = KELVIN_VOIGT, obeyed: str = KELVIN_VOIGT
-) -> Texts:
+def corner_marks(cells: Sequence[Floats], gravity_number: Floats, obeyed: str = KELVIN_VOIGT) -> Texts:
     """Say of each cell which corner jumps beside it (`references.jumps`): its shares would be others.
 
     Parameters
     ----------
-    cells, gravity_number, law, obeyed
+    cells, gravity_number, obeyed
         As for `corners`.
 
     Returns
@@ -140,7 +132,7 @@ def corner_marks(
     ndarray of str, shape (n,)
         Empty where no corner between the model and the engine's law does.
     """
-    laws = laws_of(law, obeyed)
+    laws = laws_of(obeyed)
     marks = np.full(len(gravity_number), "", dtype="U120")
     for index, solve, number in solvers(gravity_number, laws):
         excess, _, _ = jumps(solve, *cells, number)
@@ -187,7 +179,6 @@ def corners(
     model: Floats,
     cells: Sequence[Floats],
     gravity_number: Floats,
-    law: str = KELVIN_VOIGT,
     obeyed: str = KELVIN_VOIGT,
 ) -> Corners:
     r"""Compute the corners of cells.
@@ -200,8 +191,6 @@ def corners(
         k2/k1, m2/m1, e1 and e2.
     gravity_number : ndarray, shape (n,)
         g/(\|v0\| omega1); 0 without gravity.
-    law : str
-        One of `LAWS`: what is asked about; kelvin-voigt: nothing.
     obeyed : str
         One of `LAWS`: what the engine was asked for.
 
@@ -210,7 +199,7 @@ def corners(
     ValueError
         For an unknown law, or an illegal value.
     """
-    laws = laws_of(law, obeyed)
+    laws = laws_of(obeyed)
     return gather(model, _solved(cells, gravity_number, laws), laws)
 
 

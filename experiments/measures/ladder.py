@@ -12,10 +12,6 @@ on, each of which splits the difference another way, and none is the right one. 
 what it changes over the six (its *Shapley value*): the three still sum to the difference, and none depends on an order.
 How far the orders are apart is given beside it, as the least and the largest share.
 
-Where another law is put in the place of the engine's (`corners.laws_of`), the switch of the law is turned by way of it,
-in every order: the contribution of the dissipation law is then what it changes as far as the alternative, `law_choice`
-what is left, and the two sum to what the contribution is without. Frozen positions and gravity do not change.
-
 **The last two contributions** have one order, since nothing is known of an engine with the model's law: the limit
 dt -> 0 minus the law it was asked for, then the engine minus that limit. Where no limit was computed, or it did not
 converge, the two are one, `ENGINE`.
@@ -44,7 +40,6 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.experiments.measures.corners import Corners, Floats
 
 #: D below which there is nothing to split: the accuracy of the references.
@@ -98,17 +93,9 @@ LAW = Contribution(
     "dissipation_law",
     "dissipation law",
     "energetic restitution",
-    "the law the engine was asked for (spring and dashpot, kelvin-voigt), or an alternative to it",
+    "the law the engine was asked for (spring and dashpot, kelvin-voigt)",
     "#009E73",
     "the dissipation law",
-)
-CHOICE = Contribution(
-    "law_choice",
-    "choice of the dashpot",
-    "the alternative law",
-    "the law the engine was asked for",
-    "#F0E442",
-    "the choice of the dashpot",
 )
 GRAVITY = Contribution(
     "gravity",
@@ -132,17 +119,16 @@ ENGINE = Contribution(
 )
 
 #: Those that need no engine, in the order of `by_order`: averages over the orders in which they can be made.
-CAUSES = (FROZEN, LAW, CHOICE, GRAVITY)
+CAUSES = (FROZEN, LAW, GRAVITY)
 
-#: All, in their order; a cell has either the last one or the two before it, and `CHOICE` only where another law than
-#: kelvin-voigt is asked about. Where one says kelvin-voigt, an engine of another law has its own.
+#: All, in their order; a cell has either the last one or the two before it. Where one says kelvin-voigt, an engine of
+#: another law has its own.
 CONTRIBUTIONS = (*CAUSES, MAPPING, STEP, ENGINE)
 
 
-def contributions_of(law: str, *, gravity: bool = True) -> tuple[Contribution, ...]:
-    """Return the contributions by way of a law, in their order; `gravity` is whether there may be any."""
-    left_out = ({CHOICE} if law == KELVIN_VOIGT else set()) | (set() if gravity else {GRAVITY})
-    return tuple(c for c in CONTRIBUTIONS if c not in left_out)
+def contributions_of(*, gravity: bool = True) -> tuple[Contribution, ...]:
+    """Return the contributions in their order; `gravity` is whether there may be any."""
+    return tuple(c for c in CONTRIBUTIONS if gravity or c is not GRAVITY)
 
 
 def by_order(corners: Floats) -> Floats:
@@ -150,24 +136,23 @@ def by_order(corners: Floats) -> Floats:
 
     Parameters
     ----------
-    corners : ndarray, shape (2, m, g, ...)
-        By position of the switches for positions, law and gravity; the switch of the law has m - 1 steps, that of
-        gravity g - 1, where g = 1 is none.
+    corners : ndarray, shape (2, 2, g, ...)
+        By position of the switches for positions, law and gravity; g = 1 without gravity.
 
     Returns
     -------
-    ndarray, shape (6, m + g - 1, ...)
-        By order and step: positions, the steps of the law, gravity. Each order sums to the last corner minus the first.
+    ndarray, shape (6, g + 1, ...)
+        By order and cause: positions, law, gravity. Each order sums to the last corner minus the first.
     """
     found = []
     for order in permutations(range(3)):
         at, steps = [0, 0, 0], {}
         for switch in order:
-            for step in range(corners.shape[switch] - 1):
+            if corners.shape[switch] > 1:
                 before = corners[tuple(at)]
-                at[switch] += 1
-                steps[switch, step] = corners[tuple(at)] - before
-        found.append([steps[key] for key in sorted(steps)])
+                at[switch] = 1
+                steps[switch] = corners[tuple(at)] - before
+        found.append([steps[switch] for switch in sorted(steps)])
     return np.array(found)
 
 
@@ -250,7 +235,6 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
         Final velocities per abs(v0); NaN without a result.
     """
     known = ~np.isnan(limit).any(axis=1, keepdims=True)
-    _, laws, gravities = corners.velocities.shape[:3]
     causes = by_order(corners.velocities)
     rest = np.stack(
         [
@@ -269,9 +253,7 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
 
     along = component(vectors)
     return Split(
-        contributions=tuple(
-            c for c in CONTRIBUTIONS if (c is not CHOICE or laws > 2) and (c is not GRAVITY or gravities > 1)
-        ),
+        contributions=contributions_of(gravity=corners.velocities.shape[2] > 1),
         vectors=vectors,
         total=total,
         norms=np.sqrt((weights * vectors**2).sum(axis=2)),

@@ -8,9 +8,8 @@ Grazing cells are left out, as in the rest of a summary.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,15 +17,13 @@ import pandas as pd
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, kind_of
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
+from impact_xval.compliant_baselines.contract.registry import kind_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import REFERENCE, Config
-from impact_xval.experiments.measures.corners import LAWS, corner_names
+from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.measures.corners import corner_names
 from impact_xval.experiments.measures.ladder import (
     CAUSES,
-    CHOICE,
     CONTRIBUTIONS,
     GRAVITY,
     MAPPING,
@@ -37,10 +34,8 @@ from impact_xval.experiments.measures.ladder import (
 )
 from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
 from impact_xval.experiments.measures.levels import levels_of
-from impact_xval.experiments.tables.schema import CELLS_SCHEMA
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import codes, column, present, texts
-from impact_xval.model.kinetic import kinetic_norm
 
 #: A pandas DataFrame or Series; see `summary.Frame`.
 Frame = Any
@@ -67,15 +62,6 @@ _NUMBERS = [
     "doubt",
 ]
 
-#: Largest run whose cells are asked "what if" for a summary: some ten seconds.
-MOST_ALTERNATIVES = 200_000
-
-#: Segments that may be followed for it, of cells that are asked together: extreme cells take up to a million each.
-_MOST_SEGMENTS, _TOGETHER = 50_000_000, 64
-
-
-_ALTERNATIVES = ("law", "value", "n", "median", "p95", "closer", "dissipation")
-
 
 @dataclass(frozen=True, slots=True)
 class LadderSummary:
@@ -90,15 +76,9 @@ class LadderSummary:
         causes give (the share itself for one that is no cause); `mean` to `max` are of its norm. It has the largest
         share in the fraction `dominant` of the cells; in the fraction `agreed` of the region the largest cause is the
         same by every order; `doubt` is the median of the estimated error of the engine's limit, where there is one.
-    alternatives : DataFrame
-        "What if" without an engine, no gravity: ``law, value (a band's lower edge, NaN for all), n, median, p95`` of D
-        from the model, ``closer``, the fraction of cells in which that D is less than kelvin-voigt's, and
-        ``dissipation``, the median norm of law minus bistiffness. Empty for grids that are too large, or whose cells
-        take too many segments, and of columns.
     """
 
     statistics: Frame
-    alternatives: Frame = field(default_factory=lambda: _alternatives([]))
 
     @property
     def solvers(self) -> list[str]:
@@ -150,7 +130,7 @@ def band_of(stiffness_ratio: Any) -> Any:
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     """Compute the statistics of the ladders of a finished run of two balls."""
     path = folder.table_path(LADDER, LADDER_SCHEMA)
-    return LadderSummary(ladder_statistics(path, config), _alternatives(_answered(folder, config)))
+    return LadderSummary(ladder_statistics(path, config))
 
 
 def ladder_statistics(path: Path, config: Config) -> Frame:
@@ -217,7 +197,7 @@ def _shares_by_order(
 
     Components along the total are linear: those of the corners are summed over a region before they are split.
     """
-    names = corner_names(CHOICE in contributions, gravity=GRAVITY in contributions)
+    names = corner_names(gravity=GRAVITY in contributions)
     shape = tuple(1 + max(index[i] for index in names) for i in range(3))
     sums: dict[str, Floats] = {}
     for index, along in zip(names, _components(path, rows, total, names.values()), strict=True):
@@ -288,61 +268,6 @@ def _by_region(values: Frame) -> Frame:
             "doubt": groups["doubt"].median(),
         }
     ).reset_index()
-
-
-def _alternatives(rows: Sequence[tuple[Any, ...]]) -> Frame:
-    return pd.DataFrame(rows, columns=list(_ALTERNATIVES))
-
-
-def _answered(folder: RunFolder, config: Config) -> list[tuple[Any, ...]]:
-    """Ask every law what it would do, over the cells of a run; nothing where that would take too long."""
-    path = folder.table_path("cells.parquet", CELLS_SCHEMA)
-    if pq.read_metadata(path).num_rows > MOST_ALTERNATIVES * len(config.solvers):
-        return []
-    read = (*AXES, "v0", "v1", "v2")
-    table = pq.read_table(path, columns=[*read, "marked"], filters=[("solver", "==", REFERENCE)])
-    kappa, mass_ratio, e1, e2, v0, v1, v2 = (table[name].to_numpy().astype(float) for name in read)
-    cells, band = (kappa, mass_ratio, e1, e2), band_of(kappa)
-    model = SimpleNamespace(v1=v1 / abs(v0), v2=v2 / abs(v0))
-    answers = _answers(cells)
-    if answers is None:
-        return []
-    stiff = answers.pop("bistiffness")
-    regular = table["marked"].is_null().to_numpy()
-
-    def distance(a: Any, b: Any) -> Any:
-        return kinetic_norm(mass_ratio, a.v1 - b.v1, a.v2 - b.v2)
-
-    kept = distance(answers[KELVIN_VOIGT], model)
-    rows = []
-    for law, answer in answers.items():
-        away, left = distance(answer, model), distance(answer, stiff)
-        for value in (np.nan, *BANDS):
-            here = regular & np.isfinite(away) & np.isfinite(left) & np.isfinite(kept)
-            here &= np.isnan(value) | (band == value)
-            if np.any(here):
-                median, p95 = np.quantile(away[here], [0.5, 0.95])
-                closer = np.mean(away[here] < kept[here])
-                rows.append((law, value, int(here.sum()), median, p95, closer, np.median(left[here])))
-    return rows
-
-
-def _answers(cells: Sequence[Floats]) -> dict[str, SimpleNamespace] | None:
-    """Velocities of cells by every law, bistiffness and kelvin-voigt first; None where they would take too long."""
-    asked, followed = {"bistiffness": bistiffness_batch, **LAWS}, 0
-    ratios, n = cells[0].copy(), len(cells[0])
-    answers = {law: SimpleNamespace(v1=np.empty(n), v2=np.empty(n)) for law in asked}
-    for first in range(0, n, _TOGETHER):
-        place = slice(first, first + _TOGETHER)
-        for law, answer in asked.items():
-            batch = answer(ratios[place], *(x[place] for x in cells[1:]))
-            answers[law].v1[place], answers[law].v2[place] = batch.v1, batch.v2
-            if law in ("bistiffness", KELVIN_VOIGT):  # a cell without these two counts for no law
-                ratios[place][np.isnan(batch.v1)] = 0.0  # refused at once
-            followed += int(batch.n_steps.sum())
-            if followed > _MOST_SEGMENTS:
-                return None
-    return answers
 
 
 def csv_rows(ladder: LadderSummary) -> list[Frame]:

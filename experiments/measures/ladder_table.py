@@ -11,13 +11,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, engine_free_names, law_of
+from impact_xval.compliant_baselines.contract.registry import engine_free_names, law_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
-from impact_xval.experiments.measures.corners import LAWS, Corners, corner_marks, corner_names, corners
+from impact_xval.experiments.measures.corners import Corners, corner_marks, corner_names, corners
 from impact_xval.experiments.measures.ladder import (
     CAUSES,
-    CHOICE,
     ENGINE,
     NOTHING,
     Contribution,
@@ -61,23 +60,20 @@ class Ladders:
         Columns of the table of cells that are those of a table of ladders too.
     read : tuple of str
         Columns of the table of cells that a ladder is made from.
-    schema : callable
-        Gives the Arrow schema of a table of ladders by way of a law.
+    schema : Schema
+        Of a table of ladders.
     rows : callable
-        Makes the ladders of whole cells by way of a law, as `ladder_rows`.
-    laws : tuple of str
-        Laws that a ladder may be made by way of.
+        Makes the ladders of whole cells, as `ladder_rows`.
     """
 
     parameters: tuple[str, ...]
     read: tuple[str, ...]
-    schema: Callable[[str], pa.Schema]
-    rows: Callable[[pa.Table, str], pa.Table]
-    laws: tuple[str, ...]
+    schema: pa.Schema
+    rows: Callable[[pa.Table], pa.Table]
 
-    def failed(self, cells: pa.Table, law: str, status: str, reason: str) -> pa.Table:
+    def failed(self, cells: pa.Table, status: str, reason: str) -> pa.Table:
         """Make the rows of cells whose ladder could not be made; status and reason of every row."""
-        engines, schema = engines_of(cells), self.schema(law)
+        engines, schema = engines_of(cells), self.schema
         known = {name: engines[name] for name in (*self.parameters, "marked", "limit_error")}
         known |= {
             name: pa.array([text] * len(engines)) for name, text in (("status", status), ("reason", reason))
@@ -89,20 +85,19 @@ class Ladders:
 Field = tuple[str, str, str]
 
 
-def ladder_schema(law: str) -> pa.Schema:
+def _ladder_schema() -> pa.Schema:
     """Return the schema of ladders of two balls; unit and meaning of each column are in its metadata."""
-    contributions = contributions_of(law)
 
     def differences(name: str, meaning: str) -> list[Field]:
         return [(f"{name}dv{i}", "float", meaning.format(f"v{i}")) for i in (1, 2)]
 
     corners_ = [
         (f"{name}_v{i}", "float", f"corner {name.replace('_', ', ')}: final velocity of B{i} per |v0|")
-        for name in corner_names(CHOICE in contributions).values()
+        for name in corner_names().values()
         for i in (1, 2)
     ]
     parameters = [(name, COLUMNS[name][0], COLUMNS[name][2]) for name in _PARAMETERS]
-    return schema_of(parameters, contributions, differences, corners_, "six")
+    return schema_of(parameters, contributions_of(), differences, corners_, "six")
 
 
 def schema_of(
@@ -184,18 +179,16 @@ def _fields(c: Contribution, differences: Callable[[str, str], Iterable[Field]],
     ]
 
 
-LADDER_SCHEMA = ladder_schema(KELVIN_VOIGT)
+LADDER_SCHEMA = _ladder_schema()
 
 
-def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
+def ladder_rows(cells: pa.Table) -> pa.Table:
     """Make the ladders of whole cells.
 
     Parameters
     ----------
     cells : Table
         Rows of the table of cells, sorted by cell; every cell with its row of the model.
-    law : str
-        The dissipation law.
 
     Returns
     -------
@@ -204,9 +197,9 @@ def ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
     """
     engines, model = engines_of(cells), cells.filter(pc.field("solver") == REFERENCE)
     if not len(engines):
-        return ladder_schema(law).empty_table()
+        return LADDER_SCHEMA.empty_table()
     asked = [law_of(name) for name in engines["solver"].to_pylist()]
-    return in_groups(asked, lambda rows, obeyed: _ladders(engines.take(rows), model, law, obeyed))
+    return in_groups(asked, lambda rows, obeyed: _ladders(engines.take(rows), model, obeyed))
 
 
 def in_groups(keys: Sequence[Hashable], make: Callable[[NDArray[np.intp], Any], pa.Table]) -> pa.Table:
@@ -231,17 +224,17 @@ def engines_of(cells: pa.Table) -> pa.Table:
     return cells.filter(~pc.field("solver").isin(engine_free_names()))
 
 
-def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Table:
+def _ladders(engines: pa.Table, model: pa.Table, obeyed: str) -> pa.Table:
     """Make the ladders of engines that were asked for one law."""
     # The references know nothing of engines: one answer a cell.
     at = np.searchsorted(model["cell"].to_numpy(), engines["cell"].to_numpy())
     kappa, mu, e1, e2 = (_numbers(model, name) for name in AXES)
     reference, number = _velocities(model, RESULT_STATUSES), _numbers(model, "gravity_number")
-    of_cells = corners(reference, (kappa, mu, e1, e2), number, law, obeyed)
+    of_cells = corners(reference, (kappa, mu, e1, e2), number, obeyed)
     here, marks = of_cells.take(at), np.full(len(model), "", dtype="U120")
     there = of_cells.reason == ""
     if np.any(there):
-        marks[there] = corner_marks([x[there] for x in (kappa, mu, e1, e2)], number[there], law, obeyed)
+        marks[there] = corner_marks([x[there] for x in (kappa, mu, e1, e2)], number[there], obeyed)
     engine = _velocities(engines, (*RESULT_STATUSES, UNCONVERGED))
     limit = np.column_stack([_numbers(engines, "v1_limit"), _numbers(engines, "v2_limit")])
     # A limit that did not converge is none.
@@ -253,10 +246,9 @@ def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Ta
         columns[f"dv{i + 1}"] = numbers(ladders.total[:, i])
         for c, vector in zip(ladders.contributions, ladders.vectors, strict=True):
             columns[f"{c.name}_dv{i + 1}"] = numbers(vector[:, i])
-        for index, corner in corner_names(CHOICE in ladders.contributions).items():
+        for index, corner in corner_names().items():
             columns[f"{corner}_v{i + 1}"] = numbers(here.velocities[index][:, i])
-    schema = ladder_schema(law)
-    return pa.table({name: columns[name] for name in schema.names}, schema=schema)
+    return pa.table({name: columns[name] for name in LADDER_SCHEMA.names}, schema=LADDER_SCHEMA)
 
 
 def _numbers(table: pa.Table, name: str) -> Floats:
@@ -428,4 +420,4 @@ def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool
     return f"{text}."
 
 
-COLLISION_LADDERS = Ladders(_PARAMETERS, _READ, ladder_schema, ladder_rows, tuple(LAWS))
+COLLISION_LADDERS = Ladders(_PARAMETERS, _READ, LADDER_SCHEMA, ladder_rows)

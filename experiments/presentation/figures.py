@@ -21,7 +21,6 @@ from impact_xval.experiments.presentation.curve_figures import draw_cell_curves
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
 from impact_xval.experiments.presentation.looks import Look, look
 from impact_xval.experiments.presentation.pages import phrase
-from impact_xval.experiments.presentation.pictures.timelines import draw_timelines
 from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL
@@ -159,7 +158,6 @@ def _draw_curves(curves: Frame, config: Config) -> Iterator[tuple[str, Figure, s
     facts = {"model": REFERENCE, "solvers": in_order_of_laws(config.solvers), "cell": cell}
     if first:
         yield "impulse-curves", draw_cell_curves(curves, facts["solvers"]), _caption("impulse-curves", facts)
-        yield from draw_timelines(curves[curves.curve == FIGURE_CELL], facts["solvers"], cell)
 
 
 def _caption(figure: str, facts: dict[str, Any]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from impact_xval.experiments.measures.ladder import CANCEL, CAUSES, CONTRIBUTIONS, cancelling
-from impact_xval.experiments.measures.ladder_summary import BANDS, Frame, LadderSummary
+from impact_xval.experiments.measures.ladder_summary import Frame, LadderSummary
 from impact_xval.experiments.tables.numbers import number, percent
 
 #: Longest table along an axis.
@@ -25,7 +25,6 @@ def spread(values: Sequence[float]) -> Sequence[float]:
 def ladder_facts(ladder: LadderSummary) -> dict[str, Any]:
     """Collect what the macros of ``ladder.md.j2`` show; lists are empty where no engine has a result."""
     present = ladder.present
-    overall = ladder.alternatives[ladder.alternatives.value.isna()].set_index("law")["median"]
     regions = {"all": ("all", np.nan), **ladder.regions}
     return {
         "engines": [_found(ladder, solver) for solver in ladder.solvers],
@@ -54,20 +53,6 @@ def ladder_facts(ladder: LadderSummary) -> dict[str, Any]:
             for name, row in ladder.region(solver).iterrows()
         ],
         "axes": [_along(ladder, axis, present) for axis in ladder.axes],
-        "medians": overall.to_dict(),
-        "smallest": overall.idxmin() if len(overall) else None,
-        "alternatives": [
-            (
-                row.law,
-                BANDS.get(row.value, "all"),
-                row.n,
-                number(row.median),
-                number(row.p95),
-                number(row.dissipation),
-                percent(row.closer),
-            )
-            for row in ladder.alternatives.itertuples()
-        ],
     }
 
 

@@ -1,4 +1,4 @@
-"""What the commands show of a run on a terminal: what it found, its progress, a search."""
+"""What the commands show of a run on a terminal: what it found, its progress."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.presentation.pages import phrase, render
 from impact_xval.experiments.presentation.terminal import print_line, show
 from impact_xval.experiments.tables.numbers import number
@@ -18,7 +17,6 @@ from impact_xval.experiments.tables.numbers import number
 if TYPE_CHECKING:  # each command has imported what it shows, and needs none of the others
     from impact_xval.experiments.measures.columns.summary import ColumnSummary
     from impact_xval.experiments.measures.summary import Summary
-    from impact_xval.experiments.sweep.search import Found
     from impact_xval.experiments.sweep.status import RunStatus
     from impact_xval.experiments.tables.comparison import Comparison
 
@@ -64,25 +62,6 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
     show(console, page)
 
 
-def show_found(console: Console, found: Found) -> None:
-    """Print what a search found."""
-    from impact_xval.experiments.measures.summary import SUMMARISED
-
-    measure = found.search.measure
-    rows = [
-        (
-            row["cell"],
-            *(f"{row[axis]:.6g}" for axis in AXES),
-            number(abs(row[measure]), 6),
-            _short_path(row["model_states_compared"]),
-            _short_path(row["states_compared"]),
-        )
-        for row in found.rows
-    ]
-    facts = {"f": found, "rows": rows, "labels": list(AXES.values()), "measure": SUMMARISED[measure]}
-    show(console, render("found.md.j2", **facts))
-
-
 def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
     """Print what moved between two runs."""
 
@@ -124,10 +103,3 @@ def changes_object(found: Comparison) -> dict[str, Any]:
         "settings": found.settings,
         "versions": found.versions,
     }
-
-
-def _short_path(states: str | None) -> str:
-    """Cut a long state path in its middle."""
-    names = (states or "-").split()
-    cut = [*names[:4], f"({len(names) - 6} more)", *names[-2:]]
-    return " ".join(names if len(names) <= 8 else cut)

@@ -1,1 +1,1 @@
-"""Cells by solvers: by whom, isolated, resumed; designs and search. Imports `measures` and below."""
+"""Cells by solvers: by whom, isolated, resumed; designs. Imports `measures` and below."""

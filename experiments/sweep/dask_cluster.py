@@ -8,19 +8,14 @@ project installed in the same versions, but none of the run's files: parts are w
 
 from __future__ import annotations
 
-import logging
-import multiprocessing
-import signal
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
-from multiprocessing import resource_tracker
 from typing import Any
 
-from dask import config as dask_config
-from distributed import Client, LocalCluster, get_worker
+from distributed import Client, get_worker
 from distributed.comm.core import CommClosedError
 from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.scheduler import KilledWorker
@@ -28,21 +23,9 @@ from distributed.scheduler import KilledWorker
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.sweep.sandbox import Sandbox, SandboxExecutor
 
-#: Stands for a cluster on this machine in place of an address; no other machine reaches it.
-LOCAL = "local"
-_LOOPBACK = "127.0.0.1"
-_LOCAL_SETTINGS = {
-    "distributed.scheduler.allowed-failures": 20,
-    "distributed.scheduler.http.routes": [],
-    "distributed.worker.http.routes": [],
-}
-
 #: Seconds to wait for a scheduler to answer, and between two lines that say that no worker has come yet.
 _ANSWER = 10
 _WAIT = 30
-#: Seconds for a cluster of our own to start, and for a start that is not wanted any more to be through.
-_START = 120
-_END = 10
 #: Seconds for which the number of workers is taken as known.
 _KNOWN = 5.0
 
@@ -97,7 +80,7 @@ class DaskExecutor(Executor):
 
 @contextmanager
 def dask_executor(
-    make_sandbox: Callable[[], Sandbox], scheduler: str, workers: int, say: Callable[[str], None]
+    make_sandbox: Callable[[], Sandbox], scheduler: str, say: Callable[[str], None]
 ) -> Iterator[DaskExecutor]:
     """Work on a Dask cluster.
 
@@ -106,9 +89,7 @@ def dask_executor(
     make_sandbox : callable
         Can be pickled.
     scheduler : str
-        The address of a scheduler, such as ``tcp://host:8786``, or `LOCAL` for a cluster on this machine.
-    workers : int
-        Processes of a local cluster.
+        The address of a scheduler, such as ``tcp://host:8786``.
     say : callable
         Given a line about the cluster.
 
@@ -119,7 +100,7 @@ def dask_executor(
     InterruptedRunError
         If the cluster is lost.
     """
-    with _client(scheduler, workers) as client:
+    with _client(scheduler) as client:
         name = f"impact-xval-{uuid.uuid4().hex[:8]}"
         executor = DaskExecutor(client, name)
         try:
@@ -140,73 +121,19 @@ def dask_executor(
 
 
 @contextmanager
-def _client(scheduler: str, workers: int) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
-    if scheduler == LOCAL:
-        with _local_client(workers) as client:
-            yield client
-        return
+def _client(scheduler: str) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
     try:
         client = Client(scheduler, timeout=_ANSWER)
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         detail = _short(error) or type(error).__name__
         raise UserError(
-            f"--scheduler {scheduler}: no Dask scheduler answers there ({detail}); legal: '{LOCAL}', or an "
+            f"--scheduler {scheduler}: no Dask scheduler answers there ({detail}); legal: an "
             "address such as tcp://host:8786 or, with certificates, tls://host:8786"
         ) from None
     try:
         yield client
     finally:
         client.close(timeout=2)
-
-
-@contextmanager
-def _local_client(workers: int) -> Iterator[Any]:
-    """Start a cluster on this machine, in a thread: its start is not to be interrupted, and its end is ours."""
-    with dask_config.set(_LOCAL_SETTINGS), ThreadPoolExecutor(1, initializer=_block_signals) as thread:
-        start = thread.submit(_start, workers)
-        try:
-            yield _started(start)
-        finally:
-            while not wait([start], _END).done:  # the run is interrupted, or a worker hangs
-                for worker in multiprocessing.active_children():
-                    worker.kill()
-            if start.exception() is None:
-                client = start.result()
-                client.close()
-                client.cluster.close()
-
-
-def _started(start: Future[Any]) -> Any:
-    try:
-        return start.result(_START)
-    except TimeoutError:
-        why = f"it has not answered for {_START} s"
-    except Exception as error:  # a worker died, whatever Dask makes of that
-        why = _short(error)
-    raise InterruptedRunError(f"no Dask cluster has started: {why}") from None
-
-
-def _start(workers: int) -> Any:
-    return Client(
-        LocalCluster(
-            host=_LOOPBACK,
-            n_workers=workers,
-            threads_per_worker=1,
-            # Dask has a server of pages in any case: here on loopback, on any port, and without a page.
-            dashboard_address=f"{_LOOPBACK}:0",
-            scheduler_kwargs={"dashboard": False},
-            silence_logs=logging.CRITICAL,  # among errors are those of its end
-        )
-    )
-
-
-def _block_signals() -> None:
-    """Have what this thread starts leave the signals to a whole process group (Ctrl-C) to this process."""
-    if hasattr(signal, "pthread_sigmask"):
-        ends = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-        signal.pthread_sigmask(signal.SIG_BLOCK, ends)
-        resource_tracker.ensure_running()  # which unblocks two of them
-        signal.pthread_sigmask(signal.SIG_BLOCK, ends)
 
 
 def _wait_for_worker(client: Any, say: Callable[[str], None]) -> None:

@@ -1,4 +1,4 @@
-"""Traps in the scenes of an experiment, as its adapters build them: for ``impact-xval doctor`` and for reports."""
+"""Traps in the MuJoCo scenes of an experiment, as its adapter builds them: for ``doctor`` and for reports."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from importlib import import_module
 from typing import Any
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.registry import exportable_names
+from impact_xval.compliant_baselines.calibration.scene_text import mjcf
+from impact_xval.compliant_baselines.contact.column import Column
+from impact_xval.compliant_baselines.diagnosis.diagnose_mujoco import diagnose_mujoco
 from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.experiments.config.configuration import Config
@@ -21,13 +23,13 @@ MOST_CELLS = 100
 
 #: Cells examined for the note in a report, and how it begins.
 IN_REPORT = 40
-_LOOKED = "The scenes of this run, as its adapters build them, were examined by impact-xval doctor"
+_LOOKED = "The MuJoCo scenes of this run, as its adapter builds them, were examined by impact-xval doctor"
 
 
 def experiment_findings(
     config: Config, most: int = MOST_CELLS, cells: Cells | None = None
-) -> tuple[list[str], list[Finding]]:
-    """Examine the scenes an experiment runs, as its adapters build them.
+) -> list[Finding] | None:
+    """Examine the scenes of MuJoCo that an experiment runs, as its adapter builds them.
 
     Parameters
     ----------
@@ -40,43 +42,35 @@ def experiment_findings(
 
     Returns
     -------
-    examined : list of str
-        The engines among the experiment's solvers that are installed.
-    findings : list of Finding
-        Each trap once for an engine, with the number of cells that have it.
+    list of Finding or None
+        Each trap once, with the number of cells that have it; None where MuJoCo is not among the solvers, or not
+        installed.
     """
     if config.column is not None:
         raise UserError(
             f"{config.name}: columns of N balls; legal: an experiment with collisions of two balls"
         )
+    solver = get_solver("mujoco")
+    if "mujoco" not in config.solvers or solver.unavailable() is not None:
+        return None
+    assert isinstance(solver, EngineSolver)
     settings, grid = settings_of(config), cells_of(config) if cells is None else cells
     count = min(len(grid), most)
     indices = sorted({round(i * (len(grid) - 1) / max(1, count - 1)) for i in range(count)})
-    examined: list[str] = []
-    findings: list[Finding] = []
-    for name in exportable_names():
-        solver = get_solver(name)
-        if name not in config.solvers or solver.unavailable() is not None:
-            continue
-        assert isinstance(solver, EngineSolver)
-        examined.append(name)
-        seen: dict[str, Finding] = {}
-        counts: Counter[str] = Counter()
-        for index in indices:
-            column = solver.column_or_refusal(grid[index].collision, settings)
-            if not isinstance(column, str):
-                found = {f.trap: f for f in column_findings(solver, column)}
-                seen = {**found, **seen}
-                counts.update(found.keys())
-        findings += [
-            Finding(
-                trap,
-                f"{name}, {counts[trap]} of {len(indices)} cells examined, for example {f.where}",
-                f.says,
-            )
-            for trap, f in seen.items()
-        ]
-    return examined, findings
+    seen: dict[str, Finding] = {}
+    counts: Counter[str] = Counter()
+    for index in indices:
+        column = solver.column_or_refusal(grid[index].collision, settings)
+        if not isinstance(column, str):
+            found = {f.trap: f for f in column_findings(column)}
+            seen = {**found, **seen}
+            counts.update(found.keys())
+    return [
+        Finding(
+            trap, f"mujoco, {counts[trap]} of {len(indices)} cells examined, for example {f.where}", f.says
+        )
+        for trap, f in seen.items()
+    ]
 
 
 def traps_note(config: Config, cells: Cells | None = None) -> dict[str, Any]:
@@ -88,15 +82,12 @@ def traps_note(config: Config, cells: Cells | None = None) -> dict[str, Any]:
         ``introduction``, a sentence, and ``found``, a list of them.
     """
     try:
-        examined, findings = experiment_findings(config, IN_REPORT, cells)
+        findings = experiment_findings(config, IN_REPORT, cells)
     except Exception as error:  # a report must not fail for a note
         return failed_note(f"{type(error).__name__}: {error}")
-    if not examined:
-        return {
-            "introduction": "This run has no engine whose scenes could be examined here.",
-            "found": [],
-        }
-    said = f"{_LOOKED} ({', '.join(examined)}): " + (f"{len(findings)} traps." if findings else "no traps.")
+    if findings is None:
+        return {"introduction": "This run has no scenes of MuJoCo that could be examined here.", "found": []}
+    said = f"{_LOOKED}: " + (f"{len(findings)} traps." if findings else "no traps.")
     return {"introduction": said, "found": [str(finding) for finding in findings]}
 
 
@@ -105,14 +96,7 @@ def failed_note(reason: str) -> dict[str, Any]:
     return {"introduction": f"{_LOOKED}, which failed: {reason}.", "found": []}
 
 
-def column_findings(solver: EngineSolver, column: Any) -> list[Finding]:
-    """Examine the scene of one collision by an engine whose scenes can be written down."""
-    if solver.name == "mujoco":
-        from impact_xval.compliant_baselines.calibration.scene_text import mjcf
-        from impact_xval.compliant_baselines.diagnosis.diagnose_mujoco import diagnose_mujoco
-
-        mujoco: Any = import_module("mujoco")
-        return diagnose_mujoco(mujoco.MjModel.from_xml_string(mjcf(column)))
-    from impact_xval.compliant_baselines.diagnosis.diagnose_pybullet import diagnose_at_first_step
-
-    return diagnose_at_first_step(lambda: solver.run_columns([column], 1), column=True) or []
+def column_findings(column: Column) -> list[Finding]:
+    """Examine the scene of one collision."""
+    mujoco: Any = import_module("mujoco")
+    return diagnose_mujoco(mujoco.MjModel.from_xml_string(mjcf(column)))

@@ -73,7 +73,7 @@ def open_executor(
     workers : int
         Processes on this machine.
     scheduler : str or None
-        Address of a Dask scheduler, or ``local``; None for processes without Dask.
+        Address of a Dask scheduler; None for processes without Dask.
     isolate : bool
         False for `DirectExecutor`.
     say : callable
@@ -90,7 +90,7 @@ def open_executor(
             raise UserError(
                 f"--scheduler {scheduler}: needs Dask ({error}); run pip install 'impact-xval[cluster]'"
             ) from None
-        with dask_executor(make_sandbox, scheduler, workers, say) as executor:
+        with dask_executor(make_sandbox, scheduler, say) as executor:
             yield executor
         return
     executor = SandboxExecutor(make_sandbox, workers)

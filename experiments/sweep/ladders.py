@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 
-from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.experiments.measures.ladder_table import LADDER, Ladders, engines_of
-from impact_xval.experiments.sweep.kernels import Kernels, compile_once
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, SandboxError, in_halves, last_line
 from impact_xval.experiments.tables.streams import blocks, replacing, table_writer
 
@@ -32,11 +30,9 @@ def write_ladder(
     executor: Any,
     kind: Ladders,
     *,
-    law: str = KELVIN_VOIGT,
-    name: str = LADDER,
     say: Callable[[str], None] = lambda line: None,
 ) -> None:
-    """Write a table of ladders, as Parquet and CSV, from the table of cells in a folder.
+    """Write a table of ladders, as Parquet and, without its lists, as CSV, from the table of cells in a folder.
 
     Parameters
     ----------
@@ -46,28 +42,24 @@ def write_ladder(
         One of `sweep.executors`, whatever the context of its sandboxes.
     kind : Ladders
         Of which kind the cells are.
-    law : str
-        The dissipation law, one of ``kind.laws``.
-    name : str
-        Of the Parquet file; that of the CSV, which has no lists, ends in ``.csv``.
     say : callable
         Given a line about how far it is, and about every cell whose ladder failed.
     """
-    schema, path = kind.schema(law), root / name
-    plain = pa.schema([field for field in schema if not pa.types.is_list(field.type)])
+    path = root / LADDER
+    plain = pa.schema([field for field in kind.schema if not pa.types.is_list(field.type)])
     with (
-        table_writer(path, schema) as table,
+        table_writer(path, kind.schema) as table,
         replacing(path.with_suffix(".csv")) as text,
         pacsv.CSVWriter(str(text), plain) as csv,
     ):
-        for rows, failures in _in_order(executor, _calls(root / "cells.parquet", kind, law), say):
+        for rows, failures in _in_order(executor, _calls(root / "cells.parquet", kind), say):
             for failure in failures:
                 say(failure)
             table.add(rows)
             csv.write_table(rows.select(plain.names))
 
 
-def _calls(path: Path, kind: Ladders, law: str) -> Iterator[tuple[Ladders, pa.Table, str]]:
+def _calls(path: Path, kind: Ladders) -> Iterator[tuple[Ladders, pa.Table]]:
     """Cut a table of cells into calls of `_ladders`; cells without an engine need none."""
     for block in blocks(path, kind.read):
         starts = _starts(block)
@@ -76,7 +68,7 @@ def _calls(path: Path, kind: Ladders, law: str) -> Iterator[tuple[Ladders, pa.Ta
             # A slice would be sent with all that it was cut from.
             cells = block.take(np.arange(ends[0], ends[-1]))
             if len(engines_of(cells)):
-                yield kind, cells, law
+                yield kind, cells
 
 
 def _starts(cells: pa.Table) -> list[int]:
@@ -85,7 +77,7 @@ def _starts(cells: pa.Table) -> list[int]:
 
 
 def _in_order(
-    executor: Any, calls: Iterator[tuple[Ladders, pa.Table, str]], say: Callable[[str], None]
+    executor: Any, calls: Iterator[tuple[Ladders, pa.Table]], say: Callable[[str], None]
 ) -> Iterator[tuple[pa.Table, list[str]]]:
     """Give the answers in the order of the calls, of which a bounded number is handed out."""
     pending: deque[Future[tuple[pa.Table, list[str]]]] = deque()
@@ -102,7 +94,7 @@ def _in_order(
         yield rows, failures
 
 
-def _ladders(sandbox: Sandbox, kind: Ladders, cells: pa.Table, law: str) -> tuple[pa.Table, list[str]]:
+def _ladders(sandbox: Sandbox, kind: Ladders, cells: pa.Table) -> tuple[pa.Table, list[str]]:
     """Make the ladders of some cells; a line for each cell whose ladder failed."""
     starts, failures = _starts(cells), []
 
@@ -111,22 +103,17 @@ def _ladders(sandbox: Sandbox, kind: Ladders, cells: pa.Table, law: str) -> tupl
 
     def call(place: slice) -> pa.Table:
         try:
-            return sandbox.call(_rows, kind, rows_of(place), law, timeout=_LIMIT)
+            return sandbox.call(_rows, kind, rows_of(place), timeout=_LIMIT)
         except SandboxError as error:
             raise FaultError("crashed", last_line(str(error))) from None
 
     def failed(place: slice, fault: FaultError) -> pa.Table:
         rows = rows_of(place)
         failures.append(f"cell {rows['cell'][0]} has no ladder: {fault.reason}")
-        return kind.failed(rows, law, fault.status, f"ladder: {fault.reason}")
+        return kind.failed(rows, fault.status, f"ladder: {fault.reason}")
 
     return pa.concat_tables(in_halves(call, len(starts) - 1, failed)), failures
 
 
-def _rows(_: object, kind: Ladders, cells: pa.Table, law: str) -> pa.Table:
-    return kind.rows(cells, law)
-
-
-def ready(kernels: Callable[[Iterable[str]], list[Kernels]], _: object) -> None:
-    """Prepare a sandbox for ladders alone, whose kernels these are: no limit of time covers what is compiled."""
-    compile_once(kernels([KELVIN_VOIGT]))
+def _rows(_: object, kind: Ladders, cells: pa.Table) -> pa.Table:
+    return kind.rows(cells)

@@ -81,7 +81,7 @@ def run_sweep(
     workers : int, optional
         Processes on this machine, on which no result depends; by default the configuration's, else one a core.
     scheduler : str, optional
-        Address of a Dask scheduler, or ``local`` for a Dask cluster on this machine; by default no Dask.
+        Address of a Dask scheduler; by default no Dask.
     resume : bool
         Continue from the parts that are there; where the manifest is damaged, it is written again.
     take_over : bool
@@ -132,7 +132,6 @@ def kept(
     root: Path,
     resume: bool,
     progress: Progress,
-    format: str = FORMAT,
     layout: Layout = COLLISIONS,
     *,
     take_over: bool = False,
@@ -143,8 +142,6 @@ def kept(
     ----------
     root, resume, progress, take_over
         As for `run_sweep`.
-    format : str
-        What the manifest of such a run says it is.
     layout : Layout
         Of the tables that are to be written.
 
@@ -162,7 +159,7 @@ def kept(
     """
     check_free(root, take_over=take_over)
     new = missing(root)
-    folder, continued = open_folder(root, resume=resume, format=format, layout=layout)
+    folder, continued = open_folder(root, resume=resume, layout=layout)
     try:
         with holding(root, take_over=take_over) as line:
             progress(0, 0, line)

@@ -165,7 +165,7 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
 
 
 #: Settings that say nothing of what is compared: the cells are, one by one, and the solvers are named.
-_ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "column", "search", "solvers", "chunk_size")
+_ELSEWHERE = ("name", "workers", "grid", "sample", "cells", "column", "solvers", "chunk_size")
 
 
 def _differing(a: dict[str, object], b: dict[str, object]) -> dict[str, tuple[str, str]]:

@@ -12,7 +12,7 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.tables.files import is_regular
 from impact_xval.experiments.tables.lock import LOCK, OWNER
 from impact_xval.experiments.tables.schema import COLLISIONS, Layout
-from impact_xval.experiments.tables.store import FINISHED, FORMAT, MANIFEST, DamagedManifestError, RunFolder
+from impact_xval.experiments.tables.store import FINISHED, MANIFEST, DamagedManifestError, RunFolder
 from impact_xval.experiments.tables.streams import replaced_by
 
 #: Folders and files that are written to, and so must be the run's own: what is behind a link is another's.
@@ -24,9 +24,7 @@ def missing(root: Path) -> list[Path]:
     return [path for path in (root, *root.parents) if not path.exists()]
 
 
-def open_folder(
-    root: Path, *, resume: bool, format: str = FORMAT, layout: Layout = COLLISIONS
-) -> tuple[RunFolder, bool]:
+def open_folder(root: Path, *, resume: bool, layout: Layout = COLLISIONS) -> tuple[RunFolder, bool]:
     """Check that a run may write to a folder, and create it.
 
     Parameters
@@ -35,8 +33,6 @@ def open_folder(
         The folder.
     resume : bool
         Whether a run that is there may be continued.
-    format : str
-        What the manifest of such a run says it is.
     layout : Layout
         Of the tables that are to be written.
 
@@ -51,7 +47,7 @@ def open_folder(
     UserError
         If the folder holds something else, holds a run and `resume` is false, or cannot be written to.
     """
-    folder, new = RunFolder(root, format, layout), missing(root)
+    folder, new = RunFolder(root, layout), missing(root)
     try:
         _check_own(root)
         entries = sorted(entry.name for entry in root.iterdir()) if not new else []

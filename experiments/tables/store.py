@@ -51,12 +51,10 @@ Tally = Counter[tuple[str, str, str]]
 
 PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
 
-#: Files a run or a search writes, by folder.
+#: Files a run writes, by folder.
 _WRITTEN = {
     ".": re.compile(
-        "|".join(map(re.escape, (MANIFEST, OWNER, *TABLES)))
-        + r"|ladder-[a-z-]+\.(parquet|csv)|summary\.(md|csv|tex)|report\.html"
-        r"|evaluations\.parquet|worst\.csv|search\.(png|pdf|txt)"
+        "|".join(map(re.escape, (MANIFEST, OWNER, *TABLES))) + r"|summary\.(md|csv|tex)|report\.html"
     ),
     "parts": re.compile(rf"{PART.pattern}|{re.escape(CONFIGURATION)}"),
     "figures": re.compile(r"[a-z0-9-]+\.(png|pdf)|captions\.json"),
@@ -75,17 +73,12 @@ class _Session(BaseModel, strict=True):
     wall_time_s: float = Field(0.0, ge=0, allow_inf_nan=False, description="a number")
 
 
-class _SearchManifest(BaseModel, strict=True):
-    """What is read of the manifest of a search, and of any other."""
+class _Manifest(BaseModel, strict=True):
+    """What is read of the manifest of a run."""
 
     state: Literal["running", "tables", "complete"] = Field(description="'running', 'tables' or 'complete'")
     configuration: dict[str, Any] = Field(description="a table")
     versions: dict[str, str] = Field(description="a table of texts")
-
-
-class _RunManifest(_SearchManifest):
-    """What is read of the manifest of a run."""
-
     cells: int = Field(ge=1, le=MAX_CELLS, description=f"a whole number from 1 to {MAX_CELLS}")
     chunks: int = Field(ge=1, le=MAX_CELLS, description=f"a whole number from 1 to {MAX_CELLS}")
     started: str = Field(description="a date and time")
@@ -115,14 +108,11 @@ class RunFolder:
     Attributes
     ----------
     root : Path
-    format : str
-        What its manifest must say it is.
     layout : Layout
         Of the tables that are written to it.
     """
 
     root: Path
-    format: str = FORMAT
     layout: Layout = COLLISIONS
 
     @property
@@ -139,14 +129,6 @@ class RunFolder:
         with replacing(path, sync=False) as temporary:
             temporary.write_bytes(data)
         return path
-
-    def find_part(self, number: int, identity: str) -> Path | None:
-        """Find one part that is whole, by what it is."""
-        for path in sorted(self.parts.glob(f"{number:06d}-{identity}-*.parquet")):
-            match = PART.fullmatch(path.name)
-            if match is not None and _problem(path, match[3], self.layout) == "":
-                return path
-        return None
 
     def find_parts(
         self, identities: Sequence[str], rows: Callable[[int], pa.Table]
@@ -258,11 +240,11 @@ class RunFolder:
                 f"{path}: damaged, not JSON; legal: the manifest of a run{kept}"
             ) from None
         if not isinstance(value, dict) or "format" not in value:
-            raise DamagedManifestError(f"{path}: not the manifest of a run ({self.format}){kept}")
-        if value["format"] != self.format:
-            raise UserError(f"{path}: not the manifest of a run ({self.format})")
+            raise DamagedManifestError(f"{path}: not the manifest of a run ({FORMAT}){kept}")
+        if value["format"] != FORMAT:
+            raise UserError(f"{path}: not the manifest of a run ({FORMAT})")
         try:
-            validated(_RunManifest if self.format == FORMAT else _SearchManifest, value, str(path))
+            validated(_Manifest, value, str(path))
         except UserError as error:
             raise DamagedManifestError(f"{error}{_written_by(value)}{kept}") from None
         return value

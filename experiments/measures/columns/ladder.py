@@ -32,7 +32,7 @@ from impact_xval.experiments.measures.corners import (
     Index,
     corner_names,
 )
-from impact_xval.experiments.measures.ladder import CHOICE, Split, contributions_of, split
+from impact_xval.experiments.measures.ladder import Split, contributions_of, split
 from impact_xval.experiments.measures.ladder_table import (
     UNCONVERGED,
     Field,
@@ -57,20 +57,16 @@ _READ = (
 #: Pieces of segments after which a corner is given up, a second of ten balls.
 _MAX_STEPS = 100_000
 
-#: Laws that "what if" may put in the place of kelvin-voigt; others of `corners.LAWS` are laws of two balls.
-_LAWS = tuple(name for name in corners.LAWS if name in solving.LAWS)
 
-
-def column_ladder_schema(law: str) -> pa.Schema:
+def _column_ladder_schema() -> pa.Schema:
     """Return the Arrow schema of a table of ladders of columns; unit and meaning of each are in its metadata."""
-    contributions = contributions_of(law, gravity=False)
 
     def differences(name: str, meaning: str) -> list[Field]:
         return [(f"{name}dv", "list", meaning.format("velocities by ball"))]
 
     kept = [
         field
-        for name in corner_names(CHOICE in contributions, gravity=False).values()
+        for name in corner_names(gravity=False).values()
         for field in (
             (
                 f"{name}_v",
@@ -81,18 +77,19 @@ def column_ladder_schema(law: str) -> pa.Schema:
         )
     ]
     parameters = [(name, LINE_COLUMNS[name][0], LINE_COLUMNS[name][2]) for name in _PARAMETERS]
-    return schema_of(parameters, contributions, differences, kept, "two")
+    return schema_of(parameters, contributions_of(gravity=False), differences, kept, "two")
 
 
-def column_ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
+_SCHEMA = _column_ladder_schema()
+
+
+def column_ladder_rows(cells: pa.Table) -> pa.Table:
     """Make the ladders of whole columns.
 
     Parameters
     ----------
     cells : Table
         Rows of the table of cells of a run of columns, sorted by cell; every cell with its row of the model.
-    law : str
-        The dissipation law.
 
     Returns
     -------
@@ -101,13 +98,13 @@ def column_ladder_rows(cells: pa.Table, law: str = KELVIN_VOIGT) -> pa.Table:
     """
     engines, model = engines_of(cells), cells.filter(pc.field("solver") == REFERENCE)
     if not len(engines):
-        return column_ladder_schema(law).empty_table()
+        return _SCHEMA.empty_table()
     asked = [law_of(name) for name in engines["solver"].to_pylist()]
     alike = list(zip(asked, engines["balls"].to_pylist(), strict=True))
-    return in_groups(alike, lambda rows, key: _ladders(engines.take(rows), model, law, key[0]))
+    return in_groups(alike, lambda rows, key: _ladders(engines.take(rows), model, key[0]))
 
 
-def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Table:
+def _ladders(engines: pa.Table, model: pa.Table, obeyed: str) -> pa.Table:
     """Make the ladders of engines that were asked for one law, in columns of as many balls."""
     numbers_of_cells, at = np.unique(engines["cell"].to_numpy(), return_inverse=True)
     model = model.take(np.searchsorted(model["cell"].to_numpy(), numbers_of_cells))
@@ -117,7 +114,7 @@ def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Ta
     )
     solved = np.isin(np.arange(len(model)), at[~np.isnan(engine).any(axis=1)])
     arranged = [_arranged(row) for row in model.select([*_PARAMETERS[1:-1], "m1", "k1", "v0"]).to_pylist()]
-    of_cells, marks = column_corners(np.where(solved[:, None], reference, np.nan), arranged, law, obeyed)
+    of_cells, marks = column_corners(np.where(solved[:, None], reference, np.nan), arranged, obeyed)
     here = of_cells.take(at)
     weights = np.array([_weights(each.column()) for each in arranged])[at]
     ladders = split(weights, here, _velocities(engines, RESULT_STATUSES, limit=True), engine)
@@ -125,15 +122,14 @@ def _ladders(engines: pa.Table, model: pa.Table, law: str, obeyed: str) -> pa.Ta
     found |= {name: engines[name] for name in _PARAMETERS} | {"dv": numbers(ladders.total)}
     for c, vector in zip(ladders.contributions, ladders.vectors, strict=True):
         found[f"{c.name}_dv"] = numbers(vector)
-    for index, name in corner_names(CHOICE in ladders.contributions, gravity=False).items():
+    for index, name in corner_names(gravity=False).items():
         found[f"{name}_v"] = numbers(here.velocities[index])
         found[f"{name}_along"] = numbers(_along(weights, here, index, ladders))
-    schema = column_ladder_schema(law)
-    return pa.table({name: found[name] for name in schema.names}, schema=schema)
+    return pa.table({name: found[name] for name in _SCHEMA.names}, schema=_SCHEMA)
 
 
 def column_corners(
-    model: Floats, columns: Sequence[Arranged], law: str = KELVIN_VOIGT, obeyed: str = KELVIN_VOIGT
+    model: Floats, columns: Sequence[Arranged], obeyed: str = KELVIN_VOIGT
 ) -> tuple[Corners, list[str]]:
     r"""Compute the corners of columns of N balls.
 
@@ -142,8 +138,6 @@ def column_corners(
     model : ndarray, shape (n, N)
         Final velocities of the state-transition model per \|v0\|; NaN without a result, and nothing is computed.
     columns : sequence of Arranged, length n
-    law : str
-        What is asked about; kelvin-voigt: nothing.
     obeyed : str
         What the engine was asked for.
 
@@ -158,7 +152,7 @@ def column_corners(
     ValueError
         For an unknown law.
     """
-    laws = corners.laws_of(law, obeyed)
+    laws = corners.laws_of(obeyed)
     velocities = np.full((2, len(laws), 1, *model.shape), np.nan)
     velocities[MODEL] = model
     reasons, marks = [], []
@@ -224,4 +218,4 @@ def _along(weights: Floats, here: Corners, index: Index, ladders: Split) -> Floa
     return np.divide(product_, d, out=np.zeros_like(d), where=d > 0)
 
 
-LINE_LADDERS = Ladders(_PARAMETERS, _READ, column_ladder_schema, column_ladder_rows, _LAWS)
+LINE_LADDERS = Ladders(_PARAMETERS, _READ, _SCHEMA, column_ladder_rows)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, law_of
+from impact_xval.compliant_baselines.contract.registry import law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame, reasons_of
@@ -124,9 +124,7 @@ def summarise_columns(folder: RunFolder) -> ColumnSummary:
         ),
         worst=worst.groupby("solver", sort=False).head(_WORST),
         engines=_engines(table[~marked], config),  # also where the model has no result
-        ladder=LadderSummary(
-            ladder_statistics(folder.table_path(LADDER, LINE_LADDERS.schema(KELVIN_VOIGT)), config)
-        ),
+        ladder=LadderSummary(ladder_statistics(folder.table_path(LADDER, LINE_LADDERS.schema), config)),
         statuses=status_frame(outcomes, config),
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         n_cells=sum(n for (name, _, _), n in outcomes.items() if name == REFERENCE),

@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines.contact.column import column_of
-from impact_xval.compliant_baselines.contact.mapping import restitution
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.diagnosis.diagnose_mujoco import diagnose_mujoco
-from impact_xval.compliant_baselines.diagnosis.diagnose_pybullet import (
-    diagnose_at_first_step,
-    diagnose_pybullet,
-)
 from impact_xval.experiments.sweep.examination import column_findings
 from impact_xval.model.collision import Collision
 
@@ -183,136 +178,9 @@ def test_a_trap_of_many_contacts_is_told_once_and_static_ones_not_at_all():
     assert diagnose_mujoco(still) == []
 
 
-# PyBullet: a sphere of 1 m that meets a plane
-
-
-class Bullet:
-    """A client with a ball of 1 m above a plane, everything sound unless asked otherwise."""
-
-    def __init__(self, ball=(STIFF, 0.0), plane=(1e30, 0.0), step=1e-5, slop=0.0, restitution=0.0, mass=1.0):
-        self.p = p = pytest.importorskip("pybullet")
-        self.client = p.connect(p.DIRECT)
-        self.at = {"physicsClientId": self.client}
-        self.parameters = {"fixedTimeStep": step, "solverResidualThreshold": 0}
-        if slop is not None:
-            self.parameters["contactSlop"] = slop
-        p.setPhysicsEngineParameter(**self.parameters, **self.at)
-        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=1, **self.at)
-        floor = p.createCollisionShape(p.GEOM_PLANE, **self.at)
-        self.plane = p.createMultiBody(0, floor, **self.at)
-        self.ball = p.createMultiBody(mass, sphere, basePosition=(0, 0, 1), **self.at)
-        for body, own in ((self.ball, ball), (self.plane, plane)):
-            p.changeDynamics(body, -1, linearDamping=0, angularDamping=0, restitution=restitution, **self.at)
-            if own is not None:
-                p.changeDynamics(body, -1, contactStiffness=own[0], contactDamping=own[1], **self.at)
-        self.step = step
-
-    def findings(self):
-        return diagnose_pybullet(self.client, self.parameters)
-
-    def bounce(self, speed=1.0, steps=200_000):
-        """Restitution, duration in steps with force, and how deep the ball is where forces begin, in m."""
-        p = self.p
-        p.resetBaseVelocity(self.ball, (0, 0, -speed), **self.at)
-        before, loaded, begins = -speed, 0, None
-        for _ in range(steps):
-            z = p.getBasePositionAndOrientation(self.ball, **self.at)[0][2]
-            p.stepSimulation(**self.at)
-            v = p.getBaseVelocity(self.ball, **self.at)[0][2]
-            if abs(v - before) > 1e-12 * speed:
-                loaded, begins = loaded + 1, 1 - z if begins is None else begins
-            elif loaded:
-                break
-            before = v
-        p.disconnect(**self.at)
-        return before / speed, loaded * self.step, begins
-
-
-def test_a_sound_client_has_no_traps():
-    sound = Bullet()
-    assert sound.findings() == []
-    e, duration, _ = sound.bounce()
-    assert (e, duration) == (pytest.approx(0.984, abs=1e-3), pytest.approx(DURATION, rel=0.01))
-
-
-def test_an_unset_body_adds_a_damping_of_its_own():
-    soft = {"ball": (10.0, 0.0), "mass": 0.1, "step": 1e-4}
-    unset = Bullet(**soft, plane=None)
-    assert traps(unset.findings()) == {"unset-body"}
-    lost = unset.bounce()[0]
-    # 0.1 N s/m: zeta = 0.1/(2 sqrt(k m)) = 0.05, e = exp(-zeta ...) of a contact that ends at zero force
-    assert lost == pytest.approx(restitution(0.05), abs=2e-3)
-    assert Bullet(**soft).bounce()[0] > 0.995
-
-
-def test_two_unset_bodies_have_no_stiffness_at_all():
-    bare = Bullet(ball=None, plane=None)
-    assert traps(bare.findings()) == {"no-stiffness"}
-    assert bare.bounce()[0] == pytest.approx(0, abs=1e-6)
-
-
-def test_two_stiffnesses_are_in_series():
-    soft = Bullet(plane=(STIFF, 0.0))
-    (finding,) = soft.findings()
-    assert finding.trap == "series"
-    assert "1e+06 and 1e+06 N/m in series are 500000 N/m" in finding.says
-    assert soft.bounce()[1] == pytest.approx(2**0.5 * DURATION, rel=0.01)
-
-
-def test_contact_slop_lets_bodies_in_before_there_is_a_force():
-    slack = Bullet(slop=None, step=1e-7)
-    assert traps(slack.findings()) == {"slop"}
-    assert "contactSlop" in diagnose_pybullet(slack.client)[0].where  # not known: said to be so
-    assert "cannot be read from a client" in diagnose_pybullet(slack.client)[0].says
-    assert slack.bounce(speed=0.1, steps=40_000)[2] == pytest.approx(1e-5, abs=2e-7)
-    assert Bullet(step=1e-7).bounce(speed=0.1, steps=40_000)[2] == pytest.approx(0, abs=2e-7)
-
-
-def test_a_restitution_acts_beside_the_stiffness():
-    both = Bullet(restitution=0.9, ball=(STIFF, 800.0))
-    assert traps(both.findings()) == {"restitution"}
-    assert abs(both.bounce()[0] - Bullet(ball=(STIFF, 800.0)).bounce()[0]) > 1e-3
-
-
-def test_a_step_too_long_for_the_stiffest_contact_of_a_client():
-    long = Bullet(step=DURATION / 5)
-    assert traps(long.findings()) == {"long-step"}
-    assert long.bounce()[0] < 0.7
-    half = Bullet(step=DURATION / 20)
-    assert traps(half.findings()) == {"long-step"}
-    half.p.setPhysicsEngineParameter(fixedTimeStep=DURATION / 20, numSubSteps=10, **half.at)
-    assert half.findings() == []
-    half.p.disconnect(**half.at)
-
-
-def test_a_script_is_examined_at_its_first_step_and_no_further():
-    p = pytest.importorskip("pybullet")
-    untold, reached = [], []
-
-    def script():
-        import pybullet as q
-
-        at = {"physicsClientId": q.connect(q.GUI)}  # no window is opened
-        q.setPhysicsEngineParameter(fixedTimeStep=1e-4, **at)
-        for mass, shape in ((1, {"radius": 1, "shapeType": q.GEOM_SPHERE}), (0, {"shapeType": q.GEOM_PLANE})):
-            body = q.createMultiBody(
-                mass, q.createCollisionShape(**shape, **at), useMaximalCoordinates=1, **at
-            )
-            q.changeDynamics(body, linkIndex=-1, contactStiffness=1e3, contactDamping=0, **at)
-            q.changeDynamics(body, -1, restitution=0.9, **at)
-        untold.append(traps(diagnose_pybullet(at["physicsClientId"])))
-        q.stepSimulation(**at)
-        reached.append("went on")
-
-    # what a client does not tell is known where the calls were seen
-    assert traps(diagnose_at_first_step(script) or []) == {"series", "slop", "restitution"}
-    assert (untold, reached) == ([{"unreadable"}], [])
-    assert not p.isConnected(0)  # what the script left connected is given back
-
-
-def test_our_own_scenes_have_none(engine):
+def test_our_own_scenes_have_none():
     c = Collision(m1=1.0, m2=0.5, k1=1e8, k2=1e5, e1=0.5, e2=1.0)
     for scenario in ("impact", "drop"):
-        assert column_findings(engine, column_of(c, Settings(scenario=scenario))) == []
-    naive = traps(column_findings(engine, column_of(c, Settings(mapping="naive"))))
-    assert naive == ({"not-newton-per-metre"} if engine.name == "mujoco" else {"series"})
+        assert column_findings(column_of(c, Settings(scenario=scenario))) == []
+    naive = traps(column_findings(column_of(c, Settings(mapping="naive"))))
+    assert naive == {"not-newton-per-metre"}

@@ -34,7 +34,7 @@ def runs(some, record_path, monkeypatch, least):
 
 
 def everything(run):
-    ends = (run.end, run.v1, run.v2, run.raw.n_steps, run.unloaded, run.starts)
+    ends = (run.end, run.v1, run.v2, run.raw.n_steps, run.starts)
     return (*ends, run.raw.start.tolist(), run.raw.state.tolist())
 
 

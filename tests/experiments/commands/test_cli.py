@@ -145,7 +145,10 @@ def test_a_name_that_cannot_be_shown_is_spelt_out(tmp_path):
         text=True,
         check=True,
     )
-    assert done.stdout == "scenes of '\\xe9' (no engine is installed): no traps found\n"
+    assert (
+        done.stdout
+        == "scenes of '\\xe9' (MuJoCo is not among its solvers, or not installed): no traps found\n"
+    )
 
 
 @pytest.mark.smoke

@@ -4,7 +4,6 @@ import json
 
 import pytest
 
-from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands import doctor
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import load_config, parse_config
@@ -14,25 +13,6 @@ from tests.experiments import fakes
 
 SCENE = """<mujoco><option timestep="{step}"/><worldbody><geom type="plane" size="1 1 1"/>
 <body pos="0 0 2"><freejoint/><geom name="ball" size="1" solref="{solref}"/></body></worldbody></mujoco>"""
-SCRIPT = """
-import sys
-import pybullet as p
-p.connect(p.DIRECT)
-p.setPhysicsEngineParameter(contactSlop={slop}, fixedTimeStep=1e-4)
-plane = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
-ball = p.createMultiBody(1, p.createCollisionShape(p.GEOM_SPHERE, radius=1), basePosition=[0, 0, 2])
-p.changeDynamics(ball, -1, contactStiffness=1e4, contactDamping=1)
-p.changeDynamics(plane, -1, contactStiffness=1e30, contactDamping=0)
-for _ in range(10**9):
-    p.stepSimulation()
-"""
-URDF = """<robot name="ball"><link name="base"><contact><stiffness value="1e4"/><damping value="1"/></contact>
-<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-<collision><geometry><sphere radius="1"/></geometry></collision></link></robot>"""
-
-needs_pybullet = pytest.mark.skipif(
-    bool(get_solver("pybullet").unavailable()), reason="PyBullet is not installed"
-)
 
 
 def test_an_mjcf_file(tmp_path, capsys):
@@ -46,24 +26,6 @@ def test_an_mjcf_file(tmp_path, capsys):
     assert "mixed-signs: geoms #0 and ball: solref (-100, 1) is neither" in out
     assert main(["doctor", str(bad), "--json"]) == 1
     assert "mixed-signs" in [row["trap"] for row in json.loads(capsys.readouterr().out)]
-
-
-@needs_pybullet
-def test_a_pybullet_script_is_run_up_to_its_first_step(tmp_path, capsys):
-    script = tmp_path / "scene.py"
-    script.write_text(SCRIPT.format(slop=0), encoding="utf-8")
-    assert main(["doctor", str(script)]) == 0
-    script.write_text(SCRIPT.format(slop=1e-4), encoding="utf-8")
-    assert main(["doctor", str(script)]) == 1
-    assert "slop: contactSlop: forces begin 0.0001 m inside a surface" in capsys.readouterr().out
-
-
-@needs_pybullet
-def test_a_urdf_file_over_a_plane_of_which_nothing_is_set(tmp_path, capsys):
-    urdf = tmp_path / "ball.urdf"
-    urdf.write_text(URDF, encoding="utf-8")
-    assert main(["doctor", str(urdf)]) == 1
-    assert "unset-body: body 0" in capsys.readouterr().out
 
 
 def test_an_experiment_and_the_built_in_one(tmp_path, capsys, monkeypatch):
@@ -96,18 +58,12 @@ def test_a_finished_run_of_a_list_is_examined_wherever_its_list_is(tmp_path, cap
 
 
 def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys):
-    no_pybullet = bool(get_solver("pybullet").unavailable())
     for name, text, says in (
         ("gone.xml", None, "no such file"),
         ("bad.xml", "<mujoco><oops/></mujoco>", "MuJoCo does not compile it"),
-        ("bad.txt", "", "legal: .xml or .mjb (MuJoCo), .py or .urdf (PyBullet), .toml"),
+        ("bad.txt", "", "legal: .xml or .mjb (MuJoCo), .toml"),
         ("bad.toml", "scenario = 3", "scenario = 3; legal: 'impact' or 'drop'"),
-        ("raises.py", "1 / 0", "before its first step it raised ZeroDivisionError"),
-        ("idle.py", "x = 1", "it ended without a stepSimulation()"),
-        ("bad.urdf", "<robot", "PyBullet does not load it"),
     ):
-        if no_pybullet and name.endswith((".py", ".urdf")):
-            continue
         path = tmp_path / name
         if text is not None:
             path.write_text(text, encoding="utf-8")

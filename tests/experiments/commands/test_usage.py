@@ -22,7 +22,7 @@ def test_a_usage_error_names_the_command_whose_help_is_meant(capsys):
     for arguments, says, command in (
         (["run", "--no-such-option"], "No such option: --no-such-option.", "impact-xval run"),
         (["solve", "--mass-ratio", "1"], "Missing option '--stiffness-ratio'.", "impact-xval solve"),
-        (["map", "--e1", "1", "--e2"], "Option '--e2' requires an argument.", "impact-xval map"),
+        (["solve", "--e1", "1", "--e2"], "Option '--e2' requires an argument.", "impact-xval solve"),
         (["status", "a", "b"], "Got unexpected extra argument(s) (b).", "impact-xval status"),
         (["no-such-command"], "No such command 'no-such-command'.", "impact-xval"),
     ):

@@ -17,7 +17,7 @@ from impact_xval.experiments.tables.schema import CELLS_SCHEMA, LINES
 from impact_xval.model import solve_column
 from tests.compliant_baselines.column_in_time import integrate
 
-NAMES = [c.name for c in contributions_of("kelvin-voigt", gravity=False)]
+NAMES = [c.name for c in contributions_of(gravity=False)]
 SPEED = 2.5
 
 
@@ -60,7 +60,6 @@ def cells_of(columns, engine=lambda v: np.array(v) * 1.01, limit=lambda v: np.ar
 def compiled():
     """Compile the kernels, which takes longer than any test of them."""
     column_ladder_rows(cells_of(some_columns(4)))
-    column_ladder_rows(cells_of(some_columns(4)), "hunt-crossley")
 
 
 def test_two_balls_are_the_ladder_of_two_balls():
@@ -128,16 +127,6 @@ def test_corners_are_those_of_an_integration_in_time():
             assert row[f"{corner}_v"] == pytest.approx(expected, abs=1e-8), corner
 
 
-def test_by_way_of_another_law_the_dissipation_is_split_in_two():
-    columns = some_columns(4)
-    plain, other = (column_ladder_rows(cells_of(columns), law).to_pylist() for law in LINE_LADDERS.laws[::2])
-    for one, two in zip(plain, other, strict=True):
-        whole = np.add(two["dissipation_law_dv"], two["law_choice_dv"])
-        assert whole == pytest.approx(one["dissipation_law_dv"], abs=1e-12)
-        assert np.abs(two["law_choice_dv"]).max() > 1e-3
-        assert two["frozen_positions_dv"] == pytest.approx(one["frozen_positions_dv"], abs=1e-12)
-
-
 def test_what_has_no_ladder_says_why():
     columns = some_columns(4)
     (row, *_) = column_ladder_rows(cells_of(columns, status="timeout", reason="too many steps")).to_pylist()
@@ -150,8 +139,8 @@ def test_what_has_no_ladder_says_why():
         row["engine_share"] + row["frozen_positions_share"] + row["dissipation_law_share"], 1, abs_tol=1e-9
     )
     cells = cells_of(columns)
-    lost = LINE_LADDERS.failed(cells, "kelvin-voigt", "crashed", "ladder: SIGSEGV")
-    assert lost.schema.equals(LINE_LADDERS.schema("kelvin-voigt"))
+    lost = LINE_LADDERS.failed(cells, "crashed", "ladder: SIGSEGV")
+    assert lost.schema.equals(LINE_LADDERS.schema)
     assert lost["reason"].to_pylist() == ["ladder: SIGSEGV"] * 4
     only = cells.filter(pa.compute.equal(cells["solver"], REFERENCE))
     assert len(column_ladder_rows(only)) == 0

@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.experiments.commands.cli import main
@@ -81,8 +80,8 @@ def cells_of(n, seed):
     ]
 
 
-def vectors(table, law=KELVIN_VOIGT):
-    names = [c.name for c in contributions_of(law)]
+def vectors(table):
+    names = [c.name for c in contributions_of()]
     return np.stack([table[[f"{name}_dv1", f"{name}_dv2"]].to_numpy(dtype=float) for name in names])
 
 
@@ -99,7 +98,7 @@ def test_contributions_sum_to_the_divergence_that_the_run_measured(run):
         measured.velocity_divergence[ok].astype(float),
         atol=1e-15,
     )
-    shares = table[[f"{r.name}_share" for r in contributions_of(KELVIN_VOIGT)]].astype(float).sum(axis=1)[ok]
+    shares = table[[f"{r.name}_share" for r in contributions_of()]].astype(float).sum(axis=1)[ok]
     np.testing.assert_allclose(shares, 1, atol=1e-9)
 
 
@@ -164,7 +163,7 @@ def held_against_its_corners(run, engine, law):
     for row in rows.itertuples():
         c = grid[row.cell].collision
         cube = cube_of(c, config, law)
-        for index, name in corner_names(alternative=False).items():
+        for index, name in corner_names().items():
             found = getattr(row, f"{name}_v1"), getattr(row, f"{name}_v2")
             assert found == pytest.approx(tuple(cube[index]), abs=1e-10)
         for cause, name in enumerate(("frozen_positions", "dissipation_law", "gravity")):
@@ -209,11 +208,10 @@ def test_closes_for_any_outcomes_in_between():
     model, rng = velocities(solve_batch(*cells)), np.random.default_rng(4)
     engine = rng.normal(size=(n, 2))
     limit = np.where(rng.uniform(size=(n, 1)) < 0.5, engine + 1e-3, np.nan)
-    ladders = {}
     for law in LAWS:
-        between = corners(model, cells, np.full(n, 0.05), law=law)
+        between = corners(model, cells, np.full(n, 0.05), law)
         assert set(between.reason) == {""}
-        ladders[law] = ladder = split(weights_of_two(cells[1]), between, limit, engine)
+        ladder = split(weights_of_two(cells[1]), between, limit, engine)
         assert np.abs(np.nansum(ladder.vectors, axis=0) - ladder.total).max() < 1e-14
         np.testing.assert_allclose(np.nansum(ladder.along, axis=0), ladder.divergence, rtol=1e-12)
         np.testing.assert_allclose(np.nansum(ladder.orders, axis=1), [ladder.divergence] * 6, rtol=1e-12)
@@ -228,15 +226,6 @@ def test_closes_for_any_outcomes_in_between():
             -3:
         ].all()  # no order of what begins or ends with the engine
         assert not np.all(low == high, where=there, axis=1)[:3].any()
-    # an alternative splits the law's own part and nothing else
-    plain = ladders[KELVIN_VOIGT]
-    for law, ladder in ladders.items():
-        if law != KELVIN_VOIGT:
-            names = [c.name for c in ladder.contributions]
-            both = ladder.vectors[names.index("dissipation_law")] + ladder.vectors[names.index("law_choice")]
-            np.testing.assert_allclose(both, plain.vectors[1], atol=1e-14)
-            np.testing.assert_array_equal(ladder.vectors[0], plain.vectors[0])
-            np.testing.assert_array_equal(ladder.vectors[names.index("gravity")], plain.vectors[2])
 
 
 def test_a_cell_in_which_the_order_matters():
@@ -450,24 +439,13 @@ def test_a_cell_is_marked_where_a_corner_of_its_ladder_jumps():
 
 
 @IN_A_DROP
-def test_the_command_shows_a_run_a_cell_and_a_what_if(run, capsys):
+def test_the_command_shows_a_run_and_a_cell(run, capsys):
     assert main(["ladder", str(run.root)]) == 0
     assert "What the mean D of each engine is made of" in capsys.readouterr().out
-    assert main(["ladder", str(run.root), "--cell", "0", "--law", "kelvin-voigt-anchored"]) == 0
-    out = capsys.readouterr().out
-    assert "choice of the dashpot" in out
-    assert "by order" in out
-    assert "ladder-kelvin-voigt-anchored.parquet" in out
-    table = pq.read_table(run.root / "ladder-kelvin-voigt-anchored.parquet").to_pandas()
-    total = np.nansum(vectors(table, "kelvin-voigt-anchored"), axis=0)
-    ok = table.status == "ok"
-    assert np.abs(total - table[["dv1", "dv2"]].to_numpy())[ok].max() < 1e-12
-    for wrong, message in (
-        (["--cell", "999"], "--cell = 999"),
-        (["--law", "x"], "--law = 'x'; legal: kelvin"),
-    ):
-        assert main(["ladder", str(run.root), *wrong]) == 2
-        assert message in capsys.readouterr().err
+    assert main(["ladder", str(run.root), "--cell", "0"]) == 0
+    assert "by order" in capsys.readouterr().out
+    assert main(["ladder", str(run.root), "--cell", "999"]) == 2
+    assert "--cell = 999" in capsys.readouterr().err
 
 
 def test_of_a_run_without_engines_no_cell_has_a_ladder(tmp_path, capsys):

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import psutil
@@ -206,23 +205,6 @@ def test_a_crash_on_a_cluster_is_a_row(tmp_path, cluster):
         (0.9, "ok"),
         (0.903, "crashed"),
     ] * 3
-
-
-@pytest.mark.nightly
-def test_a_cluster_of_its_own_listens_on_loopback_only(tmp_path, config):
-    """Everything that the run and its processes listen on, from the start of the run to its end."""
-    process = _start("tests.experiments.runner", config, tmp_path / "a", "--scheduler", "local")
-    heard = set()
-    while process.poll() is None:
-        with contextlib.suppress(psutil.NoSuchProcess):
-            main = psutil.Process(process.pid)
-            for each in (main, *main.children(recursive=True)):
-                with contextlib.suppress(psutil.NoSuchProcess):
-                    heard |= {c.laddr.ip for c in each.net_connections() if c.status == psutil.CONN_LISTEN}
-        time.sleep(0.05)
-    _, error = process.communicate()
-    assert process.returncode == 0, error
-    assert heard == {"127.0.0.1"}
 
 
 def test_no_scheduler_is_one_line_and_leaves_nothing(tmp_path, capsys, monkeypatch):

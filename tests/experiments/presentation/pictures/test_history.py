@@ -8,9 +8,6 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.experiments.presentation.pictures.history import history_of
-from impact_xval.experiments.presentation.pictures.timelines import draw_timelines
-from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL
-from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.model import Collision, solve
 
 ELASTIC = Collision(m1=2.0, m2=3.0, k1=1e6, k2=3e6, e1=1.0, e2=1.0, v0=-0.5)
@@ -82,17 +79,3 @@ def test_a_drop_begins_where_the_table_carries_b2():
 def test_without_a_finite_clock_there_is_no_history():
     collision = Collision.from_ratios(0.0, 1.0, 0.9, 0.7)
     assert history_of(collision, solve(collision, path=True).path) is None
-
-
-def test_force_timelines_of_a_run_integrate_to_the_impulses_of_the_end(engine_run):
-    curves = RunFolder(engine_run).read_table(CURVES, CURVES_SCHEMA).to_pandas()
-    curves = curves[curves.curve == FIGURE_CELL]
-    cell = dict.fromkeys(("stiffness_ratio", "mass_ratio", "e1", "e2"), 1.0)
-    ((_, figure, _),) = draw_timelines(curves, ["state-transition", "bistiffness", "kelvin-voigt"], cell)
-    axes = np.array(figure.axes).reshape(2, 2)
-    for contact in (0, 1):
-        assert len(axes[contact, 1].lines) == 3
-        for line in axes[contact, 1].lines:
-            end = curves[curves.solver == line.get_label()][f"impulse{contact + 1}"].iloc[-1]
-            time, force = line.get_xydata().T
-            assert np.trapezoid(force, time) == pytest.approx(end, rel=0.01)
