@@ -13,6 +13,11 @@ class Shifted(SolverBase):
 
     name = "mujoco"
 
+    @classmethod
+    def resolve(cls, name):
+        """Return this one in its place, PyBullet as not installed, and every other solver as it is."""
+        return cls() if name == cls.name else Missing() if name == "pybullet" else get_solver(name)
+
     def version(self):
         return "shifted 1"
 
@@ -107,49 +112,6 @@ class Interrupting(Shifted):
         return super().solve_many(collisions, settings)
 
 
-def _resolver(cls):
-    def resolve(name):
-        return cls() if name == cls.name else Missing() if name == "pybullet" else get_solver(name)
-
-    return resolve
-
-
-def shifted(name):
-    return _resolver(Shifted)(name)
-
-
-def crashing(name):
-    return _resolver(Crashing)(name)
-
-
-def lying(name):
-    return _resolver(Lying)(name)
-
-
-def losing(name):
-    return _resolver(Losing)(name)
-
-
-def interrupting(name):
-    return _resolver(Interrupting)(name)
-
-
-def perfect(name):
-    return _resolver(Perfect)(name)
-
-
-def wild(name):
-    return _resolver(Wild)(name)
-
-
-def refusing(name):
-    return _resolver(Refusing)(name)
-
-
-def refusing_all(name):
-    return RefusingModel() if name == "state-transition" else Refusing()
-
-
 #: By k2/k1 and e1 how much faster than the model's B1 of `Graded` is, per abs(v0).
 GRADES = {
     (0.5, 0.5): 0.002,
@@ -172,20 +134,6 @@ class Graded(Shifted):
         ]
 
 
-def graded(name):
-    return _resolver(Graded)(name)
-
-
-class MissingMuJoCo(Missing):
-    """The same engine by another name."""
-
-    name = "mujoco"
-
-
-def without_mujoco(name):
-    return MissingMuJoCo() if name == "mujoco" else get_solver(name)
-
-
 class Columns(Shifted):
     """The model's columns, every ball 0.01 m/s faster."""
 
@@ -197,18 +145,11 @@ class Columns(Shifted):
         ]
 
 
-class InterruptingColumns(Columns):
-    """Behaves as if Ctrl-C were pressed at the first column of three balls."""
-
-    def solve_columns(self, columns, settings, exponent=1.0):
-        if any(len(column.masses) == 3 for column in columns):
-            raise KeyboardInterrupt
-        return super().solve_columns(columns, settings, exponent)
+def refusing_all(name):
+    return RefusingModel() if name == "state-transition" else Refusing()
 
 
-def columns(name):
-    return _resolver(Columns)(name)
-
-
-def interrupting_columns(name):
-    return _resolver(InterruptingColumns)(name)
+shifted, perfect, graded, wild, columns = (c.resolve for c in (Shifted, Perfect, Graded, Wild, Columns))
+refusing, crashing, lying, losing, interrupting = (
+    c.resolve for c in (Refusing, Crashing, Lying, Losing, Interrupting)
+)

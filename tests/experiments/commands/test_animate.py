@@ -5,15 +5,11 @@ import re
 from io import BytesIO
 
 import numpy as np
-import pytest
 from PIL import Image
 
-from impact_xval.compliant_baselines.contract import registry
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.presentation.pictures import motion
-from impact_xval.experiments.presentation.pictures.motion import FRAMES, Motion, Scene
-from impact_xval.model import Collision
-from tests.experiments import fakes
+from impact_xval.experiments.presentation.pictures.motion import FRAMES
 
 BESIDE = ["--solver", "kelvin-voigt"]
 
@@ -54,21 +50,6 @@ def test_a_page_needs_nothing_else(tmp_path):
     assert path.stat().st_size < 5e6
 
 
-@pytest.mark.skipif(not motion.has_ffmpeg(), reason="needs ffmpeg")
-@pytest.mark.slow
-def test_a_film(tmp_path):
-    path = tmp_path / "one.mp4"
-    assert main(["animate", *BESIDE, "--out", str(path)]) == 0
-    assert path.read_bytes()[4:8] == b"ftyp"
-    assert [each.name for each in tmp_path.iterdir()] == ["one.mp4"]
-
-
-def test_without_mujoco_it_is_kelvin_voigt(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(registry, "get_solver", fakes.without_mujoco)
-    assert main(["animate", "--out", str(tmp_path / "one.gif")]) == 0
-    assert "state-transition and kelvin-voigt" in _words(capsys.readouterr().out)
-
-
 def test_what_cannot_be_shown_is_one_line_and_nothing_is_written(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(motion, "has_ffmpeg", lambda: False)
@@ -87,15 +68,3 @@ def test_what_cannot_be_shown_is_one_line_and_nothing_is_written(tmp_path, monke
         assert says in said
         assert said.count("\n") == 1
     assert not list(tmp_path.iterdir())
-
-
-def test_a_contact_that_does_not_act_is_grey():
-    with motion.drawing(3, 3) as figure:
-        ax = figure.subplots()
-        scene = Scene(ax, Motion(Collision.from_ratios(1.0, 1.0, 0.9, 0.7), "impact", {}), 1.0, 1.0)
-        shown = {}
-        for state in (1, 2, 3, 4):
-            scene.show(np.zeros(2), np.zeros(2), np.zeros(2), state)
-            idle = [spring.get_color() == motion._IDLE for spring in scene.springs]
-            shown[scene.state.get_text()[:2]] = idle
-    assert shown == {"S1": [False, False], "S2": [True, False], "S3": [False, True], "S4": [True, True]}

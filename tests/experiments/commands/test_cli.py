@@ -1,6 +1,5 @@
 import json
 import math
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -133,19 +132,6 @@ def test_help_and_version_are_quick_and_load_nothing_heavy():
         assert "impact-xval" in done.stdout
     options = ("--stiffness-ratio", "--json", "--solver", "--step-fraction", "--scenario")
     assert [option for option in options if option not in done.stdout] == []
-
-
-def test_a_name_that_cannot_be_shown_is_spelt_out(tmp_path):
-    path = tmp_path / "é.toml"
-    path.write_text("name = 'é'\nsolvers = ['kelvin-voigt']\n", encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-m", "impact_xval", "doctor", str(path)],
-        env=os.environ | {"PYTHONIOENCODING": "ascii"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout == "scenes of '\\xe9' (no engine is installed): no traps found\n"
 
 
 @pytest.mark.smoke

@@ -1,7 +1,6 @@
 """Exported scenes: run by the engine alone they give what the table holds."""
 
 import json
-import math
 import re
 import subprocess
 import sys
@@ -9,13 +8,10 @@ import sys
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.compliant_baselines import Settings, get_solver
-from impact_xval.compliant_baselines.calibration.scene_text import mjcf
-from impact_xval.compliant_baselines.contact.column import column_of
+from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import load_config
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.model.collision import Collision
 
 ENGINES = [name for name in ("mujoco", "pybullet") if get_solver(name).unavailable() is None]
 RATIOS = ["--stiffness-ratio", "40", "--mass-ratio", "1.1547", "--e1", "0.9", "--e2", "0.7"]
@@ -101,29 +97,3 @@ def test_a_script_notices_numbers_that_are_not_its_own(tmp_path):
     )
     assert done.returncode == 1
     assert "not the same" in done.stderr
-
-
-def test_what_is_missing_is_named(capsys):
-    for arguments in ([], ["--stiffness-ratio", "1"], ["--cell", "3"]):
-        assert main(["export-scene", *arguments]) == 2
-        assert "legal: DIR --cell N, or the ratios of a collision" in capsys.readouterr().err
-
-
-def test_the_file_compiles_to_the_model_the_adapter_runs():
-    mujoco = pytest.importorskip("mujoco")
-    from mujoco.batch import Batch
-
-    from impact_xval.compliant_baselines.engines import mujoco_engine
-
-    c = Collision(m1=0.3, m2=0.7, k1=1e5, k2=3e6, e1=0.6, e2=0.8, v0=-2.0)
-    column = column_of(c, Settings(scenario="drop"))
-    batch = Batch(mujoco_engine.scene_model(), 1, 1)
-    mujoco_engine.load(batch, [column], 1, False)
-    model = mujoco.MjModel.from_xml_string(mjcf(column))
-    for field in ("geom_size", "geom_rbound", "body_pos", "body_mass", "pair_solref", "pair_solimp"):
-        assert getattr(model, field).tolist() == batch.expanded(field)[0].tolist(), field
-    assert model.body_invweight0[:, 0] == pytest.approx(batch.expanded("body_invweight0")[0][:, 0], rel=1e-15)
-    assert model.opt.timestep == column.step
-    assert model.opt.gravity.tolist() == [0, 0, -9.81]
-    assert model.key_qpos[0].tolist() == batch.qpos[0].tolist()
-    assert math.isclose(model.opt.tolerance, float(batch.expanded("opt.tolerance")[0]), rel_tol=0)

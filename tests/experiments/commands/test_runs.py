@@ -7,7 +7,6 @@ from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.sweep import run as sweep
-from impact_xval.experiments.sweep import search as searching
 from impact_xval.experiments.sweep.designs import cells_of
 
 GRID = "[grid]\nstiffness_ratio = [0.1, 2, 10]\nmass_ratio = [1.25]\ne2 = {linear = [0.5, 0.9, 3]}\n"
@@ -66,27 +65,3 @@ def test_a_quick_run_takes_neither_a_file_nor_the_folder_of_another(tmp_path, ca
     (tmp_path / "a/parts/configuration.json").write_text(json.dumps(parse_config({}).canonical()))
     assert main(["run", "--quick", "--resume", "--out", str(tmp_path / "a")]) == 2
     assert f"--quick with --resume --out {tmp_path / 'a'}: holds another run" in capsys.readouterr().err
-
-
-def test_a_search_without_a_box_takes_that_of_the_grid(tmp_path, capsys, monkeypatch):
-    asked = []
-
-    def begun(config, root, *, progress, **_):
-        progress(0, 0, "")
-        asked.append(config.search)
-        raise UserError("far enough")
-
-    monkeypatch.setattr(searching, "search_worst", begun)
-    (tmp_path / "my.toml").write_text(GRID)
-    arguments = ["search", str(tmp_path / "my.toml"), "--out", str(tmp_path / "a")]
-    for solver in ([], ["--solver", "bistiffness"]):
-        assert main([*arguments, *solver]) == 2
-        assert "searched: k2/k1 0.1 to 10, m2/m1 1.25, e1 0.5 to 1, e2 0.5 to 0.9" in capsys.readouterr().out
-    assert [search.solver for search in asked] == ["mujoco", "bistiffness"]
-    for search in asked:
-        assert search.ranges() == {
-            "stiffness_ratio": {"log": [0.1, 10.0]},
-            "mass_ratio": 1.25,
-            "e1": {"linear": [0.5, 1.0]},
-            "e2": {"linear": [0.5, 0.9]},
-        }

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import psutil
@@ -15,7 +14,7 @@ import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.sweep import dask_cluster
-from impact_xval.experiments.tables.store import TABLES
+from tests.experiments.conftest import tables_of
 from tests.waiting import wait_until
 
 ROOT = Path(__file__).parents[3]
@@ -93,26 +92,20 @@ def cluster(tmp_path_factory):
     made.stop()
 
 
-def _start(*command, **how):
+def _start(*command):
     return subprocess.Popen(
         [sys.executable, "-m", *map(str, command)],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        **how,
     )
 
 
 def _run(config, out, *more):
     process = _start("tests.experiments.runner", config, out, *more)
-    said, error = process.communicate(timeout=300)
+    _, error = process.communicate(timeout=300)
     assert process.returncode == 0, error
-    return said
-
-
-def _tables(root):
-    return {name: (root / name).read_bytes() for name in TABLES}
 
 
 @pytest.fixture(scope="module")
@@ -126,16 +119,7 @@ def config(tmp_path_factory):
 def undisturbed(tmp_path_factory, config):
     root = tmp_path_factory.mktemp("undisturbed") / "run"
     _run(config, root, "--workers", "1")
-    return _tables(root)
-
-
-@pytest.mark.nightly
-def test_a_cluster_changes_no_byte(tmp_path, config, undisturbed, cluster):
-    said = _run(config, tmp_path / "a", "--scheduler", cluster.address)
-    assert f"Dask cluster at {cluster.address}: " in said
-    assert _tables(tmp_path / "a") == undisturbed
-    manifest = json.loads((tmp_path / "a/manifest.json").read_text())
-    assert manifest["sessions"][0]["where"] == cluster.address
+    return tables_of(root)
 
 
 @pytest.mark.nightly
@@ -149,23 +133,18 @@ def test_a_worker_of_the_cluster_that_dies_costs_nothing(tmp_path, config, undis
             each.kill()
     victim.wait()
     cluster.workers.append(cluster.add_worker())
-    _, error = process.communicate(timeout=300)
+    said, error = process.communicate(timeout=300)
     assert process.returncode == 0, error
-    assert _tables(tmp_path / "a") == undisturbed
+    assert f"Dask cluster at {cluster.address}: " in said
+    assert tables_of(tmp_path / "a") == undisturbed
+    manifest = json.loads((tmp_path / "a/manifest.json").read_text())
+    assert manifest["sessions"][0]["where"] == cluster.address
 
 
 @pytest.mark.nightly
 def test_ctrl_c_ends_it_and_leaves_no_process(tmp_path, config, undisturbed, cluster):
-    command = (
-        "impact_xval",
-        "run",
-        config,
-        "--out",
-        tmp_path / "a",
-        "--scheduler",
-        cluster.address,
-    )
-    process = _start(*command)
+    out = ["--out", tmp_path / "a", "--scheduler", cluster.address]
+    process = _start("impact_xval", "run", config, *out)
     wait_until(lambda: process.poll() is not None or len(list(tmp_path.glob("a/parts/0*"))) >= 3)
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=300)
@@ -174,7 +153,7 @@ def test_ctrl_c_ends_it_and_leaves_no_process(tmp_path, config, undisturbed, clu
     assert f"--resume --scheduler {cluster.address}" in error
     wait_until(lambda: not _sandboxes(cluster))
     _run(config, tmp_path / "a", "--scheduler", cluster.address)
-    assert _tables(tmp_path / "a") == undisturbed
+    assert tables_of(tmp_path / "a") == undisturbed
 
 
 def _sandboxes(cluster):
@@ -189,40 +168,16 @@ def _sandboxes(cluster):
 
 @pytest.mark.nightly
 def test_a_crash_on_a_cluster_is_a_row(tmp_path, cluster):
-    script = (
-        "import sys; from pathlib import Path; from impact_xval.experiments.config.configuration import load_config\n"
-        "from impact_xval.experiments.sweep.run import run_sweep; from tests.experiments import faulty\n"
-        "config, root, address = sys.argv[1:]\n"
-        "run_sweep(load_config(config), Path(root), scheduler=address, resolve=faulty.faulty)\n"
-    )
     (tmp_path / "c.toml").write_text(
         "scenario = 'impact'\nsolvers = ['mujoco']\nchunk_size = 3\n[grid]\n"
         "stiffness_ratio = [0.5, 1.0, 2.0]\nmass_ratio = [1.5]\ne1 = [0.9, 0.903]\ne2 = [0.7]\n"
     )
-    command = [sys.executable, "-c", script, tmp_path / "c.toml", tmp_path / "a", cluster.address]
-    subprocess.run(list(map(str, command)), cwd=ROOT, check=True, capture_output=True)
+    _run(tmp_path / "c.toml", tmp_path / "a", "--scheduler", cluster.address, "--faulty")
     rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
     assert [(r["e1"], r["status"]) for r in rows if r["solver"] == "mujoco"] == [
         (0.9, "ok"),
         (0.903, "crashed"),
     ] * 3
-
-
-@pytest.mark.nightly
-def test_a_cluster_of_its_own_listens_on_loopback_only(tmp_path, config):
-    """Everything that the run and its processes listen on, from the start of the run to its end."""
-    process = _start("tests.experiments.runner", config, tmp_path / "a", "--scheduler", "local")
-    heard = set()
-    while process.poll() is None:
-        with contextlib.suppress(psutil.NoSuchProcess):
-            main = psutil.Process(process.pid)
-            for each in (main, *main.children(recursive=True)):
-                with contextlib.suppress(psutil.NoSuchProcess):
-                    heard |= {c.laddr.ip for c in each.net_connections() if c.status == psutil.CONN_LISTEN}
-        time.sleep(0.05)
-    _, error = process.communicate()
-    assert process.returncode == 0, error
-    assert heard == {"127.0.0.1"}
 
 
 def test_no_scheduler_is_one_line_and_leaves_nothing(tmp_path, capsys, monkeypatch):

@@ -2,10 +2,8 @@
 
 import contextlib
 import errno
-import hashlib
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,25 +12,23 @@ from pathlib import Path
 import psutil
 import pytest
 
+from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import load_config
-from impact_xval.experiments.config.errors import InterruptedRunError, UserError
+from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.status import status_of
 from impact_xval.experiments.tables.store import TABLES
 from tests.experiments import fakes
+from tests.experiments.conftest import resumed, tables_of
 from tests.waiting import gone, wait_until
 
 ROOT = Path(__file__).parents[3]
 
 
-def _tables(root):
-    return {name: (root / name).read_bytes() for name in TABLES}
-
-
 @pytest.fixture
 def whole(fake_run):
-    return _tables(fake_run.root)
+    return tables_of(fake_run.root)
 
 
 def test_a_part_that_cannot_be_written_ends_the_run_and_keeps_the_others(small, tmp_path, monkeypatch, whole):
@@ -49,8 +45,8 @@ def test_a_part_that_cannot_be_written_ends_the_run_and_keeps_the_others(small, 
         run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     monkeypatch.undo()
     assert len(list((tmp_path / "a/parts").glob("0*"))) == 2
-    run_sweep(small, tmp_path / "a", isolate=False, resume=True, resolve=fakes.shifted)
-    assert _tables(tmp_path / "a") == whole
+    resumed(small, tmp_path / "a")
+    assert tables_of(tmp_path / "a") == whole
 
 
 def test_a_table_that_cannot_be_written_leaves_no_half_of_it(small, tmp_path, monkeypatch, whole):
@@ -70,8 +66,8 @@ def test_a_table_that_cannot_be_written_leaves_no_half_of_it(small, tmp_path, mo
         monkeypatch.undo()
         assert not list(root.glob(".tmp-*"))
         assert json.loads((root / "manifest.json").read_text())["state"] == "running"
-    run_sweep(small, root, isolate=False, resume=True, resolve=fakes.shifted)
-    assert _tables(root) == whole
+    resumed(small, root)
+    assert tables_of(root) == whole
 
 
 @pytest.mark.slow
@@ -99,25 +95,6 @@ def test_a_run_is_complete_only_with_its_report(tmp_path, monkeypatch, capsys):
     assert main([*command, "--resume", "--workers", "1"]) == 0
     assert status_of(root).state == "complete"
     assert "everything is in" in capsys.readouterr().out
-
-
-def test_a_folder_that_vanishes_is_said_so(small, tmp_path):
-    def vanish(done, total, line):
-        if done == 4:
-            shutil.rmtree(tmp_path / "a")
-
-    with pytest.raises(InterruptedRunError, match="a: the folder is gone"):
-        run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.shifted, progress=vanish)
-    assert not (tmp_path / "a").exists()
-
-
-def test_a_part_with_a_right_name_that_is_no_table_is_computed_again(small, run, whole):
-    part = sorted((run / "parts").glob("0*"))[1]
-    name = f"{part.name.rsplit('-', 1)[0]}-{hashlib.sha256(b'PAR1').hexdigest()}.parquet"
-    part.unlink()
-    (run / "parts" / name).write_bytes(b"PAR1")
-    run_sweep(small, run, isolate=False, resume=True, resolve=fakes.shifted)
-    assert _tables(run) == whole
 
 
 def _begin(*command):
@@ -157,14 +134,7 @@ def test_a_full_disk(tmp_path):
         assert kept > 2
         assert not list(disk.glob("run/parts/.tmp-*"))
         subprocess.run(["mount", "-o", "remount,size=20m", str(disk)], check=True)
-        said = []
-        run_sweep(
-            load_config(config),
-            disk / "run",
-            isolate=False,
-            resume=True,
-            progress=lambda done, total, line: said.append(line),
-        )
+        said = resumed(load_config(config), disk / "run", resolve=get_solver)
         assert f"resumed: {kept} of 78 parts are there and whole" in said
     finally:
         subprocess.run(["umount", str(disk)], check=True)
@@ -233,21 +203,17 @@ def test_a_signal_keeps_what_is_done_and_says_how_to_go_on(tmp_path, end):
 
 @pytest.fixture
 def left_alone(tmp_path):
-    """The command of a run, and the tables of one that was left alone."""
+    """The tables of a run that nothing ends."""
     (tmp_path / "c.toml").write_text(CONFIG % 24)
-    command = ["-m", "tests.experiments.runner", str(tmp_path / "c.toml")]
-    subprocess.run(
-        [sys.executable, *command, str(tmp_path / "whole"), "--workers", "1"], cwd=ROOT, check=True
-    )
-    return command, _tables(tmp_path / "whole")
+    run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "whole", isolate=False)
+    return tables_of(tmp_path / "whole")
 
 
 @pytest.mark.slow
 def test_five_kills_change_no_byte(tmp_path, left_alone):
     """SIGKILL to the run and all that it started, each time one more part is there, wherever that finds it."""
-    command, tables = left_alone
     root = tmp_path / "cut"
-    cut = [*command, str(root), "--workers", "2"]
+    cut = ["-m", "tests.experiments.runner", str(tmp_path / "c.toml"), str(root), "--workers", "2"]
     for parts in range(1, 6):
         with _begin(*cut) as process:
             wait_until(lambda: process.poll() is not None or len(_parts(root)) >= parts)  # noqa: B023
@@ -256,12 +222,4 @@ def test_five_kills_change_no_byte(tmp_path, left_alone):
         assert len(_parts(root)) >= parts
     done = subprocess.run([sys.executable, *cut], cwd=ROOT, check=True, capture_output=True, text=True)
     assert " of 8 parts are there and whole" in done.stdout
-    assert _tables(root) == tables
-
-
-def test_a_worker_with_another_version_is_one_line(tmp_path, small, monkeypatch):
-    monkeypatch.setattr(fakes.Shifted, "version", lambda self: "shifted 2")  # here, not in the worker
-    with pytest.raises(
-        UserError, match=r"a worker has mujoco shifted 1, this process mujoco shifted 2; legal"
-    ):
-        run_sweep(small, tmp_path / "a", workers=1, resolve=fakes.shifted)
+    assert tables_of(root) == left_alone

@@ -1,7 +1,6 @@
 """What moved between two runs: against the tables themselves, read whole, and between runs that were made to differ."""
 
 import dataclasses
-import itertools
 import json
 import math
 from typing import Any
@@ -14,7 +13,6 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables import streams
 from impact_xval.experiments.tables.comparison import compare
 from impact_xval.model.collision import Outcome
 from tests.experiments import fakes
@@ -64,14 +62,13 @@ def _merged(runs, name) -> Any:  # a data frame; its annotations are too wide to
     return a.merge(b, on=["cell", "solver"], suffixes=("_a", "_b"))
 
 
-def test_the_changes_are_those_of_the_tables_wherever_blocks_are_cut(runs, monkeypatch):
+def test_the_changes_are_those_of_the_tables(runs):
     cells, away = _merged(runs, "cells.parquet"), _merged(runs, "divergence.parquet")
-    for rows, (tolerance, moved) in itertools.product([1, 5, 65_536], [(1e-9, 4), (0.0, 6), (1e-5, 2)]):
-        monkeypatch.setattr(streams, "GROUP", rows)
+    for tolerance, moved in ((1e-9, 4), (0.0, 6), (1e-5, 2)):
         found = compare(*runs, tolerance)
         assert list(found.solvers) == SOLVERS
         mujoco = found.solvers["mujoco"]
-        assert (found.moved, mujoco.moved, mujoco.statuses) == (moved, moved, 2), (rows, tolerance)
+        assert (found.moved, mujoco.moved, mujoco.statuses) == (moved, moved, 2), tolerance
         assert found.versions["mujoco"] == ("shifted 1", "shifted 2")
         for name, each in found.solvers.items():
             mine = cells[cells.solver == name]
@@ -105,15 +102,9 @@ def test_the_command_ends_with_1_where_something_moved_and_with_0_where_nothing_
         if code:
             assert "4 rows moved by more than 1e-09, or have another status." in text
             assert "mujoco is shifted 1 in the first run, shifted 2 in the second." in text
-            row = next(line.split() for line in text.splitlines() if line.startswith("mujoco  "))
-            assert row[:4] == ["mujoco", "12", "4", "2"]
-            assert found["worst"][0] == {
-                "cell": found["worst"][0]["cell"],
-                "solver": "mujoco",
-                "statuses": ["ok", "crashed"],
-                "velocity": None,
-                "divergence": None,
-            }
+            worst = found["worst"][0]
+            assert (worst["solver"], worst["statuses"]) == ("mujoco", ["ok", "crashed"])
+            assert worst["velocity"] is worst["divergence"] is None
         else:
             assert text.startswith("Nothing moved by more than 0.")
 
@@ -141,6 +132,8 @@ def test_runs_whose_cells_differ_are_refused_with_the_place(runs, tmp_path, caps
         assert capsys.readouterr().err == f"impact-xval: {says}\n"
     assert main(["compare-runs", str(tmp_path / "more"), str(a)]) == 2
     assert capsys.readouterr().err.startswith(f"impact-xval: {a}: has no cell 12")
+    assert main(["compare-runs", str(a), str(a), "--tolerance", "nan"]) == 2
+    assert "--tolerance = 'nan'; legal: a" in capsys.readouterr().err
 
 
 def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs, kernels):
@@ -159,12 +152,3 @@ def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs, ke
     }
     assert main(["compare-runs", str(a.root), str(runs[0].root)]) == 2
     assert "a run of columns of N balls, " in capsys.readouterr().err
-
-
-def test_wrong_words_are_one_line(tmp_path, runs, capsys):
-    a = str(runs[0].root)
-    for value in ("-1", "nan", "small"):
-        assert main(["compare-runs", a, a, "--tolerance", value]) == 2
-        assert f"--tolerance = '{value}'; legal: a" in capsys.readouterr().err
-    assert main(["compare-runs", a, str(tmp_path / "none")]) == 2
-    assert "none: no such folder; legal: the folder of a run" in capsys.readouterr().err
