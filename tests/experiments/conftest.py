@@ -60,6 +60,16 @@ def fake_run(tmp_path_factory):
     return run_sweep(parse_config(SMALL), root, isolate=False, resolve=fakes.shifted)
 
 
+@pytest.fixture(scope="session")
+def crashing_run(tmp_path_factory):
+    """A small run of an engine that crashes where e1 = 0.5; no test changes what the run wrote."""
+    config = parse_config(
+        SMALL | {"name": r"<script>alert(1)</script> & \input{b} *c*", "grazing_threshold": 0.05}
+    )
+    root = tmp_path_factory.mktemp("crashing") / "run"
+    return run_sweep(config, root, isolate=False, resolve=fakes.crashing)
+
+
 @pytest.fixture
 def run(fake_run, tmp_path):
     """A copy of the folder of that run, to be altered."""

@@ -1,7 +1,6 @@
 """Solvers that misbehave on purpose; at the top level of a module, so that worker processes find them."""
 
 import dataclasses
-import math
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import SolverBase
@@ -30,25 +29,10 @@ class Perfect(Shifted):
     """The model's answer, to the bit, also in the limit dt -> 0."""
 
     def solve_many(self, collisions, settings):
-        outcomes = [solve(c, path=settings.record_path) for c in collisions]
-        return [
-            dataclasses.replace(
-                o,
-                solver=self.name,
-                diagnostics={"v1_limit": o.v1, "v2_limit": o.v2, "limit_error": 0.0, "regularisation": 0.0},
-            )
-            for o in outcomes
-        ]
-
-
-class Wild(Shifted):
-    """Numbers that are legal and 1e140 times too large."""
-
-    def solve_many(self, collisions, settings):
         found = []
-        for o in super().solve_many(collisions, settings):
-            path = dataclasses.replace(o.path, impulse1=1e140 * o.path.impulse1)
-            found.append(dataclasses.replace(o, v1=1e140 * o.v1, path=path))
+        for o in (solve(c, path=settings.record_path) for c in collisions):
+            limit = {"v1_limit": o.v1, "v2_limit": o.v2, "limit_error": 0.0, "regularisation": 0.0}
+            found.append(dataclasses.replace(o, solver=self.name, diagnostics=limit))
         return found
 
 
@@ -87,20 +71,6 @@ class Crashing(Shifted):
         if any(c.e1 == 0.5 for c in collisions):
             raise ZeroDivisionError("a bug\nof the engine | here")
         return super().solve_many(collisions, settings)
-
-
-class Lying(Shifted):
-    """Says ok, and gives NaN."""
-
-    def solve_many(self, collisions, settings):
-        return [Outcome(self.name, math.nan, 0.0, 0.0, 0.0, ("S1",)) for _ in collisions]
-
-
-class Losing(Shifted):
-    """Gives fewer outcomes than it was asked for."""
-
-    def solve_many(self, collisions, settings):
-        return super().solve_many(collisions, settings)[1:]
 
 
 class Interrupting(Shifted):
@@ -149,7 +119,5 @@ def refusing_all(name):
     return RefusingModel() if name == "state-transition" else Refusing()
 
 
-shifted, perfect, graded, wild, columns = (c.resolve for c in (Shifted, Perfect, Graded, Wild, Columns))
-refusing, crashing, lying, losing, interrupting = (
-    c.resolve for c in (Refusing, Crashing, Lying, Losing, Interrupting)
-)
+shifted, perfect, graded, columns = (c.resolve for c in (Shifted, Perfect, Graded, Columns))
+refusing, crashing, interrupting = (c.resolve for c in (Refusing, Crashing, Interrupting))

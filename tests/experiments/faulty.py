@@ -54,4 +54,13 @@ class SlowToStart(Shifted):
         return super().solve_many(collisions, settings)
 
 
-faulty, faulty_model, slow_to_start = Faulty.resolve, FaultyModel.resolve, SlowToStart.resolve
+class Slow(Shifted):
+    """Takes its time for each collision, so that a run can be ended in the middle."""
+
+    def solve_many(self, collisions, settings):
+        time.sleep(0.1 * len(collisions))
+        return super().solve_many(collisions, settings)
+
+
+faulty, faulty_model = Faulty.resolve, FaultyModel.resolve
+slow_to_start, slow = SlowToStart.resolve, Slow.resolve

@@ -22,13 +22,6 @@ def test_an_empty_file_is_the_built_in_experiment(tmp_path):
     config = load_config(path)
     assert config == parse_config({})
     assert len(cells_of(config)) == 624
-    axes = config.grid.axes()
-    assert axes["stiffness_ratio"][0] == 1e-3
-    assert axes["stiffness_ratio"][2::2] == [1e-2, 1e-1, 1.0, 10.0, 100.0, 1e3]
-    assert axes["mass_ratio"] == [0.5, 2 / math.sqrt(3), 2.0]
-    assert axes["e1"] == axes["e2"] == [0.5, 0.7, 0.9, 1.0]
-    scales = (config.scenario, config.gravity, config.m1, config.k1, config.v0)
-    assert scales == ("drop", 9.81, 1.0, 1e8, -1.0)
 
 
 def test_cells_are_numbered_with_the_last_axis_fastest():

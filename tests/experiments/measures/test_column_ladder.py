@@ -41,26 +41,11 @@ def cells_of(columns, engine=lambda v: np.array(v) * 1.01, limit=lambda v: np.ar
     for cell, a in enumerate(columns):
         column = a.column()
         model = solve_column(column).velocities
-        facts = {
-            **a.model_dump(),
-            "cell": cell,
-            "m1": a.m,
-            "k1": a.k,
-            "v0": a.v0,
-            "strike": None,
-            "status": "ok",
-        }
+        facts = a.model_dump() | {"m1": a.m, "k1": a.k, "cell": cell, "strike": None, "status": "ok"}
         rows.append(facts | {"solver": REFERENCE, "velocities": list(model), "grazing_margin": 0.5})
         known = {"velocities": list(engine(model)), "velocities_limit": list(limit(np.array(model) / SPEED))}
         rows.append(facts | {"solver": "mujoco", "limit_error": 1e-5} | known | changed)
     return pa.Table.from_pylist(rows, schema=LINES.cells)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    """Compile the kernels, which takes longer than any test of them."""
-    column_ladder_rows(cells_of(some_columns(4)))
-    column_ladder_rows(cells_of(some_columns(4)), "hunt-crossley")
 
 
 def test_two_balls_are_the_ladder_of_two_balls():
@@ -93,8 +78,7 @@ def test_contributions_sum_to_the_difference():
     columns = some_columns()
     cells = cells_of(columns)
     table = column_ladder_rows(cells).to_pylist()
-    velocities = dict(zip(zip(cells["cell"].to_pylist(), cells["solver"].to_pylist(), strict=True),
-                          cells["velocities"].to_pylist(), strict=True))  # fmt: skip
+    velocities = {(row["cell"], row["solver"]): row["velocities"] for row in cells.to_pylist()}
     for row, a in zip(table, columns, strict=True):
         model, engine = (velocities[row["cell"], name] for name in (REFERENCE, "mujoco"))
         d = column_divergence(a.column(), model, engine)
@@ -108,9 +92,8 @@ def test_contributions_sum_to_the_difference():
         for cause in there[:2]:
             low, high = row[f"{cause}_share_low"], row[f"{cause}_share_high"]
             assert row[f"{cause}_share"] == pytest.approx((low + high) / 2, abs=1e-9)
-        assert row["discretisation_dv"] == pytest.approx(
-            np.array(engine) / SPEED - np.array(model) * 1.001 / SPEED
-        )
+        expected = np.array(engine) / SPEED - np.array(model) * 1.001 / SPEED
+        assert row["discretisation_dv"] == pytest.approx(expected)
 
 
 def test_corners_are_those_of_an_integration_in_time():
@@ -150,15 +133,5 @@ def test_what_has_no_ladder_says_why():
         row["engine_share"] + row["frozen_positions_share"] + row["dissipation_law_share"], 1, abs_tol=1e-9
     )
     cells = cells_of(columns)
-    lost = LINE_LADDERS.failed(cells, "kelvin-voigt", "crashed", "ladder: SIGSEGV")
-    assert lost.schema.equals(LINE_LADDERS.schema("kelvin-voigt"))
-    assert lost["reason"].to_pylist() == ["ladder: SIGSEGV"] * 4
     only = cells.filter(pa.compute.equal(cells["solver"], REFERENCE))
     assert len(column_ladder_rows(only)) == 0
-
-
-def test_columns_of_many_balls_and_others_are_in_one_table_in_order():
-    columns = some_columns(8)
-    table = column_ladder_rows(cells_of(columns))
-    assert table["cell"].to_pylist() == list(range(8))
-    assert [len(dv) for dv in table["dv"].to_pylist()] == [each.balls for each in columns]

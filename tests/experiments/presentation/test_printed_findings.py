@@ -46,30 +46,19 @@ def of_these_versions():
     return all(f"{label} {get_solver(ROWS[label]).version()}" in PAGE for label in ENGINES)
 
 
-@pytest.fixture(scope="module")
-def summary(tmp_path_factory):
+@pytest.mark.nightly
+def test_medians_and_shares_are_what_the_page_prints(tmp_path):
     for label in ENGINES:
         if get_solver(ROWS[label]).unavailable() is not None:
             pytest.skip(f"{label} is not installed")
-    folder = run_sweep(parse_config({}), tmp_path_factory.mktemp("default") / "run")
-    write_tables(folder)
-    return pd.read_csv(folder.root / "summary.csv", dtype={"value": str}).query(
-        "axis in ('all', 'stiffness_band')"
-    )
-
-
-@pytest.mark.nightly
-def test_divergence_is_what_the_page_prints(summary):
+    write_tables(run_sweep(parse_config({}), tmp_path / "run"))
+    summary = pd.read_csv(tmp_path / "run/summary.csv", dtype={"value": str})
     for label, name in ROWS.items():
         found = summary[(summary.solver == name) & (summary.cells == "all") & (summary.axis == "all")]
         (D,) = found[found.measure == "velocity_divergence"].itertuples()
         (paths,) = found[found.measure == "states_equal"].itertuples()
         printed = [as_printed(text) for text in cells(label)]
         assert [D.median, D.p95, D.max, paths.mean] == printed, label
-
-
-@pytest.mark.nightly
-def test_shares_are_what_the_page_prints(summary):
     of_mujoco = summary[(summary.solver == "mujoco") & (summary.axis == "stiffness_band")]
     rungs = ("frozen_positions", "dissipation_law", "gravity", "mapping", "discretisation")
     for band, value in BANDS.items():

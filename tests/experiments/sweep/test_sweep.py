@@ -1,6 +1,7 @@
 """Runs: independence of workers, resumption, and solvers that fail."""
 
 import itertools
+import math
 import multiprocessing
 
 import pyarrow.parquet as pq
@@ -22,25 +23,16 @@ def test_the_tables_are_long_and_tidy(fake_run):
     cells = pq.read_table(fake_run.root / "cells.parquet")
     assert cells.schema.equals(CELLS_SCHEMA)
     assert cells.schema.field("v1").metadata[b"unit"] == b"m/s"
-    assert cells.num_rows == 12 * 3
     rows = cells.to_pylist()
     assert [row["cell"] for row in rows] == [i for i in range(12) for _ in range(3)]
     assert [row["solver"] for row in rows[:3]] == ["state-transition", "mujoco", "pybullet"]
     assert rows[1]["v1"] == pytest.approx(rows[0]["v1"] + 0.01)
-
     divergence = pq.read_table(fake_run.root / "divergence.parquet")
     assert divergence.schema.equals(DIVERGENCE_SCHEMA)
-    assert divergence.num_rows == 12 * 2
+    assert divergence.num_rows == len((fake_run.root / "divergence.csv").read_text().splitlines()) - 1 == 24
     row = divergence.to_pylist()[0]
     assert (row["solver"], row["states_equal"], row["curve_distance"]) == ("mujoco", True, 0)
     assert row["velocity_divergence"] == pytest.approx(0.01)
-    lines = (fake_run.root / "divergence.csv").read_text().splitlines()
-    assert lines[0].replace('"', "").split(",") == list(DIVERGENCE_SCHEMA.names)
-    assert len(lines) == 1 + 24
-    manifest = fake_run.manifest()
-    assert manifest["state"] == "complete"
-    assert manifest["statuses"]["pybullet"] == {"unavailable": 12}
-    assert manifest["versions"]["mujoco"] == "shifted 1"
 
 
 def test_an_unavailable_solver_is_rows_with_its_reason(fake_run):
@@ -61,34 +53,20 @@ def test_chunks_done_so_far_lie_all_over_the_grid():
             assert max(b - a for a, b in itertools.pairwise(edges)) * done <= 2 * count, (count, done)
 
 
-def test_a_crash_costs_only_its_cells(small, tmp_path):
-    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.crashing)
-    rows = _solved(tmp_path / "a")
+def test_a_crash_costs_only_its_cells(crashing_run):
+    rows = _solved(crashing_run.root)
     assert {(row["e1"], row["status"]) for row in rows} == {(0.5, "crashed"), (0.9, "ok")}
     crashed = next(row for row in rows if row["status"] == "crashed")
     assert crashed["reason"] == "ZeroDivisionError: a bug of the engine | here"
     assert crashed["v1"] is None
 
 
-def test_what_is_no_number_or_missing_is_a_crash_and_never_silent(small, tmp_path):
-    run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.lying)
-    rows = _solved(tmp_path / "a")
-    assert {row["status"] for row in rows} == {"crashed"}
-    assert "nan" in rows[0]["reason"]
-    run_sweep(small, tmp_path / "b", isolate=False, resolve=fakes.losing)
-    assert {(r["status"], r["reason"]) for r in _solved(tmp_path / "b")} == {
-        ("crashed", "RuntimeError: 0 outcomes for 1 collisions")
-    }
-
-
-def test_limits_are_rows_not_errors(tmp_path):
-    config = parse_config(
-        SMALL | {"solvers": ["mujoco"], "grid": {"stiffness_ratio": [0, float("inf")], "e1": [0, 1]}}
-    )
-    run_sweep(config, tmp_path / "a", isolate=False)
-    rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
-    assert {row["status"] for row in rows if row["solver"] == "state-transition"} == {"limit"}
-    refused = [row for row in rows if row["solver"] == "mujoco"]
+@pytest.mark.parametrize("stiffness_ratio", [0, math.inf])
+def test_limits_are_rows_not_errors(tmp_path, stiffness_ratio):
+    grid = {"stiffness_ratio": [stiffness_ratio], "e1": [0, 1]}
+    run_sweep(parse_config(SMALL | {"solvers": ["mujoco"], "grid": grid}), tmp_path / "a", isolate=False)
+    assert {row["status"] for row in _solved(tmp_path / "a", "state-transition")} == {"limit"}
+    refused = _solved(tmp_path / "a")
     assert {row["status"] for row in refused} == {"unrepresentable"}
     assert all(row["reason"] for row in refused)
 
@@ -148,13 +126,3 @@ def test_the_number_of_workers_changes_no_byte(tmp_path):
         run_sweep(config, tmp_path / str(workers), workers=workers)
     assert tables_of(tmp_path / "1") == tables_of(tmp_path / "2")
     assert not multiprocessing.active_children()
-
-
-def test_the_lightest_ball_there_is_ends_no_run(tmp_path):
-    """Without a reduced mass there was no period to measure states by, nor a row that says so."""
-    cell = {"stiffness_ratio": [1.0], "mass_ratio": [5e-324], "e1": [1.0], "e2": [1.0]}
-    config = parse_config({"scenario": "impact", "solvers": ["bistiffness"], "grid": cell})
-    run_sweep(config, tmp_path / "a", isolate=False)
-    rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
-    assert [row["solver"] for row in rows] == ["state-transition", "bistiffness"]
-    assert all(row["status"] != "ok" and row["reason"] for row in rows)
