@@ -12,7 +12,6 @@ import pytest
 
 from impact_xval import Collision, Column, solve
 from impact_xval.experiments.cells.asked import asked
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.errors import UserError
 from tests.browser import opened, violations
 
@@ -30,11 +29,7 @@ def served():
     finally:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
-            try:
-                process.communicate(timeout=300)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                raise
+            process.communicate(timeout=300)
 
 
 @contextmanager
@@ -74,13 +69,6 @@ def test_what_is_illegal_in_an_address_is_named():
         with pytest.raises(UserError) as error:
             asked(query)
         assert str(error.value).startswith(says)
-
-
-def test_a_port_out_of_range_is_one_line_and_2(capsys):
-    for port in ("-1", "65536", "x"):
-        assert main(["explore", "--port", port]) == 2
-        said = capsys.readouterr().err
-        assert said == f"impact-xval: --port = '{port}'; legal: a whole number from 0 to 65535\n"
 
 
 def test_a_port_in_use_is_one_line_and_2():

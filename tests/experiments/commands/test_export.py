@@ -10,7 +10,7 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import load_config
+from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 
 ENGINES = [name for name in ("mujoco", "pybullet") if get_solver(name).unavailable() is None]
@@ -56,14 +56,9 @@ def test_an_exported_scene_gives_the_numbers_of_solve(engine, options, tmp_path,
 
 
 def test_a_cell_of_a_run_gives_what_its_table_holds(tmp_path, capsys):
-    config = tmp_path / "small.toml"
-    config.write_text(
-        f"solvers = {json.dumps(ENGINES)}\nstep_fraction = 5e-3\n"
-        "[grid]\nstiffness_ratio = [0.1, 10.0]\nmass_ratio = [1.0]\ne1 = [0.7]\ne2 = [0.7, 0.0]\n",
-        encoding="utf-8",
-    )
     run = tmp_path / "run"
-    run_sweep(load_config(config), run, workers=1)
+    grid = {"stiffness_ratio": [0.1, 10.0], "mass_ratio": [1.0], "e1": [0.7], "e2": [0.7, 0.0]}
+    run_sweep(parse_config({"solvers": ENGINES, "step_fraction": 5e-3, "grid": grid}), run, isolate=False)
     assert main(["export-scene", str(run), "--cell", "2", "--out", str(tmp_path / "scene")]) == 0
     assert capsys.readouterr().out.count("as in the table (difference 0.0e+00 |v0|)") == len(ENGINES)
     rows = pq.read_table(run / "cells.parquet").to_pylist()

@@ -217,6 +217,7 @@ def test_wrong_words_of_other_commands_are_one_line_and_leave_no_file(capsys, tm
         (["sovle"], ["sovle", "--help"]),
         (["table"], ["Missing argument", "DIR"]),
         (["run", "a.toml", "b.toml"], ["b.toml"]),
+        (["explore", "--port", "65536"], ["--port = '65536'", "a whole number from 0 to 65535"]),
         (["run", "--workers", "0"], ["--workers = '0'", "a whole number from 1 to 4096"]),
         (["run", "--workers", "two"], ["--workers = 'two'", "a whole number from 1 to 4096"]),
         (["search", "--solver", ""], ["--solver", "'' is not a solver", "legal: state-transition"]),

@@ -34,15 +34,8 @@ def test_an_arrangement_comes_after_the_other_and_e_varies_fastest():
 
 
 def test_a_column_has_the_scales_of_the_experiment():
-    config = parse_config(
-        {
-            "m1": 2.0,
-            "k1": 3e6,
-            "v0": -0.5,
-            "column": {"arrangement": "drop", "mass_taper": 2, "stiffness_taper": 1, "balls": 3},
-        }
-    )
-    column = Columns(config)[1].column
+    axes = {"arrangement": "drop", "mass_taper": 2, "stiffness_taper": 1, "balls": 3}
+    column = Columns(parse_config({"m1": 2.0, "k1": 3e6, "v0": -0.5, "column": axes}))[1].column
     assert column.masses == (2.0, 4.0, 8.0)
     assert (column.stiffnesses, column.velocities) == ((3e6,) * 3, (-0.5, 0.0, 0.0))
     assert column.table

@@ -4,7 +4,7 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
-from impact_xval.experiments.measures.columns.measuring import ColumnMeasures, measures_of
+from impact_xval.experiments.measures.columns.measuring import measures_of
 from impact_xval.model import Collision, Column
 
 CELL = Collision(m1=2.0, m2=3.0, k1=1e8, k2=3e8, e1=0.9, e2=0.7, v0=-3.0)
@@ -35,8 +35,3 @@ def test_the_limit_of_an_engine_is_held_against_its_law():
     naive = measures_of(chain, outcomes, "naive")["mujoco"]
     assert alone.limit_distance is naive.limit_distance is None
     assert alone.limit_error == naive.limit_error == found.limit_error
-
-
-def test_nothing_is_measured_without_a_result():
-    hertz = get_solver("mujoco").solve_columns([COLUMN], Settings(), 1.5)[0]
-    assert measures_of(COLUMN, {"mujoco": hertz}) == {"mujoco": ColumnMeasures()}

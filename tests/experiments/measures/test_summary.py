@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -61,17 +60,12 @@ def test_a_grid_of_limits_has_all_its_figures(tmp_path):
 
 
 def test_marked_rows_are_in_no_comparison_of_two_solvers(tmp_path):
-    columns = {
-        "cell": [0, 0, 0, 1, 1, 1],
-        "solver": ["state-transition", "kelvin-voigt", "mujoco"] * 2,
-        "status": ["ok"] * 6,
-        "marked": [None, None, None, None, "beside a jump", None],
-        "v0": [-1.0] * 6,
-        "v1": [0.5, 0.5, 0.51, 0.5, 0.5, 0.9],
-        "v2": [0.1] * 6,
-        "mass_ratio": [1.0] * 6,
-    }
-    pq.write_table(pa.table(columns), tmp_path / "cells.parquet")
+    cells = pd.DataFrame({"solver": ["state-transition", "kelvin-voigt", "mujoco"] * 2, "status": "ok"})
+    cells["marked"] = [None, None, None, None, "beside a jump", None]
+    cells[["v0", "v2", "mass_ratio"]] = -1.0, 0.1, 1.0
+    cells["v1"] = [0.5, 0.5, 0.51, 0.5, 0.5, 0.9]
+    cells["cell"] = cells.index // 3
+    cells.to_parquet(tmp_path / "cells.parquet")
     config = parse_config({"solvers": ["kelvin-voigt", "mujoco"]})
     (row,) = between(tmp_path / "cells.parquet", config).itertuples()
     assert (row.n, row.max) == (1, pytest.approx(0.01))

@@ -33,12 +33,10 @@ def cells(first):
 def as_printed(text):
     """Read a number with the half unit of its last digit by which it may be off, and more for a new version."""
     number, percent = re.fullmatch(r"(-?[\d.]+)( %)?", text).groups()
-    unit = 10.0 ** -len(number.partition(".")[2])
     scale = 0.01 if percent else 1.0
     # 51 % of a unit: a value that lies on a border may round either way.
-    return pytest.approx(
-        float(number) * scale, abs=0.51 * unit * scale + (0.0 if of_these_versions() else NEW_VERSION)
-    )
+    half = 0.51 * scale * 10.0 ** -len(number.partition(".")[2])
+    return pytest.approx(float(number) * scale, abs=half + (0.0 if of_these_versions() else NEW_VERSION))
 
 
 def of_these_versions():

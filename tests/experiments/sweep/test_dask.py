@@ -3,7 +3,6 @@
 import contextlib
 
 import psutil
-import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.commands.cli import main
@@ -11,7 +10,6 @@ from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.sweep import dask_cluster
 from impact_xval.experiments.sweep.run import run_sweep
-from tests.experiments import faulty
 from tests.experiments.conftest import tables_of
 from tests.waiting import wait_until
 
@@ -76,16 +74,6 @@ def _sandboxes(cluster):
             if "impact_xval.experiments.sweep.sandbox" in " ".join(child.cmdline()):
                 found.append(child)
     return found
-
-
-@pytest.mark.nightly
-def test_a_crash_on_a_cluster_is_a_row(tmp_path, cluster):
-    grid = {"stiffness_ratio": [0.5, 2.0], "mass_ratio": [1.5], "e1": [0.9, faulty.ABORT], "e2": [0.7]}
-    config = parse_config({"scenario": "impact", "solvers": ["mujoco"], "chunk_size": 3, "grid": grid})
-    run_sweep(config, tmp_path / "a", scheduler=cluster.scheduler_address, resolve=faulty.faulty)
-    rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
-    found = [(row["e1"], row["status"]) for row in rows if row["solver"] == "mujoco"]
-    assert found == [(0.9, "ok"), (faulty.ABORT, "crashed")] * 2
 
 
 def test_no_scheduler_is_one_line_and_leaves_nothing(tmp_path, capsys, monkeypatch):

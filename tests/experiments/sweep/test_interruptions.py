@@ -158,4 +158,5 @@ def test_five_kills_change_no_byte(tmp_path, left_alone, start):
         assert len(_parts(root)) >= parts
     said = resumed(load_config(tmp_path / "c.toml"), root, resolve=faulty.slow)
     assert any(" of 6 parts are there and whole" in line for line in said)
+    assert not list(root.rglob(".tmp-*"))
     assert tables_of(root) == left_alone

@@ -95,17 +95,6 @@ def test_a_damaged_part_is_computed_again_and_said_so(small, run, fake_run, harm
     assert tables_of(run) == tables_of(fake_run.root)
 
 
-def test_what_a_killed_run_left_half_written_is_removed(small, run, fake_run):
-    (run / "figures").mkdir(exist_ok=True)
-    part = f"parts/.tmp-7-000001-{32 * '0'}-{64 * '0'}.parquet"
-    left = [run / name for name in (".tmp-7-ladder.csv", part, "figures/.tmp-7-map.png")]
-    for path in left:
-        path.write_text("half")
-    resumed(small, run)
-    assert not any(path.exists() for path in left)
-    assert tables_of(run) == tables_of(fake_run.root)
-
-
 def test_another_configuration_in_the_folder_is_refused_with_what_differs(small, run):
     other = parse_config(SMALL | {"step_fraction": 1e-2})
     with pytest.raises(UserError, match=r"step_fraction = 0.001 there, 0.01 now"):

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
@@ -40,10 +39,6 @@ class Upgraded(fakes.Shifted):
         return outcomes
 
 
-def upgraded(name):
-    return Upgraded() if name == "mujoco" else get_solver(name)
-
-
 def _run(root, resolve=fakes.shifted, **changes):
     return run_sweep(
         parse_config(SMALL | {"solvers": SOLVERS} | changes), root, isolate=False, resolve=resolve
@@ -53,7 +48,7 @@ def _run(root, resolve=fakes.shifted, **changes):
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     root = tmp_path_factory.mktemp("runs")
-    return _run(root / "a"), _run(root / "b", upgraded)
+    return _run(root / "a"), _run(root / "b", Upgraded.resolve)
 
 
 def _merged(runs, name) -> Any:  # a data frame; its annotations are too wide to check code against
