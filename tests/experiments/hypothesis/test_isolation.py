@@ -1,6 +1,7 @@
 """A solver that crashes or hangs costs the collisions it does so at, with a status and a reason, and nothing else."""
 
 import numpy as np
+import pytest
 
 from impact_xval.experiments.hypothesis.config import parse
 from impact_xval.experiments.hypothesis.run import run_hypothesis
@@ -8,6 +9,7 @@ from impact_xval.experiments.hypothesis.tables import outcome_frame, point_frame
 from tests.experiments import faulty
 
 
+@pytest.mark.slow
 def test_a_run_survives_and_its_tables_say_what_failed_and_why():
     """The range of contrasts is too short for two: one collision a point."""
     config = parse(
@@ -16,7 +18,6 @@ def test_a_run_survives_and_its_tables_say_what_failed_and_why():
             "solvers": ["mujoco"],
             "contrast": [10, 11],
             "plastic_contrast": [10, 11],
-            "columns": {"points": 1, "balls": [4, 4], "contrast": [10, 11]},
             "map": {"size": 4, "stiffness_ratio": [0.1, 10], "restitutions": [[0.9, 0.7]]},
             "point": [{"case": "zero-late", "mass_ratio": 2.0, "e1": faulty.SEGFAULT, "e2": 0.7}],
         },
