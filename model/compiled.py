@@ -19,8 +19,9 @@ inlined = njit(forceinline=True, **OPTIONS)
 
 #: The same for functions that are handed many arrays and make none: they count no references to them, which would cost
 #: as much as the work.
-uncounted = njit(_nrt=False, **OPTIONS)
-inlined_uncounted = njit(forceinline=True, _nrt=False, **OPTIONS)
+_compile: Any = njit  # whose stubs know nothing of this option
+uncounted = _compile(_nrt=False, **OPTIONS)
+inlined_uncounted = _compile(forceinline=True, _nrt=False, **OPTIONS)
 
 
 def cache_folder(kernel: Any) -> Path:

@@ -6,7 +6,7 @@ import pytest
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.store import TABLES, RunFolder
 from tests.experiments import fakes
 
 SMALL = {
@@ -19,6 +19,21 @@ SMALL = {
 
 #: Text that a page, a table and LaTeX are to show as it is.
 HOSTILE = "</script><script>document.title = 'taken'</script><img src=x onerror=\"document.title='taken'\">"
+
+
+def tables_of(root):
+    """Return the bytes of the tables of a run."""
+    return {name: (root / name).read_bytes() for name in TABLES}
+
+
+def resumed(config, root, **how):
+    """Continue a run in this process, with `fakes.shifted` unless told otherwise; what it said, line by line."""
+    said = []
+    how = {"resolve": fakes.shifted} | how
+    run_sweep(
+        config, root, resume=True, isolate=False, progress=lambda done, total, line: said.append(line), **how
+    )
+    return said
 
 
 @pytest.fixture
@@ -43,6 +58,16 @@ def fake_run(tmp_path_factory):
     """A small run of an engine that is 0.01 m/s off and of one that is not installed; no test changes it."""
     root = tmp_path_factory.mktemp("fakes") / "run"
     return run_sweep(parse_config(SMALL), root, isolate=False, resolve=fakes.shifted)
+
+
+@pytest.fixture(scope="session")
+def crashing_run(tmp_path_factory):
+    """A small run of an engine that crashes where e1 = 0.5; no test changes what the run wrote."""
+    config = parse_config(
+        SMALL | {"name": r"<script>alert(1)</script> & \input{b} *c*", "grazing_threshold": 0.05}
+    )
+    root = tmp_path_factory.mktemp("crashing") / "run"
+    return run_sweep(config, root, isolate=False, resolve=fakes.crashing)
 
 
 @pytest.fixture

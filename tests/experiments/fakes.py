@@ -1,7 +1,6 @@
 """Solvers that misbehave on purpose; at the top level of a module, so that worker processes find them."""
 
 import dataclasses
-import math
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import SolverBase
@@ -12,6 +11,11 @@ class Shifted(SolverBase):
     """The model's answer, 0.01 m/s faster."""
 
     name = "mujoco"
+
+    @classmethod
+    def resolve(cls, name):
+        """Return this one in its place, PyBullet as not installed, and every other solver as it is."""
+        return cls() if name == cls.name else Missing() if name == "pybullet" else get_solver(name)
 
     def version(self):
         return "shifted 1"
@@ -25,25 +29,10 @@ class Perfect(Shifted):
     """The model's answer, to the bit, also in the limit dt -> 0."""
 
     def solve_many(self, collisions, settings):
-        outcomes = [solve(c, path=settings.record_path) for c in collisions]
-        return [
-            dataclasses.replace(
-                o,
-                solver=self.name,
-                diagnostics={"v1_limit": o.v1, "v2_limit": o.v2, "limit_error": 0.0, "regularisation": 0.0},
-            )
-            for o in outcomes
-        ]
-
-
-class Wild(Shifted):
-    """Numbers that are legal and 1e140 times too large."""
-
-    def solve_many(self, collisions, settings):
         found = []
-        for o in super().solve_many(collisions, settings):
-            path = dataclasses.replace(o.path, impulse1=1e140 * o.path.impulse1)
-            found.append(dataclasses.replace(o, v1=1e140 * o.v1, path=path))
+        for o in (solve(c, path=settings.record_path) for c in collisions):
+            limit = {"v1_limit": o.v1, "v2_limit": o.v2, "limit_error": 0.0, "regularisation": 0.0}
+            found.append(dataclasses.replace(o, solver=self.name, diagnostics=limit))
         return found
 
 
@@ -84,20 +73,6 @@ class Crashing(Shifted):
         return super().solve_many(collisions, settings)
 
 
-class Lying(Shifted):
-    """Says ok, and gives NaN."""
-
-    def solve_many(self, collisions, settings):
-        return [Outcome(self.name, math.nan, 0.0, 0.0, 0.0, ("S1",)) for _ in collisions]
-
-
-class Losing(Shifted):
-    """Gives fewer outcomes than it was asked for."""
-
-    def solve_many(self, collisions, settings):
-        return super().solve_many(collisions, settings)[1:]
-
-
 class Interrupting(Shifted):
     """Behaves as if Ctrl-C were pressed in the middle chunk of a small run, which is the last one done."""
 
@@ -105,49 +80,6 @@ class Interrupting(Shifted):
         if any(c.k2 == c.k1 and c.e1 == 0.5 for c in collisions):
             raise KeyboardInterrupt
         return super().solve_many(collisions, settings)
-
-
-def _resolver(cls):
-    def resolve(name):
-        return cls() if name == cls.name else Missing() if name == "pybullet" else get_solver(name)
-
-    return resolve
-
-
-def shifted(name):
-    return _resolver(Shifted)(name)
-
-
-def crashing(name):
-    return _resolver(Crashing)(name)
-
-
-def lying(name):
-    return _resolver(Lying)(name)
-
-
-def losing(name):
-    return _resolver(Losing)(name)
-
-
-def interrupting(name):
-    return _resolver(Interrupting)(name)
-
-
-def perfect(name):
-    return _resolver(Perfect)(name)
-
-
-def wild(name):
-    return _resolver(Wild)(name)
-
-
-def refusing(name):
-    return _resolver(Refusing)(name)
-
-
-def refusing_all(name):
-    return RefusingModel() if name == "state-transition" else Refusing()
 
 
 #: By k2/k1 and e1 how much faster than the model's B1 of `Graded` is, per abs(v0).
@@ -172,20 +104,6 @@ class Graded(Shifted):
         ]
 
 
-def graded(name):
-    return _resolver(Graded)(name)
-
-
-class MissingMuJoCo(Missing):
-    """The same engine by another name."""
-
-    name = "mujoco"
-
-
-def without_mujoco(name):
-    return MissingMuJoCo() if name == "mujoco" else get_solver(name)
-
-
 class Columns(Shifted):
     """The model's columns, every ball 0.01 m/s faster."""
 
@@ -197,18 +115,9 @@ class Columns(Shifted):
         ]
 
 
-class InterruptingColumns(Columns):
-    """Behaves as if Ctrl-C were pressed at the first column of three balls."""
-
-    def solve_columns(self, columns, settings, exponent=1.0):
-        if any(len(column.masses) == 3 for column in columns):
-            raise KeyboardInterrupt
-        return super().solve_columns(columns, settings, exponent)
+def refusing_all(name):
+    return RefusingModel() if name == "state-transition" else Refusing()
 
 
-def columns(name):
-    return _resolver(Columns)(name)
-
-
-def interrupting_columns(name):
-    return _resolver(InterruptingColumns)(name)
+shifted, perfect, graded, columns = (c.resolve for c in (Shifted, Perfect, Graded, Columns))
+refusing, crashing, interrupting = (c.resolve for c in (Refusing, Crashing, Interrupting))

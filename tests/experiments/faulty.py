@@ -4,8 +4,7 @@ import ctypes
 import os
 import time
 
-from impact_xval.compliant_baselines import get_solver
-from tests.experiments.fakes import Missing, Shifted
+from tests.experiments.fakes import Shifted
 
 #: Values of e1 that make a cell fatal, by what happens.
 SEGFAULT, HANG, ABORT, LEAVE = 0.901, 0.902, 0.903, 0.904
@@ -37,18 +36,10 @@ class Faulty(Shifted):
         return super().solve_columns(columns, settings, exponent)
 
 
-def faulty(name):
-    return Faulty() if name == "mujoco" else Missing() if name == "pybullet" else get_solver(name)
-
-
 class FaultyModel(Faulty):
     """The reference itself, that dies."""
 
     name = "state-transition"
-
-
-def faulty_model(name):
-    return FaultyModel() if name == "state-transition" else get_solver(name)
 
 
 class SlowToStart(Shifted):
@@ -63,5 +54,13 @@ class SlowToStart(Shifted):
         return super().solve_many(collisions, settings)
 
 
-def slow_to_start(name):
-    return SlowToStart() if name == "mujoco" else get_solver(name)
+class Slow(Shifted):
+    """Takes its time for each collision, so that a run can be ended in the middle."""
+
+    def solve_many(self, collisions, settings):
+        time.sleep(0.1 * len(collisions))
+        return super().solve_many(collisions, settings)
+
+
+faulty, faulty_model = Faulty.resolve, FaultyModel.resolve
+slow_to_start, slow = SlowToStart.resolve, Slow.resolve

@@ -1,26 +1,13 @@
-"""``python -m tests.experiments.runner CONFIG OUT [--workers N] [--scheduler ADDRESS]``: a run without its figures.
+"""A run of a slow solver, in a session of its own that can be killed whole; one that is there is continued."""
 
-A run that is in the folder is continued.
-"""
-
-import argparse
-from pathlib import Path
+import os
 
 from impact_xval.experiments.config.configuration import load_config
 from impact_xval.experiments.sweep.run import run_sweep
+from tests.experiments import faulty
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("config", type=Path)
-    parser.add_argument("root", type=Path)
-    parser.add_argument("--workers", type=int)
-    parser.add_argument("--scheduler")
-    asked = parser.parse_args()
-    run_sweep(
-        load_config(asked.config),
-        asked.root,
-        workers=asked.workers,
-        scheduler=asked.scheduler,
-        resume=(asked.root / "manifest.json").exists(),
-        progress=lambda done, total, line: print(line, flush=True) if line else None,
-    )
+
+def run(config, root):
+    os.setsid()
+    resume = (root / "manifest.json").exists()
+    run_sweep(load_config(config), root, workers=2, resume=resume, resolve=faulty.slow)

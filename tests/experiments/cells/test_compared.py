@@ -1,14 +1,12 @@
 """What `compare` gives, and what a notebook shows of it: numbers by hand, any text stays text."""
 
 import base64
+import html
 import math
-import subprocess
-import sys
-from html.parser import HTMLParser
+import re
 
 import pytest
 
-import impact_xval
 from impact_xval import Collision, Column, compare, solve, solve_column
 from impact_xval.experiments.cells.compared import Compared
 from impact_xval.model.collision import Outcome
@@ -17,31 +15,14 @@ from impact_xval.model.columns.column import ColumnOutcome
 HOSTILE = "<script>alert('&')</script> | **bold** <img src=x onerror=alert(1)>"
 
 
-class Shown(HTMLParser):
-    """Tags of a piece of HTML, and the texts of its cells."""
+class Shown:
+    """Tags of a piece of HTML, the texts of its cells, and what its pictures are."""
 
-    def __init__(self, html):
-        super().__init__()
-        self.tags, self.cells, self.sources, self.open = [], [], [], []
-        self.feed(html)
-        self.close()
-        assert not self.open, f"not closed: {self.open}"
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        if tag == "img":
-            self.sources.append(dict(attrs)["src"])
-        elif tag != "line":
-            self.open.append(tag)
-        if tag in ("td", "th"):
-            self.cells.append("")
-
-    def handle_endtag(self, tag):
-        assert tag == "line" or self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] in ("td", "th"):
-            self.cells[-1] += data
+    def __init__(self, text):
+        self.tags = re.findall(r"<([a-z]+)", text)
+        self.sources = re.findall(r'<img [^>]*src="([^"]+)"', text)
+        cells = re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", text, re.DOTALL)
+        self.cells = [html.unescape(re.sub(r"<[^>]+>", "", cell)) for cell in cells]
 
 
 def outcome(name, v1=0.5, v2=0.25, **more):
@@ -54,24 +35,18 @@ def two_balls():
     return collision, compare(collision, ["kelvin-voigt"])
 
 
-def test_d_is_what_a_hand_computation_gives(two_balls):
-    _, compared = two_balls
+def test_the_model_is_added_and_d_is_what_a_hand_computation_gives(two_balls):
+    collision, compared = two_balls
+    assert list(compared.statuses.items()) == [("state-transition", "ok"), ("kelvin-voigt", "ok")]
     model, other = (compared.outcomes[name] for name in ("state-transition", "kelvin-voigt"))
+    alone = solve(collision, stiffness_ratio_cutoff="exact")
+    assert compared.velocities["state-transition"] == (alone.v1, alone.v2)
+    assert compared.states["state-transition"] == alone.states
     by_hand = math.sqrt(
         (2.0 * (other.v1 - model.v1) ** 2 + 3.0 * (other.v2 - model.v2) ** 2) / (2.0 * 4.0**2)
     )
-    assert compared.divergences["state-transition"] == 0
-    assert compared.divergences["kelvin-voigt"] == pytest.approx(by_hand, rel=1e-12)
+    assert compared.divergences == {"state-transition": 0, "kelvin-voigt": pytest.approx(by_hand, rel=1e-12)}
     assert by_hand > 0.01
-
-
-def test_the_model_is_added_and_is_that_of_solve(two_balls):
-    collision, compared = two_balls
-    alone = solve(collision, stiffness_ratio_cutoff="exact")
-    assert list(compared.statuses) == ["state-transition", "kelvin-voigt"]
-    assert compared.velocities["state-transition"] == (alone.v1, alone.v2)
-    assert compared.states["state-transition"] == alone.states
-    assert set(compared.statuses.values()) == {"ok"}
 
 
 def test_a_notebook_shows_a_table_and_a_picture(two_balls):
@@ -81,17 +56,7 @@ def test_a_notebook_shows_a_table_and_a_picture(two_balls):
     assert "kelvin-voigt" in shown.cells
     assert f"{compared.outcomes['kelvin-voigt'].v1 / 4:.6f}" in shown.cells
     (source,) = shown.sources
-    kind, _, data = source.partition(",")
-    assert kind == "data:image/png;base64"
-    assert base64.b64decode(data).startswith(b"\x89PNG")
-
-
-def test_the_picture_is_the_impulse_curves(two_balls):
-    _, compared = two_balls
-    whole = compared.plot().axes[0]
-    lines = {line.get_label(): line.get_xydata() for line in whole.lines}
-    for name, each in compared.outcomes.items():
-        assert lines[name][-1] * 2 * 4 == pytest.approx([each.impulse1, each.impulse2], rel=1e-9)
+    assert base64.b64decode(source.removeprefix("data:image/png;base64,")).startswith(b"\x89PNG")
 
 
 def test_a_column_has_d_velocities_paths_and_a_picture():
@@ -106,14 +71,9 @@ def test_a_column_has_d_velocities_paths_and_a_picture():
     assert f"{model[2] / 3:.6f}" in shown.cells
     assert len(shown.sources) == 1
     assert "v3" in str(compared)
-
-
-def test_contacts_of_an_exponent_are_those_of_solve_column():
-    column = Column((1.0, 1.0, 1.0), (1e8, 1e8), (0.9, 0.9), (-1.0, 0.0, 0.0))
-    compared = compare(column, ["state-transition"], exponent=1.5)
-    expected = solve_column(column, exponent=1.5).velocities
-    assert compared.velocities["state-transition"] == pytest.approx(expected, abs=1e-12)
-    assert compared.velocities["state-transition"] != pytest.approx(solve_column(column).velocities, abs=1e-3)
+    hertz = compare(column, ["state-transition"], exponent=1.5).velocities["state-transition"]
+    assert hertz == pytest.approx(solve_column(column, exponent=1.5).velocities, abs=1e-12)
+    assert hertz != pytest.approx(model, abs=1e-3)
 
 
 def test_who_refuses_has_a_status_and_no_d():
@@ -128,11 +88,9 @@ def test_hostile_names_and_reasons_stay_text():
     failed = Outcome.failure(HOSTILE, "crashed", HOSTILE)
     outcomes = {"state-transition": solve(collision), HOSTILE: failed, HOSTILE + "2": outcome(HOSTILE + "2")}
     compared = Compared(collision, outcomes)
-    html = compared.fragment()
-    shown = Shown(html)
+    shown = Shown(compared.fragment())
     assert not {"script", "strong", "img"} & set(shown.tags)
     assert HOSTILE in shown.cells
-    assert "onerror=alert(1)>" not in html
     assert HOSTILE in str(compared)
 
 
@@ -150,10 +108,8 @@ def test_what_is_illegal_is_named():
     for problem, options, error, says in (
         ((1, 2), {}, TypeError, "was given tuple; legal: a Collision or a Column"),
         (Collision.from_ratios(1, 1, 1, 1), {"solvers": ["newton"]}, ValueError, "'newton' is not a solver"),
-        (Collision.from_ratios(1, 1, 1, 1), {"solvers": []}, ValueError, "is empty"),
         (Collision.from_ratios(1, 1, 1, 1), {"exponent": 1.5}, ValueError, "exponent = 1.5"),
         (Collision.from_ratios(1, 1, 1, 1), {"timeout": 0}, ValueError, "legal: greater than 0"),
-        (Column((1, 1), (1,), (1,), (-1, 0)), {"exponent": 0.5}, ValueError, "exponent = 0.5"),
     ):
         with pytest.raises(error, match=says):
             compare(problem, **options)
@@ -163,21 +119,10 @@ def test_outcomes_show_themselves_and_any_text_stays_text():
     cells = Shown(outcome("mujoco")._repr_html_()).cells
     assert cells[:2] == ["status", "ok"]
     assert cells[cells.index("v1 (m/s)") + 1] == "0.5"
-    assert "reason" not in cells
-    column = ColumnOutcome("mujoco", (0.1, -0.2), (1.5,), ((1,), ()))
-    cells = Shown(column._repr_html_()).cells
+    cells = Shown(ColumnOutcome("mujoco", (0.1, -0.2), (1.5,), ((1,), ()))._repr_html_()).cells
     assert cells[cells.index("v2 (m/s)") + 1] == "-0.2"
-    for hostile in (
-        Outcome.failure(HOSTILE, "crashed", HOSTILE),
-        ColumnOutcome(HOSTILE, (), (), reason=HOSTILE),
-    ):
+    failed = Outcome.failure(HOSTILE, "crashed", HOSTILE), ColumnOutcome(HOSTILE, (), (), reason=HOSTILE)
+    for hostile in failed:
         shown = Shown(hostile._repr_html_())
         assert set(shown.tags) == {"table", "caption", "tbody", "tr", "th", "td"}
         assert HOSTILE in shown.cells
-
-
-def test_the_package_offers_compare_and_stays_light():
-    assert "compare" in dir(impact_xval)
-    code = "import impact_xval, sys; print(sorted({'numpy', 'numba', 'bokeh', 'pandas'} & set(sys.modules)))"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert said.strip() == "[]"

@@ -1,6 +1,5 @@
 import json
 import math
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -28,9 +27,6 @@ def _json(capsys, *arguments):
 
 def test_solve_json_keeps_the_contract(capsys):
     (found,) = _json(capsys, *CELL, "--solver", "state-transition")
-    assert {"solver", "v1", "v2", "impulse1", "impulse2", "states", "status", "velocity_divergence"} <= set(
-        found
-    )
     assert found["solver"] == "state-transition"
     assert found["v1"] == pytest.approx(0.88981120733190, abs=1e-12)
     assert found["v2"] == pytest.approx(0.00016910787873, abs=1e-12)
@@ -40,37 +36,27 @@ def test_solve_json_keeps_the_contract(capsys):
     assert found["impulse2"] == pytest.approx(found["impulse1"] + 2 / math.sqrt(3) * found["v2"], abs=1e-12)
 
 
-def test_an_impact_does_not_depend_on_the_scale(capsys):
-    (plain,) = _json(capsys, *CELL, "--solver", "state-transition")
-    (scaled,) = _json(capsys, *CELL, "--solver", "state-transition", "--m1", "3", "--k1", "7", "--v0", "-11")
-    for key in ("v1", "v2", "impulse1", "impulse2"):
-        assert scaled[key] == pytest.approx(plain[key], abs=1e-12)
-
-
 #: A drop after which B2 is at rest on the table, at some speed.
 SOFT = ["--stiffness-ratio", "0.1", "--mass-ratio", "0.5", "--e1", "0.9", "--e2", "0.5", "--k1", "1e4"]
 
 
-@pytest.mark.parametrize(("scenario", "cell"), [("impact", CELL), ("drop", SOFT)], ids=["impact", "drop"])
-def test_no_number_of_the_list_depends_on_the_speed(capsys, scenario, cell):
-    # g in proportion to |v0| keeps the gravity number of a drop; times do not depend on the speed anyway
+@pytest.mark.parametrize(
+    ("cell", "faster"),
+    [(CELL, ["--v0", "-4"]), ([*SOFT, "--scenario", "drop"], ["--v0", "-4", "--gravity", "39.24"])],
+    ids=["impact", "drop"],
+)
+def test_no_number_of_the_list_depends_on_the_speed(capsys, cell, faster):
+    """g in proportion to |v0| keeps the gravity number of a drop; times do not depend on the speed anyway."""
     names = ["mujoco", "kelvin-voigt", "bistiffness", "state-transition"]
     asked = [word for name in names for word in ("--solver", name)]
-    slow, quick = (
-        _json(capsys, *cell, *asked, "--scenario", scenario, "--v0", v0, *gravity)
-        for v0, gravity in (("-1", []), ("-4", ["--gravity", "39.24"] if scenario == "drop" else []))
-    )
+    slow, quick = _json(capsys, *cell, *asked), _json(capsys, *cell, *asked, *faster)
     assert [each["solver"] for each in slow] == names
-    for plain, fast, solver in zip(slow, quick, names, strict=True):
+    for plain, fast in zip(slow, quick, strict=True):
         assert fast["states"] == plain["states"]
         for key in ("v1", "v2", "impulse1", "impulse2"):
-            assert fast[key] == pytest.approx(plain[key], rel=1e-6, abs=1e-9), solver
-        assert set(fast["diagnostics"]) == set(plain["diagnostics"])
-        for key, value in plain["diagnostics"].items():
-            assert fast["diagnostics"][key] == pytest.approx(value, rel=1e-3, abs=1e-9), (solver, key)
-        assert ("v1_limit" in plain["diagnostics"]) == (solver == "mujoco")
-        rests = cell is SOFT and solver in ("mujoco", "kelvin-voigt")
-        assert ("rest_speed" in plain["diagnostics"]) == rests
+            assert fast[key] == pytest.approx(plain[key], rel=1e-6, abs=1e-9)
+        assert fast["diagnostics"] == pytest.approx(plain["diagnostics"], rel=1e-3, abs=1e-9)
+    assert "v1_limit" in slow[0]["diagnostics"]
 
 
 def test_the_model_is_added_so_that_any_solver_has_a_divergence(capsys):
@@ -82,11 +68,6 @@ def test_the_model_is_added_so_that_any_solver_has_a_divergence(capsys):
     assert engine["velocity_divergence"] == pytest.approx(math.sqrt(sum(squares)), rel=1e-12)
     assert engine["velocity_divergence"] > 0.01
     assert model["velocity_divergence"] == 0
-    assert main(["solve", *CELL, "--solver", "kelvin-voigt"]) == 0
-    rows = [line.split() for line in capsys.readouterr().out.splitlines()[1:3]]
-    assert [row[1] for row in rows] == ["kelvin-voigt", "state-transition"]
-    assert float(rows[0][7]) == pytest.approx(engine["velocity_divergence"], rel=1e-2)
-    assert rows[1][7] == "0"
 
 
 def test_solve_takes_an_infinite_ratio_and_shows_refusals(capsys):
@@ -104,20 +85,14 @@ def test_solve_shows_solvers_side_by_side(capsys, monkeypatch):
     monkeypatch.setattr(registry, "get_solver", fakes.shifted)
     asked = [word for name in ("pybullet", "state-transition", "mujoco") for word in ("--solver", name)]
     assert main(["solve", *CELL, *asked]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[:3] for line in lines[1:4]] == [
+    shown = capsys.readouterr().out
+    for texts in (
         ["kelvin-voigt", "pybullet", "unavailable"],
-        ["kelvin-voigt", "mujoco", "ok"],
-        ["state-transition", "state-transition", "ok"],
-    ]
-    assert "0.01" in lines[2]
-    assert "S1 S3 S1 S2 S4" in lines[2]
-    assert "0.889811" in lines[3]
-    assert lines[4:] == [
-        "",
-        "pybullet and mujoco were asked for the same law: one vote, not two.",
-        "pybullet: unavailable: no wheel for this Python; use Python 3.11",
-    ]
+        ["kelvin-voigt", "mujoco", "ok", "0.01", "S1 S3 S1 S2 S4"],
+        ["state-transition", "state-transition", "ok", "0.889811"],
+        ["pybullet: unavailable: no wheel for this Python; use Python 3.11"],
+    ):
+        assert any(all(text in line for text in texts) for line in shown.splitlines()), texts
 
 
 def test_help_and_version_are_quick_and_load_nothing_heavy():
@@ -131,24 +106,6 @@ def test_help_and_version_are_quick_and_load_nothing_heavy():
             [sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=True
         )
         assert "impact-xval" in done.stdout
-    options = ("--stiffness-ratio", "--json", "--solver", "--step-fraction", "--scenario")
-    assert [option for option in options if option not in done.stdout] == []
-
-
-def test_a_name_that_cannot_be_shown_is_spelt_out(tmp_path):
-    path = tmp_path / "é.toml"
-    path.write_text("name = 'é'\nsolvers = ['kelvin-voigt']\n", encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-m", "impact_xval", "doctor", str(path)],
-        env=os.environ | {"PYTHONIOENCODING": "ascii"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert (
-        done.stdout
-        == "scenes of '\\xe9' (MuJoCo is not among its solvers, or not installed): no traps found\n"
-    )
 
 
 @pytest.mark.smoke

@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 
 import pytest
 
@@ -24,16 +23,6 @@ def test_json_says_what_was_asked_what_to_paste_and_what_came_back(capsys):
     assert f'timestep="{said["largest_step"]!r}"' in said["paste"]
 
 
-def test_text_holds_the_request_beside_the_answer_and_the_step(capsys):
-    arguments = ["--masses", "inf", "2", "--restitution", "1", "--duration", "1e-3", "--gravity", "9.81"]
-    assert main(["contact", "--engine", "mujoco", *arguments]) == 0
-    out = capsys.readouterr().out
-    assert "<pair geom1=" in out
-    assert "asked" in out
-    assert "with gravity" in out
-    assert "is the largest step (two digits) at which mujoco" in out
-
-
 def test_gravity_lengthens_an_elastic_contact_as_the_exact_motion_does(capsys):
     # x'' = -omega^2 x + g from x = 0 at speed v: it lasts (pi + 2 atan(g/(v omega)))/omega, and leaves at v
     g, v, duration = 9.81, 0.5, 0.05
@@ -48,23 +37,18 @@ def test_gravity_lengthens_an_elastic_contact_as_the_exact_motion_does(capsys):
 def test_impossible_requests_are_one_line_and_exit_code_2(capsys):
     for arguments, says in (
         (["--stiffness", "1", "--restitution", "0"], "--restitution = 0.0; legal: greater than 0, at most 1"),
-        (["--stiffness", "1", "--restitution", "1.5"], "--restitution = 1.5; legal"),
         (["--stiffness", "1", "--restitution", "half"], "--restitution = 'half'; legal: a number"),
         (["--stiffness", "1", "--restitution", "1e-30"], "--restitution = 1e-30; legal: from 0.0001 to 1"),
         (["--duration", "1e-12"], "legal for these masses, restitution and speed: a duration of at least"),
-        (["--duration", "-1"], "--duration = -1.0; legal: a finite number > 0 (s)"),
-        (["--duration", "1e9"], "--duration = 1000000000.0: a contact of 1e+09 s; legal: at most 1e+06 s"),
         (["--duration", "1e-3", "--stiffness", "1"], "--stiffness, duration: both given"),
         ([], "--stiffness, duration: neither given"),
         (["--stiffness", "1", "--masses", "inf", "inf"], "two fixed bodies do not collide"),
-        (["--stiffness", "1", "--masses", "8e307", "inf"], "--masses = 8e+307 inf; legal: from 1e-15 to"),
         (
             ["--stiffness", "1", "--masses", "1e-12", "1e12"],
             "one is 1e+24 times the other; legal: at most 1e+12",
         ),
         (["--stiffness", "1", "--speed", "1e-30"], "--speed = 1e-30; legal: from 1e-09 to 1e+09 (m/s)"),
         (["--stiffness", "1", "--gravity", "9.81"], "legal: 0 for two free bodies, which fall alike"),
-        (["--stiffness", "1", "--gravity", "-1"], "--gravity = '-1'; legal: a finite number >= 0"),
         (["--stiffness", "1", "--tolerance", "0"], "--tolerance = '0'; legal: greater than 0, at most 0.5"),
         (["--stiffness", "1", "--engine", "dart"], "--engine = 'dart'; legal: mujoco, pybullet, drake"),
     ):
@@ -74,10 +58,3 @@ def test_impossible_requests_are_one_line_and_exit_code_2(capsys):
         assert says in err
         assert "Traceback" not in err
         assert len([line for line in err.splitlines() if "trying steps" not in line]) == 1
-
-
-def test_an_engine_that_is_missing_is_said(capsys, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pydrake", None)
-    asked = ["--engine", "drake", "--masses", "1", "1", "--restitution", "1", "--stiffness", "1"]
-    assert main(["contact", *asked]) == 2
-    assert "unavailable: Drake is not installed: run pip install" in capsys.readouterr().err

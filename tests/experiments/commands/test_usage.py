@@ -5,7 +5,6 @@ import typer
 from impact_xval.experiments.commands.cli import app, main
 
 COMMANDS: list[str] = sorted(vars(typer.main.get_command(app))["commands"])
-CONTACT = ["contact", "--engine", "mujoco"]
 
 
 def test_both_words_for_help_are_legal_everywhere(capsys):
@@ -29,15 +28,3 @@ def test_a_usage_error_names_the_command_whose_help_is_meant(capsys):
         assert main(arguments) == 2
         said = capsys.readouterr().err.replace("argument (b)", "argument(s) (b)")  # older versions of typer
         assert said == f"impact-xval: {says} Try '{command} --help'.\n"
-
-
-def test_an_option_with_too_few_values_is_the_one_that_is_named(capsys):
-    for arguments, value in (
-        ([*CONTACT, "--masses", "1", "--restitution", "0.7"], "1"),
-        ([*CONTACT, "--restitution", "0.7", "--masses", "1"], "1"),
-        ([*CONTACT, "--masses", "--restitution", "0.7"], ""),
-    ):
-        assert main(arguments) == 2
-        assert capsys.readouterr().err == (
-            f"impact-xval: --masses = {value!r}; legal: 2 values. Try 'impact-xval contact --help'.\n"
-        )

@@ -13,7 +13,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[grid]\nstiffness_ratio = [1, -1]", ["grid.stiffness_ratio", "-1", "0 to inf"]),
         ("[grid]\nstiffness_ratio = [nan]", ["grid.stiffness_ratio", "nan", "0 to inf"]),
         ("[grid]\nmass_ratio = [inf]", ["grid.mass_ratio", "inf", "a finite number > 0"]),
-        ("[grid]\nmass_ratio = [0.0]", ["grid.mass_ratio", "0.0", "a finite number > 0"]),
         ("[grid]\ne1 = [0.5, 1.5]", ["grid.e1", "1.5", BELOW_ONE]),
         ("[grid]\ne2 = [-0.1]", ["grid.e2", "-0.1", BELOW_ONE]),
         ("[grid]\ne2 = ['half']", ["grid.e2", "half", "not a number", BELOW_ONE]),
@@ -32,11 +31,7 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[grid]\nstiffness_ratio = {log = [1, inf, 3]}", ["grid.stiffness_ratio", "both finite"]),
         ("[grid]\ne1 = {linear = [0, 1, 1]}", ["grid.e1", "n = 1", "from 2 to"]),
         ("[grid]\ne1 = {linear = [0, 1, 2.5]}", ["grid.e1", "n = 2.5", "a whole number"]),
-        ("[grid]\ne1 = {linear = [0, 1, 1000000000000]}", ["grid.e1", "1000000000000", "from 2 to"]),
-        (
-            "[grid]\ne1 = {linear = [0, 1, 9000]}\ne2 = {linear = [0, 1, 9000]}",
-            ["grid", "cells", "1 to 10000000"],
-        ),
+        ("[grid]\ne1 = {linear = [0, 1, 9000]}\ne2 = {linear = [0, 1, 9000]}", ["grid", "1 to 10000000"]),
     ],
     "columns": [
         ("[grid]\n[column]", ["grid and column are given", "legal: one of grid, sample, cells, column"]),
@@ -44,52 +39,26 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[column]\nballs = [1, 3]", ["column: balls = 1", "from 2 to 1000, for a cradle"]),
         ("[column]\nballs = {linear = [2, 5, 3]}", ["column.balls = 3.5", "a whole number from 2"]),
         ("[column]\ngap = [0.0, -1e-5]", ["column.gap = -1e-05", "a finite number >= 0 (m)"]),
-        ("[column]\ne = {linear = [0.5, 1.5, 3]}", ["column.e", "1.5", BELOW_ONE]),
         ("[column]\nexponent = 0.5", ["column.exponent = 0.5", "1.5: Hertz) to 3"]),
         ("[column]\nmass_taper = [0.0]", ["column.mass_taper = 0.0", "> 0 (m_(i+1)/m_i)"]),
-        (
-            "[column]\nballs = 10\nstiffness_taper = [1, 1e200]",
-            [
-                "column.stiffness_taper = 1e+200",
-                "power 9",
-                "k1 = 100000000.0 times that",
-                "finite numbers > 0",
-            ],
-        ),
-        (
-            "[column]\narrangement = ['chain', 'pile']",
-            ["column.arrangement = 'pile'", "'chain', 'cradle', 'drop' or 'stack'"],
-        ),
+        ("[column]\nballs = 10\nstiffness_taper = [1, 1e200]", ["stiffness_taper = 1e+200", "power 9"]),
+        ("[column]\narrangement = ['pile']", ["column.arrangement = 'pile'", "'drop' or 'stack'"]),
         ("[column]\nballs = [3, 4]\nstrike = [1, 3]", ["strike = 3", "from 1 to 2, for 3 balls"]),
         ("[column]\narrangement = 'drop'\nstrike = 1", ["strike = 1", "none without a cradle"]),
-        (
-            "scenario = 'drop'\n[column]",
-            ["scenario = 'drop'", "without gravity", "legal with column: 'impact'"],
-        ),
+        ("scenario = 'drop'\n[column]", ["scenario = 'drop'", "legal with column: 'impact'"]),
         ("[column]\n[figure_cell]", ["figure_cell is given with column", "figure_column"]),
         ("[column]\nball = 3", ["column.ball = 3", "did you mean 'balls'"]),
     ],
     "scales": [
         ("gravity = 0", ["gravity = 0", "a finite number > 0"]),
-        ("gravity = nan", ["gravity = nan", "a finite number > 0"]),
-        ("m1 = -1.0", ["m1 = -1.0", "a finite number > 0 (kg)"]),
         ("m1 = '1'", ["m1 = '1'", "a finite number > 0 (kg)"]),
         ("k1 = inf", ["k1 = inf", "a finite number > 0 (N/m)"]),
         ("v0 = 1.0", ["v0 = 1.0", "a finite number < 0"]),
         ("m1 = -1\nv0 = 1", ["m1 = -1", "and 1 more"]),
-        (
-            "k1 = 1e300\n[grid]\nstiffness_ratio = [1e200]",
-            ["stiffness_ratio = 1e+200", "double precision"],
-        ),
-        ("m1 = 1e-300\n[grid]\nmass_ratio = [1e-200]", ["mass_ratio = 1e-200", "double precision"]),
-        ("v0 = -1e-300\nk1 = 1e-100", ["v0 = -1e-300", "k1 = 1e-100", "= inf leaves double precision"]),
-        (
-            "v0 = -1e200\ngravity = 1e-50\n[sample]\nmass_ratio = {log = [1e-300, 1.0]}",
-            ["v0 = -1e+200", "mass_ratio = 1e-300", "= 0.0 leaves double precision"],
-        ),
+        ("k1 = 1e300\n[grid]\nstiffness_ratio = [1e200]", ["stiffness_ratio = 1e+200", "precision"]),
         (
             "scenario = 'impact'\nm1 = 1e-200\nv0 = -1e-200",
-            ["m1 = 1e-200 times |v0| = 1e-200 leaves double precision", "legal: a finite product > 0"],
+            ["m1 = 1e-200 times |v0| = 1e-200", "product > 0"],
         ),
     ],
     "settings": [
@@ -110,10 +79,7 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[figure_cell]\ne1 = 2.0", ["figure_cell.e1 = 2.0", BELOW_ONE]),
         ("[convergence]\ntolerance = 0", ["convergence.tolerance", "0", "greater than 0, at most 1"]),
         ("[convergence]\nhalvings = -1", ["convergence.halvings", "-1", "from 0 to 10"]),
-        (
-            "[convergence]\nhalving = 3",
-            ["convergence.halving", "did you mean 'halvings'", "enabled, tolerance"],
-        ),
+        ("[convergence]\nhalving = 3", ["convergence.halving", "did you mean 'halvings'"]),
     ],
     "solvers": [
         ("solvers = []", ["solvers", "empty", "state-transition"]),
@@ -158,23 +124,24 @@ def test_a_configuration_that_cannot_be_read_is_one_line(tmp_path, capsys):
     assert sorted(tmp_path.iterdir()) == [latin]
 
 
-def test_a_folder_that_is_not_of_a_run_is_not_written_to(tmp_path, capsys):
-    good = tmp_path / "good.toml"
-    good.write_text("solvers = ['state-transition']")
-    contents = {
-        "foreign/thesis.txt": ("mine", ["--out", "thesis.txt", "not a run"]),
-        "damaged/manifest.json": ("{", ["manifest.json", "damaged"]),
-        "other/manifest.json": ('{"format": "another program"}', ["manifest.json", "not the manifest"]),
-    }
-    for name, (text, expected) in contents.items():
-        (tmp_path / name).parent.mkdir()
-        (tmp_path / name).write_text(text)
-        for more in ([], ["--resume"]):
-            _fails(capsys, ["run", str(good), "--out", str((tmp_path / name).parent), *more], expected)
-        assert [path.read_text() for path in (tmp_path / name).parent.iterdir()] == [text]
-    _fails(
-        capsys, ["run", str(good), "--out", "/proc/impact-xval"], ["/proc/impact-xval", "cannot be written"]
-    )
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("thesis.txt", "mine", ["--out", "thesis.txt", "not a run"]),
+        ("manifest.json", "{", ["manifest.json", "damaged"]),
+        ("manifest.json", '{"format": "another program"}', ["manifest.json", "not the manifest"]),
+    ],
+    ids=["foreign", "damaged", "other"],
+)
+def test_a_folder_that_is_not_of_a_run_is_not_written_to(tmp_path, capsys, name, text, expected):
+    (tmp_path / name).write_text(text)
+    for more in ([], ["--resume"]):
+        _fails(capsys, ["run", "--out", str(tmp_path), *more], expected)
+    assert [path.read_text() for path in tmp_path.iterdir()] == [text]
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(capsys):
+    _fails(capsys, ["run", "--out", "/proc/impact-xval"], ["/proc/impact-xval", "cannot be written"])
 
 
 @pytest.mark.parametrize("command", ["table", "figures", "report"])
@@ -182,13 +149,11 @@ def test_what_is_shown_of_a_run_needs_a_finished_one(command, tmp_path, capsys):
     _fails(capsys, [command, str(tmp_path / "none")], ["none", "no such folder"])
     _fails(capsys, [command, str(tmp_path)], ["no manifest.json", "legal: the folder of a run"])
     manifest = {
-        **{
-            "format": "impact-xval run, format 1",
-            "state": "running",
-            "cells": 1,
-            "chunks": 1,
-            "sessions": [],
-        },
+        "format": "impact-xval run, format 1",
+        "state": "running",
+        "cells": 1,
+        "chunks": 1,
+        "sessions": [],
         **{key: {} for key in ("configuration", "versions", "libraries", "machine")},
         **dict.fromkeys(("started", "identity", "seeds"), ""),
     }
@@ -200,23 +165,16 @@ CELL = {"--stiffness-ratio": "1", "--mass-ratio": "1", "--e1": "0.9", "--e2": "0
 RATIOS = [word for pair in CELL.items() for word in pair]
 OPTIONS = [
     ({"--stiffness-ratio": "-1"}, ["--stiffness-ratio = -1", "0 to inf"]),
-    ({"--stiffness-ratio": "nan"}, ["--stiffness-ratio = nan", "0 to inf"]),
     ({"--stiffness-ratio": "stiff"}, ["--stiffness-ratio = 'stiff'", "0 to inf"]),
     ({"--mass-ratio": "0"}, ["--mass-ratio = 0", "a finite number > 0"]),
-    ({"--mass-ratio": "inf"}, ["--mass-ratio = inf", "a finite number > 0"]),
     ({"--e1": "1.01"}, ["--e1 = 1.01", BELOW_ONE]),
-    ({"--e2": "-0.5"}, ["--e2 = -0.5", BELOW_ONE]),
     ({"--scenario": "throw"}, ["--scenario = 'throw'", "'impact' or 'drop'"]),
     ({"--mapping": "x"}, ["--mapping = 'x'", "'calibrated' or 'naive'"]),
     ({"--step-fraction": "0"}, ["--step-fraction = 0", "at most 0.1"]),
     ({"--v0": "0"}, ["--v0 = 0", "a finite number < 0"]),
     ({"--m1": "0"}, ["--m1 = 0", "a finite number > 0"]),
-    ({"--k1": "-1"}, ["--k1 = -1", "a finite number > 0"]),
     ({"--gravity": "-9"}, ["--gravity = -9", "a finite number > 0"]),
-    (
-        {"--gravity": "5"},
-        ["--gravity = 5", "--scenario impact, which has no gravity; legal: --scenario drop"],
-    ),
+    ({"--gravity": "5"}, ["--gravity = 5", "has no gravity; legal: --scenario drop"]),
     ({"--cutoff": "0.5"}, ["--cutoff = 0.5", "greater than 1"]),
     ({"--cutoff": "none"}, ["--cutoff = 'none'", "greater than 1, up to inf, or 'exact'"]),
     ({"--cell-timeout": "0"}, ["--cell-timeout = 0.0; legal: "]),
@@ -237,16 +195,8 @@ CRADLE = [
     ({"--v0": "1"}, ["--v0 = 1.0", "a finite number < 0 (m/s, up is positive)"]),
     ({"--arrangement": "tower"}, ["'tower'", "'chain', 'cradle', 'drop' or 'stack'"]),
     ({"--mass-taper": "0"}, ["--mass-taper = 0.0", "a finite number > 0 (m_(i+1)/m_i)"]),
-    ({"--mass-taper": "1e200"}, ["--mass-taper = 1e+200", "power 4", "finite numbers > 0"]),
-    (
-        {"--k": "1e300", "--stiffness-taper": "1e10"},
-        ["--stiffness-taper = 1", "k = 1e+300 times that", "finite numbers > 0"],
-    ),
-    ({"--k": "0"}, ["--k = 0.0", "a finite number > 0 (N/m^p)"]),
+    ({"--k": "1e300", "--stiffness-taper": "1e10"}, ["--stiffness-taper = 1", "k = 1e+300 times that"]),
     ({"--m": "1e-200", "--v0": "-1e-200"}, ["--v0 = -1e-200", "m = 1e-200", "product > 0"]),
-    ({"--step-fraction": "1"}, ["--step-fraction = 1.0", "at most 0.1"]),
-    ({"--mapping": "x"}, ["--mapping = 'x'", "'calibrated' or 'naive'"]),
-    ({"--solver": "bullet"}, ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
     ({"--e": "2", "--gap": "-1"}, ["--e = 2.0", "(and 1 more)"]),
 ]
 
@@ -266,6 +216,7 @@ def test_wrong_words_of_other_commands_are_one_line_and_leave_no_file(capsys, tm
         (["sovle"], ["sovle", "--help"]),
         (["table"], ["Missing argument", "DIR"]),
         (["run", "a.toml", "b.toml"], ["b.toml"]),
+        (["explore", "--port", "65536"], ["--port = '65536'", "a whole number from 0 to 65535"]),
         (["run", "--workers", "0"], ["--workers = '0'", "a whole number from 1 to 4096"]),
         (["run", "--workers", "two"], ["--workers = 'two'", "a whole number from 1 to 4096"]),
         (["conform", "bullet"], ["SOLVER 'bullet'", "did you mean 'pybullet'", "legal: state-transition"]),

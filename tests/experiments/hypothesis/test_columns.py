@@ -1,7 +1,6 @@
 """The hypothesis in columns: what a welded column is, and verdicts on laws of which it is known where they go."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -121,48 +120,14 @@ def test_verdicts(solver, arrangement, where, lossy, elastic):
             assert point.judgement.offset == pytest.approx(D[-1], rel=0.2)
 
 
-def test_too_short_a_range_is_undecided_and_misses_nothing():
-    place = Place("chain", "bottom")
-    found = examine_place("kelvin-voigt", place, draw(place, 2, (5, 5), 1), CONTRAST[:5], 3.0).whole
-    assert found.verdict == "undecided"
-    assert "extend the range of contrasts" in found.reason
-    for point in found.members:
-        assert [math.isnan(v) for v in point.judgement.limit] == [True] * 5
-        assert math.isnan(point.missed)
-
-
-def test_a_range_of_any_length_leaves_no_window_without_outcomes():
-    for ends in ((10.0, 5e4), (10.0, 2e4)):
-        x = spaced(ends, 4)
-        assert x[-1] == pytest.approx(ends[1])
-        assert ends[0] * (1 - 1e-9) <= x[0] < ends[0] * 10**0.25
-        assert np.diff(np.log10(x)) == pytest.approx(0.25)
-        place = Place("stack", "middle")
-        found = examine_place("state-transition", place, draw(place, 3, (4, 4), 1), x, 3.0).whole
-        assert found.verdict == "supported"
-
-
-class Planted:
-    """Goes to the welded column, but for the top ball, which stays off by `left`."""
-
-    def __init__(self, left):
-        self.left = left
-
-    def solve_columns(self, columns, settings):
-        *series, form = [solve_column(column) for column in columns]
-        whole = of_each_ball(form.velocities, 0, len(form.velocities) + 1)
-        moved = [(whole[0] + self.left + 0.1 / x, *whole[1:]) for x in CONTRAST]
-        return [*map(_moved, series, moved), form]
-
-
-def _moved(outcome, velocities):
-    return replace(outcome, velocities=velocities, status="ok", grazing_margin=None)
-
-
-@pytest.mark.parametrize(("left", "verdict"), [(0.01, "refuted"), (0.0, "supported")])
-def test_what_is_planted_is_found(monkeypatch, left, verdict):
-    monkeypatch.setattr("impact_xval.experiments.hypothesis.columns.get_solver", lambda name: Planted(left))
-    place = Place("stack", "top")
-    found = examine_place("planted", place, draw(place, 2, (4, 4), 1), CONTRAST, 3.0).whole
-    assert found.verdict == verdict
-    assert found.rates == pytest.approx([1.0, 1.0] if verdict == "supported" else [], abs=1e-6)
+@pytest.mark.parametrize("end", [5e4, 2e4])
+def test_a_range_of_any_length_leaves_no_window_without_outcomes(end):
+    x = spaced((10.0, end), 4)
+    assert x[-1] == pytest.approx(end)
+    assert 10.0 * (1 - 1e-9) <= x[0] < 10.0 * 10**0.25
+    assert np.diff(np.log10(x)) == pytest.approx(0.25)
+    place = Place("stack", "middle")
+    assert (
+        examine_place("state-transition", place, draw(place, 3, (4, 4), 1), x, 3.0).whole.verdict
+        == "supported"
+    )

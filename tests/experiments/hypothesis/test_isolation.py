@@ -1,68 +1,16 @@
 """A solver that crashes or hangs costs the collisions it does so at, with a status and a reason, and nothing else."""
 
-import os
-import time
-
 import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.experiments.hypothesis.config import parse
 from impact_xval.experiments.hypothesis.run import run_hypothesis
-from impact_xval.experiments.hypothesis.solvers import at_no_step, isolated, outcomes_of
-from impact_xval.experiments.hypothesis.tables import mechanism_frame, outcome_frame, point_frame
-from impact_xval.experiments.sweep.sandbox import Sandbox
-from impact_xval.model import Outcome
-from tests.experiments import fakes, faulty
+from impact_xval.experiments.hypothesis.tables import outcome_frame, point_frame
+from tests.experiments import faulty
 
 
-def prepare(context):
-    """Import this module, by being found in it: what a call imports counts as its time."""
-
-
-def mortal(kappa, mu, e1, e2):
-    """Give kappa and mu, and hang at one value of e1."""
-    if faulty.HANG in e1:
-        time.sleep(600)
-    return outcomes_of(kappa, mu)
-
-
-class Fragile(faulty.Faulty):
-    """Dies of some values of e1, and of one trajectory."""
-
-    def solve_many(self, collisions, settings):
-        if settings.record_path and any(c.k2 > 5e4 * c.k1 for c in collisions):
-            os.abort()
-        return super().solve_many(collisions, settings)
-
-
-def fragile(name):
-    return Fragile() if name == "mujoco" else get_solver(name)
-
-
-@pytest.fixture
-def sandbox():
-    made = Sandbox(None, prepare)
-    yield made
-    made.close()
-
-
-def ratios(*e1):
-    n = len(e1)
-    return np.array([np.arange(1.0, n + 1), np.arange(11.0, n + 11), e1, np.full(n, 0.7)])
-
-
-def test_the_collisions_at_fault_are_named_and_the_others_answered(sandbox):
-    found = isolated(sandbox, mortal, ratios(0.5, faulty.HANG), 3.0)
-    assert found.status.tolist() == ["ok", "timeout"]
-    assert found.reason.tolist() == ["", "no answer within 3 s; its process was ended"]
-    assert (found.v1[0], found.v2[0]) == (1, 11)
-    assert np.isnan([found.v1[1], found.v2[1], found.error[1]]).all()
-
-
-@pytest.mark.nightly
-def test_a_run_survives_and_every_table_says_what_failed_and_why():
+@pytest.mark.slow
+def test_a_run_survives_and_its_tables_say_what_failed_and_why():
     """The range of contrasts is too short for two: one collision a point."""
     config = parse(
         {
@@ -75,48 +23,16 @@ def test_a_run_survives_and_every_table_says_what_failed_and_why():
         },
         "test",
     )
-    results = run_hypothesis(config, workers=1, resolve=fragile)
+    results = run_hypothesis(config, workers=1, resolve=faulty.faulty)
     outcomes = outcome_frame(results)
     assert len(outcomes) == 6 * 6 + 1
     lost = outcomes[~outcomes.status.isin(["ok", "limit"])]
     assert lost[["case", "e1", "status", "reason"]].to_numpy().tolist() == [
         ["zero-late", faulty.SEGFAULT, "crashed", "its process died: SIGSEGV"]
     ]
-    assert lost.v1.isna().all()
+    assert np.isnan(lost[["v1", "v2"]].to_numpy()).all()
     points = point_frame(results)
     said = points[points.without_result != ""]
     assert said[["case", "e1", "verdict", "without_result"]].to_numpy().tolist() == [
         ["zero-late", faulty.SEGFAULT, "undecided", "1 of 1 crashed: its process died: SIGSEGV"]
     ]
-    motions = mechanism_frame(results)
-    dead = motions[~motions.status.isin(["ok", "limit"])]
-    assert dead[["case", "contrast", "status", "reason"]].to_numpy().tolist() == [
-        ["infinity", 1e5, "crashed", "its process died: SIGABRT"]
-    ]
-    maps = results.maps
-    assert maps.status.isin(["ok", "limit"]).all()
-    assert maps.error.notna().all()
-
-
-class Stumbling(fakes.Shifted):
-    """Cannot do a heavy B2 at the longest step."""
-
-    def solve_many(self, collisions, settings):
-        outcomes = super().solve_many(collisions, settings)
-        failed = Outcome.failure(self.name, "unconverged", "the step is too long")
-        return [
-            failed if settings.step_fraction == 0.01 and c.m2 > 2 else outcome
-            for c, outcome in zip(collisions, outcomes, strict=True)
-        ]
-
-
-def stumbling(name):
-    return Stumbling()
-
-
-def test_what_fails_at_one_step_has_the_status_and_the_reason_of_that_step():
-    ratios = np.array([[1.0, 1.0], [1.0, 3.0], [0.9, 0.9], [0.7, 0.7]])
-    found = at_no_step(stumbling, "mujoco", Settings(step_fraction=0.01), *ratios)
-    assert found.status.tolist() == ["ok", "unconverged"]
-    assert found.reason.tolist() == ["", "the step is too long"]
-    assert np.isfinite(found.v1).tolist() == [True, False]

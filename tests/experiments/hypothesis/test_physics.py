@@ -2,7 +2,6 @@
 
 import math
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -236,21 +235,3 @@ def test_bistiffness_misses_a_plastic_limit_in_few_cells_and_agrees_in_most():
     assert 0.77 < within < 0.86
     beyond, within = misses.shares(misses.distances("kelvin-voigt", BY_KEY["plastic-ball-table"], 100, 2))
     assert (beyond, within) == (1, 0)
-
-
-@pytest.mark.nightly
-def test_the_shares_of_the_page_are_those_that_the_benchmark_measures(capsys):
-    text = (Path(__file__).parents[3] / "docs/hypothesis.md").read_text(encoding="utf-8")
-    printed = text.split("<!-- misses -->\n")[1].split("\n\n")[0].splitlines()[2:]
-    columns = [
-        "state-transition",
-        "bistiffness",
-        "kelvin-voigt",
-        "kelvin-voigt-anchored",
-        "kelvin-voigt-textbook",
-    ]
-    misses.main(["--cells", "1000", "--seed", "1", "--solver", *columns])
-    found = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| `")]
-    assert [line.split(" | ")[: 1 + len(columns)] for line in printed] == [
-        line.removesuffix(" |").split(" | ") for line in found
-    ]

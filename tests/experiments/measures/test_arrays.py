@@ -11,30 +11,21 @@ from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
 
 
-@pytest.fixture
-def folder(tmp_path, small):
-    return run_sweep(small, tmp_path / "a", isolate=False, resolve=fakes.crashing)
-
-
-def test_a_grid_has_its_axes(folder):
-    data = to_xarray(folder.root, ["status", "v1", "velocity_divergence", "states_equal"])
+def test_a_grid_has_its_axes(crashing_run):
+    data = to_xarray(crashing_run.root, ["status", "v1", "velocity_divergence", "states_equal"])
     assert dict(data.sizes) == {"solver": 3, "stiffness_ratio": 3, "mass_ratio": 2, "e1": 2, "e2": 1}
     assert data.v1.attrs["units"] == "m/s"
-    for row in pq.read_table(folder.root / "cells.parquet").to_pylist():
-        place = {axis: row[axis] for axis in ("solver", "stiffness_ratio", "mass_ratio", "e1", "e2")}
-        assert data.status.sel(place).item() == row["status"]
-        assert data.v1.sel(place).item() == pytest.approx(
-            np.nan if row["v1"] is None else row["v1"], nan_ok=True
-        )
-    for row in pq.read_table(folder.root / "divergence.parquet").to_pylist():
-        place = {axis: row[axis] for axis in ("solver", "stiffness_ratio", "mass_ratio", "e1", "e2")}
-        d = row["velocity_divergence"]
-        assert data.velocity_divergence.sel(place).item() == pytest.approx(
-            np.nan if d is None else d, nan_ok=True
-        )
+    for table, names in (("cells", ["status", "v1"]), ("divergence", ["velocity_divergence"])):
+        for row in pq.read_table(crashing_run.root / f"{table}.parquet").to_pylist():
+            there = data.sel(
+                {axis: row[axis] for axis in ("solver", "stiffness_ratio", "mass_ratio", "e1", "e2")}
+            )
+            for name in names:
+                expected = np.nan if row[name] is None else row[name]
+                assert there[name].item() == pytest.approx(expected, nan_ok=True)
     assert np.isnan(data.velocity_divergence.sel(solver="state-transition")).all()
     with pytest.raises(ValueError, match=r"columns: 'v3' is unknown; known: cell, "):
-        to_xarray(folder, ["v3"])
+        to_xarray(crashing_run, ["v3"])
 
 
 def test_another_design_has_cells(tmp_path):

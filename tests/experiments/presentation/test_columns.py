@@ -11,7 +11,6 @@ from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import load_config
 from impact_xval.experiments.measures.columns.summary import summarise_columns
 from impact_xval.experiments.presentation.report import present
-from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folders import finished
 
@@ -44,16 +43,11 @@ def test_every_median_is_that_of_the_table(root):
     assert (summary.n_cells, list(summary.axes)) == (24, ["balls", "arrangement", "e", "exponent"])
     for name in ("bistiffness", "kelvin-voigt", "mujoco"):
         of_solver = rows[(rows.solver == name) & rows.marked.isna()]
-        found = summary.get(name, "velocity_divergence")
-        assert found["median"] == of_solver.velocity_divergence.median()
-        assert found["n"] == of_solver.velocity_divergence.notna().sum()
-        for n in (2, 3, 4):
-            some = of_solver[of_solver.balls == n].velocity_divergence
-            assert summary.get(name, "velocity_divergence", "balls", n)["median"] == some.median()
-        worst = summary.worst[summary.worst.solver == name]
-        assert worst.velocity_divergence.iloc[0] == of_solver.velocity_divergence.max()
+        for where, some in (((), of_solver), (("balls", 3), of_solver[of_solver.balls == 3])):
+            found = summary.get(name, "velocity_divergence", *where)
+            assert found["median"] == some.velocity_divergence.median()
+            assert found["n"] == some.velocity_divergence.notna().sum()
     assert summary.statuses.loc["mujoco", "unrepresentable"] == 12
-    assert summary.statuses.loc["kelvin-voigt", "ok"] == 24
     (reason,) = {row.reason for row in summary.reasons.itertuples() if row.solver == "mujoco"}
     assert "exponent = 1.5" in reason
 
@@ -63,45 +57,21 @@ def test_the_page_shows_it(root):
     page = re.sub(r"<script.*?</script>|<style.*?</style>", "", page, flags=re.DOTALL)
     captions = json.loads((root / "figures/captions.json").read_text(encoding="utf-8"))
     assert page.count("data:image/png;base64,") == len(captions) >= 7
-    summary = summarise_columns(finished(root))
     for words in ("N = 2", "N = 3", "N = 4", "unrepresentable", "state-transition", "few columns"):
         assert words in page
-    median = summary.get("kelvin-voigt", "velocity_divergence")["median"]
+    median = summarise_columns(finished(root)).get("kelvin-voigt", "velocity_divergence")["median"]
     assert f"kelvin-voigt diverges from the model by D = {median:.3g} (median)" in page
-    assert "None" not in page.partition("Provenance</h2>")[0]
     assert not re.search(r"\bnan\b", re.sub(r"base64,[^\"]*", "", page))
 
 
 def test_the_curves_are_of_the_column_of_the_figures(root):
     curves = {row["solver"]: row for row in pq.read_table(root / "curves.parquet").to_pylist()}
     model, law = curves["state-transition"], curves["kelvin-voigt"]
-    assert [len(row["velocities"]) for row in curves.values() if row["velocities"]][:3] == [4] * 3
-    assert len(model["forces"]) == 3
-    assert {len(forces) for forces in model["forces"]} == {len(model["time"])}
-    assert max(len(row["time"]) for row in curves.values()) < 400
+    assert len(model["velocities"]) == 4
     # The impulse of the first contact is what ball 1 loses, per m1 |v0|.
     for row in (model, law, curves["mujoco"]):
         time, force = row["time"], row["forces"][0]
-        impulse = sum(
-            (b - a) * (f + g) / 2 for a, b, f, g in zip(time, time[1:], force, force[1:], strict=False)
-        )
-        assert impulse == pytest.approx(1 + row["velocities"][0], rel=2e-2)
-
-
-def test_the_points_that_are_kept_of_forces_are_enough_to_draw_them():
-    time = np.concatenate([np.linspace(0, 10, 9000), np.linspace(1e6, 1e6 + 1, 1000)])
-    forces = np.column_stack([np.sin(3 * time), np.zeros_like(time)])
-    forces[5000, 1] = 7.0
-    forces[5000:5005, 1] = 7.0
-    time[5004:5006] = time[5004]  # a force that ends at once
-    forces[9000:, 0] = 0.0
-    kept = needed(time, forces)
-    assert len(kept) < 250
-    assert {0, 5000, 5004, 5005, 9999} <= set(kept)
-    assert forces[kept].max(axis=0).tolist() == forces.max(axis=0).tolist()
-    other = np.delete(np.arange(len(time)), 5004)  # of the two at one instant
-    drawn = np.column_stack([np.interp(time[other], time[kept], force[kept]) for force in forces.T])
-    assert np.abs(drawn - forces[other]).max() < 1.001e-3 * 7
+        assert np.trapezoid(force, time) == pytest.approx(1 + row["velocities"][0], rel=2e-2)
 
 
 def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_law(tmp_path, capsys):
@@ -119,14 +89,9 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
         assert row == ("2", "2")
 
 
-def test_commands_for_two_balls_refuse_it_and_the_table_is_shown_again(root, capsys):
-    for command in (["doctor", str(root)], ["export-scene", str(root), "--cell", "0"]):
-        assert main(command) == 2
-        error = capsys.readouterr().err
-        assert "columns of N balls; legal: " in error
-        assert error.count("\n") == 1
-    assert main(["table", str(root)]) == 0
-    assert "mujoco: unrepresentable in 12: exponent = 1.5" in capsys.readouterr().out
+def test_a_command_for_two_balls_refuses_it(root, capsys):
+    assert main(["export-scene", str(root), "--cell", "0"]) == 2
+    assert "columns of N balls; legal: " in capsys.readouterr().err
 
 
 def test_the_ladder_is_shown_of_the_run_of_a_column_and_by_way_of_a_law(root, capsys):

@@ -33,12 +33,10 @@ def cells(first):
 def as_printed(text):
     """Read a number with the half unit of its last digit by which it may be off, and more for a new version."""
     number, percent = re.fullmatch(r"(-?[\d.]+)( %)?", text).groups()
-    unit = 10.0 ** -len(number.partition(".")[2])
     scale = 0.01 if percent else 1.0
     # 51 % of a unit: a value that lies on a border may round either way.
-    return pytest.approx(
-        float(number) * scale, abs=0.51 * unit * scale + (0.0 if of_these_versions() else NEW_VERSION)
-    )
+    half = 0.51 * scale * 10.0 ** -len(number.partition(".")[2])
+    return pytest.approx(float(number) * scale, abs=half + (0.0 if of_these_versions() else NEW_VERSION))
 
 
 def of_these_versions():
@@ -46,30 +44,19 @@ def of_these_versions():
     return all(f"{label} {get_solver(ROWS[label]).version()}" in PAGE for label in ENGINES)
 
 
-@pytest.fixture(scope="module")
-def summary(tmp_path_factory):
+@pytest.mark.nightly
+def test_medians_and_shares_are_what_the_page_prints(tmp_path):
     for label in ENGINES:
         if get_solver(ROWS[label]).unavailable() is not None:
             pytest.skip(f"{label} is not installed")
-    folder = run_sweep(parse_config({}), tmp_path_factory.mktemp("default") / "run")
-    write_tables(folder)
-    return pd.read_csv(folder.root / "summary.csv", dtype={"value": str}).query(
-        "axis in ('all', 'stiffness_band')"
-    )
-
-
-@pytest.mark.nightly
-def test_divergence_is_what_the_page_prints(summary):
+    write_tables(run_sweep(parse_config({}), tmp_path / "run"))
+    summary = pd.read_csv(tmp_path / "run/summary.csv", dtype={"value": str})
     for label, name in ROWS.items():
         found = summary[(summary.solver == name) & (summary.cells == "all") & (summary.axis == "all")]
         (D,) = found[found.measure == "velocity_divergence"].itertuples()
         (paths,) = found[found.measure == "states_equal"].itertuples()
         printed = [as_printed(text) for text in cells(label)]
         assert [D.median, D.p95, D.max, paths.mean] == printed, label
-
-
-@pytest.mark.nightly
-def test_shares_are_what_the_page_prints(summary):
     of_mujoco = summary[(summary.solver == "mujoco") & (summary.axis == "stiffness_band")]
     rungs = ("frozen_positions", "dissipation_law", "gravity", "mapping", "discretisation")
     for band, value in BANDS.items():

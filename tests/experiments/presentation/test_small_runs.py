@@ -1,12 +1,9 @@
 """Runs with little in them, each a result: one cell, one solver, no difference at all, nothing but failures."""
 
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.measures.summary import marks_of
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
@@ -21,8 +18,6 @@ RUNS = {
     "agreement beside a failure": ({}, fakes.perfect),
     "nothing but failures": ({"solvers": ["mujoco", "pybullet"]}, fakes.refusing),
     "the model fails too": ({"solvers": ["mujoco"]}, fakes.refusing_all),
-    "numbers beyond all reason": ({"solvers": ["mujoco"]}, fakes.wild),
-    "no result is a number": ({"solvers": ["mujoco"]}, fakes.lying),
 }
 
 
@@ -30,21 +25,15 @@ RUNS = {
 def test_terminal_shows_it(kind, runs, capsys):
     for command in ("table", "ladder"):
         assert main([command, str(runs(kind))]) == 0, capsys.readouterr().err
-        said = capsys.readouterr()
-        assert "Traceback" not in said.err
-        if kind == "agreement":
-            assert "mujoco ends where the model does: there is nothing to split." in " ".join(
-                said.out.split()
-            )
+    if kind == "agreement":
+        shown = " ".join(capsys.readouterr().out.split())
+        assert "mujoco ends where the model does: there is nothing to split." in shown
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "kind", ["agreement beside a failure", "nothing but failures", "numbers beyond all reason"]
-)
+@pytest.mark.parametrize("kind", ["agreement beside a failure", "nothing but failures"])
 def test_its_page_is_written(kind, runs, capsys):
     assert main(["report", str(runs(kind))]) == 0, capsys.readouterr().err
-    assert "Traceback" not in capsys.readouterr().err
 
 
 def test_what_has_no_result_is_counted_with_the_most_frequent_reason(runs, capsys):
@@ -52,20 +41,6 @@ def test_what_has_no_result_is_counted_with_the_most_frequent_reason(runs, capsy
     shown = " ".join(capsys.readouterr().out.split())
     assert "pybullet has no result in 12 of 12 cells (12 unavailable), most often: " in shown
     assert "asked for the same law" not in shown  # a solver without a result is no vote
-
-
-def test_rows_marked_where_the_model_is_not_are_all_counted(tmp_path):
-    """Those without a result too: of 10 cells the model is marked in 2, the engine in 5."""
-    rows = [
-        {"cell": cell, "solver": name, "status": "ok" if cell % 2 else "timeout", "marked": mark}
-        for cell in range(10)
-        for name, mark in (
-            ("state-transition", "near" if cell < 2 else None),
-            ("mujoco", "near" if cell < 5 else None),
-        )
-    ]
-    pq.write_table(pa.Table.from_pylist(rows), tmp_path / "cells.parquet")
-    assert marks_of(tmp_path / "cells.parquet", ["mujoco"]) == (2, {"mujoco": 3})
 
 
 @pytest.fixture(scope="module")

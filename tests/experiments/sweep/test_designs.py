@@ -13,17 +13,13 @@ from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.configuration import load_config, parse_config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.summary import summarise
-from impact_xval.experiments.presentation.report import write_tables
 from impact_xval.experiments.sweep.designs import cells_of, draw, read_cells
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
+from tests.experiments.conftest import resumed
 
-BOX = {
-    "stiffness_ratio": {"log": [0.1, 10.0]},
-    "mass_ratio": {"linear": [0.5, 2.0]},
-    "e1": 0.9,
-    "e2": {"linear": [0, 1]},
-}
+RATIOS = {"stiffness_ratio": {"log": [0.1, 10.0]}, "mass_ratio": {"linear": [0.5, 2.0]}}
+BOX = RATIOS | {"e1": 0.9, "e2": {"linear": [0, 1]}}
 
 
 @pytest.mark.parametrize("method", ["sobol", "latin-hypercube", "random"])
@@ -38,8 +34,6 @@ def test_samples_fill_the_box_and_follow_their_seed(method):
     low, high = cells.min(axis=0), cells.max(axis=0)
     assert np.all(low >= [0.1, 0.5, 0.9, 0])
     assert np.all(high <= [10, 2, 0.9, 1])
-    assert high[0] > 8
-    assert low[3] < 0.02
     # Evenly in the logarithm: half of the stiffness ratios lie below 1, not below the middle of [0.1, 10].
     assert np.mean(cells[:, 0] < 1) == pytest.approx(0.5, abs=0.07)
 
@@ -60,27 +54,6 @@ def test_a_shorter_sample_is_the_beginning_of_a_longer_one():
     assert np.array_equal(longer[:70], shorter)
 
 
-def test_points_are_even_in_the_logarithm_where_the_quotient_of_the_ends_overflows():
-    share = np.linspace(0, 1, 9)
-    for ends in ([0.1, 10.0], [1e-160, 1e160], [1e-300, 1e300]):
-        low, high = map(math.log10, ends)
-        box = {**BOX, "stiffness_ratio": {"log": ends}, "mass_ratio": 1.0, "e2": 1.0}
-        ratios = Sample.model_validate(box).place(share[:, None])[:, 0]
-        assert np.log10(ratios) == pytest.approx(low + (high - low) * share, rel=1e-14, abs=1e-12)
-        assert np.all((ratios >= ends[0]) & (ratios <= ends[1])), ends
-
-
-def test_the_built_in_grid_does_not_judge_a_sample_or_a_list(tmp_path):
-    box = {"stiffness_ratio": {"log": [0.1, 10.0]}, "mass_ratio": 1.0}
-    extreme = {"scenario": "impact", "k1": 1e306}
-    assert len(cells_of(parse_config(extreme | {"sample": {"n": 8, **box}}))) == 8
-    path = _write(tmp_path / "cells.csv", [[10.0, 1.0, 0.9, 0.7]])
-    assert cells_of(parse_config(extreme | {"cells": str(path)}))[0].collision.k2 == 1e307
-    for illegal in ({}, {"sample": {"n": 8, "stiffness_ratio": 1e3}}):
-        with pytest.raises(UserError, match=r"stiffness_ratio = .* leaves double precision"):
-            parse_config(extreme | illegal)
-
-
 def _write(path, values):
     if path.suffix == ".parquet":
         pq.write_table(pa.table(dict(zip(AXES, np.transpose(values), strict=True))), path)
@@ -92,17 +65,12 @@ def _write(path, values):
 
 @pytest.mark.parametrize("name", ["cells.csv", "cells.parquet"])
 def test_a_list_is_read_to_the_last_bit_and_in_its_order(tmp_path, name):
-    values = [
-        [1 / 3, 0.7, 0.1, 1.0],
-        [math.inf, 2.0, 0.0, 0.5],
-        [0.0, 1e-3, 1.0, 0.0],
-        [1 / 3, 0.7, 0.1, 1.0],
-    ]
+    values = [[1 / 3, 0.7, 0.1, 1.0], [math.inf, 2.0, 0.0, 0.5], [0.0, 1e-3, 1.0, 0.0]]
     path = _write(tmp_path / name, values)
     assert read_cells(path).tolist() == values
     (tmp_path / "c.toml").write_text(f"cells = '{name}'\nsolvers = ['mujoco']\nk1 = 2.0\n")
     cells = cells_of(load_config(tmp_path / "c.toml"))
-    assert len(cells) == 4
+    assert len(cells) == 3
     assert cells[0].collision.k2 == 2.0 / 3
     assert cells[0].stiffness_ratio == 1 / 3
     assert math.isinf(cells[1].collision.k2)
@@ -110,7 +78,7 @@ def test_a_list_is_read_to_the_last_bit_and_in_its_order(tmp_path, name):
 
 def test_a_bad_list_is_one_line(tmp_path, capsys):
     header = "stiffness_ratio,mass_ratio,e1,e2\n"
-    (tmp_path / "c.toml").write_text("cells = 'cells.csv'\nv0 = -1e200\ngravity = 1e-50")
+    (tmp_path / "c.toml").write_text("cells = 'cells.csv'")
     for text, expected in (
         (None, ["no such file"]),
         ("stiffness_ratio,mass_ratio,e1\n1,1,1\n", ["column e2 is missing", "legal: columns"]),
@@ -118,10 +86,8 @@ def test_a_bad_list_is_one_line(tmp_path, capsys):
         (header + "1,1,1,half\n", ["e2 is not a column of numbers"]),
         (header + "1,1,1,1\n1,,1,1\n", ["row 2: mass_ratio is empty"]),
         (header + "1,1,1,1\n1,1,1.5,1\n", ["row 2: e1 = 1.5", "from 0 to 1"]),
-        (header + "nan,1,1,1\n", ["row 1: stiffness_ratio"]),
         (header + "1,inf,1,1\n", ["row 1: mass_ratio = inf"]),
         (header + "1e305,1,1,1\n", ["row 1: stiffness_ratio", "precision"]),
-        (header + "1,1,1,1\n1,1e-300,1,1\n", ["row 2: v0 = -1e+200", "mass_ratio = 1e-300", "legal: "]),
         (header + "1,1\n", ["cannot be read"]),
     ):
         if text is not None:
@@ -137,20 +103,14 @@ def test_a_bad_list_is_one_line(tmp_path, capsys):
 
 
 def test_a_sampled_run_is_summarised_in_bins(tmp_path):
-    config = parse_config(
-        {"name": "sampled", "scenario": "impact", "solvers": ["mujoco"], "sample": {"n": 64, **BOX}}
-    )
-    folder = run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    summary = summarise(folder)
+    config = parse_config({"scenario": "impact", "solvers": ["mujoco"], "sample": {"n": 64, **BOX}})
+    summary = summarise(run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted))
     bins = summary.statistics[
         (summary.statistics.axis == "stiffness_ratio") & (summary.statistics.measure == "velocity_divergence")
     ]
     whole = summary.get("mujoco", "velocity_divergence")
-    assert bins.n.sum() == whole.n
-    assert bins["max"].max() == whole["max"]
-    assert len(bins) <= 12
-    write_tables(folder)
-    assert "in bins of k2/k1, named by their middle" in (folder.root / "summary.md").read_text()
+    assert (bins.n.sum(), bins["max"].max()) == (whole.n, whole["max"])
+    assert 1 < len(bins) <= 12
 
 
 def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):
@@ -159,15 +119,7 @@ def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):
     config = load_config(tmp_path / "c.toml")
     run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
     _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [3.0, 1.0, 0.9, 0.7]])
-    said = []
-    folder = run_sweep(
-        config,
-        tmp_path / "a",
-        isolate=False,
-        resume=True,
-        resolve=fakes.shifted,
-        progress=lambda done, total, line: said.append(line),
-    )
+    said = resumed(config, tmp_path / "a")
     assert "part 1 belongs to another configuration or version: computed again" in said
-    rows = pq.read_table(folder.root / "cells.parquet").to_pylist()
+    rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
     assert [row["stiffness_ratio"] for row in rows] == [1.0, 1.0, 3.0, 3.0]

@@ -1,14 +1,12 @@
 """Ladders in sandboxes: a cell without one costs its own rows."""
 
 import shutil
-from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.measures.ladder_table import COLLISION_LADDERS
-from impact_xval.experiments.sweep import ladders
 from impact_xval.experiments.sweep.executors import DirectExecutor
 from impact_xval.experiments.sweep.ladders import write_ladder
 from impact_xval.experiments.sweep.sandbox import FaultError, SandboxError
@@ -50,19 +48,3 @@ def test_a_ladder_that_fails_costs_the_rows_of_its_cell(root, fake_run):
         for row in table.filter(lost).to_pylist():
             assert (row["status"], row["reason"]) == (status, f"ladder: {reason}")
             assert row["velocity_divergence"] is row["sentence"] is row["free_asked_scenario_v1"] is None
-
-
-def test_pieces_and_workers_make_no_difference(root, fake_run, monkeypatch):
-    monkeypatch.setattr(ladders, "CELLS", 5)
-
-    class Threads(ThreadPoolExecutor):
-        workers = 3
-
-        def submit(self, function, /, *arguments) -> Future:
-            return super().submit(function, here, *arguments)
-
-    here = DirectExecutor(None)._sandbox
-    with Threads(3) as executor:
-        write_ladder(root, executor, COLLISION_LADDERS)
-    for name in ("ladder.parquet", "ladder.csv"):
-        assert (root / name).read_bytes() == (fake_run.root / name).read_bytes()

@@ -1,6 +1,7 @@
 """The page of a run in a browser: it asks for nothing, complains of nothing, and what is to move moves."""
 
 import html
+import json
 import re
 
 import pytest
@@ -49,12 +50,6 @@ def test_text_of_a_user_stays_text(engine_run, page):
     assert HOSTILE in page.inner_text("h1")
 
 
-def test_links_of_the_contents_lead_somewhere(page):
-    links = [link.get_attribute("href")[1:] for link in page.locator("nav a").all()]
-    assert len(links) > 3
-    assert all(page.locator(f"[id='{link}']").count() == 1 for link in links)
-
-
 def test_a_tile_opens_its_cell(page):
     tiles = page.locator("#map canvas").first
     tiles.scroll_into_view_if_needed()
@@ -67,43 +62,22 @@ def test_a_tile_opens_its_cell(page):
     assert len(cells) > 4
 
 
-def test_the_list_opens_sorts_and_filters(page):
+def test_the_list_opens_cells(page):
     page.locator("[data-cell='3']").focus()
     page.keyboard.press("Enter")
     assert page.inner_text("#cell-title") == "Cell 3"
     page.locator("[data-cell='7']").click()
     assert page.inner_text("#cell-title") == "Cell 7"
     assert page.locator("#cell-results tbody tr").count() == 4
-    assert page.locator("#cell-scene").is_visible()
-    heads = page.locator("#cells thead th")
-    column = [head.strip() for head in heads.all_inner_texts()].index("D of mujoco")
-
-    def shown():
-        cells = page.locator(f"#cells tbody tr td:nth-child({column + 1})")
-        return [float(text) for text in cells.all_inner_texts()]
-
-    heads.nth(column).click()
-    wait_until(lambda: shown() == sorted(shown()))
-    rising = shown()
-    assert len(rising) > 1
-    heads.nth(column).click()
-    wait_until(lambda: shown()[0] > rising[0])
     page.locator("#cells_wrapper .dt-search input").fill('"open 11"')
     wait_until(lambda: page.locator("#cells tbody tr").count() == 1)
-
-
-def test_another_solver_has_other_colours(page):
-    shown = "Array.from(Bokeh.documents[0].get_model_by_name('tiles').data.shown)"
-    page.select_option("#solver", "bistiffness")
-    before = page.evaluate(shown)
-    page.select_option("#solver", "mujoco")
-    assert page.evaluate(shown) != before
 
 
 def test_without_scripts_the_words_and_pictures_are_there(engine_run):
     page = (engine_run / "report.html").read_text(encoding="utf-8")
     bare = re.sub(r"<script.*?</script>|<style.*?</style>", "", page, flags=re.DOTALL)
-    assert bare.count("<figure") > 9
+    captions = json.loads((engine_run / "figures/captions.json").read_text())
+    assert bare.count('<img src="data:image/png;base64,') == len(captions) > 5
     assert "How far are they from the model?" in html.unescape(bare)
     words = re.sub(r'"data:[^"]*"', "", bare).partition("Provenance</h2>")[0]
     assert not re.search(r"\b(nan|None|undefined)\b", words)

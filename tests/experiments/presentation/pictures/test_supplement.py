@@ -34,19 +34,6 @@ def impulses(v1, v2, m2=M2):
     return 1 + v1, 1 + v1 + m2 * v2
 
 
-def test_the_six_panels_are_those_of_the_supplement(panels):
-    assert sorted(panels) == ["1a", "1b", "2a", "2b", "3a", "3b"]
-    titles = [ax.get_title().partition("= ")[2] for _, ax in sorted(panels.items())]
-    assert titles == ["∞", "40", "0", "1/40", "7/2", "2/9"]
-
-
-def test_1a_runs_along_l2_through_the_printed_points(panels):
-    curve = drawn(panels["1a"], "S1")
-    assert np.abs(curve[:, 0] - curve[:, 1]).max() < 1e-12
-    assert drawn(panels["1a"], "exact end")[0] == pytest.approx([1.9, 1.9], abs=1e-12)  # (1 + e1, 1 + e1)
-    assert drawn(panels["1a"], "printed").tolist() == [[1, 1], [1.9, 1.9]]
-
-
 def test_2a_turns_where_the_supplement_says(panels):
     """Horizontally to (1 + e1) m2/(1 + m2), vertically by e1 m2, then along l1 to the velocity 0.45203."""
     turn = 1.9 * M2 / (1 + M2)
@@ -79,20 +66,13 @@ def test_curves_without_printed_velocities_end_where_the_oracle_does(panels):
         end = impulses(outcome.v1, outcome.v2, cell[1])
         assert drawn(panels[name], "exact end")[0] == pytest.approx(end, abs=1e-6)
         assert not any(line.get_label() == "printed" for line in panels[name].lines)
-
-
-def test_3a_ends_along_l1(panels):
-    i1, i2 = drawn(panels["3a"], "S1")[-1]
+    i1, i2 = drawn(panels["3a"], "S1")[-1]  # along l1
     assert -1 + (1 + 1 / M2) * i1 - i2 / M2 == pytest.approx(0, abs=1e-12)
 
 
-def test_the_command_writes_each_figure_with_its_caption(tmp_path, capsys):
+def test_the_command_writes_each_figure_with_its_caption(tmp_path):
     root = tmp_path / "drawn"
     assert main(["figures", "--supplement", "--out", str(root)]) == 0
     names = ["supplement-1", "supplement-2", "supplement-3"]
-    files = {f"{name}.{kind}" for name in names for kind in ("png", "pdf")} | {"captions.json"}
-    assert {path.name for path in root.iterdir()} == files
-    captions = json.loads((root / "captions.json").read_text(encoding="utf-8"))
-    assert list(captions) == names
-    assert main(["figures", "--supplement", "--out", str(root)]) == 2
-    assert "not empty" in capsys.readouterr().err
+    assert {path.stem for path in root.iterdir()} == {*names, "captions"}
+    assert list(json.loads((root / "captions.json").read_text(encoding="utf-8"))) == names

@@ -51,16 +51,10 @@ def test_a_grid_without_a_plane_has_no_map(tmp_path):
 
 
 def test_scattered_cells_go_into_bins(tmp_path):
-    box = {
-        "method": "sobol",
-        "n": 64,
-        "seed": 1,
-        "stiffness_ratio": {"log": [0.1, 10.0]},
-        "mass_ratio": {"linear": [0.5, 2.0]},
-        "e1": {"linear": [0.5, 0.9]},
-        "e2": {"linear": [0.5, 0.9]},
-    }
-    config = {key: value for key, value in SMALL.items() if key != "grid"} | {"sample": box}
+    ratios = {"stiffness_ratio": {"log": [0.1, 10.0]}, "mass_ratio": {"linear": [0.5, 2.0]}}
+    restitutions = {"e1": {"linear": [0.5, 0.9]}, "e2": {"linear": [0.5, 0.9]}}
+    config = {key: value for key, value in SMALL.items() if key != "grid"}
+    config |= {"sample": {"n": 64, "seed": 1} | ratios | restitutions}
     folder = run_sweep(parse_config(config), tmp_path / "run", isolate=False, resolve=fakes.shifted)
     trust = trust_of(folder, folder.config())
     (engine,) = trust.engines
