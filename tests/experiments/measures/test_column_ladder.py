@@ -9,7 +9,7 @@ import pytest
 from impact_xval.compliant_baselines.references.columns.solving import coefficients_of
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.configuration import REFERENCE
-from impact_xval.experiments.measures.columns.ladder import LINE_LADDERS, column_ladder_rows
+from impact_xval.experiments.measures.columns.ladder import column_ladder_rows
 from impact_xval.experiments.measures.columns.measuring import column_divergence
 from impact_xval.experiments.measures.ladder import contributions_of
 from impact_xval.experiments.measures.ladder_table import NO_LIMIT, ladder_rows
@@ -17,7 +17,7 @@ from impact_xval.experiments.tables.schema import CELLS_SCHEMA, LINES
 from impact_xval.model import solve_column
 from tests.compliant_baselines.column_in_time import integrate
 
-NAMES = [c.name for c in contributions_of("kelvin-voigt", gravity=False)]
+NAMES = [c.name for c in contributions_of(gravity=False)]
 SPEED = 2.5
 
 
@@ -112,16 +112,6 @@ def test_corners_are_those_of_an_integration_in_time():
         ):
             expected = integrate(column, law, 1, coefficients_of(column, law, 1), frozen=frozen)
             assert row[f"{corner}_v"] == pytest.approx(expected, abs=1e-8), corner
-
-
-def test_by_way_of_another_law_the_dissipation_is_split_in_two():
-    columns = some_columns(4)
-    plain, other = (column_ladder_rows(cells_of(columns), law).to_pylist() for law in LINE_LADDERS.laws[::2])
-    for one, two in zip(plain, other, strict=True):
-        whole = np.add(two["dissipation_law_dv"], two["law_choice_dv"])
-        assert whole == pytest.approx(one["dissipation_law_dv"], abs=1e-12)
-        assert np.abs(two["law_choice_dv"]).max() > 1e-3
-        assert two["frozen_positions_dv"] == pytest.approx(one["frozen_positions_dv"], abs=1e-12)
 
 
 def test_what_has_no_ladder_says_why():
