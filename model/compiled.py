@@ -21,7 +21,7 @@ inlined = njit(forceinline=True, **OPTIONS)
 #: as much as the work.
 _compile: Any = njit  # whose stubs know nothing of this option
 uncounted = _compile(_nrt=False, **OPTIONS)
-inlined_uncounted = _compile(forceinline=True, _nrt=False, **OPTIONS)
+inlined_uncounted = _compile(_nrt=False, **OPTIONS)
 
 
 def cache_folder(kernel: Any) -> Path:

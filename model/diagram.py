@@ -17,7 +17,7 @@ from math import inf, isnan, sqrt
 
 from impact_xval.model.collision import Status
 from impact_xval.model.compiled import compiled, inlined
-from impact_xval.model.events import first_event, next_turn
+from impact_xval.model.events import MOST_WINDOWS, first_event, next_turn
 from impact_xval.model.law import (
     COMPRESSION,
     INACTIVE,
@@ -52,9 +52,6 @@ DONE, LIMIT, PRECISION_LIMIT, TOO_MANY_EVENTS, COLLAPSE, BEYOND_PRECISION = 0, 1
 
 #: Status of an outcome that ended so, by its code.
 STATUS_OF: tuple[Status, ...] = ("ok", "limit", "limit", "unconverged", "limit", "unrepresentable")
-
-#: m2/m1 from which on, and below the inverse of which, squares of velocities leave double precision: not solved.
-MASS_PRECISION = 1e150
 
 #: Columns of a log row, one row a segment: the state at its start, then its duration (of S1; those of S2 and S3 follow
 #: from their closed forms), what ended it, and whether a closed-form limit governs it.
@@ -282,7 +279,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
     omega = phi1 = phi2 = delta = sigma = force1 = force2 = (0.0, 0.0)
 
     while state != S4:
-        if n_events > max_events:
+        if n_events > max_events or steps >= MOST_WINDOWS:
             code = TOO_MANY_EVENTS
             break
         if not law.stiffens and 2 * (one.E + two.E) + (v2 - d1) * (v2 - d1) + mu * v2 * v2 < COLLAPSED:

@@ -96,6 +96,10 @@ def pick(is0, is1, is2, x0, x1, x2, x3):
     )
 
 
+#: Windows after which a collision is given up: half a second.
+MOST_WINDOWS = 5_000_000
+
+
 @inlined
 def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
     """Time of the first event of a segment of S1, and which of the watched functions fire.
@@ -120,7 +124,7 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
     a, b : pairs
         Modal coordinates at the start.
     margin : float
-        Of the segmentes before.
+        Of the segments before.
 
     Returns
     -------
@@ -134,7 +138,7 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
         Smallest magnitude, relative to its amplitude, of a local extremum of a rate passed so far where an end of
         compression would have lost more than `model.grazing.STAKE` (infinity if there was none).
     steps : int
-        Windows tried, a measure of cost.
+        Windows tried, a measure of cost; `MOST_WINDOWS` where none can be certified, and nothing fires.
     """
     delta, phi2, force1, force2 = modes.delta, modes.phi2, modes.force1, modes.force2
     omega, k1, k2 = modes.omega, modes.k1, modes.k2
@@ -167,6 +171,10 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
     gone1 = f1[0] < 0 or (fresh1 and (f1[1] < 0 or (f1[1] == 0 and f1[2] < 0)))
     if gone0 or gone1:
         return 0.0, (gone0, gone1, False, False), state, 0.0, 0
+    if not inf > C0 + C1 + C2 + C3:
+        return 0.0, (False, False, False, False), state, margin, MOST_WINDOWS  # nothing could be certified
+    if not inf > C0 + C1 + C2 + C3:
+        return 0.0, (False, False, False, False), state, margin, MOST_WINDOWS  # nothing could be certified
 
     # Modal coordinates after one window: its angle in the fast mode is always the same.
     cos_slow, sin_slow = cos_sin(w0 * window)

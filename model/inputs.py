@@ -52,6 +52,9 @@ MASS_RATIO = Legal("mass_ratio", _LEAST, _LARGEST, "a finite number > 0 (m2/m1)"
 #: p of the contacts of a column, F = k delta^p.
 EXPONENT = Legal("exponent", 1.0, 3.0, "from 1 (linear contacts; 1.5: Hertz) to 3")
 
+#: m2/m1 from which on, and below the inverse of which, squares of velocities leave double precision: not solved.
+MASS_PRECISION = 1e150
+
 #: A cut-off of the running stiffness ratio: a number, or the rule that gives the outcome without one (`model.solve`).
 Cutoff = float | Literal["exact"]
 LEGAL_CUTOFF = "greater than 1, up to inf, or 'exact'"

@@ -20,22 +20,29 @@ from impact_xval.model.diagram import (
     EXACT,
     LIMIT,
     LOG_WIDTH,
-    MASS_PRECISION,
     PRECISION_LIMIT,
     STATUS_OF,
     TOO_MANY_EVENTS,
     collide,
 )
+from impact_xval.model.events import MOST_WINDOWS
 from impact_xval.model.grazing import MARKS, mark_codes
-from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, broadcast_inputs, legal_cutoff
+from impact_xval.model.inputs import (
+    GRAZING_THRESHOLD,
+    LEGAL_CUTOFF,
+    MASS_PRECISION,
+    Cutoff,
+    broadcast_inputs,
+    legal_cutoff,
+)
 from impact_xval.model.law import IMPACT_LAWS, ImpactLaw
 from impact_xval.model.limits import BOUND
 
 NAME = "state-transition"
 
-#: Events after which a collision is given up, half a minute. At extreme stiffness ratios there are some 50/(1 - e) of
+#: Events after which a collision is given up, within a second. At extreme stiffness ratios there are some 50/(1 - e) of
 #: them, for e of the contact that oscillates, or as many as the modes' frequencies are apart if that is fewer.
-MAX_EVENTS = 100_000_000
+MAX_EVENTS = 2_000_000
 
 #: Rows of the first try at a log; a collision that needs more is run once more.
 LOG_ROWS = 256
@@ -99,7 +106,8 @@ def solve(
         result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, law, log)
     v1, v2, code, _, n_events, _, margin, loss, _ = result
     if code == TOO_MANY_EVENTS:
-        return Outcome.failure(NAME, STATUS_OF[code], f"not over after {max_events} events")
+        most = f"{max_events} events, or {MOST_WINDOWS} windows of the search for them"
+        return Outcome.failure(NAME, STATUS_OF[code], f"not over after {most}")
     log = log[:n_rows]
     states = log[:, 0].astype(int)
     sequence = states[np.concatenate([[True], states[1:] != states[:-1]])]

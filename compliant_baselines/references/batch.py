@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import config
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.compliant_baselines.contract.trajectory import FREE, STUCK
-from impact_xval.compliant_baselines.references.driver import Followed, Law, follow_all
-from impact_xval.compliant_baselines.references.ending import TOO_LONG
+from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY, Followed, collide_all
+from impact_xval.model.chain.laws import STATE_TRANSITION
+from impact_xval.model.chain.power_law import TOLERANCE
+from impact_xval.model.chain.rest import FREE, GOING, STUCK
 from impact_xval.model.collision import STATES
-from impact_xval.model.inputs import Legal, broadcast_inputs
+from impact_xval.model.inputs import MASS_PRECISION, Legal, broadcast_inputs
 
 Floats = NDArray[np.float64]
 
@@ -24,16 +25,96 @@ Floats = NDArray[np.float64]
 #: less than a second.
 MAX_STEPS = 1_000_000
 
-#: How a collision ended, by the code of the driver.
-ENDS = np.array(["", "free", "rest", "stuck", *[""] * 6])
+#: How a collision ended, by the code of the kernel.
+ENDS = np.array(["", "free", "rest", "stuck"])
 
-#: Collisions that a thread is given at once: a few milliseconds of work.
-_SHARE = 2048
+#: Collisions that a thread is given at once: some ten milliseconds of work.
+_SHARE = 512
 
 #: What a batch takes for gravity beside the ratios of the collision.
 GRAVITY_NUMBER = Legal(
     "gravity_number", 0.0, float(np.finfo(float).max), "a finite number >= 0 (g/(|v0| omega1))"
 )
+
+
+class Law(NamedTuple):
+    """A contact law with its numbers for one collision, in the units of `follow_all`, or for many: arrays (n,).
+
+    Attributes
+    ----------
+    code : int
+        One of `model.chain.laws`.
+    a1, a2
+        What the law has of each contact: e, greater than 0; c per sqrt(k1 m1); or a times abs(v0). NaN or infinite:
+        unrepresentable.
+    """
+
+    code: int
+    a1: Any
+    a2: Any
+
+
+def follow_all(
+    law: Law,
+    kappa: Floats,
+    mu: Floats,
+    g: Floats,
+    frozen: bool,
+    max_steps: int,
+    points: int = 1,
+    log: Floats | None = None,
+) -> tuple[Floats, Floats, NDArray[np.uint64]]:
+    """Follow two balls on a table, in units of m1, k1 and abs(v0), in as many threads as numba would take.
+
+    Parameters
+    ----------
+    law : Law
+        Of arrays (n,).
+    kappa, mu, g : ndarray, shape (n,)
+        k2/k1, m2/m1, and gravity: 0 is the scenario `impact`, anything else `drop`.
+    frozen : bool
+        Whether a contact that carries no force returns as soon as its bodies approach.
+    max_steps : int
+        Pieces of segments after which a collision is given up.
+    points, log
+        As of `chain.kernel.collide`, for the first one.
+
+    Returns
+    -------
+    velocities : ndarray, shape (n, 2)
+    numbers : ndarray, shape (n, 11)
+        As of `chain.kernel.collide_all`; NaN where a parameter is not finite, or too far from 1.
+    sequences : ndarray of uint64, shape (n,)
+        The states, as of `chain.kernel.Followed`.
+    """
+    n = kappa.size
+    a = np.stack([law.a1, law.a2], axis=-1)
+    least, most = 1 / MASS_PRECISION, MASS_PRECISION
+    there = (least <= kappa) & (kappa <= most) & (least <= mu) & (mu <= most) & np.isfinite(a).all(axis=1)
+    masses, stiffnesses = (np.stack([np.ones(n), each], axis=-1) for each in (mu, kappa))
+    masses[~there] = np.nan
+    impacts = law.code == STATE_TRANSITION
+    restitutions, dampings = (a, np.zeros((n, 2))) if impacts else (np.ones((n, 2)), a)
+    rates, zeros = np.tile([1.0, 0.0], (n, 1)), np.zeros((n, 2))
+    cells = masses, stiffnesses, restitutions, dampings, rates, np.zeros(n), zeros, g
+    into = np.full((n, 2), np.nan), np.full((n, 11), np.nan), np.zeros(n, np.uint64)
+    log = np.empty((0, 0)) if log is None else log
+
+    def follow(start: int) -> None:
+        share = slice(start, start + _SHARE)
+        some: list[Any] = [each[share] for each in cells]
+        out: list[Any] = [each[share] for each in into]
+        arguments = [law.code, 1.0, frozen, *some, TOLERANCE, max_steps, points, log, *out]
+        collide_all(*arguments)
+
+    starts = range(0, n, _SHARE)
+    if len(starts) < 2:
+        follow(0)
+        return into
+    count: int = vars(config)["NUMBA_NUM_THREADS"]  # numba sets it from the environment
+    with ThreadPoolExecutor(count) as threads:
+        list(threads.map(follow, starts))
+    return into
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +124,7 @@ class ReferenceBatch:
     Attributes
     ----------
     v1, v2 : ndarray of float
-        Velocities per \|v0\| when the collision is over; 0 for a ball at rest (`trajectory`); NaN where
+        Velocities per \|v0\| when the collision is over; 0 for a ball at rest (`chain.rest`); NaN where
         `status` says why.
     impulse1, impulse2 : ndarray of float
         Total impulses per m1 \|v0\|.
@@ -54,7 +135,7 @@ class ReferenceBatch:
     status : ndarray of str
         ``ok``, ``limit`` (a closed-form limit finished the collision), ``timeout`` or ``unrepresentable``.
     end : ndarray of str
-        ``free``, ``rest`` or ``stuck`` (`trajectory`), empty without a result.
+        ``free``, ``rest`` or ``stuck`` (`chain.rest`), empty without a result.
     sequence : ndarray of uint64
         The states, two bits each (S1 is 0), the last lowest: those of all sequences of up to 32 states, the
         last 32 of a longer one.
@@ -100,12 +181,12 @@ def follow_batch(
     law_of : callable
         The law of the collisions, given k2/k1, m2/m1, e1 and e2: arrays of shape (n,).
     stiffness_ratio, mass_ratio, e1, e2 : array_like
-        k2/k1, m2/m1 and the coefficients of restitution; they broadcast. e_i = 0 and k2/k1 = 0 or infinity
-        give the status ``unrepresentable``.
+        k2/k1, m2/m1 and the coefficients of restitution; they broadcast. e_i = 0, and k2/k1 or m2/m1
+        beyond `MASS_PRECISION`, give the status ``unrepresentable``.
     gravity_number : array_like
         g/(\|v0\| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 is the scenario `impact`, above it is a `drop`.
     frozen : bool
-        Whether positions are frozen (`references.driver`).
+        Whether positions are frozen (`model.chain.laws`).
     max_steps : int
         Segments after which a cell is given up (status ``timeout``).
 
@@ -120,63 +201,32 @@ def follow_batch(
     g = number * np.sqrt(1 + 1 / mu)
     with np.errstate(invalid="ignore", over="ignore"):
         law = law_of(kappa, mu, first, second)
-    n = kappa.size
-    followed = Followed(
-        v1=np.full(n, np.nan),
-        v2=np.full(n, np.nan),
-        end=np.full(n, -1, np.int8),
-        sequence=np.zeros(n, np.uint64),
-        n_states=np.zeros(n, np.int32),
-        n_events=np.zeros(n, np.int32),
-        n_steps=np.zeros(n, np.int32),
-        duration=np.full(n, np.nan),
-        fall=np.full(n, np.nan),
-        limited=np.zeros(n, np.bool_),
-    )
-    _share_out(followed, law, kappa, mu, g, frozen, max_steps)
-    end, fall = followed.end, followed.fall
-    failed = (end < 0) | (end == TOO_LONG)
-    v1 = np.where(failed, np.nan, np.where(end == STUCK, 0.0, followed.v1))
-    v2 = np.where(failed, np.nan, np.where(end != FREE, 0.0, followed.v2))
+    velocities, numbers, sequences = follow_all(law, kappa, mu, g, frozen, max_steps)
+    found = dict(zip(Followed._fields, numbers.T, strict=False))
+    with np.errstate(invalid="ignore"):
+        code, end = (found[name].astype(np.int64) for name in ("code", "end"))
+    followed = ~np.isnan(found["end"])
+    failed = ~followed | (end == GOING)
+    fall = found["fall"]
+    v1 = np.where(failed, np.nan, np.where(end == STUCK, 0.0, velocities[:, 0]))
+    v2 = np.where(failed, np.nan, np.where(end != FREE, 0.0, velocities[:, 1]))
     with np.errstate(over="ignore", invalid="ignore"):
         fallen = np.where(g > 0, g * fall, 0.0)  # also where a fall without gravity has no end
     impulse1 = 1 + v1 + fallen
-    status = np.where(followed.limited, "limit", "ok")
+    status = np.where(followed, np.where(failed, "timeout", "ok"), "unrepresentable")
+    status[~failed & (code & (RUNAWAY | COLLAPSE) != 0)] = "limit"
+    counts = {"n_states": "n_states", "n_events": "events", "n_steps": "pieces"}
     columns = {
         "v1": v1,
         "v2": v2,
         "impulse1": impulse1,
         "impulse2": impulse1 + mu * (v2 + fallen),
         "retained_energy": v1 * v1 + mu * v2 * v2,
-        "duration": np.where(failed, np.nan, followed.duration),
+        "duration": np.where(failed, np.nan, found["time"]),
         "fall": np.where(failed, np.nan, fall),
-        "status": np.where(end == TOO_LONG, "timeout", np.where(end < 0, "unrepresentable", status)),
-        "end": ENDS[end],
-        "sequence": followed.sequence,
-        "n_states": followed.n_states,
-        "n_events": followed.n_events,
-        "n_steps": followed.n_steps,
+        "status": status,
+        "end": ENDS[np.where(failed, GOING, end)],
+        "sequence": sequences,
+        **{name: np.where(followed, found[field], 0).astype(np.int64) for name, field in counts.items()},
     }
     return ReferenceBatch(**{name: column.reshape(shape) for name, column in columns.items()})
-
-
-def _share_out(
-    followed: Followed, law: Law, kappa: Floats, mu: Floats, g: Floats, frozen: bool, max_steps: int
-) -> None:
-    """Follow all collisions, in as many threads as numba would take."""
-
-    def follow(start: int) -> None:
-        share = slice(start, start + _SHARE)
-        into, columns = (
-            [column[share] for column in each] for each in (followed, (kappa, mu, law.a1, law.a2, g))
-        )
-        arguments: list[Any] = [*into, law.code, *columns, law.cutoff, frozen, max_steps]
-        follow_all(*arguments)
-
-    starts = range(0, kappa.size, _SHARE)
-    if len(starts) < 2:
-        follow(0)
-        return
-    count: int = vars(config)["NUMBA_NUM_THREADS"]  # numba sets it from the environment
-    with ThreadPoolExecutor(count) as threads:
-        list(threads.map(follow, starts))

@@ -1,8 +1,8 @@
 """The model's impact law in real time, with positions: energetic restitution by a second, higher stiffness.
 
-See `references.bistiffness_law` for where the surface of a contact is after an end of compression, and for when a
-contact becomes rigid. It differs from the state-transition model in one thing: a contact that has opened returns when
-its gap has closed, not when its bodies begin to approach.
+See `model.chain.laws` for where the surface of a contact is after an end of compression, and `model.chain.kernel` for
+when a contact becomes rigid. It differs from the state-transition model in one thing: a contact that has opened
+returns when its gap has closed, not when its bodies begin to approach.
 
 In a `drop` the strain energy of contact 2 holds what carries the weight, and an end of compression takes 1
 - e2^2 of all of it: the permanent indentation is of the contact, whatever presses it.
@@ -17,15 +17,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from impact_xval.compliant_baselines.references.batch import MAX_STEPS, Floats, ReferenceBatch, follow_batch
-from impact_xval.compliant_baselines.references.contact_law import BISTIFFNESS
-from impact_xval.compliant_baselines.references.driver import Law
+from impact_xval.compliant_baselines.references.batch import (
+    MAX_STEPS,
+    Floats,
+    Law,
+    ReferenceBatch,
+    follow_batch,
+)
 from impact_xval.compliant_baselines.references.solver import ReferenceSolver
+from impact_xval.model.chain.laws import STATE_TRANSITION
 from impact_xval.model.collision import Collision
-
-#: Ratio from which a contact counts as rigid (`bistiffness_law`). It moves velocities by about 1e-3 of its
-#: inverse, measured over random collisions; this one hides in rounding.
-RIGID_RATIO = 1e10
 
 
 def bistiffness_batch(
@@ -35,7 +36,6 @@ def bistiffness_batch(
     e2: ArrayLike,
     gravity_number: ArrayLike = 0.0,
     *,
-    rigid_ratio: float = RIGID_RATIO,
     frozen: bool = False,
     max_steps: int = MAX_STEPS,
 ) -> ReferenceBatch:
@@ -45,8 +45,6 @@ def bistiffness_batch(
     ----------
     stiffness_ratio, mass_ratio, e1, e2, gravity_number, max_steps
         As for `batch.follow_batch`.
-    rigid_ratio : float
-        Where a contact counts as rigid; greater than 1.
     frozen : bool
         Whether a contact that has opened returns as soon as its bodies approach, as in the state-transition model
         (which this is, without gravity).
@@ -60,13 +58,9 @@ def bistiffness_batch(
     ValueError
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
-    if not rigid_ratio > 1:
-        raise ValueError(f"rigid_ratio = {rigid_ratio!r}; legal: greater than 1, up to inf")
 
     def law_of(kappa: Floats, mu: Floats, e1: Floats, e2: Floats) -> Law:
-        return Law(
-            BISTIFFNESS, np.where(e1 > 0, e1, np.nan), np.where(e2 > 0, e2, np.nan), float(rigid_ratio)
-        )
+        return Law(STATE_TRANSITION, np.where(e1 > 0, e1, np.nan), np.where(e2 > 0, e2, np.nan))
 
     cells = stiffness_ratio, mass_ratio, e1, e2, gravity_number
     return follow_batch(law_of, *cells, frozen=frozen, max_steps=max_steps)
@@ -83,4 +77,4 @@ class BistiffnessSolver(ReferenceSolver):
 
     def law(self, collision: Collision) -> Law:
         """Give the law its restitutions."""
-        return Law(BISTIFFNESS, collision.e1, collision.e2, RIGID_RATIO)
+        return Law(STATE_TRANSITION, collision.e1, collision.e2)

@@ -1,6 +1,6 @@
 r"""Kelvin-Voigt contacts without an engine, and the named alternatives to them.
 
-Contact i is F = max(0, k_i delta + c_i delta') while its bodies overlap; see `references.dashpot_law`. What c_i is
+Contact i is F = max(0, k_i delta + c_i delta') while its bodies overlap; see `model.chain.laws`. What c_i is
 made from has a name:
 
 | solver | damping | c_1 | c_2 |
@@ -30,10 +30,15 @@ from impact_xval.compliant_baselines.contact.restitution_laws import (
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
-from impact_xval.compliant_baselines.references.batch import MAX_STEPS, Floats, ReferenceBatch, follow_batch
-from impact_xval.compliant_baselines.references.contact_law import HUNT_CROSSLEY, KELVIN_VOIGT
-from impact_xval.compliant_baselines.references.driver import Law
+from impact_xval.compliant_baselines.references.batch import (
+    MAX_STEPS,
+    Floats,
+    Law,
+    ReferenceBatch,
+    follow_batch,
+)
 from impact_xval.compliant_baselines.references.solver import ReferenceSolver
+from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
 from impact_xval.model.collision import Collision
 
 Damping = Literal["pair", "anchored", "textbook", "hunt-crossley"]
@@ -43,7 +48,7 @@ DAMPINGS: tuple[str, ...] = get_args(Damping)
 def dampings(
     damping: Damping, kappa: Floats, mu: Floats, e1: Floats, e2: Floats
 ) -> tuple[int, Floats, Floats]:
-    """Law of the driver and the damping of both contacts in its units, NaN for e = 0.
+    """Law of the kernel and the damping of both contacts in its units, NaN for e = 0.
 
     Parameters
     ----------

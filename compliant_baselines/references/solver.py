@@ -9,23 +9,27 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from importlib.metadata import version
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contact.column import unrepresentable
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, no_gravity
-from impact_xval.compliant_baselines.contract.trajectory import FREE, STUCK
-from impact_xval.compliant_baselines.references.batch import Floats, ReferenceBatch
-from impact_xval.compliant_baselines.references.driver import LOG_WIDTH, Followed, Law, collide
-from impact_xval.compliant_baselines.references.ending import TOO_LONG
+from impact_xval.compliant_baselines.references.batch import Floats, Law, ReferenceBatch, follow_all
 from impact_xval.compliant_baselines.references.jumps import mark
-from impact_xval.compliant_baselines.references.path import curve_of, events_of, state_names
-from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.chain.kernel import ACTS, COLLAPSE, RUNAWAY, TOO_MANY_EVENTS, UNITED, Followed
+from impact_xval.model.chain.rest import FREE, STUCK
+from impact_xval.model.collision import STATES, Collision, ImpulseCurve, Outcome, in_unit
 from impact_xval.model.columns.column import Column, ColumnOutcome
+from impact_xval.model.columns.solving import fitting, followed
+from impact_xval.model.inputs import MASS_PRECISION
 
 #: Rows of the first try at a log; a collision that needs more is run once more.
 LOG_ROWS = 512
+
+#: Points of the path in each piece of a segment; numbers of a row of the log.
+POINTS, LOG_WIDTH = 9, 7
 
 
 class ReferenceSolver(SolverBase):
@@ -75,52 +79,95 @@ class ReferenceSolver(SolverBase):
         return mark_columns(outcomes, columns, self.name, exponent, max_steps=steps)
 
     def _one(self, c: Collision, settings: Settings) -> Outcome:
-        reason = unrepresentable(c)
-        if reason is not None:
+        reason = unrepresentable(c) or _beyond_precision(c)
+        if reason:
             return Outcome.failure(self.name, "unrepresentable", reason)
         unit, law = c.units, self.law(c)
         gravity = settings.gravity if settings.scenario == "drop" else 0.0
         g = gravity * unit.time / unit.velocity
-        followed, log = self._follow(law, c, g, settings.max_steps, LOG_ROWS)
-        n_rows = followed.n_steps + 1
-        if n_rows > LOG_ROWS:
-            followed, log = self._follow(law, c, g, settings.max_steps, n_rows)
-        if followed.end == TOO_LONG:
+        points = POINTS if settings.record_path else 1
+        one = Law(law.code, np.array([law.a1]), np.array([law.a2]))
+        kappa, mu, gravities = (np.array([x]) for x in (c.stiffness_ratio, c.mass_ratio, g))
+        problem = one, kappa, mu, gravities, False, settings.max_steps
+        log = np.empty((LOG_ROWS, LOG_WIDTH))
+        velocities, numbers, sequence = follow_all(*problem, points, log)
+        went = followed(numbers, sequence)
+        if went.code & TOO_MANY_EVENTS:
             return Outcome.failure(
                 self.name, "timeout", f"not over after max_steps = {settings.max_steps} segments"
             )
-        log = log[:n_rows]
-        v1, v2, fall = followed.v1, followed.v2, followed.fall
-        diagnostics = {"duration": followed.duration * unit.time, "n_steps": float(followed.n_steps)}
+        if went.rows > LOG_ROWS:
+            points, rows = fitting(points, went.rows, LOG_WIDTH)
+            log = np.empty((rows, LOG_WIDTH))
+            follow_all(*problem, points, log)
+        log = log[: went.rows]
+        v1, v2 = velocities[0].tolist()
+        diagnostics = {"duration": went.time * unit.time, "n_steps": float(went.pieces)}
         if g > 0:
             diagnostics["gravity_number"] = c.gravity_number(gravity)
-            if fall < followed.duration:
-                diagnostics["first_flight"] = fall * unit.time
-        if followed.end != FREE:
+            if went.fall < went.time:
+                diagnostics["first_flight"] = went.fall * unit.time
+        path = _path(c, log, went, g) if settings.record_path else None
+        if went.end != FREE:
             diagnostics["rest_speed"] = v2 * unit.velocity
-            v1, v2 = (0.0 if followed.end == STUCK else v1), 0.0
+            v1, v2 = (0.0 if went.end == STUCK else v1), 0.0
         # Impulses go with the velocities reported, as those of engines do.
-        impulse1 = 1 + v1 + g * fall
-        impulse2 = impulse1 + c.mass_ratio * (v2 + g * fall)
+        fallen = g * went.fall if g > 0 else 0.0
+        impulse1 = 1 + v1 + fallen
+        impulse2 = impulse1 + c.mass_ratio * (v2 + fallen)
+        limited = went.code & (RUNAWAY | COLLAPSE)
         return Outcome(
             solver=self.name,
             v1=v1 * unit.velocity,
             v2=v2 * unit.velocity,
             impulse1=impulse1 * unit.impulse,
             impulse2=impulse2 * unit.impulse,
-            states=state_names(log),
-            status="limit" if followed.limited else "ok",
-            reason="a contact became rigid: closed form from there on" if followed.limited else "",
-            n_events=followed.n_events,
+            states=tuple(STATES[s] for s, _ in groupby([*_states(log), 4])),
+            status="limit" if limited else "ok",
+            reason="a contact became rigid: closed form from there on" if limited else "",
+            n_events=went.events,
             diagnostics=diagnostics,
-            path=curve_of(c, log, law) if settings.record_path else None,
-            events=events_of(c, log),
+            path=path,
         )
 
-    @staticmethod
-    def _follow(
-        law: Law, c: Collision, g: float, max_steps: int, rows: int
-    ) -> tuple[Followed, NDArray[np.float64]]:
-        log = np.zeros((rows, LOG_WIDTH))
-        ratios = c.stiffness_ratio, c.mass_ratio
-        return collide(law.code, *ratios, law.a1, law.a2, g, law.cutoff, False, max_steps, log), log
+
+def _beyond_precision(c: Collision) -> str:
+    """Say that stiffnesses or masses lie too far apart, in one sentence; empty if not."""
+    for name, ratio in (("k2/k1", c.stiffness_ratio), ("m2/m1", c.mass_ratio)):
+        if not 1 / MASS_PRECISION <= ratio <= MASS_PRECISION:
+            legal = f"{1 / MASS_PRECISION:g} to {MASS_PRECISION:g}"
+            return f"{name} = {ratio:g}: beyond {legal} squares of velocities are lost"
+    return ""
+
+
+def _states(log: Floats) -> NDArray[np.int64]:
+    """State of each row of a log, 1 to 4. A rigid contact acts while the other does."""
+    flags = log[:, 5:]
+    acts = flags == ACTS
+    pressed = acts.any(axis=1, keepdims=True)
+    return 4 - (acts | ((flags == UNITED) & pressed)) @ np.array([1, 2])
+
+
+def _path(c: Collision, log: Floats, went: Followed, g: float) -> ImpulseCurve:
+    """Impulse curve of a log, in the collision's units. Gravity acts until the first flight."""
+    unit, mu = c.units, c.mass_ratio
+    time, one, two = log[:, 0], log[:, 1], log[:, 2]
+    state = _states(log)
+    state[-1] = 4
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # said where an outcome is checked (`contract.answers`)
+        fallen = g * np.minimum(time, went.fall) if g > 0 else np.zeros_like(time)
+        first = 1 + one + fallen
+        return ImpulseCurve(
+            time=in_unit(time, unit.time),
+            impulse1=first * unit.impulse,
+            impulse2=(first + mu * (two + fallen)) * unit.impulse,
+            v1=one * unit.velocity,
+            v2=two * unit.velocity,
+            energy1=None,
+            energy2=None,
+            state=state,
+            phase1=np.where(np.isin(state, (1, 3)), np.where(two > one, 1, 2), 0),
+            phase2=np.where(np.isin(state, (1, 2)), np.where(two < 0, 1, 2), 0),
+        )

@@ -8,17 +8,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
 from filelock import FileLock, Timeout
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.registry import engine_names, is_ours, kind_of
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines.quiet import between
-from impact_xval.compliant_baselines.references.contact_law import KELVIN_VOIGT, LOADED
-from impact_xval.compliant_baselines.references.driver import N_ROWS, end_of_segment, follow_all, how_ended
-from impact_xval.compliant_baselines.references.taylor import ORDER
 from impact_xval.experiments.measures.hausdorff import directed, hausdorff
+from impact_xval.model.chain.kernel import collide_all
 from impact_xval.model.collision import Collision
 from impact_xval.model.columns.column import ORDINARY
 from impact_xval.model.compiled import cache_folder, is_compiled
@@ -56,7 +53,7 @@ class Kernels:
 def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     """List the kernels that a run with some solvers needs, in the order in which they had best be compiled.
 
-    Two parts of the references come first: with them two processes have all of it in little more than half the time.
+    That of chains, which the references use, comes first: it takes the longest.
     """
     engines = [name for name in solvers if name in engine_names(on_request=True)]
     settings = Settings(scenario="drop", record_path=True)
@@ -68,14 +65,11 @@ def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
                 solver.solve_many([_ORDINARY], settings)
 
     line = [[0.0, 0.0], [1.0, 1.0]]
-    table, column = np.zeros((N_ROWS, ORDER + 1)), (KELVIN_VOIGT, LOADED, LOADED, 1.0)
-    one = *column, 1.0, 1.0, 0.1, 0.1, 1.0, 1.0, False, 0
-    state = *column, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.1, 0.1, 1.0, 0, 1
     return [
-        Kernels("events", end_of_segment, lambda: end_of_segment(table, ORDER, 1.0, *one)),
-        Kernels("ends", how_ended, lambda: how_ended(*state)),
+        Kernels(
+            "chain", collide_all, lambda: get_solver("kelvin-voigt").solve_columns([ORDINARY], Settings())
+        ),
         Kernels("model", collide, lambda: solve_by(["state-transition"], settings)),
-        Kernels("references", follow_all, lambda: solve_by(["kelvin-voigt"], settings)),
         Kernels("distance", directed, lambda: hausdorff(line, line)),
         *([Kernels("engines", between, lambda: solve_by(engines, bare))] if engines else []),
     ]
@@ -85,11 +79,10 @@ def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     """List the kernels that columns of N balls need with some solvers."""
     # With scipy's integrators, which two balls do not need.
     from impact_xval.compliant_baselines.engines.lines import scan
-    from impact_xval.model.columns.solving import solve_scaled
 
     parts: dict[str, tuple[str, Any]] = {
-        "model": ("columns", solve_scaled),
-        "reference": ("columns", solve_scaled),
+        "model": ("columns", collide_all),
+        "reference": ("columns", collide_all),
         "engine": ("lines", scan),
     }
 

@@ -11,11 +11,16 @@ each changes only its own contact, and leaves all rates and forces as they are.
 from __future__ import annotations
 
 from math import inf, pi, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
 
 from impact_xval.model.chain.laws import (
     FORCE,
     GAP,
     HELD,
+    HUNT_CROSSLEY,
     LIU_ZHAO_BROGLIATO,
     RATE,
     SLACK,
@@ -26,7 +31,8 @@ from impact_xval.model.chain.laws import (
     end_compression,
     force,
     has_dashpot,
-    is_linear,
+    has_series,
+    rest,
     restart_compression,
     returned,
     spent,
@@ -34,17 +40,32 @@ from impact_xval.model.chain.laws import (
 from impact_xval.model.chain.power_law import (
     ORDER_OF_STEP,
     advance,
+    new_workspace,
     settle,
     step,
     watch_force,
 )
+from impact_xval.model.chain.rest import (
+    FREE,
+    GOING,
+    STUCK,
+    fall_time,
+    how_over,
+    in_flight,
+    may_settle,
+    over_within,
+    settled,
+)
 from impact_xval.model.chain.roots import first_root, refine
-from impact_xval.model.chain.series import ORDER, evaluate, expand, slope
+from impact_xval.model.chain.series import ORDER, evaluate, expand, expand_product, slope, span
 from impact_xval.model.chain.state import (
     acceleration,
     ball_values,
-    left_in_contacts,
+    bring_to_rest,
+    energy_left,
+    energy_of,
     neighbours,
+    new_chain,
     nothing,
     oscillation,
     still,
@@ -53,12 +74,18 @@ from impact_xval.model.chain.state import (
     touch,
     unite,
 )
-from impact_xval.model.compiled import uncounted
+from impact_xval.model.compiled import OPTIONS, compiled, inlined_uncounted, uncounted
 from impact_xval.model.grazing import STAKE
 from impact_xval.model.law import INACTIVE, RESTITUTION
 
+#: What happens where the rate of a contact that does not act is zero, which is no event of its own.
+TURN = 3
+
 #: How a chain ended, as bits: what happened on the way.
 PLASTIC, RUNAWAY, COLLAPSE, TOO_MANY_EVENTS = 1, 2, 4, 8
+
+#: What the log says of a contact that acts, and of one that has become rigid; 0 of others.
+ACTS, UNITED = 1.0, 2.0
 
 #: Bodies are united where all that the contact between them can still do changes less than this share of its
 #: neighbours' energy.
@@ -80,22 +107,39 @@ def ringing_ends(c, n, i):
 
     It rings about the force that its neighbours' forces ask of it, each end of compression stiffens it by 1/e^2 (if
     linear), and it is rigid after a finite time tau (supplement, 3.4). It is taken for rigid at once if its energy is
-    negligible beside its neighbours', if they press it together all the while, and if its ringing cannot carry a
-    neighbour's rate through zero, which would be an end of compression.
+    negligible beside its neighbours', if they press it together all the while, if no other body arrives meanwhile, and
+    if its ringing cannot carry a neighbour's rate through zero, which would be an end of compression.
     """
     e = c.e[i]
     inverse, k = c.a[i] + c.a[i + 1], tangent(c, i)
     tau = 2 * pi / sqrt(k * inverse) / (1 - e)
+    if not c.frozen and meets_within(c, n, 2 * tau):
+        return False
     static, change, _, swing = neighbours(c, n, i)
-    if abs(change) * tau >= 0.5 * static or max(force(c, n, i), static) ** 2 / (k * (1 - e)) > RIGID * swing:
+    load = max(force(c, n, i), static) ** 2
+    if c.g[0] > 0 and i > 0 and not carries(c.phase[i - 1]):
+        swing = oscillation(c, n, i - 1)  # the upper ball comes down again, with this energy
+        load = max(load, c.k[i - 1] * swing)
+    if abs(change) * tau >= 0.5 * static or load / (k * (1 - e)) > RIGID * swing:
         return False
     wiggle = abs(force(c, n, i) - static) / sqrt(inverse * k)
     for j in (i - 1, i + 1):
-        if 0 <= j < n and carries(c.phase[j]) and oscillation(c, j) > SMALL * swing:
+        if 0 <= j < n and carries(c.phase[j]) and oscillation(c, n, j) > SMALL * swing:
             room = 4 * c.a[max(i, j)] * wiggle + 2 * abs(acceleration(c, n, j)) * tau
             if abs(c.w[j]) < room:
                 return False
     return True
+
+
+@uncounted
+def meets_within(c, n, time):
+    """Tell whether bodies that are apart may meet within a time, with their present rates and accelerations."""
+    for j in range(n):
+        if c.phase[j] == INACTIVE:
+            approach = max(c.w[j], 0.0) + time * max(acceleration(c, n, j), 0.0)
+            if -(c.delta[j] + rest(c, n, j)) < time * approach:
+                return True
+    return False
 
 
 @uncounted
@@ -104,8 +148,8 @@ def first_event(c, n, h, work):
 
     The time is -1 where the search was given up.
     """
-    linear = is_linear(c)
-    degree = ORDER if linear else ORDER_OF_STEP
+    series = has_series(c)
+    degree = ORDER if series else ORDER_OF_STEP
     first, which, happens, its_sign = inf, -1, FORCE, 0.0
     for i in range(n):
         row = HELD if c.frozen and c.phase[i] == INACTIVE else c.phase[i]
@@ -114,15 +158,15 @@ def first_event(c, n, h, work):
             if sign == 0 or work.left_out[i, what]:
                 continue
             table, at = work.rates if what == RATE else work.deltas, i
+            start = sign * (table[i, 0] + rest(c, n, i)) if what == GAP else sign * table[i, 0]
             if what == FORCE:
                 table, at = work.watched, 0
-                if linear:
-                    for j in range(degree + 1):
-                        table[0, j] = c.k[i] * work.deltas[i, j] + c.b[i] * work.rates[i, j]
+                if series:
+                    watch_force_of_series(c, n, i, work)
                 else:
                     watch_force(c, i, h, work)
-            start = 0.0 if what == FORCE and work.cut[i] else sign * table[at, 0]
-            at_rest = not linear and work.w[i] == 0 and work.delta[i] == 0
+                start = 0.0 if work.cut[i] else sign * table[0, 0]
+            at_rest = not series and work.w[i] == 0 and work.delta[i] == 0
             if at_rest and (what == FORCE or work.kw[0, i] == 0):
                 # Not yet pressed: the polynomial knows nothing of how a load begins, but it can only be pressed.
                 rises = table[at, 3] + table[at, 4] + table[at, 5] > 0
@@ -131,7 +175,23 @@ def first_event(c, n, h, work):
                 x = first_root(table, at, sign, start, degree, min(first, 1.0))
             if x < first:
                 first, which, happens, its_sign = x, i, what, sign
+    if c.g[0] > 0 and n == 2 and not c.frozen and c.phase[0] == INACTIVE and carries(c.phase[1]):
+        # B2 at rest counts once B1 no longer approaches.
+        w = work.rates[0, 0]
+        sign = 1.0 if w > 0 or (w == 0 and work.rates[0, 1] > 0) else -1.0
+        x = first_root(work.rates, 0, sign, sign * w, degree, min(first, 1.0))
+        if x < first:
+            first, which, happens = x, 0, TURN
     return which, happens, its_sign, first
+
+
+@uncounted
+def watch_force_of_series(c, n, i, work):
+    """Write the series of the force of a dashpot before it is cut off, up to a positive factor."""
+    for j in range(ORDER + 1):
+        damping = c.b[i] * work.rates[i, j]
+        work.watched[0, j] = damping if c.law == HUNT_CROSSLEY else damping + c.k[i] * work.deltas[i, j]
+    work.watched[0, 0] += 1.0 if c.law == HUNT_CROSSLEY else c.k[i] * rest(c, n, i)
 
 
 @uncounted
@@ -144,7 +204,7 @@ def near_misses(c, n, degree, x, energy, margin, work):
     rates = work.rates
     for i in range(n):
         start = rates[i, 1]
-        stake = (1 - c.e[i] * c.e[i]) * strain(c, i)
+        stake = (1 - c.e[i] * c.e[i]) * strain(c, n, i)
         if not carries(c.phase[i]) or stake <= STAKE * energy or start * acceleration(c, n, i) >= 0:
             continue
         sign = 1.0 if start > 0 else -1.0
@@ -184,9 +244,9 @@ def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
             for i in range(n):
                 values[i] = slope(rates, degree, i, now) / h
             ball_values(c, n, values, 0.0, log[row, 1 + balls : 1 + 2 * balls])
-            log[row, 1 + 2 * balls :] = 1.0  # a contact that has become rigid acts
+            log[row, 1 + 2 * balls :] = UNITED
             for i in range(n):
-                log[row, 1 + 2 * balls + c.contact[i]] = 1.0 if carries(c.phase[i]) else 0.0
+                log[row, 1 + 2 * balls + c.contact[i]] = ACTS if carries(c.phase[i]) else 0.0
         row += 1
     return row
 
@@ -194,26 +254,28 @@ def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
 @uncounted
 def apply_event(c, n, i, what, energy, loss, code):
     """Apply the law to contact i, and unite its bodies if that made it rigid: contacts left, loss, code."""
-    held = strain(c, i)
-    if what == RATE:
+    held = strain(c, n, i)
+    if what in (RATE, TURN):
         c.w[i] = 0.0
-    if has_dashpot(c):
-        dashpot_event(c, i, what)
+    if what == TURN:
+        pass
+    elif has_dashpot(c):
+        dashpot_event(c, n, i, what)
     elif c.phase[i] == INACTIVE:
-        returned(c, i)
+        returned(c, n, i)
     elif c.phase[i] == RESTITUTION and what == RATE:
         restart_compression(c, i)
     elif what == GAP:
-        spent(c, i)
+        spent(c, n, i)
     elif c.e[i] == 0:
         return unite(c, n, i), loss + held, code | PLASTIC
     elif held <= nothing(c, i, energy):
-        spent(c, i)
+        spent(c, n, i)
     else:
         end_compression(c, i)
         if c.law == STATE_TRANSITION and c.e[i] < 1 and ringing_ends(c, n, i):
             return unite(c, n, i), loss + held, code | RUNAWAY
-    return n, loss + held - strain(c, i), code
+    return n, loss + held - strain(c, n, i), code
 
 
 @uncounted
@@ -232,6 +294,16 @@ def flight(c, n):
 
 
 @uncounted
+def fly(c, n, h, work):
+    """Carry all bodies over a time h without forces."""
+    for i in range(n):
+        work.rates[i, 0] = c.w[i]
+        c.delta[i] += h * c.w[i]
+        if c.phase[i] == SLACK and c.delta[i] <= 0:
+            c.phase[i] = INACTIVE
+
+
+@uncounted
 def follow(c, n, h_next, tolerance, work):
     """Follow a piece up to its first event.
 
@@ -245,10 +317,18 @@ def follow(c, n, h_next, tolerance, work):
         When, per h; 1 without an event, below 0 where it cannot be said.
     """
     work.left_out[:] = False
-    if is_linear(c):
-        h = expand(c, n, work)
+    if has_series(c):
+        h = span(c, n, work)
+        h = h if h < inf else fall_time(c, n)
+        if c.law == HUNT_CROSSLEY:
+            h = expand_product(c, n, h, work)
+        else:
+            expand(c, n, h, work)
         which, what, _, x = first_event(c, n, h, work)
         x = min(x, 1.0)
+        if c.g[0] > 0 and n == 2 and x > 0 and has_dashpot(c):
+            stop = over_within(c, n, x, work)
+            which, x = (-1, stop) if stop < x else (which, x)
         evaluate(work.rates, ORDER, n, x, c.w)
         evaluate(work.deltas, ORDER, n, x, c.delta)
         return h, h_next, which, what, x
@@ -266,21 +346,71 @@ def follow(c, n, h_next, tolerance, work):
     return h, h_next, which, what, min(x, 1.0)
 
 
-@uncounted
-def bring_to_rest(c, n):
-    """End all that acts, with no rate left; the strain energy that is dropped."""
-    dropped = 0.0
-    for i in range(n):
-        if carries(c.phase[i]):
-            dropped += strain(c, i)
-            c.w[i] = 0.0
-            spent(c, i)
-    return dropped
+@inlined_uncounted
+def state_of(c, n):
+    """State of two balls on a table, less one: which contacts act; -1 once one has become rigid."""
+    if n < 2:
+        return -1
+    return (0 if carries(c.phase[0]) else 1) + (0 if carries(c.phase[1]) else 2)
 
 
-@uncounted
+@compiled
+def how_ended(c, n, quiet):
+    """How a collision with gravity is over, or that it goes on, after so many pieces without an event."""
+    end = how_over(c, n)
+    if end == GOING and may_settle(c, n, quiet):
+        mu, k1, k2, g = 1 / c.a[1], c.k[0], c.k[1], c.g[0]
+        if settled(mu, k1, k2, c.b[0], c.b[1], g, c.delta[0], c.w[0], c.delta[1], -c.w[1]):
+            return STUCK
+    return end
+
+
+class Followed(NamedTuple):
+    """How a chain went.
+
+    Attributes
+    ----------
+    n : int
+        Contacts that have not become rigid.
+    code : int
+        What happened on the way, as bits.
+    end : int
+        How it ended (`chain.rest`); `GOING` if it was given up.
+    events, pieces : int
+        Numbers of them.
+    margin : float
+        Grazing margin: the smallest rate at which a compression rate turned around while its contact acted, per the
+        largest one since it last did; contacts of e = 1 do not count. Infinite under laws of dashpots.
+    loss : float
+        What was lost and what is left of the kinetic energy, relative to the centre of mass or the table, per that
+        before: 1 but for rounding, under laws without dashpots and without gravity.
+    time, fall : float
+        Since first touch, and until the first flight of a collision with gravity.
+    rows : int
+        Of the log, had it room for all.
+    n_states : int
+        Number of states of two balls on a table.
+    sequence : int
+        These states, two bits each, the last one lowest (S1 is 0): the last 32.
+    """
+
+    n: Any
+    code: Any
+    end: Any
+    events: Any
+    pieces: Any
+    margin: Any
+    loss: Any
+    time: Any
+    fall: Any
+    rows: Any
+    n_states: Any
+    sequence: Any
+
+
+@njit(inline="always", **OPTIONS)
 def collide(c, work, energy, drift, gaps, tolerance, max_pieces, points, log):
-    """Follow one chain to its end.
+    """Follow one chain to its end; its code is part of `collide_all`, for to compile it twice takes twice as long.
 
     Parameters
     ----------
@@ -300,45 +430,49 @@ def collide(c, work, energy, drift, gaps, tolerance, max_pieces, points, log):
     points : int
         Rows of the log for each piece.
     log : ndarray, shape (rows, 1 + 2 N + C)
-        Filled with the path, as far as it goes; may have no rows.
+        Filled with the path and its end, as far as it goes; may have no rows.
 
     Returns
     -------
-    n, code, events : int
-        Contacts that have not become rigid; how it ended, as bits; number of events.
-    margin : float
-        Grazing margin: the smallest rate at which a compression rate turned around while its contact acted, per the
-        largest one since it last did; contacts of e = 1 do not count. Infinite under laws of dashpots.
-    loss : float
-        Energy lost, under laws without dashpots.
-    time : float
-        Since first touch.
-    rows : int
-        Of the log, had it room for all.
+    Followed
     """
     n = c.k.size
-    degree = ORDER if is_linear(c) else ORDER_OF_STEP
-    code, events, rows = 0, 0, 0
-    margin, loss, time, h_next = inf, 0.0, 0.0, FIRST_STEP
+    degree = ORDER if has_series(c) else ORDER_OF_STEP
+    code, end, events, pieces, quiet, rows = 0, GOING, 0, 0, 0, 0
+    margin, loss, time, fall, h_next = inf, 0.0, 0.0, inf, FIRST_STEP
+    sequence, n_states, state = np.uint64(0), 1, 0
+    work.cut[:] = False
     touch(c, n, gaps)
-    for _ in range(max_pieces):
-        if c.law <= LIU_ZHAO_BROGLIATO and 0 < left_in_contacts(c, n) <= COLLAPSED * energy:
+    while True:
+        now = state_of(c, n)
+        if now >= 0 and now != state:
+            state, sequence, n_states = now, (sequence << np.uint64(2)) | np.uint64(now), n_states + 1
+        if c.law <= LIU_ZHAO_BROGLIATO and 0 < energy_left(c, n) <= COLLAPSED * energy:
             code |= COLLAPSE
             loss += bring_to_rest(c, n)
-        h, which = flight(c, n)
-        if which < 0:
-            return n, code, events, margin, loss, time, rows
-        what, x, last = GAP, 1.0, 0
+        h, which = 0.0, n
+        if c.g[0] > 0:
+            end = how_ended(c, n, quiet)
+            if end == GOING and in_flight(c, n):
+                c.delta[n - 1] += rest(c, n, n - 1)
+                c.g[0], fall = 0.0, time
+        if c.g[0] == 0:
+            h, which = flight(c, n)
+            end = FREE if which < 0 else GOING
+        if end != GOING:
+            break
+        if pieces == max_pieces:
+            code |= TOO_MANY_EVENTS
+            break
+        pieces, quiet = pieces + 1, quiet + 1
+        what, x, last = RATE if c.frozen else GAP, 1.0, 0
         if which < n:
-            for i in range(n):
-                work.rates[i, 0] = c.w[i]
-                c.delta[i] += h * c.w[i]
-                if c.phase[i] == SLACK and c.delta[i] <= 0:
-                    c.phase[i] = INACTIVE
+            fly(c, n, h, work)
         else:
             last = degree
             h, h_next, which, what, x = follow(c, n, h_next, tolerance, work)
             if x < 0:
+                code |= TOO_MANY_EVENTS
                 break
             if not has_dashpot(c):
                 margin = near_misses(c, n, degree, x, energy, margin, work)
@@ -347,9 +481,71 @@ def collide(c, work, energy, drift, gaps, tolerance, max_pieces, points, log):
             rows = write_path(c, n, last, work, x, h, time, drift, points, log, rows)
         time += x * h
         if which >= 0:
-            events += 1
+            acted = carries(c.phase[which])
             n, loss, code = apply_event(c, n, which, what, energy, loss, code)
             if has_dashpot(c):
                 work.cut[which] = what == FORCE
+            # That bodies part which overlapped without force changes nothing.
+            if what != TURN and (not has_dashpot(c) or carries(c.phase[which]) != acted):
+                events, quiet = events + 1, 0
         still(c, n, energy)
-    return n, code | TOO_MANY_EVENTS, events, margin, loss, time, rows
+    for i in range(n):
+        work.rates[i, 0] = c.w[i]
+    rows = write_path(c, n, 0, work, 0.0, 1.0, time, drift, 1, log, rows)  # the end
+    if state != 3:
+        sequence, n_states = (sequence << np.uint64(2)) | np.uint64(3), n_states + 1
+    return Followed(
+        n, code, end, events, pieces, margin, loss, time, min(fall, time), rows, n_states, sequence
+    )
+
+
+@njit(nogil=True, **OPTIONS)
+def collide_all(
+    law, p, frozen, masses, stiffnesses, restitutions, dampings, rates, drifts, gaps, gravities, tolerance,
+    max_pieces, points, log, velocities, numbers, sequences,
+):  # fmt: skip
+    """Follow chains of one number of balls, in units of about 1; the only kernel that Python calls.
+
+    Not a loop that numba shares out to threads: compiling one takes four times as long. It holds no lock of Python, so
+    that threads can be given parts of the arrays.
+
+    Parameters
+    ----------
+    law : int
+        One of `chain.laws`.
+    p : float
+        Exponent of the forces.
+    frozen : bool
+        Whether positions are frozen.
+    masses : ndarray, shape (n, N)
+    stiffnesses, restitutions, dampings, rates, gaps : ndarray, shape (n, C)
+        C is N - 1, or N on a table. Rates are those of compression at first touch.
+    drifts, gravities : ndarray, shape (n,)
+        Velocity of the centre of mass; g. A mass of NaN marks a chain that is left out.
+    tolerance, max_pieces, points, log
+        As of `collide`; the log is that of the first one.
+    velocities : ndarray, shape (n, N)
+        Where the final velocities go.
+    numbers : ndarray, shape (n, 11)
+        Where the numbers of `Followed` go but for the last one.
+    sequences : ndarray of uint64, shape (n,)
+        Where that one goes.
+    """
+    contacts = stiffnesses.shape[1]
+    work, no_log = new_workspace(contacts), log[:0]
+    for i in range(masses.shape[0]):
+        if np.isnan(masses[i, 0]):
+            continue
+        c = new_chain(
+            masses[i], stiffnesses[i], restitutions[i], dampings[i], rates[i], p, law, frozen, gravities[i]
+        )
+        energy = energy_of(c, contacts, masses[i], drifts[i], velocities[i])
+        c.length[:] = (energy * (p + 1) / stiffnesses[i]) ** (1 / (p + 1))
+        went = collide(
+            c, work, energy, drifts[i], gaps[i], tolerance, max_pieces, points, log if i == 0 else no_log
+        )
+        left = energy_of(c, went.n, masses[i], drifts[i], velocities[i])
+        out = numbers[i]
+        out[0], out[1], out[2], out[3], out[4] = went.n, went.code, went.end, went.events, went.pieces
+        out[5], out[6], out[7], out[8] = went.margin, (went.loss + left) / energy, went.time, went.fall
+        out[9], out[10], sequences[i] = went.rows, went.n_states, went.sequence

@@ -13,6 +13,9 @@ where its bodies begin to approach; with positions it returns where its gap has 
 the permanent indentation of a loading along k and an unloading along k/e^2. A contact that ends restitution therefore
 opens with a gap of exactly zero, and returns when its bodies meet where they parted.
 
+With gravity the lower ball of a drop has settled on the table: its contact counts delta from there, so that the weight
+need not cancel to rounding (`rest`). An end of compression takes 1 - e^2 of all its strain energy, weight included.
+
 A dashpot pushes from first touch, and its force is spent before its bodies are apart: the contact is SLACK while they
 overlap without force, and is loaded again if a neighbour pushes them together. Without damping it is never slack.
 """
@@ -56,17 +59,24 @@ def has_dashpot(c):
 
 
 @inlined_uncounted
-def is_linear(c):
-    """Whether the forces are linear in deformations and rates."""
-    return c.p == 1 and c.law != HUNT_CROSSLEY
+def has_series(c):
+    """Whether the motion between events is summed as a power series, else taken in steps."""
+    return c.p == 1
 
 
 @inlined_uncounted
-def spring(c, i):
+def rest(c, n, i):
+    """Deformation of contact i that holds the weight of the body on the table; 0 of others, and without gravity."""
+    return c.g[0] / (c.a[i] * c.k[i]) if i == n - 1 and c.g[0] > 0 else 0.0
+
+
+@inlined_uncounted
+def spring(c, n, i):
     """Return k delta^p of contact i."""
+    depth = c.delta[i] + rest(c, n, i)
     if c.p == 1:
-        return c.k[i] * c.delta[i]
-    return c.k[i] * c.delta[i] ** c.p if c.delta[i] > 0 else 0.0
+        return c.k[i] * depth
+    return c.k[i] * depth**c.p if depth > 0 else 0.0
 
 
 @inlined_uncounted
@@ -75,8 +85,9 @@ def force(c, n, i):
     if not (0 <= i < n and carries(c.phase[i])):
         return 0.0
     if c.law == KELVIN_VOIGT:
-        return spring(c, i) + c.b[i] * c.w[i] * max(c.delta[i], 0.0) ** (0.5 * (c.p - 1))
-    return spring(c, i) * (1 + c.b[i] * c.w[i]) if c.law == HUNT_CROSSLEY else spring(c, i)
+        damped = 1.0 if c.p == 1 else max(c.delta[i], 0.0) ** (0.5 * (c.p - 1))
+        return spring(c, n, i) + c.b[i] * c.w[i] * damped
+    return spring(c, n, i) * (1 + c.b[i] * c.w[i]) if c.law == HUNT_CROSSLEY else spring(c, n, i)
 
 
 @inlined_uncounted
@@ -91,17 +102,17 @@ def before_cut(c, i, delta, w, dw):
 
 
 @inlined_uncounted
-def spent(c, i):
+def spent(c, n, i):
     """End the force of contact i: it keeps its stiffness for a return."""
     c.phase[i] = INACTIVE
-    c.delta[i] = 0.0
+    c.delta[i] = 0.0 - rest(c, n, i)
 
 
 @inlined_uncounted
-def returned(c, i):
+def returned(c, n, i):
     """Let contact i act again, in compression from zero force."""
     c.phase[i] = COMPRESSION
-    c.delta[i] = 0.0
+    c.delta[i] = 0.0 - rest(c, n, i)
     if c.law == LIU_ZHAO_BROGLIATO:
         c.k[i] = c.original[i]
 
@@ -125,14 +136,14 @@ def restart_compression(c, i):
 
 
 @uncounted
-def dashpot_event(c, i, what):
+def dashpot_event(c, n, i, what):
     """Apply an event of a contact of spring and dashpot."""
     never_slack = c.frozen or (c.law == KELVIN_VOIGT and c.b[i] == 0)
-    if what == FORCE and c.phase[i] == COMPRESSION and c.delta[i] > 0 and not never_slack:
+    if what == FORCE and c.phase[i] == COMPRESSION and c.delta[i] + rest(c, n, i) > 0 and not never_slack:
         c.phase[i] = SLACK
     elif c.phase[i] == INACTIVE:
-        returned(c, i)
+        returned(c, n, i)
     elif what == FORCE and c.phase[i] == SLACK:
         c.phase[i] = COMPRESSION
     else:
-        spent(c, i)
+        spent(c, n, i)

@@ -1,4 +1,4 @@
-"""Motion under forces that are not linear (Hertz: p = 1.5; Hunt-Crossley): steps of DOP853, as no closed form is known.
+"""Motion under forces that are no power series (Hertz: p = 1.5): steps of DOP853, as no closed form is known.
 
 Each step of Hairer, Norsett and Wanner's method of order 8 (scipy's tables) is followed by cubics and quintics through
 its ends, which find the first event as for linear contacts. The step is then repeated up to the event, with Newton's

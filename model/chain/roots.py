@@ -7,6 +7,10 @@ interval if the outer Bernstein coefficients of H are >= 0 and the inner ones ex
 that is neither certified so, nor split by a root into a certified part and a rest, is halved: no root, and
 no pair of close roots, can be stepped over.
 
+Where a polynomial starts next to zero and grows with a high power, as the load of a contact far ahead of a wave, only
+tiny intervals could be certified so. There the sums P of its positive terms and N of the magnitudes of its negative
+ones tell, both increasing: f > 0 on [x, y] if P(x) > N(y).
+
 A function that is zero when the segment begins, to whatever order, is divided by that power of the time
 first, so that the zero it starts from is never found again (contact 2 starts from a zero of third order).
 """
@@ -44,6 +48,17 @@ def _positive(f0, df0, f1, df1, w, C):
     """Whether f > 0 inside an interval of length w is certain."""
     reserve = C * (w * w) * (w * w) / 288
     return f1 >= 0 and f0 + w * df0 / 3 > reserve and f1 - w * df1 / 3 > reserve
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _parts(f, i, sign, start, first, degree, x):
+    """Sum of the positive terms at x of a polynomial divided by x^first, and of the magnitudes of the negative ones."""
+    positive, negative = 0.0, 0.0
+    for n in range(degree, first, -1):
+        term = sign * f[i, n]
+        positive = positive * x + max(term, 0.0)
+        negative = negative * x + max(-term, 0.0)
+    return positive * x + start, negative * x
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
@@ -128,7 +143,12 @@ def first_root(f, i, sign, start, degree, limit):
     low, high, f0 = 0.0, limit, start
     for _ in range(MOST_INTERVALS):
         w = high - low
-        if _positive(f0, df0, f1, df1, w, C):
+        certain = _positive(f0, df0, f1, df1, w, C)
+        if not certain and f1 > 0:
+            rising, _ = _parts(f, i, sign, start, first, degree, low)
+            _, falling = _parts(f, i, sign, start, first, degree, high)
+            certain = rising > falling
+        if certain:
             if high >= limit:
                 return inf
             low, f0, df0 = high, f1, df1

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.chain.laws import carries, force, has_dashpot, is_linear, spring
-from impact_xval.model.compiled import inlined_uncounted, uncounted
+from impact_xval.model.chain.laws import carries, force, has_dashpot, has_series, rest, spent, spring
+from impact_xval.model.compiled import compiled, inlined_uncounted, uncounted
 from impact_xval.model.law import COMPRESSION, INACTIVE
 
 #: Rounding of a neighbour's motion, as a share of its energy: the square of 2^-53, and what steps leave.
@@ -52,6 +52,9 @@ class Chain(NamedTuple):
         One of `chain.laws`.
     frozen : bool
         Whether positions are frozen.
+    g : ndarray, shape (1,)
+        Gravity, 0 without and from the first flight on; above 0 only on a table, whose contact then counts delta from
+        that under the weight of the body on it (`laws.rest`).
     """
 
     a: NDArray[np.float64]
@@ -69,13 +72,41 @@ class Chain(NamedTuple):
     p: float
     law: int
     frozen: bool
+    g: NDArray[np.float64]
+
+
+@compiled
+def new_chain(masses, stiffnesses, restitutions, dampings, rates, p, law, frozen, g):
+    """Make a chain at first touch, of a body a ball; its `length` is to be filled in."""
+    balls, contacts = masses.size, stiffnesses.size
+    inverse = np.zeros(contacts + 1)
+    inverse[:balls] = 1 / masses
+    return Chain(
+        inverse,
+        stiffnesses.copy(),
+        stiffnesses.copy(),
+        restitutions.copy(),
+        dampings.copy(),
+        rates.copy(),
+        np.zeros(contacts),
+        np.zeros(contacts, np.int64),
+        np.arange(contacts),
+        np.empty(contacts),
+        np.zeros(contacts),
+        np.arange(balls),
+        p,
+        law,
+        frozen,
+        np.array([g]),
+    )
 
 
 @inlined_uncounted
 def acceleration(c, n, i):
     """Return w' of contact i: what its own force and those of its neighbours do to it."""
     own = (c.a[i] + c.a[i + 1]) * force(c, n, i)
-    return c.a[i] * force(c, n, i - 1) + c.a[i + 1] * force(c, n, i + 1) - own
+    fall = c.g[0] if i == n - 1 else 0.0  # other bodies fall together
+    return c.a[i] * force(c, n, i - 1) + c.a[i + 1] * force(c, n, i + 1) - own + fall
 
 
 @inlined_uncounted
@@ -85,15 +116,15 @@ def tangent(c, i):
 
 
 @inlined_uncounted
-def strain(c, i):
+def strain(c, n, i):
     """Strain energy of the spring of contact i, where it acts."""
-    return spring(c, i) * c.delta[i] / (c.p + 1) if carries(c.phase[i]) else 0.0
+    return spring(c, n, i) * (c.delta[i] + rest(c, n, i)) / (c.p + 1) if carries(c.phase[i]) else 0.0
 
 
 @inlined_uncounted
-def oscillation(c, i):
+def oscillation(c, n, i):
     """Twice the energy of the oscillation of contact i on its own, at its running stiffness."""
-    F = spring(c, i) if carries(c.phase[i]) else 0.0
+    F = spring(c, n, i) if carries(c.phase[i]) else 0.0
     return (F * F / tangent(c, i) if F > 0 else 0.0) + c.w[i] * c.w[i] / (c.a[i] + c.a[i + 1])
 
 
@@ -113,10 +144,10 @@ def neighbours(c, n, i):
     """
     inverse = c.a[i] + c.a[i + 1]
     frequency = inverse * tangent(c, i)
-    static, slope, imposed, swing = 0.0, 0.0, 0.0, 0.0
+    static, slope, imposed, swing = c.g[0] / inverse if i == n - 1 else 0.0, 0.0, 0.0, 0.0
     for j in (i - 1, i + 1):
         if 0 <= j < n and carries(c.phase[j]):
-            shared, of_j, energy = c.a[max(i, j)], c.a[j] + c.a[j + 1], oscillation(c, j)
+            shared, of_j, energy = c.a[max(i, j)], c.a[j] + c.a[j + 1], oscillation(c, n, j)
             static += shared / inverse * force(c, n, j)
             slope += shared / inverse * tangent(c, j) * c.w[j]
             imposed += shared * sqrt(energy / of_j) * min(1.0, of_j * tangent(c, j) / frequency)
@@ -145,26 +176,27 @@ def nothing(c, i, energy):
     A contact j gives the ball that it shares with i at most a kinetic energy of its own, and rounding of that velocity
     is all that i can have of it by mistake. Ahead of a wave no neighbour has moved, and the smallest load counts.
     """
-    share = 0.0 if has_dashpot(c) else ROUNDING if is_linear(c) else ROUNDING_OF_STEPS
+    share = 0.0 if has_dashpot(c) else ROUNDING if has_series(c) else ROUNDING_OF_STEPS
     return share * c.reach[i] + UNDERFLOW * energy
 
 
 @uncounted
 def still(c, n, energy):
     """Bring to rest the contacts in compression that have no energy but that of rounding."""
-    before, own = 0.0, oscillation(c, 0)
+    before, own = 0.0, oscillation(c, n, 0)
     for i in range(n):
-        after = oscillation(c, i + 1) if i + 1 < n else 0.0
+        after = oscillation(c, n, i + 1) if i + 1 < n else 0.0
         c.reach[i] = max(c.reach[i], before, own, after)
         before, own = own, after
     for i in range(n):
-        if c.phase[i] == COMPRESSION and oscillation(c, i) <= nothing(c, i, energy):
-            c.w[i], c.delta[i] = 0.0, 0.0
+        if c.phase[i] == COMPRESSION and oscillation(c, n, i) <= nothing(c, i, energy):
+            c.w[i], c.delta[i] = 0.0, 0.0 - rest(c, n, i)
 
 
 @uncounted
 def unite(c, n, i):
     """Make one body of the two that contact i joins, for good; the number of contacts that are left."""
+    c.delta[n - 1] += rest(c, n, n - 1)
     c.a[i] = 1 / (1 / c.a[i] + 1 / c.a[i + 1])
     for j in range(i + 1, n):
         c.a[j] = c.a[j + 1]
@@ -175,6 +207,8 @@ def unite(c, n, i):
     for ball in range(c.body.size):
         if c.body[ball] > i:
             c.body[ball] -= 1
+    if n > 1:
+        c.delta[n - 2] -= rest(c, n - 1, n - 2)
     return n - 1
 
 
@@ -208,10 +242,32 @@ def ball_values(c, n, rates, drift, out):
 
 
 @uncounted
-def left_in_contacts(c, n):
-    """Energy left in the contacts that act, with that of their bodies' approach."""
+def energy_of(c, n, masses, drift, velocities):
+    """Write the velocities of the balls, and return their energy relative to the centre of mass or the table."""
+    ball_values(c, n, c.w, drift, velocities)
+    energy = 0.0
+    for ball in range(masses.size):
+        energy += 0.5 * masses[ball] * (velocities[ball] - drift) ** 2
+    return energy
+
+
+@uncounted
+def energy_left(c, n):
+    """Energy of the contacts that act, and of the approach of bodies whose gap will close."""
     total = 0.0
     for i in range(n):
-        if carries(c.phase[i]):
-            total += 0.5 * c.w[i] * c.w[i] / (c.a[i] + c.a[i + 1]) + strain(c, i)
+        if carries(c.phase[i]) or (c.w[i] > 0 and not c.frozen):
+            total += 0.5 * c.w[i] * c.w[i] / (c.a[i] + c.a[i + 1]) + strain(c, n, i)
     return total
+
+
+@uncounted
+def bring_to_rest(c, n):
+    """End all that acts or approaches, with no rate left; the strain energy that is dropped."""
+    dropped = 0.0
+    for i in range(n):
+        if carries(c.phase[i]) or (c.w[i] > 0 and not c.frozen):
+            dropped += strain(c, n, i)
+            c.w[i] = 0.0
+            spent(c, n, i)
+    return dropped

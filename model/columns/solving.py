@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
-from impact_xval.model.chain.kernel import COLLAPSE, PLASTIC, RUNAWAY, TOO_MANY_EVENTS, collide
+from impact_xval.model.chain.kernel import (
+    COLLAPSE,
+    PLASTIC,
+    RUNAWAY,
+    TOO_MANY_EVENTS,
+    Followed,
+    collide_all,
+)
 from impact_xval.model.chain.laws import LIU_ZHAO_BROGLIATO, STATE_TRANSITION
-from impact_xval.model.chain.power_law import TOLERANCE, new_workspace
-from impact_xval.model.chain.state import Chain, ball_values
+from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.collision import RESULT_STATUSES
 from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
-from impact_xval.model.compiled import OPTIONS, compiled
-from impact_xval.model.diagram import MASS_PRECISION
 from impact_xval.model.grazing import MARKS, mark_codes
-from impact_xval.model.inputs import EXPONENT, GRAZING_THRESHOLD
+from impact_xval.model.inputs import EXPONENT, GRAZING_THRESHOLD, MASS_PRECISION
 from impact_xval.model.law import INACTIVE, ImpactLaw
 from impact_xval.model.solving import NAME, check_law, nearest_jump
 
@@ -88,24 +92,24 @@ def solve_column(
     nothing = np.zeros(contacts)
     problem = scaled, p, _code(rules), nothing, True, nothing, TOLERANCE
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
-    result = solve_scaled(*problem, max_events, points, log)
-    outcome = _outcome(column, result, units, rules, grazing_threshold, max_events)
+    velocities, went = follow(*problem, max_events, points, log)
+    outcome = _outcome(column, velocities, went, units, rules, grazing_threshold, max_events)
     if outcome.status not in RESULT_STATUSES:
         return outcome
-    if result[-1] > LOG_ROWS:
-        points, rows = fitting(points, result[-1], log.shape[1])
+    if went.rows > LOG_ROWS:
+        points, rows = fitting(points, went.rows, log.shape[1])
         log = np.empty((rows, log.shape[1]))
-        result = solve_scaled(*problem, max_events, points, log)
-    log = log[: result[-1]]
-    trail = path_of(column, log, result[0], result[5], units) if path else None
+        velocities, went = follow(*problem, max_events, points, log)
+    log = log[: went.rows]
+    trail = path_of(column, log, units) if path else None
     return replace(outcome, states=states_of(column, log), path=trail)
 
 
 def fitting(points: int, rows: int, width: int) -> tuple[int, int]:
     """Points in each piece of a segment, fewer where a log of so many rows is too large, and the rows they make."""
-    pieces = rows // points
-    points = max(1, min(points, LOG_NUMBERS // (pieces * width)))
-    return points, pieces * points
+    pieces = (rows - 1) // points
+    points = max(1, min(points, LOG_NUMBERS // (pieces * width + 1)))
+    return points, pieces * points + 1
 
 
 def solve_columns(
@@ -136,33 +140,18 @@ def solve_columns(
     """
     rules, p = check_law(law, "law"), EXPONENT.number(exponent)
     columns = list(columns)
-    if not columns:
-        return []
     for column in columns:
         _check_touching(column)
-    scaled, units = zip(*(scaled_column(column, p) for column in columns), strict=True)
-    *flat, drifts = (list(values) for values in zip(*scaled, strict=True))
-    of_balls = np.cumsum([0, *(len(column.masses) for column in columns)])
-    of_contacts = np.cumsum([0, *(len(column.stiffnesses) for column in columns)])
-    masses, stiffnesses, restitutions, rates = (np.concatenate(values) for values in flat)
-    velocities, numbers = _solve_all(
-        of_balls,
-        of_contacts,
-        masses,
-        stiffnesses,
-        restitutions,
-        rates,
-        np.array(drifts),
-        p,
-        _code(rules),
-        max_events,
-    )
-    outcomes = []
-    for i, (column, unit) in enumerate(zip(columns, units, strict=True)):
-        code, events, margin, residual = numbers[i]
-        result = (velocities[of_balls[i] : of_balls[i + 1]], int(code), int(events), margin, residual, 0.0, 0)
-        outcomes.append(_outcome(column, result, unit, rules, grazing_threshold, max_events))
-    return outcomes
+
+    def solved(column: Column) -> ColumnOutcome:
+        scaled, units = scaled_column(column, p)
+        nothing, no_log = np.zeros(len(column.stiffnesses)), np.empty((0, 0))
+        problem = scaled, p, _code(rules), nothing, True, nothing, TOLERANCE
+        velocities, went = follow(*problem, max_events, 1, no_log)
+        return _outcome(column, velocities, went, units, rules, grazing_threshold, max_events)
+
+    with ThreadPoolExecutor() as threads:
+        return list(threads.map(solved, columns))
 
 
 def _code(rules: ImpactLaw) -> int:
@@ -209,90 +198,72 @@ def scaled_column(column: Column, p: float) -> tuple[tuple[Any, ...], Units]:
     return scaled, Units(float(mass), float(speed), time)
 
 
-@compiled
-def chain_of(scaled, p, law, b, frozen):
-    """Chain of a column of `scaled_column`, and its kinetic energy relative to the centre of mass or the table."""
+def follow(
+    scaled: tuple[Any, ...],
+    p: float,
+    law: int,
+    dampings: NDArray[np.float64],
+    frozen: bool,
+    gaps: NDArray[np.float64],
+    tolerance: float,
+    max_pieces: int,
+    points: int,
+    log: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], Followed]:
+    """Follow a column of `scaled_column`, as `chain.kernel` does: its velocities, and how it went."""
     masses, stiffnesses, restitutions, rates, drift = scaled
-    balls, contacts = masses.size, stiffnesses.size
-    inverse = np.zeros(contacts + 1)
-    inverse[:balls] = 1 / masses
-    chain = Chain(
-        inverse,
-        stiffnesses.copy(),
-        stiffnesses.copy(),
-        restitutions.copy(),
-        b.copy(),
-        rates.copy(),
-        np.zeros(contacts),
-        np.zeros(contacts, np.int64),
-        np.arange(contacts),
-        np.empty(contacts),
-        np.zeros(contacts),
-        np.arange(balls),
-        p,
+    velocities, numbers, sequence = np.empty((1, masses.size)), np.empty((1, 11)), np.zeros(1, np.uint64)
+    contacts = [each[None] for each in (stiffnesses, restitutions, dampings, rates)]
+    arguments: list[Any] = [
         law,
+        p,
         frozen,
-    )
-    velocities = np.empty(balls)
-    ball_values(chain, contacts, rates, drift, velocities)
-    energy = 0.5 * (masses * (velocities - drift) ** 2).sum()
-    chain.length[:] = (energy * (p + 1) / stiffnesses) ** (1 / (p + 1))
-    return chain, energy
+        masses[None],
+        *contacts,
+        np.array([drift]),
+        gaps[None],
+        np.zeros(1),
+    ]
+    arguments += [tolerance, max_pieces, points, log, velocities, numbers, sequence]
+    collide_all(*arguments)
+    return velocities[0], followed(numbers, sequence)
 
 
-@compiled
-def solve_scaled(scaled, p, law, b, frozen, gaps, tolerance, max_events, points, log):
-    """Solve a column of `scaled_column`: velocities, code, events, margin, residual, time, rows of the log."""
-    masses, drift = scaled[0], scaled[-1]
-    chain, energy = chain_of(scaled, p, law, b, frozen)
-    velocities = np.empty(masses.size)
-    n, code, events, margin, loss, time, rows = collide(
-        chain, new_workspace(gaps.size), energy, drift, gaps, tolerance, max_events, points, log
-    )
-    ball_values(chain, n, chain.w, drift, velocities)
-    residual = 1 - (loss + 0.5 * (masses * (velocities - drift) ** 2).sum()) / energy
-    return velocities, code, events, margin, residual, time, rows
-
-
-@njit(parallel=True, **OPTIONS)
-def _solve_all(of_balls, of_contacts, masses, stiffnesses, restitutions, rates, drifts, p, law, max_events):
-    velocities, numbers = np.empty(masses.size), np.empty((drifts.size, 4))
-    no_log = np.empty((0, 0))
-    for i in prange(drifts.size):
-        balls, contacts = slice(of_balls[i], of_balls[i + 1]), slice(of_contacts[i], of_contacts[i + 1])
-        scaled = (masses[balls], stiffnesses[contacts], restitutions[contacts], rates[contacts], drifts[i])
-        nothing = np.zeros(scaled[1].size)
-        v, code, events, margin, residual, _, _ = solve_scaled(
-            scaled, p, law, nothing, True, nothing, TOLERANCE, max_events, 1, no_log
-        )
-        velocities[balls] = v
-        numbers[i, 0], numbers[i, 1], numbers[i, 2], numbers[i, 3] = code, events, margin, residual
-    return velocities, numbers
+def followed(numbers: NDArray[np.float64], sequence: NDArray[np.uint64]) -> Followed:
+    """How the only chain of arrays went."""
+    whole = {"n", "code", "end", "events", "pieces", "rows", "n_states"}
+    values = dict(zip(Followed._fields, numbers[0].tolist(), strict=False))
+    return Followed(**{k: int(v) if k in whole else v for k, v in values.items()}, sequence=int(sequence[0]))
 
 
 def _outcome(
-    column: Column, result: tuple[Any, ...], units: Units, law: ImpactLaw, threshold: float, max_events: int
+    column: Column,
+    velocities: NDArray[np.float64],
+    went: Followed,
+    units: Units,
+    law: ImpactLaw,
+    threshold: float,
+    max_events: int,
 ) -> ColumnOutcome:
-    """Outcome of a kernel's result, without states and path."""
-    velocities, code, events, margin, residual, _, _ = result
+    """Outcome of a column that was followed, without states and path."""
     if reason := beyond_precision(column):
         return ColumnOutcome.failure(NAME, column, "unrepresentable", reason)
-    if code & TOO_MANY_EVENTS:
+    if went.code & TOO_MANY_EVENTS:
         return ColumnOutcome.failure(
             NAME, column, "unconverged", f"not over within {max_events} pieces of segments"
         )
     velocities = velocities * units.speed
-    margin = float(nearest_jump(margin, law))
+    margin = float(nearest_jump(went.margin, law))
     return ColumnOutcome(
         solver=NAME,
         velocities=tuple(velocities.tolist()),
         impulses=tuple(impulses_of(column, velocities).tolist()),
-        status="limit" if code else "ok",
-        reason="; ".join(text for bit, text in _REASONS.items() if code & bit),
+        status="limit" if went.code else "ok",
+        reason="; ".join(text for bit, text in _REASONS.items() if went.code & bit),
         grazing_margin=margin,
         marked=MARKS[int(mark_codes(margin, 0.0, threshold))],
-        n_events=events,
-        diagnostics={"energy_residual": float(residual)},
+        n_events=went.events,
+        diagnostics={"energy_residual": 1 - went.loss},
     )
 
 
@@ -303,25 +274,23 @@ def impulses_of(column: Column, velocities: NDArray[np.float64]) -> NDArray[np.f
 
 
 def states_of(column: Column, log: NDArray[np.float64]) -> tuple[tuple[int, ...], ...]:
-    """List the sets of acting contacts of a complete log, the last one empty."""
-    acting = log[:, 1 + 2 * len(column.masses) :] != INACTIVE
+    """List the sets of acting contacts of a complete log, and the empty one of the end."""
+    acting = log[:-1, 1 + 2 * len(column.masses) :] != INACTIVE
     sets = [tuple((np.flatnonzero(row) + 1).tolist()) for row in acting]
-    return (*(states for states, _ in groupby(sets)), ())
+    return tuple(states for states, _ in groupby([*sets, ()]))
 
 
-def path_of(
-    column: Column, log: NDArray[np.float64], velocities: NDArray[np.float64], time: float, units: Units
-) -> ColumnPath:
-    """Path of a complete log, and the end with its scaled velocities and time."""
+def path_of(column: Column, log: NDArray[np.float64], units: Units) -> ColumnPath:
+    """Path of a complete log."""
     balls, masses = len(column.masses), np.array(column.masses)
-    velocities = np.vstack([log[:, 1 : 1 + balls], velocities]) * units.speed
-    forces = np.cumsum(masses * log[:, 1 + balls : 1 + 2 * balls], axis=-1) * (units.speed / units.time)
+    velocities = log[:, 1 : 1 + balls] * units.speed
     acting = log[:, 1 + 2 * balls :] != INACTIVE
-    contacts = acting.shape[1]
+    forces = np.cumsum(masses * log[:, 1 + balls : 1 + 2 * balls], axis=-1) * (units.speed / units.time)
+    acting[-1] = False
     return ColumnPath(
-        time=np.append(log[:, 0], time) * units.time,
+        time=log[:, 0] * units.time,
         velocities=velocities,
         impulses=impulses_of(column, velocities),
-        forces=np.vstack([forces[:, :contacts], np.zeros(contacts)]),
-        acting=np.vstack([acting, np.zeros(contacts, bool)]),
+        forces=forces[:, : acting.shape[1]],
+        acting=acting,
     )

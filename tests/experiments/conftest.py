@@ -5,6 +5,7 @@ import pytest
 
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.presentation.report import present
+from impact_xval.experiments.sweep.kernels import column_kernels_of, compile_once, kernels_of
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.store import TABLES, RunFolder
 from tests.experiments import fakes
@@ -34,6 +35,13 @@ def resumed(config, root, **how):
         config, root, resume=True, isolate=False, progress=lambda done, total, line: said.append(line), **how
     )
     return said
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_kernels():
+    """Compile what runs need before the first of them, once for all workers: `compile_once` locks."""
+    solvers = ["state-transition", "kelvin-voigt", "mujoco", "pybullet"]
+    compile_once([*kernels_of(solvers), *column_kernels_of(solvers)])
 
 
 @pytest.fixture

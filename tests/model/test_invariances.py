@@ -42,7 +42,7 @@ def test_energy_never_grows_and_the_balls_part(kappa, mu, e1, e2, cutoff):
     c = Collision.from_ratios(kappa, mu, e1, e2)
     outcome = solve(c, stiffness_ratio_cutoff=cutoff)
     assert outcome.v1 >= outcome.v2 >= 0
-    assert outcome.retained_energy(c) <= 1 + 1e-13
+    assert outcome.retained_energy(c) <= 1 + 1e-13 + 1e-15 * outcome.n_events  # each of them rounds
     assert outcome.states[0] == "S1"
     assert outcome.states[-1] == "S4"
     # momentum: each ball's from the impulses, (11) and (12)

@@ -22,10 +22,10 @@ from impact_xval.model.columns.solving import (
     POINTS,
     beyond_precision,
     fitting,
+    follow,
     impulses_of,
     path_of,
     scaled_column,
-    solve_scaled,
     states_of,
 )
 from impact_xval.model.inputs import EXPONENT
@@ -119,23 +119,21 @@ def solve_column(
     balls, contacts = len(column.masses), len(column.stiffnesses)
     points = POINTS if path else 1
     log = np.empty((LOG_ROWS, 1 + 2 * balls + contacts))
-    result = solve_scaled(*problem, TOLERANCE, max_steps, points, log)
-    velocities, code, events, margin, _, time, rows = result
+    velocities, went = follow(*problem, TOLERANCE, max_steps, points, log)
+    code = went.code
     if code & TOO_MANY_EVENTS:
         return ColumnOutcome.failure(
             law, column, "timeout", f"not over within max_steps = {max_steps} pieces of segments"
         )
-    if rows > LOG_ROWS:
-        points, rows = fitting(points, rows, log.shape[1])
+    if went.rows > LOG_ROWS:
+        points, rows = fitting(points, went.rows, log.shape[1])
         log = np.empty((rows, log.shape[1]))
-        solve_scaled(*problem, TOLERANCE, max_steps, points, log)
-    log = log[:rows]
-    diagnostics = {"duration": time * units.time}
-    if p != 1 or LAWS[law] == HUNT_CROSSLEY:
-        looser, code2, *_ = solve_scaled(
-            *problem, LOOSER * TOLERANCE, max_steps, 1, np.empty((0, log.shape[1]))
-        )
-        moved = math.nan if code2 & TOO_MANY_EVENTS else float(np.abs(looser - velocities).max())
+        follow(*problem, TOLERANCE, max_steps, points, log)
+    log = log[: went.rows]
+    diagnostics = {"duration": went.time * units.time}
+    if p != 1:
+        looser, again = follow(*problem, LOOSER * TOLERANCE, max_steps, 1, np.empty((0, log.shape[1])))
+        moved = math.nan if again.code & TOO_MANY_EVENTS else float(np.abs(looser - velocities).max())
         diagnostics["velocity_error"] = moved * units.speed
     velocities = velocities * units.speed
     return ColumnOutcome(
@@ -145,10 +143,10 @@ def solve_column(
         states=states_of(column, log),
         status="limit" if code & RUNAWAY else "ok",
         reason="a contact became rigid: its bodies are one from there on" if code & RUNAWAY else "",
-        grazing_margin=float(margin) if law == "bistiffness" else None,
-        n_events=events,
+        grazing_margin=float(went.margin) if law == "bistiffness" else None,
+        n_events=went.events,
         diagnostics=diagnostics,
-        path=path_of(column, log, velocities / units.speed, time, units) if path else None,
+        path=path_of(column, log, units) if path else None,
     )
 
 

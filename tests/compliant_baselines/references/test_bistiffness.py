@@ -33,27 +33,6 @@ def test_elastic_both_references_are_the_same_system(drop):
     np.testing.assert_array_equal(mine.sequence[calm], other.sequence[calm])
 
 
-def test_velocities_do_not_depend_on_where_a_contact_counts_as_rigid():
-    kappa, mu, e1, e2 = random_cells(4000, 4)
-    kept = bistiffness_batch(kappa, mu, e1, e2)
-    limited = kept.status == "limit"
-    assert 0.1 < np.mean(limited) < 0.4
-    errors = []
-    for ratio in (1e6, 1e8, 1e20):
-        other = bistiffness_batch(kappa, mu, e1, e2, rigid_ratio=ratio)
-        assert set(other.status) <= {"ok", "limit"}
-        errors.append(max(np.abs(other.v1 - kept.v1).max(), np.abs(other.v2 - kept.v2).max()))
-    # at least first order in the inverse of the ratio
-    assert 30 < errors[0] / errors[1] < 10_000
-    assert errors[2] < 1e-12
-
-
-def test_an_illegal_ratio_from_which_a_contact_is_rigid_is_named():
-    for bad in (1.0, math.nan):
-        with pytest.raises(ValueError, match="rigid_ratio"):
-            bistiffness_batch(1.0, 1.0, 0.5, 0.5, rigid_ratio=bad)
-
-
 def test_a_path_that_ends_in_a_limit_is_finite():
     # Stiffness of unloading k1/e1^2: a polynomial over the limit's duration would leave double precision.
     for e1 in (1e-17, 1e-70):

@@ -268,9 +268,9 @@ def test_what_it_does_not_decide_is_not():
 
 
 def test_an_error_that_is_stated_marks_too():
-    outcome = solve_column(STACK, "hunt-crossley")
+    outcome = solve_column(STACK, "hunt-crossley", exponent=1.5)
     assert outcome.diagnostics["velocity_error"] > 1e-3
-    (marked,) = mark_columns([outcome], [STACK], "hunt-crossley")
+    (marked,) = mark_columns([outcome], [STACK], "hunt-crossley", 1.5)
     assert marked.marked.startswith("its own error moves")
 
 

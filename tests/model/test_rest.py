@@ -8,12 +8,12 @@ from scipy.linalg import expm
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.compliant_baselines.contract.trajectory import FREE, GOING, REST, STUCK
-from impact_xval.compliant_baselines.references.ending import how_over, settled
 from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, kelvin_voigt_batch
 from impact_xval.model import Collision
+from impact_xval.model.chain.kernel import flight
+from impact_xval.model.chain.rest import GOING, REST, STUCK, how_over, settled
 from tests.compliant_baselines.reference_cells import random_cells
-from tests.compliant_baselines.references.test_taylor import system
+from tests.model.test_series import chain, system
 
 G = 0.3
 
@@ -23,8 +23,9 @@ def test_without_gravity_it_is_over_when_nothing_pushes_and_all_part():
         (True, False), (True, False), (-0.5, 0.0, 0.5), (-0.5, 0.0, 0.5)
     ):
         over = not loaded1 and not loaded2 and v2 - d1 >= v2 >= 0
-        found = how_over(loaded1, loaded2, 2.0, -0.1, d1, -0.1, v2, 1.0, 3.0, 0.0)
-        assert found == (FREE if over else GOING)
+        state = 0.1 if loaded1 else -0.1, d1, 0.1 if loaded2 else -0.1, v2
+        c = chain(state, 2.0, float(loaded1), 3.0 * loaded2, 0.0, 0.0)
+        assert (flight(c, 2)[1] < 0) == over
 
 
 def oscillation(mu, k1, k2, g, state, times, loaded1):
@@ -47,7 +48,7 @@ def test_b2_is_at_rest_if_and_only_if_its_vibration_never_unloads_the_table():
         if abs(p2.min()) < 1e-3 * rest:
             continue  # too near to tell from samples
         # B1 above, rising faster than B2
-        found = how_over(False, True, mu, -1.0, v2 - abs(v2) - 0.1, q2, v2, 1.0, k2, g)
+        found = how_over(chain((-1.0, v2 - abs(v2) - 0.1, q2, v2), mu, 0.0, k2, 0.0, 0.0, g), 2)
         assert found == (REST if p2.min() > 0 else GOING)
         seen.add(found)
     assert seen == {REST, GOING}
@@ -66,9 +67,8 @@ def test_stuck_balls_never_unload_a_contact_and_a_little_more_energy_can():
         def state(scale, u1=u1, u2=u2, v1=v1, v2=v2, p=p1_rest, q=q2_rest):
             return p + scale * u1, scale * (v2 - v1), q + scale * u2, scale * v2
 
-        assert how_over(True, True, mu, *state(0.999 * least), k1, k2, g) == STUCK
-        assert how_over(True, True, mu, *state(1.001 * least), k1, k2, g) == GOING
-        assert how_over(True, True, mu, *state(0.0), k1, k2, 0.0) == GOING  # never without gravity
+        for scale, end in ((0.999, STUCK), (1.001, GOING)):
+            assert how_over(chain(state(scale * least), mu, k1, k2, 0.0, 0.0, g), 2) == end
         times = np.linspace(0, 30 * math.sqrt((1 + mu) / min(k1, k2)), 150)
         p1, p2 = oscillation(mu, k1, k2, g, state(0.999 * least), times, loaded1=True)
         assert min(p1.min() / p1_rest, p2.min() / ((1 + mu) * g / k2)) > 0
@@ -109,9 +109,13 @@ def test_a_settled_column_never_lets_go_and_one_that_does_is_not_settled():
     for column, a, y in columns(60, 1):
         k = column[1]
         y = y / largest(*column, a, y)  # the largest force just unloads its contact
-        assert not settled(*column, G, *kernel_state(1.01 * y, k))
+        assert not settled(column[0], 1.0, *column[1:], G, *kernel_state(1.01 * y, k))
         sharp.append(
-            max(s for s in (0.1, 0.3, 0.5, 0.7, 0.9) if settled(*column, G, *kernel_state(s * y, k)))
+            max(
+                s
+                for s in (0.1, 0.3, 0.5, 0.7, 0.9)
+                if settled(column[0], 1.0, *column[1:], G, *kernel_state(s * y, k))
+            )
         )
     assert np.median(sharp) >= 0.7
 

@@ -1,0 +1,118 @@
+"""Power series of the motion against the matrix exponential, and the rate at which their remainder falls."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
+from impact_xval.model.chain.power_law import new_workspace
+from impact_xval.model.chain.series import ORDER, evaluate, expand, expand_product, span
+from impact_xval.model.chain.state import new_chain
+from impact_xval.model.law import COMPRESSION, INACTIVE
+
+
+def chain(state, mu, k1, k2, c1, c2, g=0.0, law=KELVIN_VOIGT):
+    """Two balls on a table in a state (p1, d1, q2, v2), m1 = 1; a contact without a stiffness does not act."""
+    stiffnesses = np.array([k1 or 1.0, k2 or 1.0])
+    rates, dampings = np.array([1.0, 0.0]), np.array([c1, c2])
+    c = new_chain(np.array([1.0, mu]), stiffnesses, np.ones(2), dampings, rates, 1.0, law, False, g)
+    c.delta[:], c.w[:] = (state[0], state[2]), (state[1], -state[3])
+    c.phase[:] = [COMPRESSION if k > 0 else INACTIVE for k in (k1, k2)]
+    return c
+
+
+def moved(c, h, x=1.0, degree=ORDER):
+    """(p1, d1, q2, v2) at a part x of a time h, by the first terms of the series."""
+    work = new_workspace(2)
+    expand(c, 2, h, work)
+    w, delta = np.empty(2), np.empty(2)
+    evaluate(work.rates, degree, 2, x, w)
+    evaluate(work.deltas, degree, 2, x, delta)
+    return np.array([delta[0], w[0], delta[1], -w[1]])
+
+
+def system(mu, k1, k2, c1, c2, push1, push2):
+    """The linear equations of (p1, d1, q2, v2, 1), from forces on two masses."""
+    rows = np.zeros((5, 5))
+    F1, F2 = np.array([k1, c1, 0, 0, 0]), np.array([0, 0, k2, -c2, 0])
+    rows[0, 1], rows[2, 3] = 1, -1
+    acceleration1, acceleration2 = F1, (F2 - F1) / mu  # of B1 (m1 = 1, pushed up by contact 1) and of B2
+    rows[1], rows[3] = acceleration2 - acceleration1, acceleration2
+    rows[1, 4], rows[3, 4] = push1, push2
+    return rows
+
+
+def columns(n, seed):
+    rng = np.random.default_rng(seed)
+    for _ in range(n):
+        mu, k1, k2, c1, c2 = 10 ** rng.uniform([-1, -2, -2, -2, -2], [1, 2, 2, 1, 1])
+        on1, on2 = rng.integers(0, 2, 2)
+        yield (mu, k1 * on1, k2 * on2, c1 * on1, c2 * on2), rng.uniform(-1, 1, 4)
+
+
+def test_over_its_span_the_series_is_the_motion():
+    for (mu, k1, k2, c1, c2), state in columns(60, 2):
+        # A table that acts holds the weight of B2, so that B1 alone falls.
+        g = 0.7
+        c = chain(state, mu, k1, k2, c1, c2, g)
+        h = min(span(c, 2, new_workspace(2)), 10.0)
+        pushes = (g, 0.0) if k2 else (0.0, -g)
+        exact_system = system(mu, k1, k2, c1 * (k1 > 0), c2 * (k2 > 0), *pushes)
+        for x in (0.0, 0.25, 0.7, 1.0):
+            exact = expm(exact_system * (x * h)) @ [*state, 1]
+            size = np.abs(exact[:4]).max() + np.abs(state).max() * (1 + h)
+            np.testing.assert_allclose(moved(c, h, x), exact[:4], rtol=0, atol=2e-14 * size)
+
+
+def test_the_remainder_falls_with_the_power_of_the_step_after_its_degree():
+    column, state = (1.3, 1.0, 4.0, 0.3, 0.2), np.array([0.4, 0.8, -0.2, 0.5])
+    c = chain(state, *column)
+    for degree in (3, 5):
+        steps = 0.25 * span(c, 2, new_workspace(2)) / 2.0 ** np.arange(5)
+        errors = []
+        for h in steps:
+            exact = (expm(system(*column, 0, 0) * h) @ [*state, 1])[:4]
+            errors.append(np.abs(moved(c, h, degree=degree) - exact).max())
+        assert errors[-1] > 1e-14  # else the fit would be one of rounding
+        slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+        assert slope == pytest.approx(degree + 1, abs=0.1)
+
+
+def product_motion(state, h, mu, k1, k2, a1, a2, g):
+    """Integrate the product law numerically: F_i = k_i p_i (1 + a_i p_i'), contact 2 without what carries m2 g."""
+
+    def right(_t, y):
+        p1, d1, q2, v2 = y
+        F1 = k1 * p1 * (1 + a1 * d1)
+        F2 = k2 * q2 - (k2 * q2 + mu * g) * a2 * v2
+        return [d1, (F2 - F1) / mu - F1 + g, -v2, (F2 - F1) / mu]
+
+    return solve_ivp(right, (0, h), state, method="DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
+
+
+PRODUCT = (1.3, 1.0, 4.0, 0.4, 0.3, 0.1)
+STATE = np.array([0.4, 0.8, 0.3, -0.5])
+
+
+def test_the_remainder_of_the_product_law_falls_at_its_rate():
+    c = chain(STATE, *PRODUCT, HUNT_CROSSLEY)
+    for degree in (3, 4, 6):
+        steps = 0.2 / 2.0 ** np.arange(4 if degree < 6 else 3)
+        errors = [
+            np.abs(moved(c, h, degree=degree) - product_motion(STATE, h, *PRODUCT)).max() for h in steps
+        ]
+        assert errors[-1] > 1e-12
+        slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+        assert slope == pytest.approx(degree + 1, abs=0.15)
+
+
+def test_the_product_law_holds_as_far_as_it_is_trusted():
+    c, work = chain(STATE, *PRODUCT, HUNT_CROSSLEY), new_workspace(2)
+    for h in (0.2, 1.0, 4.0):
+        short = expand_product(c, 2, h, work)
+        assert 0 < short <= h
+        assert (short == h) == (h == 0.2)
+        np.testing.assert_allclose(
+            moved(c, short), product_motion(STATE, short, *PRODUCT), rtol=0, atol=2e-13
+        )
