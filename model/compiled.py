@@ -17,11 +17,9 @@ compiled = njit(**OPTIONS)
 #: For what is called within a search: passing a dozen numbers to it would cost as much as it does.
 inlined = njit(forceinline=True, **OPTIONS)
 
-#: The same for functions that are handed many arrays and make none: they count no references to them, which would cost
-#: as much as the work.
+#: For what is handed many arrays and makes none: no references are counted, which would cost more than the work.
 _compile: Any = njit  # whose stubs know nothing of this option
 uncounted = _compile(_nrt=False, **OPTIONS)
-inlined_uncounted = _compile(_nrt=False, **OPTIONS)
 
 
 def cache_folder(kernel: Any) -> Path:

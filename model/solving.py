@@ -32,6 +32,7 @@ from impact_xval.model.inputs import (
     LEGAL_CUTOFF,
     MASS_PRECISION,
     Cutoff,
+    beyond_precision,
     broadcast_inputs,
     legal_cutoff,
 )
@@ -95,8 +96,7 @@ def solve(
     """
     cutoff, law = check_cutoff(stiffness_ratio_cutoff), check_law(impact_law)
     kappa, mu = collision.stiffness_ratio, collision.mass_ratio
-    if not 1 / MASS_PRECISION <= mu <= MASS_PRECISION:
-        reason = f"m2/m1 = {mu:g}: beyond {1 / MASS_PRECISION:g} to {MASS_PRECISION:g} squares of velocities are lost"
+    if reason := beyond_precision("m2/m1", mu):
         return Outcome.failure(NAME, STATUS_OF[BEYOND_PRECISION], reason)
     log = np.zeros((LOG_ROWS, LOG_WIDTH))
     result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, law, log)

@@ -48,14 +48,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_xval.model.chain.rest import FREE, GOING, REST, STUCK
+
 Floats = NDArray[np.float64]
 
 #: Units in the last place of the momenta below which an impulse per step counts as none.
 ROUNDING = 64.0
 EPSILON = float(np.finfo(np.float64).eps)
 
-#: How a scan ended.
-GOING, FREE, REST, STUCK, BROKEN, ALOFT, FLIGHT = 0, 1, 2, 3, 4, 5, 6
+#: How a scan ended, beside `GOING`, `FREE`, `REST` and `STUCK`.
+BROKEN, ALOFT, FLIGHT = 4, 5, 6
 
 
 class ScanParameters(NamedTuple):

@@ -21,8 +21,7 @@ from impact_xval.model.inputs import MASS_PRECISION, Legal, broadcast_inputs
 Floats = NDArray[np.float64]
 
 #: Segments after which a cell of a batch is given up. Only a stiffness ratio beyond 1e10 or so, or a
-#: damping next to none in a drop, comes near it; at a third of a microsecond each a cell then still costs
-#: less than a second.
+#: damping next to none in a drop, comes near it: such a cell costs some three seconds.
 MAX_STEPS = 1_000_000
 
 #: How a collision ended, by the code of the kernel.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from importlib.metadata import version
-from itertools import groupby
+from itertools import groupby, starmap
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines.contact.column import unrepresentable
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, no_gravity
 from impact_xval.compliant_baselines.references.batch import Floats, Law, ReferenceBatch, follow_all
+from impact_xval.compliant_baselines.references.columns.rounding import mark_columns
+from impact_xval.compliant_baselines.references.columns.solving import LAWS, solve_column
 from impact_xval.compliant_baselines.references.jumps import mark
 from impact_xval.model.chain.kernel import ACTS, COLLAPSE, RUNAWAY, TOO_MANY_EVENTS, UNITED, Followed
 from impact_xval.model.chain.rest import FREE, STUCK
 from impact_xval.model.collision import STATES, Collision, ImpulseCurve, Outcome, in_unit
 from impact_xval.model.columns.column import Column, ColumnOutcome
 from impact_xval.model.columns.solving import fitting, followed
-from impact_xval.model.inputs import MASS_PRECISION
+from impact_xval.model.inputs import beyond_precision
 
 #: Rows of the first try at a log; a collision that needs more is run once more.
 LOG_ROWS = 512
@@ -60,10 +62,6 @@ class ReferenceSolver(SolverBase):
         self, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
     ) -> list[ColumnOutcome]:
         """Answer every column of N balls, in order."""
-        # With scipy's integrators, which nobody else here needs.
-        from impact_xval.compliant_baselines.references.columns.rounding import mark_columns
-        from impact_xval.compliant_baselines.references.columns.solving import LAWS, solve_column
-
         reason = no_gravity(settings)
         if self.name not in LAWS:
             reason = f"{self.name} is a law of two balls on a table; legal for columns: {', '.join(LAWS)}"
@@ -79,7 +77,8 @@ class ReferenceSolver(SolverBase):
         return mark_columns(outcomes, columns, self.name, exponent, max_steps=steps)
 
     def _one(self, c: Collision, settings: Settings) -> Outcome:
-        reason = unrepresentable(c) or _beyond_precision(c)
+        ratios = {"k2/k1": c.stiffness_ratio, "m2/m1": c.mass_ratio}
+        reason = unrepresentable(c) or next(filter(None, starmap(beyond_precision, ratios.items())), "")
         if reason:
             return Outcome.failure(self.name, "unrepresentable", reason)
         unit, law = c.units, self.law(c)
@@ -131,15 +130,6 @@ class ReferenceSolver(SolverBase):
         )
 
 
-def _beyond_precision(c: Collision) -> str:
-    """Say that stiffnesses or masses lie too far apart, in one sentence; empty if not."""
-    for name, ratio in (("k2/k1", c.stiffness_ratio), ("m2/m1", c.mass_ratio)):
-        if not 1 / MASS_PRECISION <= ratio <= MASS_PRECISION:
-            legal = f"{1 / MASS_PRECISION:g} to {MASS_PRECISION:g}"
-            return f"{name} = {ratio:g}: beyond {legal} squares of velocities are lost"
-    return ""
-
-
 def _states(log: Floats) -> NDArray[np.int64]:
     """State of each row of a log, 1 to 4. A rigid contact acts while the other does."""
     flags = log[:, 5:]
@@ -154,9 +144,8 @@ def _path(c: Collision, log: Floats, went: Followed, g: float) -> ImpulseCurve:
     time, one, two = log[:, 0], log[:, 1], log[:, 2]
     state = _states(log)
     state[-1] = 4
-    with np.errstate(
-        over="ignore", invalid="ignore"
-    ):  # said where an outcome is checked (`contract.answers`)
+    # What leaves double precision is said where an outcome is checked (`contract.answers`).
+    with np.errstate(over="ignore", invalid="ignore"):
         fallen = g * np.minimum(time, went.fall) if g > 0 else np.zeros_like(time)
         first = 1 + one + fallen
         return ImpulseCurve(

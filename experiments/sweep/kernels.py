@@ -77,12 +77,11 @@ def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
 
 def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     """List the kernels that columns of N balls need with some solvers."""
-    # With scipy's integrators, which two balls do not need.
     from impact_xval.compliant_baselines.engines.lines import scan
 
     parts: dict[str, tuple[str, Any]] = {
-        "model": ("columns", collide_all),
-        "reference": ("columns", collide_all),
+        "model": ("chain", collide_all),
+        "reference": ("chain", collide_all),
         "engine": ("lines", scan),
     }
 

@@ -74,7 +74,7 @@ from impact_xval.model.chain.state import (
     touch,
     unite,
 )
-from impact_xval.model.compiled import OPTIONS, compiled, inlined_uncounted, uncounted
+from impact_xval.model.compiled import OPTIONS, compiled, uncounted
 from impact_xval.model.grazing import STAKE
 from impact_xval.model.law import INACTIVE, RESTITUTION
 
@@ -113,9 +113,9 @@ def ringing_ends(c, n, i):
     e = c.e[i]
     inverse, k = c.a[i] + c.a[i + 1], tangent(c, i)
     tau = 2 * pi / sqrt(k * inverse) / (1 - e)
-    if not c.frozen and meets_within(c, n, 2 * tau):
-        return False
     static, change, _, swing = neighbours(c, n, i)
+    if not c.frozen and meets_within(c, n, 2 * tau, RIGID * swing):
+        return False
     load = max(force(c, n, i), static) ** 2
     if c.g[0] > 0 and i > 0 and not carries(c.phase[i - 1]):
         swing = oscillation(c, n, i - 1)  # the upper ball comes down again, with this energy
@@ -132,12 +132,13 @@ def ringing_ends(c, n, i):
 
 
 @uncounted
-def meets_within(c, n, time):
-    """Tell whether bodies that are apart may meet within a time, with their present rates and accelerations."""
+def meets_within(c, n, time, least):
+    """Tell whether bodies that are apart may meet within a time, with more than this energy of approach, twice."""
     for j in range(n):
         if c.phase[j] == INACTIVE:
-            approach = max(c.w[j], 0.0) + time * max(acceleration(c, n, j), 0.0)
-            if -(c.delta[j] + rest(c, n, j)) < time * approach:
+            approach = c.w[j] + time * max(acceleration(c, n, j), 0.0)
+            matters = approach * approach > least * (c.a[j] + c.a[j + 1])
+            if matters and -(c.delta[j] + rest(c, n, j)) < time * approach:
                 return True
     return False
 
@@ -346,7 +347,7 @@ def follow(c, n, h_next, tolerance, work):
     return h, h_next, which, what, min(x, 1.0)
 
 
-@inlined_uncounted
+@uncounted
 def state_of(c, n):
     """State of two balls on a table, less one: which contacts act; -1 once one has become rigid."""
     if n < 2:
@@ -410,7 +411,7 @@ class Followed(NamedTuple):
 
 @njit(inline="always", **OPTIONS)
 def collide(c, work, energy, drift, gaps, tolerance, max_pieces, points, log):
-    """Follow one chain to its end; its code is part of `collide_all`, for to compile it twice takes twice as long.
+    """Follow one chain to its end. Compiled as a part of `collide_all`: compiled apart, it would take as long again.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from impact_xval.model.compiled import inlined_uncounted, uncounted
+from impact_xval.model.compiled import uncounted
 from impact_xval.model.law import COMPRESSION, INACTIVE, RESTITUTION
 
 STATE_TRANSITION, LIU_ZHAO_BROGLIATO, KELVIN_VOIGT, HUNT_CROSSLEY = 0, 1, 2, 3
@@ -46,31 +46,31 @@ WATCHED[KELVIN_VOIGT:, SLACK, FORCE], WATCHED[KELVIN_VOIGT:, SLACK, GAP] = -1, 1
 WATCHED[HUNT_CROSSLEY, COMPRESSION, GAP] = 1
 
 
-@inlined_uncounted
+@uncounted
 def carries(phase):
     """Whether a contact carries force."""
     return INACTIVE < phase < SLACK
 
 
-@inlined_uncounted
+@uncounted
 def has_dashpot(c):
     """Whether forces depend on rates, and contacts have no memory."""
     return c.law >= KELVIN_VOIGT
 
 
-@inlined_uncounted
+@uncounted
 def has_series(c):
     """Whether the motion between events is summed as a power series, else taken in steps."""
     return c.p == 1
 
 
-@inlined_uncounted
+@uncounted
 def rest(c, n, i):
     """Deformation of contact i that holds the weight of the body on the table; 0 of others, and without gravity."""
     return c.g[0] / (c.a[i] * c.k[i]) if i == n - 1 and c.g[0] > 0 else 0.0
 
 
-@inlined_uncounted
+@uncounted
 def spring(c, n, i):
     """Return k delta^p of contact i."""
     depth = c.delta[i] + rest(c, n, i)
@@ -79,7 +79,7 @@ def spring(c, n, i):
     return c.k[i] * depth**c.p if depth > 0 else 0.0
 
 
-@inlined_uncounted
+@uncounted
 def force(c, n, i):
     """Force of contact i; 0 of one that does not act, and beyond the ends of a chain of n contacts."""
     if not (0 <= i < n and carries(c.phase[i])):
@@ -90,7 +90,7 @@ def force(c, n, i):
     return spring(c, n, i) * (1 + c.b[i] * c.w[i]) if c.law == HUNT_CROSSLEY else spring(c, n, i)
 
 
-@inlined_uncounted
+@uncounted
 def before_cut(c, i, delta, w, dw):
     """Give what has the sign of a dashpot's force before it is cut off at zero, and its slope; dw is w'."""
     if c.law == HUNT_CROSSLEY:
@@ -101,14 +101,14 @@ def before_cut(c, i, delta, w, dw):
     return c.k[i] * depth**q + c.b[i] * w, c.k[i] * q * depth ** (q - 1) * w + c.b[i] * dw
 
 
-@inlined_uncounted
+@uncounted
 def spent(c, n, i):
     """End the force of contact i: it keeps its stiffness for a return."""
     c.phase[i] = INACTIVE
     c.delta[i] = 0.0 - rest(c, n, i)
 
 
-@inlined_uncounted
+@uncounted
 def returned(c, n, i):
     """Let contact i act again, in compression from zero force."""
     c.phase[i] = COMPRESSION

@@ -18,7 +18,7 @@ from scipy.integrate import DOP853
 from impact_xval.model.chain.laws import FORCE, GAP, before_cut, carries, force, has_dashpot
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.chain.state import tangent
-from impact_xval.model.compiled import compiled, inlined_uncounted, uncounted
+from impact_xval.model.compiled import compiled, uncounted
 from impact_xval.model.law import INACTIVE
 
 A, B, E3, E5 = (np.ascontiguousarray(table) for table in (DOP853.A, DOP853.B, DOP853.E3, DOP853.E5))
@@ -150,7 +150,7 @@ def step(c, n, h, work):
     return error_of_step(c, n, h, work)
 
 
-@inlined_uncounted
+@uncounted
 def jerk(c, n, i):
     """Return w'' of contact i, without dashpots."""
     above = tangent(c, i - 1) * c.w[i - 1] if i > 0 and carries(c.phase[i - 1]) else 0.0
@@ -159,14 +159,14 @@ def jerk(c, n, i):
     return c.a[i] * (above - own) + c.a[i + 1] * (below - own)
 
 
-@inlined_uncounted
+@uncounted
 def cubic(out, i, f0, d0, f1, d1):
     """Write to row i the polynomial in x with values f and slopes d at 0 and at 1."""
     out[i, 0], out[i, 1], out[i, 2], out[i, 3] = f0, d0, 3 * (f1 - f0) - 2 * d0 - d1, 2 * (f0 - f1) + d0 + d1
     out[i, 4], out[i, 5] = 0.0, 0.0
 
 
-@inlined_uncounted
+@uncounted
 def quintic(out, i, f0, d0, s0, f1, d1, s1):
     """Write to row i the polynomial in x with values f, slopes d and second derivatives s at 0 and at 1."""
     r0, r1, r2 = f1 - f0 - d0 - 0.5 * s0, d1 - d0 - s0, 0.5 * (s1 - s0)

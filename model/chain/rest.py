@@ -30,7 +30,7 @@ import numpy as np
 
 from impact_xval.model.chain.laws import KELVIN_VOIGT, carries, rest
 from impact_xval.model.chain.series import ORDER
-from impact_xval.model.compiled import compiled, inlined_uncounted, uncounted
+from impact_xval.model.compiled import compiled, uncounted
 from impact_xval.model.law import INACTIVE
 
 #: How a collision ended: the balls left the table, B1 left B2 at rest on it, B1 came to rest on B2; or it goes on.
@@ -46,14 +46,14 @@ _ROUNDING = 1e-9
 _PARALLEL = 1e-12
 
 
-@inlined_uncounted
+@uncounted
 def on_table(c, n):
     """Energy of the last body about its rest on the table beyond what unloads its contact, times 2; at rest if <= 0."""
     i, weight = n - 1, c.g[0] / c.a[n - 1]
     return c.w[i] * c.w[i] / c.a[i] + c.k[i] * c.delta[i] * c.delta[i] - weight * weight / c.k[i]
 
 
-@inlined_uncounted
+@uncounted
 def on_each_other(c):
     """Energy of both balls about their common rest beyond what unloads a contact, times 2; stuck if <= 0."""
     g, mass = c.g[0], 1 / c.a[1]
@@ -116,7 +116,7 @@ def fall_time(c, n):
     return 1.5 * min(first, second)
 
 
-@inlined_uncounted
+@uncounted
 def _place(c, n, work, x):
     """Carry the state at x of a piece into `c`."""
     for i in range(n):
@@ -220,7 +220,7 @@ def settled(mu, k1, k2, c1, c2, g, p1, d1, q2, v2):
     return bound1 < (1 - _ROUNDING) * g and bound2 < (1 - _ROUNDING) * (1 + mu) * g
 
 
-@inlined_uncounted
+@uncounted
 def may_settle(c, n, quiet):
     """Whether it is worth examining if both balls only settle any more (`settled`)."""
     due = c.law == KELVIN_VOIGT and quiet > 0 and quiet % QUIET == 0

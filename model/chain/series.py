@@ -19,7 +19,7 @@ from math import inf, sqrt
 import numpy as np
 
 from impact_xval.model.chain.laws import HUNT_CROSSLEY, carries, rest
-from impact_xval.model.compiled import inlined_uncounted, uncounted
+from impact_xval.model.compiled import uncounted
 
 #: Highest power of the series, and omega + gamma times the time it is used for: 2.8^29/29! is 1e-18.
 ORDER = 28
@@ -29,7 +29,7 @@ ANGLE = 2.8
 INVERSE = np.append(0.0, 1 / np.arange(1.0, ORDER + 1))
 
 
-@inlined_uncounted
+@uncounted
 def largest(c, n, k):
     """Bound the largest eigenvalue of the contacts that act, with these stiffnesses, by row sums (Gershgorin)."""
     most = 0.0
@@ -83,7 +83,7 @@ def expand(c, n, h, work):
                 rates[falls, 1] += h * c.g[0]
 
 
-@inlined_uncounted
+@uncounted
 def _term(c, n, i, order, product, work):
     """Coefficient of the force of contact i beyond the weight that it holds; a product's is a Cauchy product."""
     rates, deltas, k, b = work.rates, work.deltas, work.k, work.b
@@ -146,7 +146,7 @@ def evaluate(coefficients, degree, n, x, out):
         out[i] = value
 
 
-@inlined_uncounted
+@uncounted
 def slope(coefficients, degree, i, x):
     """Return the derivative of a polynomial at x."""
     value = 0.0

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.model.chain.laws import carries, force, has_dashpot, has_series, rest, spent, spring
-from impact_xval.model.compiled import compiled, inlined_uncounted, uncounted
+from impact_xval.model.compiled import compiled, uncounted
 from impact_xval.model.law import COMPRESSION, INACTIVE
 
 #: Rounding of a neighbour's motion, as a share of its energy: the square of 2^-53, and what steps leave.
@@ -101,7 +101,7 @@ def new_chain(masses, stiffnesses, restitutions, dampings, rates, p, law, frozen
     )
 
 
-@inlined_uncounted
+@uncounted
 def acceleration(c, n, i):
     """Return w' of contact i: what its own force and those of its neighbours do to it."""
     own = (c.a[i] + c.a[i + 1]) * force(c, n, i)
@@ -109,26 +109,26 @@ def acceleration(c, n, i):
     return c.a[i] * force(c, n, i - 1) + c.a[i + 1] * force(c, n, i + 1) - own + fall
 
 
-@inlined_uncounted
+@uncounted
 def tangent(c, i):
     """dF/ddelta of the spring of contact i."""
     return c.k[i] if c.p == 1 else c.p * c.k[i] * max(c.delta[i], 0.0) ** (c.p - 1)
 
 
-@inlined_uncounted
+@uncounted
 def strain(c, n, i):
     """Strain energy of the spring of contact i, where it acts."""
     return spring(c, n, i) * (c.delta[i] + rest(c, n, i)) / (c.p + 1) if carries(c.phase[i]) else 0.0
 
 
-@inlined_uncounted
+@uncounted
 def oscillation(c, n, i):
     """Twice the energy of the oscillation of contact i on its own, at its running stiffness."""
     F = spring(c, n, i) if carries(c.phase[i]) else 0.0
     return (F * F / tangent(c, i) if F > 0 else 0.0) + c.w[i] * c.w[i] / (c.a[i] + c.a[i + 1])
 
 
-@inlined_uncounted
+@uncounted
 def neighbours(c, n, i):
     """Return what the neighbours that act ask of contact i.
 
@@ -169,7 +169,7 @@ def touch(c, n, gaps):
             c.phase[i] = COMPRESSION
 
 
-@inlined_uncounted
+@uncounted
 def nothing(c, i, energy):
     """Energy of contact i, twice, that rounding can make: of its neighbours' motion so far, or where loads underflow.
 
