@@ -21,7 +21,7 @@ from rich.table import Table
 
 from benchmarks.state_transition import machine
 from impact_xval.model import Column, solve_column, solve_columns
-from impact_xval.model.law import IMPACT_LAWS
+from impact_xval.model.pair.law import IMPACT_LAWS
 from tests.model.column_reference import integrate
 
 #: Balls, and columns of that many.

@@ -21,8 +21,8 @@ import numpy as np
 from state_transition import random_cells
 
 from impact_xval.model import solve_batch
-from impact_xval.model.diagram import EXACT, LOG_WIDTH, collide
-from impact_xval.model.law import IMPACT_LAWS
+from impact_xval.model.pair.kernel import EXACT, LOG_WIDTH, collide
+from impact_xval.model.pair.law import IMPACT_LAWS
 from impact_xval.model.solving import MAX_EVENTS
 
 #: What valgrind can run, and one thread.

@@ -41,8 +41,8 @@ from impact_xval.model import (
     solve,
     solve_batch,
 )
-from impact_xval.model.law import IMPACT_LAWS
 from impact_xval.model.oracle import solve_oracle
+from impact_xval.model.pair.law import IMPACT_LAWS
 from impact_xval.model.solving import MAX_EVENTS, _solve_all, check_cutoff
 
 #: Decades of k2/k1 and of m2/m1, and the least e: the box of all the rest, that of the default run, and a wide one, in

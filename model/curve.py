@@ -1,4 +1,4 @@
-"""A collision along its impulse curve: the log of `model.diagram.collide` filled in with the exact motion.
+"""A collision along its impulse curve: the log of `pair.kernel.collide` filled in with the exact motion.
 
 Inside S1 the points are equally spaced in time. In every other segment one contact works against one mass, a sinusoid
 in which the compression rate is d = W cos(theta) and the strain energy m W^2 sin^2(theta)/2; the points are equally
@@ -22,7 +22,7 @@ from impact_xval.model.collision import (
     in_unit,
 )
 from impact_xval.model.compiled import compiled
-from impact_xval.model.diagram import (
+from impact_xval.model.pair.kernel import (
     RATE1,
     RATE2,
     RETURN1,
@@ -33,8 +33,8 @@ from impact_xval.model.diagram import (
     SPENT1,
     SPENT2,
 )
-from impact_xval.model.law import COMPRESSION, RESTITUTION, ImpactLaw
-from impact_xval.model.motion import (
+from impact_xval.model.pair.law import COMPRESSION, RESTITUTION, ImpactLaw
+from impact_xval.model.pair.motion import (
     amplitudes,
     modal,
     modes_of,
@@ -49,7 +49,7 @@ MOST_POINTS = 4000
 
 
 class Row(NamedTuple):
-    """One row of the log: a segment, in the scaled units of the kernel (`model.diagram.LOG_COLUMNS`)."""
+    """One row of the log: a segment, in the scaled units of the kernel (`pair.kernel.LOG_COLUMNS`)."""
 
     state: int
     phase1: int

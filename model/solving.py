@@ -13,7 +13,18 @@ from numpy.typing import ArrayLike, NDArray
 from impact_xval.model.collision import STATES, Collision, Outcome
 from impact_xval.model.compiled import OPTIONS
 from impact_xval.model.curve import trace
-from impact_xval.model.diagram import (
+from impact_xval.model.inputs import (
+    GRAZING_THRESHOLD,
+    LEGAL_CUTOFF,
+    MASS_PRECISION,
+    Cutoff,
+    beyond_precision,
+    broadcast_inputs,
+    legal_cutoff,
+)
+from impact_xval.model.pair.events import MOST_WINDOWS
+from impact_xval.model.pair.grazing import MARKS, mark_codes
+from impact_xval.model.pair.kernel import (
     BEYOND_PRECISION,
     COLLAPSE,
     DONE,
@@ -25,19 +36,8 @@ from impact_xval.model.diagram import (
     TOO_MANY_EVENTS,
     collide,
 )
-from impact_xval.model.events import MOST_WINDOWS
-from impact_xval.model.grazing import MARKS, mark_codes
-from impact_xval.model.inputs import (
-    GRAZING_THRESHOLD,
-    LEGAL_CUTOFF,
-    MASS_PRECISION,
-    Cutoff,
-    beyond_precision,
-    broadcast_inputs,
-    legal_cutoff,
-)
-from impact_xval.model.law import IMPACT_LAWS, ImpactLaw
-from impact_xval.model.limits import BOUND
+from impact_xval.model.pair.law import IMPACT_LAWS, ImpactLaw
+from impact_xval.model.pair.limits import BOUND
 
 NAME = "state-transition"
 
@@ -67,7 +67,7 @@ def solve(
     stiffness_ratio_cutoff : float or "exact"
         A number greater than 1: when the running ratio k2/k1 exceeds it, or falls below its inverse, the closed form of
         the limiting case finishes the collision (supplement, 3.4, where it is `SUPPLEMENT_CUTOFF`). Infinity switches
-        that off. By default the outcome is that without a cut-off, to `model.limits.BOUND`: the closed form finishes
+        that off. By default the outcome is that without a cut-off, to `pair.limits.BOUND`: the closed form finishes
         the collision once it cannot change more.
     path : bool
         Whether the outcome carries `path` and `events`.
@@ -84,7 +84,7 @@ def solve(
     Outcome
         Status ``limit`` where a closed-form limit was used, ``unconverged`` after `max_events`, ``unrepresentable``
         where m2/m1 or its inverse exceeds `MASS_PRECISION`, else ``ok``. Marked where its grazing margin is below
-        `GRAZING_THRESHOLD` or a cut-off changed it by more than `CUTOFF_THRESHOLD` (`model.grazing`). Its
+        `GRAZING_THRESHOLD` or a cut-off changed it by more than `CUTOFF_THRESHOLD` (`pair.grazing`). Its
         ``diagnostics``: ``energy_residual``, of the energy balance per m1 v0^2, and ``cutoff_effect``, by how much
         (v1, v2) differ from the outcome without a cut-off (kinetic norm per sqrt(m1) abs(v0)); not there if that is not
         reached within `max_events`.
@@ -206,7 +206,7 @@ class BatchOutcome:
     v1, v2 : ndarray of float
         Final velocities per \|v0\|; NaN where `status` is ``unconverged`` or ``unrepresentable``.
     code : ndarray of uint8
-        How each collision ended, as `model.diagram` counts it; `status` names it.
+        How each collision ended, as `pair.kernel` counts it; `status` names it.
     n_states, n_events : ndarray of int32
         Length of the state sequence (S4 included) and number of events.
     grazing_margin : ndarray of float
@@ -217,7 +217,7 @@ class BatchOutcome:
         As in `model.solve`, NaN where the collision without a cut-off is not over after `max_events`; None unless asked
         for, or needed to mark results, as with any finite cut-off.
     mark : ndarray of uint8
-        Which results are marked, as `model.grazing` counts it; `marked` says it in words.
+        Which results are marked, as `pair.grazing` counts it; `marked` says it in words.
     """
 
     v1: NDArray[np.float64]

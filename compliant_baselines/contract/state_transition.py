@@ -71,7 +71,7 @@ class LiuZhaoBrogliatoSolver(StateTransitionSolver):
     """The impact law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the same diagram.
 
     Bistiffness with energetic restitution, positions frozen, as in the primary model; but every compression runs at the
-    original stiffness (`model.diagram`). It equals the primary model exactly until a contact compresses a second
+    original stiffness (`model.pair.kernel`). It equals the primary model exactly until a contact compresses a second
     time. `limit` also where the bodies come to rest together after infinitely many events.
     """
 

@@ -217,7 +217,7 @@ COMPILING = "compiling the kernels, once for each installation: half a minute or
 def compile_notice() -> str:
     """Say that kernels are about to be compiled; nothing where they have been."""
     from impact_xval.model.compiled import is_compiled
-    from impact_xval.model.diagram import collide
+    from impact_xval.model.pair.kernel import collide
 
     return "" if is_compiled(collide) else COMPILING
 

@@ -218,7 +218,7 @@ def plastic_outcome(case: Case, point: Point) -> Outcome:
     """Solve a plastic limit by the model.
 
     The state at the end of compression is needed: the model gets there exactly, and finishes by the closed form of
-    3.3 (`model.limits`); no limit of a stiffness ratio is taken on the way.
+    3.3 (`model.pair.limits`); no limit of a stiffness ratio is taken on the way.
     """
     return solve(Collision.from_ratios(*point.ratios(case, math.inf)), stiffness_ratio_cutoff=math.inf)
 

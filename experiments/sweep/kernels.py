@@ -19,7 +19,7 @@ from impact_xval.model.chain.kernel import collide_all
 from impact_xval.model.collision import Collision
 from impact_xval.model.columns.column import ORDINARY
 from impact_xval.model.compiled import cache_folder, is_compiled
-from impact_xval.model.diagram import collide
+from impact_xval.model.pair.kernel import collide
 
 #: Seconds between two looks at whether another process has compiled what this one waits for, and seconds after which
 #: it does so itself: the other may be halted.

@@ -3,5 +3,5 @@
 `kernel` follows one collision, `laws` are its contact laws as data, `state` is what it changes; `series` and
 `power_law` move it between events, and `roots` finds the next one.
 
-May import `model.compiled` and `model.law`; of the model only `model.columns.solving` imports this room.
+May import `model.compiled` and `pair.law`; of the model only `model.columns.solving` imports this room.
 """

@@ -75,8 +75,8 @@ from impact_xval.model.chain.state import (
     unite,
 )
 from impact_xval.model.compiled import OPTIONS, compiled, uncounted
-from impact_xval.model.grazing import STAKE
-from impact_xval.model.law import INACTIVE, RESTITUTION
+from impact_xval.model.pair.grazing import STAKE
+from impact_xval.model.pair.law import INACTIVE, RESTITUTION
 
 #: What happens where the rate of a contact that does not act is zero, which is no event of its own.
 TURN = 3

@@ -25,7 +25,7 @@ from __future__ import annotations
 import numpy as np
 
 from impact_xval.model.compiled import uncounted
-from impact_xval.model.law import COMPRESSION, INACTIVE, RESTITUTION
+from impact_xval.model.pair.law import COMPRESSION, INACTIVE, RESTITUTION
 
 STATE_TRANSITION, LIU_ZHAO_BROGLIATO, KELVIN_VOIGT, HUNT_CROSSLEY = 0, 1, 2, 3
 

@@ -19,7 +19,7 @@ from impact_xval.model.chain.laws import FORCE, GAP, before_cut, carries, force,
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.chain.state import tangent
 from impact_xval.model.compiled import compiled, uncounted
-from impact_xval.model.law import INACTIVE
+from impact_xval.model.pair.law import INACTIVE
 
 A, B, E3, E5 = (np.ascontiguousarray(table) for table in (DOP853.A, DOP853.B, DOP853.E3, DOP853.E5))
 STAGES = B.size

@@ -31,7 +31,7 @@ import numpy as np
 from impact_xval.model.chain.laws import KELVIN_VOIGT, carries, rest
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.compiled import compiled, uncounted
-from impact_xval.model.law import INACTIVE
+from impact_xval.model.pair.law import INACTIVE
 
 #: How a collision ended: the balls left the table, B1 left B2 at rest on it, B1 came to rest on B2; or it goes on.
 GOING, FREE, REST, STUCK = 0, 1, 2, 3

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from impact_xval.model.chain.laws import carries, force, has_dashpot, has_series, rest, spent, spring
 from impact_xval.model.compiled import compiled, uncounted
-from impact_xval.model.law import COMPRESSION, INACTIVE
+from impact_xval.model.pair.law import COMPRESSION, INACTIVE
 
 #: Rounding of a neighbour's motion, as a share of its energy: the square of 2^-53, and what steps leave.
 ROUNDING, ROUNDING_OF_STEPS = 1e-32, 1e-26

@@ -23,9 +23,9 @@ from impact_xval.model.chain.laws import LIU_ZHAO_BROGLIATO, STATE_TRANSITION
 from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.collision import RESULT_STATUSES
 from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
-from impact_xval.model.grazing import MARKS, mark_codes
 from impact_xval.model.inputs import EXPONENT, GRAZING_THRESHOLD, MASS_PRECISION
-from impact_xval.model.law import INACTIVE, ImpactLaw
+from impact_xval.model.pair.grazing import MARKS, mark_codes
+from impact_xval.model.pair.law import INACTIVE, ImpactLaw
 from impact_xval.model.solving import NAME, check_law, nearest_jump
 
 #: Pieces of segments after which a column is given up, some seconds for five balls.
@@ -60,7 +60,7 @@ def solve_column(
     ----------
     column : Column
     law : str
-        ``jia-mason-erdmann``, the model's own, or ``liu-zhao-brogliato`` (`model.law`).
+        ``jia-mason-erdmann``, the model's own, or ``liu-zhao-brogliato`` (`pair.law`).
     exponent : float
         p of the forces F = k delta^p, from 1 (linear, exact) to 3; 1.5 are Hertz contacts. Any other than 1 is
         integrated, with an error of some 1e-12 of the velocity of impact.

@@ -9,9 +9,9 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from impact_xval.model import Collision, solve
-from impact_xval.model.events import first_event
-from impact_xval.model.motion import amplitudes, modes_of, single_contact
-from impact_xval.model.roots import positive_between
+from impact_xval.model.pair.events import first_event
+from impact_xval.model.pair.motion import amplitudes, modes_of, single_contact
+from impact_xval.model.pair.roots import positive_between
 
 COMPRESSING, RESTORING = 1, 2
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from impact_xval.model import SUPPLEMENT_CUTOFF, Collision, solve, solve_batch
-from impact_xval.model.grazing import CUTOFF, CUTOFF_THRESHOLD, GRAZING
 from impact_xval.model.inputs import GRAZING_THRESHOLD
-from impact_xval.model.limits import BOUND
 from impact_xval.model.oracle import solve_oracle
+from impact_xval.model.pair.grazing import CUTOFF, CUTOFF_THRESHOLD, GRAZING
+from impact_xval.model.pair.limits import BOUND
 from tests.model.reference import integrate
 
 #: The supplement's cut-off changes the outcome of this cell by 0.19: a ringing ball-ball contact takes v2 through zero

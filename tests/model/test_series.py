@@ -9,7 +9,7 @@ from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
 from impact_xval.model.chain.power_law import new_workspace
 from impact_xval.model.chain.series import ORDER, evaluate, expand, expand_product, span
 from impact_xval.model.chain.state import new_chain
-from impact_xval.model.law import COMPRESSION, INACTIVE
+from impact_xval.model.pair.law import COMPRESSION, INACTIVE
 
 
 def chain(state, mu, k1, k2, c1, c2, g=0.0, law=KELVIN_VOIGT):

@@ -55,7 +55,7 @@ def examined(solver, case, seed, points=12):
 
 
 def test_the_closed_forms_are_the_models_limits():
-    """Written out here and in `model.limits`; the plastic ones are the model's own."""
+    """Written out here and in `model.pair.limits`; the plastic ones are the model's own."""
     for case, point in ((each, one) for each in CASES for one in draw(each, 12, 3)):
         ratio = {"k1/k2": 0.0, "k2/k1": math.inf}.get(case.variable)
         if ratio is None:

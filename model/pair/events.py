@@ -6,9 +6,9 @@ of a contact in restitution (falls to zero: restitution ends). Each is a sum of 
 that its derivatives are bounded by known numbers. Two facts make the search both quick and safe:
 
 * **Certificate.** The values, slopes and second derivatives of a function at both ends of a window prove it positive
-  inside (`model.roots.positive_between`).
+  inside (`pair.roots.positive_between`).
 * **Envelope.** f is at least its slow sinusoid less the amplitude of its fast one, and the time at which that
-  difference first comes near zero is known in closed form (`model.roots.envelope_time`). It steps over thousands of
+  difference first comes near zero is known in closed form (`pair.roots.envelope_time`). It steps over thousands of
   fast oscillations that are too weak to matter.
 
 A window is tried from the last certified time on. If a function is negative at its end, the end moves to a root of
@@ -26,10 +26,10 @@ from __future__ import annotations
 from math import atan2, cos, inf, pi, sin, sqrt
 
 from impact_xval.model.compiled import inlined
-from impact_xval.model.grazing import NEAR, STAKE, extremum_between, near_miss, two_extrema
-from impact_xval.model.limits import CLEAR
-from impact_xval.model.motion import cos_sin, modal, motion, turn, turn_little
-from impact_xval.model.roots import (
+from impact_xval.model.pair.grazing import NEAR, STAKE, extremum_between, near_miss, two_extrema
+from impact_xval.model.pair.limits import CLEAR
+from impact_xval.model.pair.motion import cos_sin, modal, motion, turn, turn_little
+from impact_xval.model.pair.roots import (
     EPSILON,
     envelope_time,
     leaves_zero,
@@ -136,7 +136,7 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
         d1, v2, F1, F2 at that time.
     margin : float
         Smallest magnitude, relative to its amplitude, of a local extremum of a rate passed so far where an end of
-        compression would have lost more than `model.grazing.STAKE` (infinity if there was none).
+        compression would have lost more than `pair.grazing.STAKE` (infinity if there was none).
     steps : int
         Windows tried, a measure of cost; `MOST_WINDOWS` where none can be certified, and nothing fires.
     """

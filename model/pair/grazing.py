@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from impact_xval.model.compiled import compiled, inlined
 from impact_xval.model.inputs import GRAZING_THRESHOLD
-from impact_xval.model.motion import modal
+from impact_xval.model.pair.motion import modal
 
 #: Near-misses at which an end of compression would lose less than this, as a fraction of the energy of impact, do not
 #: count: whether it happens or not hardly changes the outcome.

@@ -10,7 +10,7 @@ F = sqrt(2 k E) holds at all times, with dE = V dP in compression and V dP/e^2 i
 restart of compression takes back what the end of compression did, E <- E/e^2 and k <- e^2 k, and a return begins at the
 original k.
 
-Units as in `model.motion`.
+Units as in `pair.motion`.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class ImpactLaw(NamedTuple):
     ----------
     stiffens : bool
         Whether a repeated compression runs at the stiffness that the ends of compression left, else at the original
-        one. If so, the ratio k2/k1 may run away (`model.limits.runaway`), and outcomes jump where a compression nearly
-        ends (`model.grazing`). If not, some collisions repeat one cycle of states for ever.
+        one. If so, the ratio k2/k1 may run away (`pair.limits.runaway`), and outcomes jump where a compression nearly
+        ends (`pair.grazing`). If not, some collisions repeat one cycle of states for ever.
     """
 
     stiffens: bool

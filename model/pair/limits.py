@@ -20,7 +20,7 @@ the state at hand when the running stiffness ratio leaves the cut-off it is 3.4.
 
 Without a cut-off the closed form is taken when nothing that it leaves out matters any more (`runaway`).
 
-Units as in `model.motion`; m1 = 1.
+Units as in `pair.motion`; m1 = 1.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from __future__ import annotations
 from math import inf, nan, pi, sqrt
 
 from impact_xval.model.compiled import compiled
-from impact_xval.model.motion import single_contact
+from impact_xval.model.pair.motion import single_contact
 
 
 @compiled

@@ -5,9 +5,9 @@
     S3  ball-ball contact only   -> S1 when v2 turns negative, S4 when contact 1 ends restitution first
     S4  none                        the end: v1 >= v2 >= 0
 
-`collide` is the whole model for one collision in the scaled units of `model.motion` (m1 = 1, v0 = -1, k1 = 1): segment
-by segment, each ended by one or more events. What an event does to its contact is in `model.law`, the motion in
-between in `model.motion`, which event ends a segment of S1 in `model.events`. Contact 1 is ball-ball, contact 2
+`collide` is the whole model for one collision in the scaled units of `pair.motion` (m1 = 1, v0 = -1, k1 = 1): segment
+by segment, each ended by one or more events. What an event does to its contact is in `pair.law`, the motion in
+between in `pair.motion`, which event ends a segment of S1 in `pair.events`. Contact 1 is ball-ball, contact 2
 ball-table.
 """
 
@@ -17,8 +17,8 @@ from math import inf, isnan, sqrt
 
 from impact_xval.model.collision import Status
 from impact_xval.model.compiled import compiled, inlined
-from impact_xval.model.events import MOST_WINDOWS, first_event, next_turn
-from impact_xval.model.law import (
+from impact_xval.model.pair.events import MOST_WINDOWS, first_event, next_turn
+from impact_xval.model.pair.law import (
     COMPRESSION,
     INACTIVE,
     RESTITUTION,
@@ -31,7 +31,7 @@ from impact_xval.model.law import (
     with_energy,
     with_force,
 )
-from impact_xval.model.limits import (
+from impact_xval.model.pair.limits import (
     complete_ball_ball,
     complete_ball_table,
     one_body,
@@ -40,7 +40,7 @@ from impact_xval.model.limits import (
     static_energy1,
     static_energy2,
 )
-from impact_xval.model.motion import Modes, amplitudes, modes_of, single_contact
+from impact_xval.model.pair.motion import Modes, amplitudes, modes_of, single_contact
 
 S1, S2, S3, S4 = 1, 2, 3, 4
 
@@ -65,7 +65,7 @@ COLLAPSED = 1e-30
 #: A running stiffness ratio beyond this, or below its inverse, cannot be told from infinity in double precision.
 PRECISION_RATIO = 1e30
 
-#: In the place of a cut-off: no ratio, but the closed form as soon as it changes less than `model.limits.BOUND`.
+#: In the place of a cut-off: no ratio, but the closed form as soon as it changes less than `pair.limits.BOUND`.
 EXACT = 0.0
 
 #: Running ratio from which on that is looked at.
@@ -163,7 +163,7 @@ def taken_for_rigid(mu, M, d1, v2, one, two, law, highest, cutoff, loss):
 def rigid_contact(mu, M, first, d1, v2, one, two, law, highest, loss):
     """Take the first contact, or the second, for rigid: it completes its impact, or its bodies go on as one to the end.
 
-    The former where it holds energy that can part them (`model.limits`).
+    The former where it holds energy that can part them (`pair.limits`).
     """
     stiff, soft = (one, two) if first else (two, one)
     mass, rate = (M, d1) if first else (mu, -v2)
@@ -258,7 +258,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, law, log):
         The states count S4.
     margin : float
         Grazing margin: the smallest magnitude of a local extremum of a compression rate in S1, relative to that rate's
-        amplitude, where an end of compression counts (`model.grazing.STAKE`); infinity if there was none.
+        amplitude, where an end of compression counts (`pair.grazing.STAKE`); infinity if there was none.
     loss : float
         Energy lost, so that 1/2 - loss - (v1^2 + mu v2^2)/2 is the residual of the energy balance.
     steps : int

@@ -1,11 +1,11 @@
-"""Roots and extrema of one sum of two sinusoids: the means of `model.events`.
+"""Roots and extrema of one sum of two sinusoids: the means of `pair.events`.
 
-Each function is f = sum c_j q_j (a rate) or sum c_j q_j' (a force) of the two modes of `model.motion`. None of these
+Each function is f = sum c_j q_j (a rate) or sum c_j q_j' (a force) of the two modes of `pair.motion`. None of these
 decides what happens; that a root is the first one is certified by the caller.
 
 What (f, f', f'') at both ends of a window tell of a function inside it.
 
-Each watched function of `model.events` is a sum of two sinusoids with known amplitudes, so that its second and its
+Each watched function of `pair.events` is a sum of two sinusoids with known amplitudes, so that its second and its
 sixth derivative are bounded by known numbers. Let H be the quintic that takes the values, slopes and second derivatives
 of f at both ends of an interval of length h, and C the bound of the sixth derivative. Then
 f(x h) >= H(x h) - C h^6 x^3 (1 - x)^3/720, and since x^3 (1 - x)^3 <= (B2 + B3)/40 in Bernstein polynomials of degree
@@ -19,7 +19,7 @@ from __future__ import annotations
 from math import acos, atan2, pi, sqrt
 
 from impact_xval.model.compiled import compiled, inlined
-from impact_xval.model.motion import modal, turn_little
+from impact_xval.model.pair.motion import modal, turn_little
 
 EPSILON = 2.0**-52
 
@@ -30,7 +30,7 @@ ENVELOPE_RESERVE = 0.05
 BISECT = 6
 
 #: Steps to a root shorter than this (in radians of the fast mode) are found from the Taylor polynomial of degree seven,
-#: which is then exact to 1e-15 of an amplitude; and the motion follows by the series of `model.motion.turn_little`.
+#: which is then exact to 1e-15 of an amplitude; and the motion follows by the series of `pair.motion.turn_little`.
 SERIES = 0.05
 
 
