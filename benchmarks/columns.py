@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.state_transition import machine
-from impact_xval.model import Column, solve_column, solve_columns
+from impact_xval.model import Collision, solve_column, solve_columns
 from impact_xval.model.pair.law import IMPACT_LAWS
 from tests.model.column_reference import integrate
 
@@ -31,13 +31,13 @@ SIZES = {2: 20_000, 5: 4000, 10: 1000, 20: 400, 50: 40, 100: 10}
 BOUND, FINER = 1e-8, 0.02
 
 
-def random_column(rng: np.random.Generator, balls: int) -> Column:
+def random_column(rng: np.random.Generator, balls: int) -> Collision:
     """Draw a chain, a drop or a stack."""
     table = bool(rng.integers(2))
     contacts = balls - 1 + table
     velocities = np.zeros(balls)
     velocities[: balls if table and rng.integers(3) == 0 else 1] = -1
-    return Column(
+    return Collision(
         tuple(10 ** rng.uniform(-0.5, 0.5, balls)),
         tuple(10 ** rng.uniform(-1, 1, contacts)),
         tuple(rng.uniform(0.5, 1, contacts)),

@@ -24,12 +24,9 @@ from benchmarks.state_transition import machine
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.contract.registry import law_of
 from impact_xval.compliant_baselines.contract.solver import Convergence
-from impact_xval.compliant_baselines.references.columns.solving import (
-    coefficients_of,
-    solve_column,
-)
-from impact_xval.model import Column
+from impact_xval.model import Collision
 from tests.compliant_baselines.column_in_time import integrate
+from tests.compliant_baselines.reference_cells import coefficients_of, in_time
 
 #: Laws and exponents that are compared, and the largest N: the integration has to be kept short of rigid contacts.
 CASES = (
@@ -48,7 +45,7 @@ DIAMETER, DENSITY, YOUNG, POISSON = 0.025, 7800.0, 2.1e11, 0.3
 GAPS = (0.0, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 1e-3)
 
 
-def with_gaps(rng: np.random.Generator, column: Column) -> Column:
+def with_gaps(rng: np.random.Generator, column: Collision) -> Collision:
     """Open about half of the contacts of every second column."""
     contacts = len(column.stiffnesses)
     if rng.integers(2):
@@ -61,9 +58,9 @@ def references(console: Console, count: int, seed: int) -> None:
     for law, exponent, most in CASES:
         rng = np.random.default_rng(seed)
         columns = [with_gaps(rng, random_column(rng, int(rng.integers(2, most + 1)))) for _ in range(count)]
-        solve_column(columns[0], law, exponent=exponent)
+        in_time(columns[0], law, exponent=exponent)
         start = time.perf_counter()
-        outcomes = [solve_column(column, law, exponent=exponent) for column in columns]
+        outcomes = [in_time(column, law, exponent=exponent) for column in columns]
         spent = time.perf_counter() - start
         compared, worst, estimated = 0, 0.0, 0.0
         for column, ours in zip(columns, outcomes, strict=True):
@@ -134,8 +131,8 @@ def gaps(console: Console) -> None:
     for gap in GAPS:
         distances = (0, *[gap * DIAMETER] * 3)
         velocities = (-1.0, -1.0, 0, 0, 0)
-        column = Column((mass,) * 5, (stiffness,) * 4, (1.0,) * 4, velocities, gaps=distances)
-        outcome = solve_column(column, exponent=1.5)
+        column = Collision((mass,) * 5, (stiffness,) * 4, (1.0,) * 4, velocities, gaps=distances)
+        outcome = in_time(column, exponent=1.5)
         table.add_row(f"{gap:g}", f"{gap * DIAMETER * 1e6:g}", *(f"{v:.4f}" for v in outcome.velocities))
     console.print(table)
 

@@ -59,15 +59,17 @@ def main() -> None:
         n = min(BLOCK, options.cells - block * BLOCK)
         kappa, mu, e1, e2 = cells(n, options.seed + block)
         b = solve_batch(kappa, mu, e1, e2, stiffness_ratio_cutoff=math.inf)
-        for name, count in zip(*np.unique(b.status, return_counts=True), strict=True):
+        for name, count in zip(*np.unique(b.statuses, return_counts=True), strict=True):
             statuses[str(name)] = statuses.get(str(name), 0) + int(count)
         worst["not finite"] += int(np.sum(~np.isfinite(b.v1) | ~np.isfinite(b.v2)))
-        for i in np.flatnonzero(b.status == "unconverged"):
+        for i in np.flatnonzero(b.statuses == "unconverged"):
             print(f"unconverged: {', '.join(repr(float(x[i])) for x in (kappa, mu, e1, e2))}", flush=True)
         worst["v1 < v2"] += int(np.sum(b.v1 < b.v2))
         worst["v2 < 0"] += int(np.sum(b.v2 < 0))
         worst["energy gained"] = max(worst["energy gained"], float(np.max(b.v1**2 + mu * b.v2**2 - 1)))
-        worst["energy balance"] = max(worst["energy balance"], float(np.max(np.abs(b.energy_residual))))
+        worst["energy balance"] = max(
+            worst["energy balance"], float(np.max(np.abs(b.diagnostics["energy_residual"])))
+        )
         worst["events"] = max(worst["events"], int(np.max(b.n_events)))
         m = n // 50
         again = solve_batch(

@@ -4,7 +4,7 @@ Run as ``python benchmarks/instructions.py`` where valgrind is installed. Cacheg
 conditional branches and those that its simple predictor would have missed, of two processes that solve different
 numbers of the same random cells as `state_transition.py`; their difference is the kernel's, start and compilation
 left out. The kernels are compiled for a processor that valgrind knows (AVX2 and FMA, no AVX-512), in a cache of
-their own. Beside them stand the events, the segments and the windows of the search for first events.
+their own. Beside them stand the events.
 """
 
 from __future__ import annotations
@@ -21,9 +21,6 @@ import numpy as np
 from state_transition import random_cells
 
 from impact_xval.model import solve_batch
-from impact_xval.model.pair.kernel import EXACT, LOG_WIDTH, collide
-from impact_xval.model.pair.law import IMPACT_LAWS
-from impact_xval.model.solving import MAX_EVENTS
 
 #: What valgrind can run, and one thread.
 PROCESSOR = {
@@ -73,10 +70,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as cache:
         counts(few, options.seed, cache, ())  # compiles
         start, end = (counts(n, options.seed, cache) for n in (few, few + options.cells))
-    cells, no_log, law = random_cells(options.cells, options.seed), np.empty((0, LOG_WIDTH)), IMPACT_LAWS
-    followed = [collide(*cell, EXACT, MAX_EVENTS, law["jia-mason-erdmann"], no_log) for cell in cells.T]
-    for name, place in (("events", 4), ("segments", 5), ("windows", 8)):
-        print(f"{np.mean([each[place] for each in followed]):12,.1f} {name} a collision")
+    cells = random_cells(options.cells, options.seed)
+    print(f"{np.mean(solve_batch(*cells).n_events):12,.1f} events a collision")
     for name in start:
         print(f"{(end[name] - start[name]) / options.cells:12,.0f} {name} a collision")
     return 0

@@ -1,9 +1,10 @@
-"""How sure the engines' limits dt -> 0 are, and how much the exact references jump: both over random cells.
+"""How sure the engines' limits dt -> 0 are, how much the exact references jump, and which marks screens lose.
 
     python benchmarks/limits.py engines --cells 2000      # some ten minutes on one core
     python benchmarks/limits.py jumps --cells 200000      # a minute
+    python benchmarks/limits.py screens --cells 100000    # a minute
 
-**engines** draws cells of the default box (`config.axes.Box`), runs both engines with convergence estimates, and
+**engines** draws cells of the default box (`config.axes.Sample`), runs both engines with convergence estimates, and
 holds every limit of status ok and without a mark against the exact Kelvin-Voigt solution: the share further from it
 than three times the stated error, and the furthest. **jumps** solves every cell by an exact reference, then again with
 k2/k1, k1 and both stiffnesses changed by a relative amount, and prints how many of the marked and of the others move
@@ -17,18 +18,16 @@ import math
 import os
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 
 import numpy as np
 
-from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines import get_solver, marks, references
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
-from impact_xval.compliant_baselines.references.jumps import jumps as tried
-from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
-from impact_xval.experiments.config.axes import Box
-from impact_xval.model.collision import Collision
+from impact_xval.experiments.config.axes import Sample
+from impact_xval.model.collision import Collision, Collisions, Outcomes
 
-BATCHES = {"kelvin-voigt": kelvin_voigt_batch, "bistiffness": bistiffness_batch}
+LAWS = ("kelvin-voigt", "bistiffness")
 ENGINES = ("mujoco", "pybullet")
 
 #: Multiples of the stated error beyond which a limit counts as wrong.
@@ -37,12 +36,12 @@ HONEST = 3.0
 
 def draw(n: int, seed: int) -> np.ndarray:
     """k2/k1, m2/m1, e1, e2 of random cells of the default box, shape (4, n)."""
-    return Box().place(np.random.default_rng(seed).random((n, 4))).T
+    return Sample().place(np.random.default_rng(seed).random((n, 4))).T
 
 
 def solve(cells: np.ndarray, scenario: str, k1: float) -> list[list[tuple[str, str, float, float, float]]]:
     """By engine, for each cell: status, mark, distance of the limit from exact, stated error, v1 - v2 of the limit."""
-    collisions = [Collision(1.0, mu, k1, k1 * kappa, e1, e2, -1.0) for kappa, mu, e1, e2 in cells.T]
+    collisions = [Collision.two_balls(1.0, mu, k1, k1 * kappa, e1, e2, -1.0) for kappa, mu, e1, e2 in cells.T]
     exact = get_solver("kelvin-voigt").solve_many(collisions, Settings(scenario=scenario))
     rows = []
     for name in ENGINES:
@@ -88,7 +87,9 @@ def jumps(options: argparse.Namespace) -> None:
     kappa, mu, e1, e2 = draw(options.cells, options.seed)
     number = 9.81 / np.sqrt(options.k1 * (1 + 1 / mu)) * (options.scenario == "drop")
     c = 1 + options.change
-    for name, batch in BATCHES.items():
+    collisions, gravity = Collisions.from_ratios(kappa, mu, e1, e2), number * np.sqrt(1 + 1 / mu)
+    for name in LAWS:
+        batch, law = partial(references.solve_batch, name), references.law_at(name)
         base = batch(kappa, mu, e1, e2, number)
         moved = np.zeros(options.cells)
         for other in (
@@ -97,7 +98,7 @@ def jumps(options: argparse.Namespace) -> None:
             batch(kappa, mu, e1, e2, number / math.sqrt(c)),
         ):
             moved = np.fmax(moved, np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2)))
-        marked = tried(batch, kappa, mu, e1, e2, number)[0] > 1
+        marked = marks.jumps(law, collisions, law(collisions, gravity), gravity)[0] > 1
         print(
             f"{name}, {options.scenario}: {marked.sum()} of {options.cells} marked; unmarked cells that "
             f"{options.change:g} in k2, k1 or both moves by more than "
@@ -106,11 +107,34 @@ def jumps(options: argparse.Namespace) -> None:
         )
 
 
+def screens(options: argparse.Namespace) -> None:
+    """Count the marks that are lost where only suspected cells are tried, and the solves that it takes."""
+    unit = np.random.default_rng(options.seed).random((options.cells, 4))
+    cells = 10 ** (6 * unit[:, 0] - 3), 10 ** (2 * unit[:, 1] - 1), *(0.1 + 0.9 * unit[:, 2:].T)
+    collisions = Collisions.from_ratios(*cells)
+    gravity = np.full(options.cells, 9.81 / math.sqrt(options.k1) * (options.scenario == "drop"))
+    for name in LAWS:
+        law, solves = references.law_at(name), 0
+
+        def counted(some: Collisions, g: np.ndarray, law: marks.Law = law) -> Outcomes:
+            nonlocal solves
+            solves += len(some)
+            return law(some, g)
+
+        exact = law(collisions, gravity)
+        found = marks.jumps(counted, collisions, exact, gravity)[0] > 1
+        marked = marks.jumps(law, collisions, exact, gravity, everywhere=True)[0] > 1
+        print(
+            f"{name}, {options.scenario}: {marked.sum()} of {options.cells} marked, {np.sum(marked & ~found)} of them "
+            f"lost, with {solves / options.cells:.2f} solves a cell beside its own"
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=("engines", "jumps"))
+    parser.add_argument("what", choices=("engines", "jumps", "screens"))
     parser.add_argument("--cells", type=int)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scenario", choices=("drop", "impact"), default="drop")
@@ -119,8 +143,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes (engines)")
     parser.add_argument("--show", type=int, default=0, help="cells to list, the least honest first (engines)")
     options = parser.parse_args()
-    options.cells = options.cells or {"engines": 2000, "jumps": 200_000}[options.what]
-    {"engines": engines, "jumps": jumps}[options.what](options)
+    options.cells = options.cells or {"engines": 2000, "jumps": 200_000, "screens": 100_000}[options.what]
+    {"engines": engines, "jumps": jumps, "screens": screens}[options.what](options)
 
 
 if __name__ == "__main__":

@@ -137,6 +137,8 @@ def outcome(folder: Path, path: Path, source: str) -> tuple[str, str]:
                     )
                 except subprocess.TimeoutExpired:
                     return stage, "no end"
+            if done.returncode < 0:  # a kernel that writes beyond its arrays
+                return stage, "crash"
             if done.returncode not in (0, 1, 2):
                 raise RuntimeError(f"pytest could not run: {done.stdout}{done.stderr}")
             if done.returncode:

@@ -28,16 +28,10 @@ from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
 
-from impact_xval.compliant_baselines.references.batch import ReferenceBatch
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
-from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, kelvin_voigt_batch
+from tests.compliant_baselines.reference_cells import BATCHES, dampings
 
 GRAVITY_NUMBER = 0.05
-REFERENCES: dict[str, Callable[..., ReferenceBatch]] = {
-    "bistiffness": bistiffness_batch,
-    "kelvin-voigt": kelvin_voigt_batch,
-    "hunt-crossley": lambda *cells: kelvin_voigt_batch(*cells, damping="hunt-crossley"),
-}
+REFERENCES = {law: BATCHES[law] for law in ("bistiffness", "kelvin-voigt", "hunt-crossley")}
 
 
 def random_cells(n: int, seed: int) -> list[np.ndarray]:
@@ -86,7 +80,7 @@ def plain(law: str, kappa: float, mu: float, e1: float, e2: float) -> tuple[floa
     """
     one = [np.array([x]) for x in (kappa, mu, e1, e2)]
     stiff = law == "bistiffness"
-    c = [0.0, 0.0] if stiff else [float(x[0]) for x in dampings("pair", *one)[1:]]
+    c = [0.0, 0.0] if stiff else [float(x[0]) for x in dampings("kelvin-voigt", *one)]
     e, k, mode = (e1, e2), [1.0, kappa], [1, 1]
     y = np.array([-1.0, 0.0, 0.0, 0.0])  # v1, v2, compressions
     for _ in range(1000):

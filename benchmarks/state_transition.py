@@ -3,8 +3,7 @@
 Run as ``python benchmarks/state_transition.py``. One run measures, on the same random cells (k2/k1 log-uniform in
 [1e-2, 1e2], m2/m1 log-uniform in [0.1, 10], e1 and e2 uniform in [0.3, 1]):
 
-* `solve_batch` with one and with two threads, `solve`, and the oracle; the two slow ways, here and below, with the
-  supplement's cut-off;
+* `solve_batch` with one and with two threads, and `solve`;
 * a plain event integration in time with scipy's solve_ivp, as one would write it who knows scipy well: positions and
   velocities, terminal events with a direction, rtol 1e-8, RK45 and DOP853, a largest step of a radian of the fastest
   motion. It looks at signs at the ends of steps only, so it misses some events; how often is printed too.
@@ -41,9 +40,8 @@ from impact_xval.model import (
     solve,
     solve_batch,
 )
-from impact_xval.model.oracle import solve_oracle
-from impact_xval.model.pair.law import IMPACT_LAWS
-from impact_xval.model.solving import MAX_EVENTS, _solve_all, check_cutoff
+from impact_xval.model.pair.kernel import EXACT
+from impact_xval.model.solving import MAX_EVENTS, _diagrams
 
 #: Decades of k2/k1 and of m2/m1, and the least e: the box of all the rest, that of the default run, and a wide one, in
 #: which cut-offs are compared.
@@ -181,7 +179,6 @@ def compare(console: Console, options: argparse.Namespace) -> None:
 
     ways = [
         ("solve", options.single, from_model(solve)),
-        ("oracle", options.slow, from_model(solve_oracle)),
         ("solve_ivp, RK45, rtol 1e-8", options.slow, lambda *cell: plain(*cell, method="RK45")),
         ("solve_ivp, DOP853, rtol 1e-8", options.slow, lambda *cell: plain(*cell, method="DOP853")),
     ]
@@ -238,7 +235,7 @@ def compare_cutoffs(console: Console, options: argparse.Namespace) -> None:
 
 def _kernel_only(cells: np.ndarray, cutoff: Cutoff) -> None:
     # `solve_batch` solves cells twice that a finite cut-off changed; its time is not that of the cut-off.
-    _solve_all(*cells, check_cutoff(cutoff), MAX_EVENTS, IMPACT_LAWS["jia-mason-erdmann"])  # pyright: ignore
+    _diagrams(list(cells), EXACT if cutoff == "exact" else float(cutoff), MAX_EVENTS, True, False)
 
 
 def grow(console: Console, options: argparse.Namespace) -> None:

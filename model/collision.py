@@ -1,21 +1,44 @@
 """The vocabulary of the whole project: what goes into a collision and what comes out of it.
 
-`Collision` is what is solved, `Outcome` what any solver gives, `ImpulseCurve` and `Event` the way there.
-Nothing here computes a collision.
+`Collision` is what is solved, `Outcome` what any solver gives, `Path` the way there; `Collisions` and `Outcomes` are
+many of them as arrays. Nothing here computes a collision.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from html import escape
-from typing import Literal, NamedTuple, get_args
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple, get_args, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.model.inputs import E1, E2, K1, K2, M1, M2, MASS_RATIO, STIFFNESS_RATIO, V0
+from impact_xval.model.inputs import (
+    E1,
+    E2,
+    EXPONENT,
+    GAPS,
+    K1,
+    K2,
+    M1,
+    M2,
+    MASS_RATIO,
+    MASSES,
+    RESTITUTIONS,
+    STIFFNESS_RATIO,
+    STIFFNESSES,
+    STIFFNESSES_WITH_LIMITS,
+    V0,
+    VELOCITIES,
+    broadcast_inputs,
+    checked_array,
+)
+from impact_xval.model.kinetic import column_norm
+
+Floats = NDArray[np.float64]
 
 Status = Literal["ok", "limit", "unconverged", "timeout", "unrepresentable", "unavailable", "crashed"]
 STATUSES: tuple[str, ...] = get_args(Status)
@@ -23,53 +46,61 @@ STATUSES: tuple[str, ...] = get_args(Status)
 #: Statuses of an outcome whose numbers are its result. ``unconverged`` may carry numbers too, which are not.
 RESULT_STATUSES: tuple[Status, ...] = ("ok", "limit")
 
-#: Names of the phases of a contact, indexed by the integer the kernels use.
-PHASES = ("inactive", "compression", "restitution")
-
-#: Names of the states, indexed by the integer the kernels use (0 is no state).
+#: Names of the states of two balls on a table, by the number of the state (0 is none) and by the set of contacts.
 STATES = ("", "S1", "S2", "S3", "S4")
+_STATE_OF_SET = ("S4", "S3", "S2", "S1")
+
+#: Most balls of a collision.
+MAX_BALLS = 1000
 
 
 class Units(NamedTuple):
-    """Units in which a collision has m1 = k1 = 1 and v0 = -1, and its outcome only its ratios (Theorem 5).
+    """Units in which a collision has m1 = k1 = 1 and 1 as its largest compression rate (Theorem 5).
 
     Attributes
     ----------
     time : float
-        sqrt(m1/k1), in s; infinite without a stiffness.
-    velocity, impulse, energy : float
-        abs(v0) in m/s, m1 abs(v0) in N s and m1 v0^2 in J.
+        In s; sqrt(m1/k1) where contacts are linear; infinite without a stiffness.
+    velocity, impulse : float
+        The largest rate at first touch in m/s, for two balls on a table abs(v0); m1 times that in N s.
     """
 
     time: float
     velocity: float
     impulse: float
-    energy: float
 
 
-def in_unit(values: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
-    """Return values times a unit: 0 stays 0 where the unit leaves double precision, as that of time or energy may."""
-    with np.errstate(over="ignore"):
+def in_unit(values: Floats, unit: ArrayLike) -> Floats:
+    """Return values times a unit: 0 stays 0 where the unit leaves double precision, as that of time may."""
+    with np.errstate(over="ignore", invalid="ignore"):
         return np.multiply(values, unit, out=np.zeros_like(values), where=values != 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Collision:
-    """Upper ball B1 falls with v0 < 0 onto lower ball B2, which rests on a fixed table. Up is positive.
+    """N balls in a line, each touching the next, ball 1 on top; with a table, ball N touches it. Up is positive.
 
-    Contact 1 is ball-ball, contact 2 is ball-table.
+    Contact i is between balls i and i + 1; with a table, contact N is between ball N and the table. The problem of the
+    paper is two balls on a table (`two_balls`).
 
     Parameters
     ----------
-    m1, m2 : float
-        Masses of B1 and B2 in kg; positive, finite.
-    k1, k2 : float
-        Contact stiffnesses in N/m; from 0 to infinity, where k2/k1 must be a number or infinite
-        (not 0/0, not inf/inf).
-    e1, e2 : float
+    masses : sequence of float, length N
+        In kg; positive, finite. N is from 1 to `MAX_BALLS`.
+    stiffnesses : sequence of float, one a contact
+        N - 1 of them, or N with a table: k_i of F = k_i delta^p, in N/m^p; positive, finite. For two balls on a table
+        also 0 and infinity, as limits, but not 0/0 or inf/inf.
+    restitutions : sequence of float, one a contact
         Coefficients of energetic restitution, from 0 (perfectly plastic) to 1 (elastic).
-    v0 : float
-        Velocity of B1 when it touches B2, in m/s; negative, finite.
+    velocities : sequence of float, length N
+        At first touch, in m/s; finite. At least one ball approaches the next, or ball N the table.
+    table : bool
+        Whether there is a fixed table below ball N.
+    gaps : sequence of float, one a contact
+        Distances of the bodies of each contact at first, in m; not negative. None by default. Only solvers with
+        positions know them.
+    exponent : float
+        p of the contacts' forces, from 1 (linear) to 3; 1.5 are Hertz contacts.
 
     Raises
     ------
@@ -77,30 +108,71 @@ class Collision:
         For an illegal value; the message names the field, the value and the legal range.
     """
 
-    m1: float
-    m2: float
-    k1: float
-    k2: float
-    e1: float
-    e2: float
-    v0: float = -1.0
+    masses: tuple[float, ...]
+    stiffnesses: tuple[float, ...]
+    restitutions: tuple[float, ...]
+    velocities: tuple[float, ...]
+    table: bool = False
+    gaps: tuple[float, ...] = ()
+    exponent: float = 1.0
 
     def __post_init__(self) -> None:
-        for legal in (M1, M2, K1, K2, E1, E2, V0):
-            object.__setattr__(self, legal.name, legal.number(getattr(self, legal.name)))
-        both = f"k2 = {self.k2!r} over k1 = {self.k1!r}"
-        if self.k1 == self.k2 and (self.k1 == 0 or math.isinf(self.k1)):
+        if not isinstance(self.table, bool):
+            raise ValueError(f"table = {self.table!r}; legal: True or False")
+        two = self.table and len(tuple(self.masses)) == 2
+        stiffnesses = STIFFNESSES_WITH_LIMITS if two else STIFFNESSES
+        for legal in (MASSES, stiffnesses, RESTITUTIONS, VELOCITIES, GAPS):
+            object.__setattr__(self, legal.name, _numbers(legal, getattr(self, legal.name)))
+        object.__setattr__(self, "exponent", EXPONENT.number(self.exponent))
+        balls = len(self.masses)
+        if not 1 <= balls <= MAX_BALLS:
+            raise ValueError(f"masses: {balls} balls; legal: from 1 to {MAX_BALLS}")
+        contacts = balls - 1 + self.table
+        if not self.gaps:
+            object.__setattr__(self, "gaps", (0.0,) * contacts)
+        lengths = {"velocities": balls, "stiffnesses": contacts, "restitutions": contacts, "gaps": contacts}
+        for name, length in lengths.items():
+            given = len(getattr(self, name))
+            if given != length:
+                on = "on a table" if self.table else "without a table"
+                raise ValueError(f"{name}: {given} values; legal: {length}, for {balls} balls {on}")
+        if two:
+            _check_ratios(*self.masses, *self.stiffnesses)
+        if not any(rate > 0 for rate in self.compression_rates):
             raise ValueError(
-                f"stiffness ratio: {both} is undefined; legal: k2/k1 from 0 to inf, not 0/0 or inf/inf"
-            )
-        if not 0 < self.mass_ratio < math.inf:
-            raise ValueError(
-                f"mass ratio: m2 = {self.m2!r} over m1 = {self.m1!r} leaves double precision; legal: finite, > 0"
+                f"velocities = {self.velocities!r}: nothing meets; legal: a ball is slower than the next below it"
+                + (", or the last one falls on the table" if self.table else "")
             )
 
     @classmethod
+    def two_balls(
+        cls, m1: float, m2: float, k1: float, k2: float, e1: float, e2: float, v0: float = -1.0
+    ) -> Collision:
+        """Let B1 fall with v0 < 0 onto B2, which rests on a table. Contact 1 is ball-ball, contact 2 ball-table.
+
+        Parameters
+        ----------
+        m1, m2 : float
+            Masses of B1 and B2 in kg; positive, finite.
+        k1, k2 : float
+            Contact stiffnesses in N/m; from 0 to infinity, where k2/k1 is not 0/0 or inf/inf.
+        e1, e2 : float
+            Coefficients of energetic restitution, from 0 (perfectly plastic) to 1 (elastic).
+        v0 : float
+            Velocity of B1 when it touches B2, in m/s; negative, finite.
+
+        Raises
+        ------
+        ValueError
+            For an illegal value; the message names the parameter, the value and the legal range.
+        """
+        given = zip((M1, M2, K1, K2, E1, E2, V0), (m1, m2, k1, k2, e1, e2, v0), strict=True)
+        m1, m2, k1, k2, e1, e2, v0 = (legal.number(value) for legal, value in given)
+        return cls((m1, m2), (k1, k2), (e1, e2), (v0, 0.0), table=True)
+
+    @classmethod
     def from_ratios(cls, stiffness_ratio: float, mass_ratio: float, e1: float, e2: float) -> Collision:
-        r"""Build the collision with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
+        r"""Build two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
 
         By Theorem 5 of the paper the outcome per \|v0\| depends on these four numbers only.
 
@@ -119,7 +191,34 @@ class Collision:
             For an illegal value; the message names the parameter, the value and the legal range.
         """
         ratio, mass = STIFFNESS_RATIO.number(stiffness_ratio), MASS_RATIO.number(mass_ratio)
-        return cls(m1=1.0, m2=mass, k1=1.0, k2=ratio, e1=e1, e2=e2, v0=-1.0)
+        return cls.two_balls(m1=1.0, m2=mass, k1=1.0, k2=ratio, e1=e1, e2=e2)
+
+    m1 = property(lambda self: self.masses[0], doc="Mass of ball 1, in kg.")
+    m2 = property(lambda self: self.masses[1], doc="Mass of ball 2, in kg.")
+    k1 = property(lambda self: self.stiffnesses[0], doc="Stiffness of contact 1, in N/m.")
+    k2 = property(lambda self: self.stiffnesses[1], doc="Stiffness of contact 2, in N/m.")
+    e1 = property(lambda self: self.restitutions[0], doc="Restitution of contact 1.")
+    e2 = property(lambda self: self.restitutions[1], doc="Restitution of contact 2.")
+    v0 = property(lambda self: self.velocities[0], doc="Velocity of ball 1 at first touch, in m/s.")
+
+    @property
+    def falls_on_resting(self) -> bool:
+        """Whether this is the problem of the paper: B1 falls on B2, which rests on a table; linear contacts."""
+        (first, *others), plain = self.velocities, self.exponent == 1 and not any(self.gaps)
+        return plain and self.table and others == [0.0] and first < 0
+
+    @property
+    def compression_rates(self) -> tuple[float, ...]:
+        """w_i = v_{i+1} - v_i of each contact at first touch, in m/s; -v_N at the table."""
+        below = (*self.velocities, 0.0) if self.table else self.velocities
+        return tuple(lower - upper for upper, lower in pairwise(below))
+
+    @property
+    def mean_velocity(self) -> float:
+        """Velocity of the centre of mass at first touch, in m/s."""
+        _, power = math.frexp(max(self.masses))
+        masses = [math.ldexp(m, -power) for m in self.masses]  # whose sum is finite, and no bit another
+        return float(np.dot(masses, self.velocities)) / math.fsum(masses)
 
     @property
     def stiffness_ratio(self) -> float:
@@ -133,99 +232,241 @@ class Collision:
 
     @property
     def reduced_mass(self) -> float:
-        """M = m1 m2/(m1 + m2) of the ball-ball contact, in kg (supplement, below its equation (1))."""
+        """M = m1 m2/(m1 + m2) of contact 1, in kg (supplement, below its equation (1))."""
         ratio = self.m1 / self.m2
         return self.m1 / (1 + ratio) if ratio < math.inf else self.m2
 
     @property
     def units(self) -> Units:
         """Units in which this collision is one of ratios only."""
-        speed = -self.v0
-        time = math.sqrt(self.m1 / self.k1) if self.k1 > 0 else math.inf
-        return Units(time, speed, self.m1 * speed, self.m1 * speed * speed)
+        time, speed = (float(unit[0]) for unit in Collisions.of([self]).units)
+        return Units(time, speed, self.m1 * speed)
 
     def gravity_number(self, gravity: float) -> float:
         """g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)): how much g in m/s^2 matters beside the impact."""
         return gravity / (-self.v0 * math.sqrt(self.k1 / self.reduced_mass))
 
+    def reversed(self) -> Collision:
+        """Return the collision seen from below, if it has no table: order of balls and sign of velocities reversed."""
+        if self.table:
+            raise ValueError("table = True: a column on a table has no reverse; legal: False")
+        return replace(
+            self,
+            masses=self.masses[::-1],
+            stiffnesses=self.stiffnesses[::-1],
+            restitutions=self.restitutions[::-1],
+            velocities=tuple(-v for v in reversed(self.velocities)),
+            gaps=self.gaps[::-1],
+        )
 
-@dataclass(frozen=True, slots=True)
-class Event:
-    """One change along a collision.
 
-    Attributes
-    ----------
-    kind : str
-        ``"end-of-compression"``, ``"restart-of-compression"``, ``"end-of-restitution"``, ``"return"`` or
-        ``"limit"`` (from here on a closed-form limit was used).
-    contact : int
-        1 (ball-ball), 2 (ball-table), or 0 where the event belongs to neither.
-    state : str
-        The state the collision is in from here on.
-    time : float
-        Since first touch, in s.
-    impulse1, impulse2 : float
-        In N s.
-    v1, v2 : float
-        In m/s.
-    """
+def _numbers(legal: Any, values: Iterable[float]) -> tuple[float, ...]:
+    """Return the values of a field as numbers; the message of a refusal counts them from 1."""
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise ValueError(f"{legal.name} = {values!r}: not a sequence of numbers; legal: {legal.text}")
+    return tuple(legal._replace(name=f"{legal.name}[{i}]").number(v) for i, v in enumerate(values, 1))
 
-    kind: str
-    contact: int
-    state: str
-    time: float
-    impulse1: float
-    impulse2: float
-    v1: float
-    v2: float
+
+def _check_ratios(m1: float, m2: float, k1: float, k2: float) -> None:
+    if k1 == k2 and (k1 == 0 or math.isinf(k1)):
+        both = f"k2 = {k2!r} over k1 = {k1!r}"
+        raise ValueError(
+            f"stiffness ratio: {both} is undefined; legal: k2/k1 from 0 to inf, not 0/0 or inf/inf"
+        )
+    if not 0 < m2 / m1 < math.inf:
+        raise ValueError(
+            f"mass ratio: m2 = {m2!r} over m1 = {m1!r} leaves double precision; legal: finite, > 0"
+        )
+
+
+#: A collision that every solver answers at once: one ball strikes another.
+ORDINARY = Collision((1.0, 1.0), (1e8,), (0.9,), (-1.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImpulseCurve:
-    """A collision along its impulse curve: arrays of one shape (n,), in the order of time.
+class Collisions(Sequence[Collision]):
+    """Collisions of one number of balls, as arrays; read-only. C is N - 1, or N on a table.
 
     Attributes
     ----------
-    time : ndarray
-        Since first touch, in s.
-    impulse1, impulse2 : ndarray
-        Accumulated impulses, in N s.
-    v1, v2 : ndarray
-        In m/s.
-    energy1, energy2 : ndarray or None
-        Strain energies in J; None from a solver that does not know them.
-    state : ndarray of int
-        1 to 4 for S1 to S4; on a border between two states the point is given once for each.
-    phase1, phase2 : ndarray of int
-        0 inactive, 1 compression, 2 restitution.
+    masses, velocities : ndarray, shape (n, N)
+        In kg and m/s.
+    stiffnesses, restitutions, gaps : ndarray, shape (n, C)
+        In N/m^p, dimensionless, in m.
+    table : bool
+    exponent : float
+        p; with `table` the same for all.
+
+    Raises
+    ------
+    ValueError
+        If a value is illegal; the message names field, row, value and legal range.
     """
 
-    time: NDArray[np.float64]
-    impulse1: NDArray[np.float64]
-    impulse2: NDArray[np.float64]
-    v1: NDArray[np.float64]
-    v2: NDArray[np.float64]
-    energy1: NDArray[np.float64] | None
-    energy2: NDArray[np.float64] | None
-    state: NDArray[np.int64]
-    phase1: NDArray[np.int64]
-    phase2: NDArray[np.int64]
+    masses: Floats
+    stiffnesses: Floats
+    restitutions: Floats
+    velocities: Floats
+    table: bool
+    gaps: Floats
+    exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        n, balls = self.masses.shape
+        stiffnesses = STIFFNESSES_WITH_LIMITS if self.table and balls == 2 else STIFFNESSES
+        for legal in (MASSES, stiffnesses, RESTITUTIONS, VELOCITIES, GAPS):
+            array = checked_array(legal, getattr(self, legal.name)).view()
+            wide = balls if legal in (MASSES, VELOCITIES) else balls - 1 + self.table
+            if array.shape != (n, wide):
+                raise ValueError(f"{legal.name} has the shape {array.shape}; legal: {(n, wide)}")
+            array.flags.writeable = False
+            object.__setattr__(self, legal.name, array)
+        still = np.flatnonzero(~(self.compression_rates > 0).any(axis=1))
+        if still.size:
+            raise ValueError(
+                f"velocities of row {still[0]}: nothing meets; legal: some contact is compressed"
+            )
+
+    @classmethod
+    def of(cls, collisions: Iterable[Collision]) -> Collisions:
+        """Make arrays of collisions that have the number of balls, the table and the exponent in common."""
+        if isinstance(collisions, cls):
+            return collisions
+        some = list(collisions)
+        kinds = {(len(c.masses), c.table, c.exponent) for c in some} or {(2, True, 1.0)}
+        if len(kinds) > 1:
+            raise ValueError(
+                f"collisions of {len(kinds)} kinds; legal: one number of balls, table and exponent"
+            )
+        ((balls, table, exponent),) = kinds
+
+        def stacked(name: str, wide: int) -> Floats:
+            return np.array([getattr(c, name) for c in some], float).reshape(len(some), wide)
+
+        contacts = balls - 1 + table
+        return cls(
+            stacked("masses", balls),
+            stacked("stiffnesses", contacts),
+            stacked("restitutions", contacts),
+            stacked("velocities", balls),
+            table,
+            stacked("gaps", contacts),
+            exponent,
+        )
+
+    @classmethod
+    def from_ratios(
+        cls, stiffness_ratio: ArrayLike, mass_ratio: ArrayLike, e1: ArrayLike, e2: ArrayLike
+    ) -> Collisions:
+        """Build two balls on a table with m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s, flat from inputs that broadcast."""
+        _, (kappa, mu, e1, e2) = broadcast_inputs(stiffness_ratio, mass_ratio, e1, e2)
+        ones, zeros = np.ones_like(mu), np.zeros_like(mu)
+        pairs = ((ones, mu), (ones, kappa), (e1, e2), (-ones, zeros))
+        m, k, e, v = (np.stack(pair, axis=-1) for pair in pairs)
+        return cls(m, k, e, v, True, np.zeros_like(k))
+
+    def __len__(self) -> int:
+        return len(self.masses)
+
+    @overload
+    def __getitem__(self, index: int) -> Collision: ...
+    @overload
+    def __getitem__(self, index: slice | NDArray[Any]) -> Collisions: ...
+    def __getitem__(self, index: Any) -> Collision | Collisions:
+        m, k, e, v, gaps = (
+            each[index]
+            for each in (self.masses, self.stiffnesses, self.restitutions, self.velocities, self.gaps)
+        )
+        if m.ndim == 1:
+            m, k, e, v, gaps = (tuple(x.tolist()) for x in (m, k, e, v, gaps))
+            return Collision(m, k, e, v, self.table, gaps, self.exponent)
+        return Collisions(m, k, e, v, self.table, gaps, self.exponent)
+
+    @property
+    def compression_rates(self) -> Floats:
+        """As of `Collision`, shape (n, C)."""
+        below = self.velocities[:, 1:]
+        if self.table:
+            below = np.column_stack([below, np.zeros(len(self))])
+        return below - self.velocities[:, : below.shape[1]]
+
+    @property
+    def stiffness_ratio(self) -> Floats:
+        """k2/k1 of two balls on a table, shape (n,)."""
+        with np.errstate(divide="ignore"):
+            return self.stiffnesses[:, 1] / self.stiffnesses[:, 0]
+
+    @property
+    def mass_ratio(self) -> Floats:
+        """m2/m1, shape (n,)."""
+        return self.masses[:, 1] / self.masses[:, 0]
+
+    @property
+    def falls_on_resting(self) -> NDArray[np.bool_]:
+        """As of `Collision`, shape (n,)."""
+        n, balls = self.velocities.shape
+        if balls != 2 or not self.table or self.exponent != 1:
+            return np.zeros(n, bool)
+        return (self.velocities[:, 0] < 0) & (self.velocities[:, 1] == 0) & ~self.gaps.any(axis=1)
+
+    @property
+    def units(self) -> tuple[Floats, Floats]:
+        """Units of time and velocity, as `Units`, each of shape (n,)."""
+        p, speed = self.exponent, np.abs(self.compression_rates).max(axis=1)
+        with np.errstate(over="ignore", divide="ignore"):
+            return (self.masses[:, 0] / self.stiffnesses[:, 0] * speed ** (1 - p)) ** (1 / (p + 1)), speed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """A collision along its way: p points in the order of time, some of them at one instant.
+
+    Attributes
+    ----------
+    time : ndarray, shape (p,)
+        Since first touch, in s; infinite from where a contact without stiffness has to finish. Of the model that of
+        positions that stay frozen.
+    velocities : ndarray, shape (p, N)
+        In m/s.
+    impulses, forces : ndarray, shape (p, C)
+        Accumulated impulses in N s, and forces in N; of a contact that has become rigid, what it passes on. Forces of
+        an engine are means since the point before.
+    acting : ndarray of bool, shape (p, C)
+        Which contacts act from here on; one that has become rigid does while another does.
+    """
+
+    time: Floats
+    velocities: Floats
+    impulses: Floats
+    forces: Floats
+    acting: NDArray[np.bool_]
+
+    v1 = property(lambda self: self.velocities[:, 0], doc="Velocity of ball 1, in m/s.")
+    v2 = property(lambda self: self.velocities[:, 1], doc="Velocity of ball 2, in m/s.")
+    impulse1 = property(lambda self: self.impulses[:, 0], doc="Impulse of contact 1, in N s.")
+    impulse2 = property(lambda self: self.impulses[:, 1], doc="Impulse of contact 2, in N s.")
+
+    @property
+    def state(self) -> NDArray[np.int64]:
+        """Of two balls on a table: 1 to 4 for S1 to S4."""
+        return 4 - self.acting @ np.array([1, 2])
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    r"""The result of one collision by any solver.
+    """The result of one collision by any solver.
 
     Attributes
     ----------
     solver : str
         Name of the solver.
-    v1, v2 : float
-        Velocities when the collision is over, in m/s; NaN only with a status that explains it.
-    impulse1, impulse2 : float
-        Total impulses of the ball-ball and the ball-table contact, in N s.
+    velocities : tuple of float, length N
+        When the collision is over, in m/s; NaN only with a status that explains it.
+    impulses : tuple of float, one a contact
+        Total impulses in N s.
     states : tuple of str
-        The state sequence, such as ``("S1", "S3", "S1", "S2", "S4")``.
+        The sets of contacts that act, in their order, such as ``("1+2", "2", "-")``; for two balls on a table by the
+        paper's names, ``("S1", "S3", "S1", "S2", "S4")``.
     status : str
         One of `STATUSES`: ``"ok"``, or ``"limit"`` where a closed-form limit was used, or why there is no result.
     reason : str
@@ -241,39 +482,40 @@ class Outcome:
         Number of events.
     diagnostics : mapping of str to float
         Further numbers a solver wishes to state (its time step, its number of steps, an energy residual).
-    path : ImpulseCurve or None
+    path : Path or None
         The way there, if asked for.
-    events : tuple of Event
-        What happened on the way, if the solver knows it.
     """
 
     solver: str
-    v1: float
-    v2: float
-    impulse1: float
-    impulse2: float
-    states: tuple[str, ...]
+    velocities: tuple[float, ...]
+    impulses: tuple[float, ...]
+    states: tuple[str, ...] = ()
     status: Status = "ok"
     reason: str = ""
     grazing_margin: float | None = None
     marked: str = ""
     n_events: int = 0
     diagnostics: Mapping[str, float] = field(default_factory=dict)
-    path: ImpulseCurve | None = None
-    events: tuple[Event, ...] = ()
+    path: Path | None = None
+
+    v1 = property(lambda self: self.velocities[0], doc="Velocity of ball 1, in m/s.")
+    v2 = property(lambda self: self.velocities[1], doc="Velocity of ball 2, in m/s.")
+    impulse1 = property(lambda self: self.impulses[0], doc="Impulse of contact 1, in N s.")
+    impulse2 = property(lambda self: self.impulses[1], doc="Impulse of contact 2, in N s.")
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
+        velocities = ((f"v{i} (m/s)", v) for i, v in enumerate(self.velocities, 1))
+        impulses = ((f"impulse of contact {i} (N s)", value) for i, value in enumerate(self.impulses, 1))
+        few = len(self.states) < 20
         return html_table(
             self.solver,
             (
                 ("status", self.status),
                 ("reason", self.reason),
-                ("v1 (m/s)", self.v1),
-                ("v2 (m/s)", self.v2),
-                ("impulse of ball on ball (N s)", self.impulse1),
-                ("impulse of ball on table (N s)", self.impulse2),
-                ("states", " ".join(self.states)),
+                *velocities,
+                *impulses,
+                ("states", " ".join(self.states) if few else f"{len(self.states)} of them"),
                 ("grazing margin", self.grazing_margin),
                 ("marked", self.marked),
             ),
@@ -281,13 +523,188 @@ class Outcome:
 
     def retained_energy(self, collision: Collision) -> float:
         """Kinetic energy after the collision over that before it, dimensionless."""
-        c = collision
-        return (self.v1 / c.v0) ** 2 + c.mass_ratio * (self.v2 / c.v0) ** 2
+        before, after = (column_norm(collision.masses, each.velocities) for each in (collision, self))
+        return (after / before) ** 2
+
+    def retained_momentum(self, collision: Collision) -> float:
+        """Momentum after the collision over that before it, dimensionless: 1 without a table."""
+        weights = np.array(collision.masses) / max(collision.masses)
+        return float(weights @ self.velocities / (weights @ collision.velocities))
 
     @classmethod
-    def failure(cls, solver: str, status: Status, reason: str) -> Outcome:
+    def failure(cls, solver: str, collision: Collision, status: Status, reason: str) -> Outcome:
         """Record that a solver gave no result, and why."""
-        return cls(solver, math.nan, math.nan, math.nan, math.nan, (), status, reason)
+        unknown = (math.nan,)
+        balls, contacts = len(collision.masses), len(collision.stiffnesses)
+        return cls(solver, unknown * balls, unknown * contacts, status=status, reason=reason)
+
+
+def name_of_set(contacts: int, paper: bool) -> str:
+    """Name a set of acting contacts, contact i + 1 as bit i: as the paper does that of two balls, or as ``"1+3"``."""
+    if paper:
+        return _STATE_OF_SET[contacts]
+    return "+".join(str(i + 1) for i in range(contacts.bit_length()) if contacts >> i & 1) or "-"
+
+
+class States(NamedTuple):
+    """Sequences of states of many collisions.
+
+    Attributes
+    ----------
+    offsets : ndarray of int, shape (n + 1,)
+        Those of collision i are the entries from offsets[i] to offsets[i + 1].
+    sets : ndarray of uint64, shape (entries, words)
+        Which contacts act: bit i of word j is contact 64 j + i + 1.
+    starts : ndarray, shape (entries,)
+        When, in s since first touch.
+    """
+
+    offsets: NDArray[np.int64]
+    sets: NDArray[np.uint64]
+    starts: Floats
+
+    def names(self, index: int, paper: bool) -> tuple[str, ...]:
+        """Name the states of one collision, as the paper does or as sets of contacts."""
+        rows = self.sets[self.offsets[index] : self.offsets[index + 1]]
+        words = [sum(word << 64 * j for j, word in enumerate(row)) for row in rows.tolist()]
+        known = {word: name_of_set(word, paper) for word in set(words)}
+        return tuple(known[word] for word in words)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcomes(Sequence[Outcome]):
+    """Outcomes of n collisions of one number of balls by one solver, as arrays; `[i]` is an `Outcome`.
+
+    Attributes
+    ----------
+    solver : str
+    velocities, impulses : ndarray, shapes (n, N) and (n, C)
+        In m/s and N s; NaN where there is no result.
+    table : bool
+        As of the collisions.
+    status : ndarray of uint8, shape (n,)
+        Index into `STATUSES`; `statuses` is the text.
+    reason, mark : ndarray of int, shape (n,)
+        Index into `reasons` and `marks`, of which the first is empty.
+    n_states, n_events : ndarray of int, shape (n,)
+    states : States or None
+        None where they were not asked for.
+    grazing_margin : ndarray, shape (n,)
+        NaN where it is not known, infinity where nothing of the kind happened.
+    diagnostics : dict of str to ndarray, shape (n,)
+        NaN where an outcome does not state it.
+    paths : list of Path, or None
+        None where they were not asked for.
+    """
+
+    solver: str
+    velocities: Floats
+    impulses: Floats
+    table: bool
+    status: NDArray[np.uint8]
+    reason: NDArray[np.int32]
+    reasons: tuple[str, ...]
+    mark: NDArray[np.int32]
+    marks: tuple[str, ...]
+    n_states: NDArray[np.int64]
+    n_events: NDArray[np.int64]
+    states: States | None
+    grazing_margin: Floats
+    diagnostics: dict[str, Floats]
+    paths: Sequence[Path | None] | None = None
+
+    v1 = property(lambda self: self.velocities[..., 0], doc="Velocities of ball 1, in m/s.")
+    v2 = property(lambda self: self.velocities[..., 1], doc="Velocities of ball 2, in m/s.")
+    impulse1 = property(lambda self: self.impulses[..., 0], doc="Impulses of contact 1, in N s.")
+    impulse2 = property(lambda self: self.impulses[..., 1], doc="Impulses of contact 2, in N s.")
+
+    @property
+    def statuses(self) -> NDArray[np.str_]:
+        """Statuses as text; made when asked for, for they take more room than all the rest."""
+        return np.array(STATUSES)[self.status]
+
+    @property
+    def marked(self) -> NDArray[np.object_]:
+        """As of `Outcome`: a sentence, or the empty text."""
+        return np.array(self.marks, dtype=object)[self.mark]
+
+    @property
+    def has_result(self) -> NDArray[np.bool_]:
+        """Where the numbers are a result."""
+        return np.isin(self.status, [STATUSES.index(status) for status in RESULT_STATUSES])
+
+    @classmethod
+    def failures(cls, solver: str, collisions: Collisions, status: Status, reason: str) -> Outcomes:
+        """Record that a solver gave no result of any of some collisions, and why."""
+        n, ones = len(collisions), np.ones(len(collisions), np.int32)
+        return cls(
+            solver=solver,
+            velocities=np.full(collisions.masses.shape, np.nan),
+            impulses=np.full(collisions.stiffnesses.shape, np.nan),
+            table=collisions.table,
+            status=np.full(n, STATUSES.index(status), np.uint8),
+            reason=ones,
+            reasons=("", reason),
+            mark=ones * 0,
+            marks=("",),
+            n_states=np.zeros(n, np.int64),
+            n_events=np.zeros(n, np.int64),
+            states=None,
+            grazing_margin=np.full(n, np.nan),
+            diagnostics={},
+        )
+
+    def with_marks(self, says: NDArray[np.object_]) -> Outcomes:
+        """Return the same with other marks: a sentence each, or the empty text."""
+        marked = np.flatnonzero(says != "")
+        mark = np.zeros(len(self), np.int32)
+        mark[marked] = 1 + np.arange(marked.size)
+        return replace(self, mark=mark, marks=("", *says[marked]))
+
+    def shaped(self, shape: tuple[int, ...]) -> Outcomes:
+        """Return the same with arrays of a leading shape, such as that of a grid; `[i]` is for flat ones."""
+        arrays = {
+            name: (array := getattr(self, name)).reshape(shape + array.shape[1:])
+            for name in (
+                "velocities",
+                "impulses",
+                "status",
+                "reason",
+                "mark",
+                "n_states",
+                "n_events",
+                "grazing_margin",
+            )
+        }
+        return replace(
+            self, **arrays, diagnostics={name: x.reshape(shape) for name, x in self.diagnostics.items()}
+        )
+
+    def __len__(self) -> int:
+        return len(self.velocities)
+
+    def __iter__(self) -> Iterator[Outcome]:
+        return map(self.__getitem__, range(len(self)))
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        i = range(len(self))[index]
+        margin, paper = float(self.grazing_margin[i]), self.table and self.velocities.shape[1] == 2
+        stated = ((name, float(values[i])) for name, values in self.diagnostics.items())
+        return Outcome(
+            self.solver,
+            tuple(self.velocities[i].tolist()),
+            tuple(self.impulses[i].tolist()),
+            () if self.states is None or not self.n_states[i] else self.states.names(i, paper),
+            STATUSES[self.status[i]],  # pyright: ignore[reportArgumentType]
+            self.reasons[self.reason[i]],
+            None if math.isnan(margin) else margin,
+            self.marks[self.mark[i]],
+            int(self.n_events[i]),
+            {name: value for name, value in stated if not math.isnan(value)},
+            None if self.paths is None else self.paths[i],
+        )
 
 
 def html_table(title: str, rows: Iterable[tuple[str, object]]) -> str:

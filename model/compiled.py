@@ -1,10 +1,12 @@
-"""How the kernels of the model are compiled, said once."""
+"""Numba options shared by all kernels, and arrays shared out to threads."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from numba import config, njit
 
@@ -14,12 +16,39 @@ OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "arcp
 
 compiled = njit(**OPTIONS)
 
-#: For what is called within a search: passing a dozen numbers to it would cost as much as it does.
-inlined = njit(forceinline=True, **OPTIONS)
+_compile: Any = njit  # whose stubs lack some options
 
-#: For what is handed many arrays and makes none: no references are counted, which would cost more than the work.
-_compile: Any = njit  # whose stubs know nothing of this option
-uncounted = _compile(_nrt=False, **OPTIONS)
+#: Force-inlined variant for parts of a kernel. Python cannot call them: wrappers, and a cache of each part, would add
+#: half to the time that the kernel of two balls takes to compile.
+inlined = _compile(
+    forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **(OPTIONS | {"cache": False})
+)
+
+#: Of functions that only kernels of chains call: no references are counted and no way in from Python is compiled, each
+#: of which would cost more than the work; nothing is kept, for the cache of a kernel holds all that it calls. `merged`
+#: becomes a part of its caller before types are inferred: for functions that are called at one place.
+_UNCOUNTED: dict[str, Any] = {**OPTIONS, "_nrt": False}
+_INNER = {**_UNCOUNTED, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+uncounted = _compile(**_INNER)
+merged = _compile(inline="always", **_INNER)
+
+#: A kernel of these, which Python calls: it holds no lock, so that threads can be given parts of arrays.
+entry = _compile(nogil=True, **_UNCOUNTED)
+
+_Found = TypeVar("_Found")
+
+
+def in_threads(function: Callable[[slice], _Found], n: int, share: int) -> list[_Found]:
+    """Call a function with the slices of n items, `share` items each, in as many threads as numba would take.
+
+    A kernel that holds no lock of Python is compiled once so; a loop that numba shares out takes four times as long.
+    """
+    parts = [slice(start, start + share) for start in range(0, max(n, 1), share)]
+    if len(parts) == 1:
+        return [function(parts[0])]
+    count: int = vars(config)["NUMBA_NUM_THREADS"]  # numba sets it from the environment
+    with ThreadPoolExecutor(count) as threads:
+        return list(threads.map(function, parts))
 
 
 def cache_folder(kernel: Any) -> Path:

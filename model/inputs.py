@@ -49,7 +49,15 @@ V0 = Legal("v0", -_LARGEST, -_LEAST, "a finite number < 0 (m/s, up is positive)"
 STIFFNESS_RATIO = Legal("stiffness_ratio", 0.0, math.inf, "from 0 to inf (k2/k1)")
 MASS_RATIO = Legal("mass_ratio", _LEAST, _LARGEST, "a finite number > 0 (m2/m1)")
 
-#: p of the contacts of a column, F = k delta^p.
+MASSES = Legal("masses", _LEAST, _LARGEST, "finite numbers > 0 (kg)")
+STIFFNESSES = Legal("stiffnesses", _LEAST, _LARGEST, "finite numbers > 0 (N/m)")
+#: Of two balls on a table.
+STIFFNESSES_WITH_LIMITS = Legal("stiffnesses", 0.0, math.inf, "numbers from 0 to inf (N/m)")
+RESTITUTIONS = Legal("restitutions", 0.0, 1.0, "from 0 to 1")
+VELOCITIES = Legal("velocities", -_LARGEST, _LARGEST, "finite numbers (m/s, up is positive)")
+GAPS = Legal("gaps", 0.0, _LARGEST, "finite numbers >= 0 (m)")
+
+#: p of the contacts' forces, F = k delta^p.
 EXPONENT = Legal("exponent", 1.0, 3.0, "from 1 (linear contacts; 1.5: Hertz) to 3")
 
 #: m2/m1 from which on, and below the inverse of which, squares of velocities leave double precision: not solved.
@@ -104,17 +112,25 @@ def broadcast_inputs(
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
     given = ((STIFFNESS_RATIO, stiffness_ratio), (MASS_RATIO, mass_ratio), (E1, e1), (E2, e2), *others)
-    arrays = np.broadcast_arrays(*(_checked(legal, values) for legal, values in given))
+    arrays = np.broadcast_arrays(*(checked_array(legal, values) for legal, values in given))
     return arrays[0].shape, [np.ravel(a) for a in arrays]
 
 
-def _checked(legal: Legal, values: ArrayLike) -> NDArray[np.float64]:
+def checked_array(legal: Legal, values: ArrayLike) -> NDArray[np.float64]:
+    """Return values as an array of numbers.
+
+    Raises
+    ------
+    ValueError
+        If any is illegal; the message names the parameter, the first such value and its row, and the legal range.
+    """
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{legal.name} = {values!r}: not an array of numbers; legal: {legal.text}") from None
     # NaN makes both extremes NaN, and no comparison with it is true.
     if array.size and not (array.min() >= legal.low and array.max() <= legal.high):
-        bad = ~((array >= legal.low) & (array <= legal.high))
-        raise ValueError(f"{legal.name} = {float(array[bad].flat[0])!r}; legal: {legal.text}")
+        bad = np.argwhere(~((array >= legal.low) & (array <= legal.high)))[0]
+        row = f" in row {bad[0]}" if array.ndim else ""
+        raise ValueError(f"{legal.name} = {float(array[tuple(bad)])!r}{row}; legal: {legal.text}")
     return array

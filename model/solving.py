@@ -1,319 +1,384 @@
-"""`solve`: one collision by the state transition model, with its path and events; `solve_batch`: arrays of them."""
+"""`solve`: one collision by the state transition model; `solve_many`, `solve_batch`: arrays of them.
+
+Two balls on a table, the upper one falling on the lower one at rest, are followed by `model.pair`, in closed form; all
+others by `model.chain` with frozen positions.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.model.collision import STATES, Collision, Outcome
-from impact_xval.model.compiled import OPTIONS
-from impact_xval.model.curve import trace
+from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of, too_far_apart
+from impact_xval.model.chain.kernel import COLLAPSE, PLASTIC, RUNAWAY
+from impact_xval.model.chain.laws import LIU_ZHAO_BROGLIATO, STATE_TRANSITION
+from impact_xval.model.collision import (
+    STATUSES,
+    Collision,
+    Collisions,
+    Floats,
+    Outcome,
+    Outcomes,
+    Path,
+    States,
+    in_unit,
+)
+from impact_xval.model.compiled import in_threads
 from impact_xval.model.inputs import (
     GRAZING_THRESHOLD,
     LEGAL_CUTOFF,
     MASS_PRECISION,
     Cutoff,
-    beyond_precision,
     broadcast_inputs,
     legal_cutoff,
 )
+from impact_xval.model.pair import kernel
 from impact_xval.model.pair.events import MOST_WINDOWS
 from impact_xval.model.pair.grazing import MARKS, mark_codes
-from impact_xval.model.pair.kernel import (
-    BEYOND_PRECISION,
-    COLLAPSE,
-    DONE,
-    EXACT,
-    LIMIT,
-    LOG_WIDTH,
-    PRECISION_LIMIT,
-    STATUS_OF,
-    TOO_MANY_EVENTS,
-    collide,
-)
-from impact_xval.model.pair.law import IMPACT_LAWS, ImpactLaw
 from impact_xval.model.pair.limits import BOUND
 
 NAME = "state-transition"
 
-#: Events after which a collision is given up, within a second. At extreme stiffness ratios there are some 50/(1 - e) of
+#: Impact laws by name: the model's own, and that of Liu, Zhao and Brogliato (`pair.law`); the code of `chain.laws`.
+LAWS = {"jia-mason-erdmann": STATE_TRANSITION, "liu-zhao-brogliato": LIU_ZHAO_BROGLIATO}
+
+#: Events after which two balls are given up, within a second. At extreme stiffness ratios there are some 50/(1 - e) of
 #: them, for e of the contact that oscillates, or as many as the modes' frequencies are apart if that is fewer.
 MAX_EVENTS = 2_000_000
 
-#: Rows of the first try at a log; a collision that needs more is run once more.
-LOG_ROWS = 256
+#: Points of a path per half period of the fastest oscillation; rows of the first try at its log.
+POINTS, LOG_ROWS = 48, 4096
+
+#: Collisions that a thread is given at once, and states of one for which there is room at first.
+SHARE, FEW_STATES = 8192, 16
+
+#: Columns of what `pair.kernel.collide_all` says of each collision; of a row of its log.
+NUMBERS, LOG_WIDTH = ("code", "n_states", "n_events", "rows", "margin", "residual"), 6
+
+_OK, _LIMIT, _UNCONVERGED, _UNREPRESENTABLE = map(
+    STATUSES.index, ("ok", "limit", "unconverged", "unrepresentable")
+)
+
+TOO_FAR_APART = (
+    f"where one mass or stiffness exceeds {MASS_PRECISION:g} times another, squares of velocities are lost"
+)
+
+#: Why outcomes of chains are limits, by the bit of the kernel's code.
+_HAPPENED = {
+    PLASTIC: "closed form of e = 0: the bodies of a contact that ended compression are one from there on",
+    RUNAWAY: "the running stiffness of a contact runs away: its bodies are one from where it is rigid to rounding",
+    COLLAPSE: "bodies come to rest together after infinitely many events",
+}
 
 
-def solve(
-    collision: Collision,
-    *,
-    stiffness_ratio_cutoff: Cutoff = "exact",
-    path: bool = False,
-    max_events: int = MAX_EVENTS,
-    impact_law: str = "jia-mason-erdmann",
-    grazing_threshold: float = GRAZING_THRESHOLD,
-) -> Outcome:
-    """Solve one collision by the state transition model of Jia, Mason and Erdmann, exactly.
+def solve(collision: Collision, *, path: bool = False, **how: Any) -> Outcome:
+    """Solve one collision by the state transition model of Jia, Mason and Erdmann.
+
+    Exact where contacts are linear; any other exponent than 1 is integrated, with an error of some 1e-12 of the
+    velocity of impact.
 
     Parameters
     ----------
     collision : Collision
-        Every limit is legal: k2/k1 = 0 or infinity, e_i = 0, e_i = 1.
-    stiffness_ratio_cutoff : float or "exact"
-        A number greater than 1: when the running ratio k2/k1 exceeds it, or falls below its inverse, the closed form of
-        the limiting case finishes the collision (supplement, 3.4, where it is `SUPPLEMENT_CUTOFF`). Infinity switches
-        that off. By default the outcome is that without a cut-off, to `pair.limits.BOUND`: the closed form finishes
-        the collision once it cannot change more.
+        Every limit is legal: e_i = 0, e_i = 1, of two balls on a table k2/k1 = 0 or infinity.
     path : bool
-        Whether the outcome carries `path` and `events`.
-    max_events : int
-        Events after which the collision is given up, with the status ``unconverged``.
-    impact_law : str
-        ``jia-mason-erdmann``, the model's own, or ``liu-zhao-brogliato``, which differs from the second compression of
-        a contact on: it runs at the original stiffness.
-    grazing_threshold : float
-        Grazing margin below which the outcome is marked.
+        Whether the outcome carries `path`.
+    **how
+        As for `solve_many`.
 
     Returns
     -------
     Outcome
-        Status ``limit`` where a closed-form limit was used, ``unconverged`` after `max_events`, ``unrepresentable``
-        where m2/m1 or its inverse exceeds `MASS_PRECISION`, else ``ok``. Marked where its grazing margin is below
-        `GRAZING_THRESHOLD` or a cut-off changed it by more than `CUTOFF_THRESHOLD` (`pair.grazing`). Its
-        ``diagnostics``: ``energy_residual``, of the energy balance per m1 v0^2, and ``cutoff_effect``, by how much
-        (v1, v2) differ from the outcome without a cut-off (kinetic norm per sqrt(m1) abs(v0)); not there if that is not
-        reached within `max_events`.
 
     Raises
     ------
     ValueError
-        For an illegal cut-off or an unknown law.
+        For an illegal cut-off, an unknown law, or gaps.
     """
-    cutoff, law = check_cutoff(stiffness_ratio_cutoff), check_law(impact_law)
-    kappa, mu = collision.stiffness_ratio, collision.mass_ratio
-    if reason := beyond_precision("m2/m1", mu):
-        return Outcome.failure(NAME, STATUS_OF[BEYOND_PRECISION], reason)
-    log = np.zeros((LOG_ROWS, LOG_WIDTH))
-    result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, law, log)
-    n_rows = result[5] + 1
-    if n_rows > LOG_ROWS:
-        log = np.zeros((n_rows, LOG_WIDTH))
-        result = collide(kappa, mu, collision.e1, collision.e2, cutoff, max_events, law, log)
-    v1, v2, code, _, n_events, _, margin, loss, _ = result
-    if code == TOO_MANY_EVENTS:
-        most = f"{max_events} events, or {MOST_WINDOWS} windows of the search for them"
-        return Outcome.failure(NAME, STATUS_OF[code], f"not over after {most}")
-    log = log[:n_rows]
-    states = log[:, 0].astype(int)
-    sequence = states[np.concatenate([[True], states[1:] != states[:-1]])]
-    speed = -collision.v0
-    effect = 0.0
-    if code == LIMIT and cutoff != math.inf:
-        u1, u2, end, *_ = collide(
-            kappa, mu, collision.e1, collision.e2, beyond(cutoff), max_events, law, log[:0]
+    return solve_many(Collisions.of([collision]), paths=path, **how)[0]
+
+
+def solve_many(
+    collisions: Collisions,
+    *,
+    law: str = "jia-mason-erdmann",
+    stiffness_ratio_cutoff: Cutoff = "exact",
+    max_events: int | None = None,
+    grazing_threshold: float = GRAZING_THRESHOLD,
+    cutoff_effect: bool = False,
+    states: bool = True,
+    paths: bool = False,
+) -> Outcomes:
+    """Solve collisions of one number of balls by the state transition model, on all processors.
+
+    Parameters
+    ----------
+    collisions : Collisions
+    law : str
+        ``jia-mason-erdmann``, the model's own, or ``liu-zhao-brogliato``, which differs from the second compression of
+        a contact on: it runs at the original stiffness.
+    stiffness_ratio_cutoff : float or "exact"
+        Of two balls on a table, a number greater than 1: when the running ratio k2/k1 exceeds it, or falls below its
+        inverse, the closed form of the limiting case finishes the collision (supplement, 3.4, where it is
+        `SUPPLEMENT_CUTOFF`). Infinity switches that off. By default the outcome is that without a cut-off, to
+        `pair.limits.BOUND`: the closed form finishes the collision once it cannot change more.
+    max_events : int, optional
+        Events, of N balls pieces of segments, after which a collision is given up; by default some that take a second.
+    grazing_threshold : float
+        Grazing margin below which an outcome is marked.
+    cutoff_effect : bool
+        Whether to say what the cut-off changes, by solving once more those that used it; with a finite cut-off it is
+        said in any case.
+    states, paths : bool
+        Whether outcomes carry their states and paths; the latter one by one.
+
+    Returns
+    -------
+    Outcomes
+        Status ``limit`` where a closed form was used, ``unconverged`` after `max_events`, ``unrepresentable`` where
+        masses or stiffnesses lie further apart than `MASS_PRECISION`, else ``ok``. Marked where the grazing margin is
+        small or a cut-off changed an outcome by more than `CUTOFF_THRESHOLD` (`pair.grazing`). Diagnostics:
+        ``energy_residual``, of the energy balance per kinetic energy at first touch, relative to the centre of mass or
+        the table; and ``cutoff_effect``, by how much velocities differ from the outcome without a cut-off (kinetic norm
+        per sqrt(m1) abs(v0)), not there where that is not reached within `max_events`.
+
+    Raises
+    ------
+    ValueError
+        For an illegal cut-off, an unknown law, or gaps.
+    """
+    if law not in LAWS:
+        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
+    if not legal_cutoff(stiffness_ratio_cutoff):
+        raise ValueError(f"stiffness_ratio_cutoff = {stiffness_ratio_cutoff!r}; legal: {LEGAL_CUTOFF}")
+    if collisions.gaps.any():
+        raise ValueError(no_positions(collisions))
+    cutoff = kernel.EXACT if stiffness_ratio_cutoff == "exact" else float(stiffness_ratio_cutoff)
+    two = collisions.falls_on_resting
+    if two.any() and not two.all():
+        raise ValueError(
+            "velocities: B2 rests in some rows and not in others; legal: collisions of one kind at a time"
         )
-        effect = math.nan if end == TOO_MANY_EVENTS else math.hypot(u1 - v1, math.sqrt(mu) * (u2 - v2))
-    known = {} if math.isnan(effect) else {"cutoff_effect": effect}
-    trail, events = trace(collision, log, law) if path else (None, ())
-    return Outcome(
-        solver=NAME,
-        v1=v1 * speed,
-        v2=v2 * speed,
-        impulse1=collision.m1 * speed * (1 + v1),
-        impulse2=collision.m1 * speed * (1 + v1 + mu * v2),
-        states=tuple(STATES[i] for i in sequence),
-        status=STATUS_OF[code],
-        reason=_reason(collision, cutoff, code),
-        grazing_margin=margin,
-        marked=MARKS[
-            int(mark_codes(nearest_jump(margin, law), 0.0 if cutoff == EXACT else effect, grazing_threshold))
-        ],
-        n_events=n_events,
-        diagnostics={"energy_residual": 0.5 - loss - 0.5 * (v1 * v1 + mu * v2 * v2), **known},
-        path=trail,
-        events=events,
+    if two.any():
+        found = _by_diagram(
+            collisions, LAWS[law], cutoff, max_events or MAX_EVENTS, cutoff_effect, states, paths
+        )
+    else:
+        found = _by_chain(collisions, LAWS[law], max_events or MAX_PIECES, states, paths)
+    # A restart that takes back the loss leaves no jump.
+    there = found.has_result
+    margin = found.grazing_margin if LAWS[law] == STATE_TRANSITION else np.where(there, np.inf, np.nan)
+    effect = found.diagnostics.get("cutoff_effect", 0.0) if cutoff != kernel.EXACT else 0.0
+    mark = np.where(there, mark_codes(margin, effect, grazing_threshold), 0)
+    return replace(found, grazing_margin=margin, mark=mark)
+
+
+def no_positions(collisions: Collisions) -> str:
+    """Say that the model knows no gaps."""
+    largest = float(collisions.gaps.max())
+    return f"gaps of up to {largest!r} m: the model has no positions; legal: 0 (the references know gaps)"
+
+
+def reasons_of(
+    code: NDArray[np.float64], texts: Mapping[int, str]
+) -> tuple[NDArray[np.int32], tuple[str, ...]]:
+    """Say what happened, given bits of a code: the index of each collision's reason, and the reasons."""
+    every = sum(texts)
+    found = np.nan_to_num(code).astype(np.int32) & every
+    return found, tuple(
+        "; ".join(text for bit, text in texts.items() if some & bit) for some in range(every + 1)
     )
 
 
-def nearest_jump(margin: Any, law: ImpactLaw) -> Any:
-    """Grazing margin, or infinity under a law that has no jumps: a restart that takes back the loss leaves none."""
-    return margin if law.stiffens else np.full_like(margin, np.inf)
+def _by_chain(collisions: Collisions, law: int, max_pieces: int, states: bool, paths: bool) -> Outcomes:
+    def problem(some: Collisions) -> Problem:
+        nothing, no_gravity = np.zeros_like(some.stiffnesses), np.zeros(len(some))
+        return Problem(some, law, nothing, True, no_gravity, max_pieces=max_pieces)
+
+    went = problem(collisions).follow(states=states)
+    lost, given_up = too_far_apart(collisions), went.given_up
+    reason, reasons = reasons_of(went.numbers["code"], _HAPPENED)
+    status = np.select([lost, given_up, reason > 0], [_UNREPRESENTABLE, _UNCONVERGED, _LIMIT], _OK)
+    reason = np.select([lost, given_up], [len(reasons), len(reasons) + 1], reason)
+    none = lost | given_up
+    velocities = np.where(none[:, None], np.nan, went.velocities)
+    drawn = None
+    if paths:
+        drawn = [None if no else problem(collisions[i : i + 1]).path() for i, no in enumerate(none)]
+    return Outcomes(
+        solver=NAME,
+        velocities=velocities,
+        impulses=impulses_of(collisions, velocities),
+        table=collisions.table,
+        status=status.astype(np.uint8),
+        reason=reason,
+        reasons=(*reasons, TOO_FAR_APART, f"not over within {max_pieces} pieces of segments"),
+        mark=np.zeros(len(none), np.int32),
+        marks=MARKS,
+        n_states=np.where(none, 0, went.numbers["n_states"]).astype(np.int64),
+        n_events=np.where(none, 0, went.numbers["events"]).astype(np.int64),
+        states=went.states,
+        grazing_margin=np.where(none, np.nan, went.numbers["margin"]),
+        diagnostics={"energy_residual": np.where(none, np.nan, 1 - went.numbers["loss"])},
+        paths=drawn,
+    )
 
 
-def check_cutoff(cutoff: Cutoff) -> float:
-    """Return the cut-off as the kernel counts it.
-
-    Raises
-    ------
-    ValueError
-        Unless it is ``"exact"`` or a number greater than 1.
-    """
-    if not legal_cutoff(cutoff):
-        raise ValueError(f"stiffness_ratio_cutoff = {cutoff!r}; legal: {LEGAL_CUTOFF}")
-    return EXACT if cutoff == "exact" else float(cutoff)
-
-
-def beyond(cutoff: float) -> float:
-    """Return the cut-off to compare an outcome with: the exact rule, and none at all for an outcome by that rule."""
-    return math.inf if cutoff == EXACT else EXACT
-
-
-def check_law(name: str, parameter: str = "impact_law") -> ImpactLaw:
-    """Return the law of that name, given as that parameter.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
-    if name not in IMPACT_LAWS:
-        raise ValueError(f"{parameter} = {name!r}; legal: {', '.join(IMPACT_LAWS)}")
-    return IMPACT_LAWS[name]
-
-
-def _reason(collision: Collision, cutoff: float, code: int) -> str:
-    if code == DONE:
-        return ""
-    if code == COLLAPSE:
-        return "the bodies come to rest together after infinitely many events"
-    c = collision
-    ratio = c.stiffness_ratio
-    if ratio == 0 or math.isinf(ratio):
-        return f"closed form of k2/k1 = {ratio:g}"
-    if cutoff != EXACT and not 1 / cutoff <= ratio <= cutoff:
-        return f"k2/k1 = {ratio:g} lies beyond the cut-off {cutoff:g}: closed form of the limit"
-    if code == PRECISION_LIMIT:
-        return "the running stiffness ratio left double precision: closed form of the limit from there on"
-    plastic = [f"e{i} = 0" for i, e in ((1, c.e1), (2, c.e2)) if e == 0]
-    if plastic:
-        return f"closed form of {' and '.join(plastic)}"
-    if cutoff == EXACT:
-        return f"the running stiffness ratio runs away: closed form of the limit, to {BOUND:g} |v0|"
-    return f"the running stiffness ratio left the cut-off {cutoff:g}: closed form of the limit from there on"
+def _by_diagram(
+    collisions: Collisions, law: int, cutoff: float, max_events: int, effect: bool, states: bool, paths: bool
+) -> Outcomes:
+    c, stiffens = collisions, law == STATE_TRANSITION
+    cells = c.stiffness_ratio, c.mass_ratio, *c.restitutions.T
+    velocities, numbers, sets, starts = _diagrams(cells, cutoff, max_events, stiffens, states)
+    code, n_states, n_events, _, margin, residual = numbers.T
+    code = code.astype(int)
+    status = np.array([STATUSES.index(status) for status in kernel.STATUS_OF], np.uint8)[code]
+    diagnostics = {"energy_residual": residual}
+    if effect or 1 < cutoff < math.inf:
+        used = np.flatnonzero(code == kernel.LIMIT)
+        # The outcome to compare with: by the exact rule, and without any for an outcome by that rule.
+        beyond = math.inf if cutoff == kernel.EXACT else kernel.EXACT
+        others = _diagrams([each[used] for each in cells], beyond, max_events, stiffens, False)[0]
+        moved = others - velocities[used]
+        diagnostics["cutoff_effect"] = np.zeros(len(c))
+        diagnostics["cutoff_effect"][used] = np.hypot(moved[:, 0], np.sqrt(cells[1][used]) * moved[:, 1])
+    time, speed = c.units
+    logged = None
+    if states:
+        offsets = np.concatenate([[0], np.cumsum(n_states)]).astype(np.int64)
+        logged = States(offsets, sets, in_unit(starts, np.repeat(time, np.diff(offsets))))
+    drawn = None
+    if paths:
+        drawn = [
+            _diagram_path(c[i : i + 1], cutoff, max_events, stiffens) if there else None
+            for i, there in enumerate(~np.isnan(velocities[:, 0]))
+        ]
+    velocities = velocities * speed[:, None]
+    reason, reasons = _why(cells, code, cutoff, max_events)
+    return Outcomes(
+        solver=NAME,
+        velocities=velocities,
+        impulses=impulses_of(c, velocities),
+        table=True,
+        status=status,
+        reason=reason,
+        reasons=reasons,
+        mark=np.zeros(len(c), np.int32),
+        marks=MARKS,
+        n_states=n_states.astype(np.int64),
+        n_events=n_events.astype(np.int64),
+        states=logged,
+        grazing_margin=margin,
+        diagnostics=diagnostics,
+        paths=drawn,
+    )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BatchOutcome:
-    r"""What `solve_batch` says: arrays of the shape the inputs broadcast to.
+def _diagrams(
+    cells: Sequence[Floats], cutoff: float, max_events: int, stiffens: bool, states: bool
+) -> tuple[Floats, Floats, NDArray[np.uint64], Floats]:
+    """Velocities per abs(v0), numbers, sets and starts of `pair.kernel.collide_all`, of any number of cells."""
+    n, no_log = len(cells[0]), np.empty((0, LOG_WIDTH))
+    velocities, numbers = np.empty((n, 2)), np.empty((n, len(NUMBERS)))
 
-    Attributes
-    ----------
-    v1, v2 : ndarray of float
-        Final velocities per \|v0\|; NaN where `status` is ``unconverged`` or ``unrepresentable``.
-    code : ndarray of uint8
-        How each collision ended, as `pair.kernel` counts it; `status` names it.
-    n_states, n_events : ndarray of int32
-        Length of the state sequence (S4 included) and number of events.
-    grazing_margin : ndarray of float
-        As in `Outcome`.
-    energy_residual : ndarray of float
-        Residual of the energy balance per m1 v0^2.
-    cutoff_effect : ndarray of float, or None
-        As in `model.solve`, NaN where the collision without a cut-off is not over after `max_events`; None unless asked
-        for, or needed to mark results, as with any finite cut-off.
-    mark : ndarray of uint8
-        Which results are marked, as `pair.grazing` counts it; `marked` says it in words.
-    """
+    def follow(share: slice) -> tuple[NDArray[np.uint64], Floats]:
+        room = FEW_STATES * len(velocities[share]) if states else 0
+        while True:
+            sets, starts = np.empty((room, 1), np.uint64), np.empty(room)
+            arguments: list[Any] = [*(each[share] for each in cells), cutoff, max_events, stiffens, 1, no_log]
+            arguments += [sets, starts, velocities[share], numbers[share]]
+            kernel.collide_all(*arguments)
+            used = int(numbers[share, NUMBERS.index("n_states")].sum())
+            if used <= room or not states:
+                return sets[:used], starts[:used]
+            room = used
 
-    v1: NDArray[np.float64]
-    v2: NDArray[np.float64]
-    code: NDArray[np.uint8]
-    n_states: NDArray[np.int32]
-    n_events: NDArray[np.int32]
-    grazing_margin: NDArray[np.float64]
-    energy_residual: NDArray[np.float64]
-    cutoff_effect: NDArray[np.float64] | None
-    mark: NDArray[np.uint8]
+    sets, starts = (np.concatenate(each) for each in zip(*in_threads(follow, n, SHARE), strict=True))
+    return velocities, numbers, sets, starts
 
-    @property
-    def status(self) -> NDArray[np.str_]:
-        """As in `Outcome`; made when asked for, for it takes more room than all the rest."""
-        return np.array(STATUS_OF)[self.code]
 
-    @property
-    def marked(self) -> NDArray[np.object_]:
-        """As in `Outcome`: a sentence, or the empty text."""
-        return np.array(MARKS, dtype=object)[self.mark]
+def _diagram_path(collision: Collisions, cutoff: float, max_events: int, stiffens: bool) -> Path:
+    """Path of the only collision of some, from the log of the kernel: time, state, velocities and forces."""
+    c, rows = collision, LOG_ROWS
+    if np.isinf(c.stiffnesses[0, 0]):  # whose time unit would be 0: any such ratio is infinite to rounding
+        soft = c.stiffnesses[:, 1:]
+        c = replace(c, stiffnesses=np.concatenate([1e60 * soft, soft], axis=1))
+    cells = c.stiffness_ratio, c.mass_ratio, *c.restitutions.T
+    while True:
+        log, numbers = np.empty((rows, LOG_WIDTH)), np.empty((1, len(NUMBERS)))
+        none: tuple[Any, ...] = np.empty((0, 1), np.uint64), np.empty(0), np.empty((1, 2))
+        arguments: list[Any] = [*cells, cutoff, max_events, stiffens, POINTS, log, *none, numbers]
+        kernel.collide_all(*arguments)
+        if (needed := int(numbers[0, NUMBERS.index("rows")])) <= rows:
+            break
+        rows = needed
+    log = log[:needed]
+    (time,), (speed,) = c.units
+    state, velocities = log[:, 0].astype(int), log[:, 2:4] * speed
+    passed = np.maximum.accumulate(log[:, 1])  # a segment may end before it starts, to a rounding
+    impulses = np.cumsum(c.masses * (velocities - c.velocities), axis=1)
+    with np.errstate(divide="ignore"):  # the forces of an instant are infinite
+        forces = in_unit(log[:, 4:6], c.masses[0, 0] * speed / time)
+    acting = np.stack([np.isin(state, (1, 3)), np.isin(state, (1, 2))], axis=1)
+    return Path(in_unit(passed, time), velocities, impulses, forces, acting)
+
+
+def _why(
+    cells: Sequence[Floats], code: NDArray[np.int64], cutoff: float, max_events: int
+) -> tuple[NDArray[np.int32], tuple[str, ...]]:
+    """Say why outcomes of two balls are limits, or none: the index of each one's reason, and the reasons."""
+    kappa, _, e1, e2 = cells
+    outside = (kappa > cutoff) | (kappa < 1 / cutoff) if cutoff != kernel.EXACT else kappa < 0
+    rest = "the running stiffness ratio left"
+    runs_away = f"the running stiffness ratio runs away: closed form of the limit, to {BOUND:g} |v0|"
+    events = f"{max_events} events, or {MOST_WINDOWS} windows of the search for them"
+    table: list[tuple[Any, str]] = [
+        (code == kernel.DONE, ""),
+        (code == kernel.TOO_MANY_EVENTS, f"not over after {events}"),
+        (code == kernel.BEYOND_PRECISION, TOO_FAR_APART),
+        (code == kernel.COLLAPSE, _HAPPENED[COLLAPSE]),
+        (kappa == 0, "closed form of k2/k1 = 0"),
+        (np.isinf(kappa), "closed form of k2/k1 = inf"),
+        (outside, f"k2/k1 lies beyond the cut-off {cutoff:g}: closed form of the limit"),
+        (code == kernel.PRECISION_LIMIT, f"{rest} double precision: closed form of the limit from there on"),
+        ((e1 == 0) & (e2 == 0), "closed form of e1 = 0 and e2 = 0"),
+        (e1 == 0, "closed form of e1 = 0"),
+        (e2 == 0, "closed form of e2 = 0"),
+        (cutoff == kernel.EXACT, runs_away),
+        (True, f"{rest} the cut-off {cutoff:g}: closed form of the limit from there on"),
+    ]
+    conditions = [np.broadcast_to(condition, code.shape) for condition, _ in table]
+    return np.select(conditions, range(len(table))).astype(np.int32), tuple(text for _, text in table)
 
 
 def solve_batch(
-    stiffness_ratio: ArrayLike,
-    mass_ratio: ArrayLike,
-    e1: ArrayLike,
-    e2: ArrayLike,
-    *,
-    stiffness_ratio_cutoff: Cutoff = "exact",
-    max_events: int = MAX_EVENTS,
-    impact_law: str = "jia-mason-erdmann",
-    cutoff_effect: bool = False,
-) -> BatchOutcome:
-    """Solve many collisions at once.
+    stiffness_ratio: ArrayLike, mass_ratio: ArrayLike, e1: ArrayLike, e2: ArrayLike, **how: Any
+) -> Outcomes:
+    """Solve many collisions of two balls on a table at once, m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
 
     Parameters
     ----------
     stiffness_ratio, mass_ratio, e1, e2 : array_like
         k2/k1 from 0 to infinity, m2/m1 > 0 and finite, e_i from 0 to 1; they broadcast.
-    stiffness_ratio_cutoff, max_events, impact_law
-        As for `solve`.
-    cutoff_effect : bool
-        Whether to say what the cut-off changes, by solving once more those that used it; with a finite cut-off it is
-        said in any case.
+    **how
+        As for `solve_many`; states are not kept by default.
 
     Returns
     -------
-    BatchOutcome
+    Outcomes
+        Arrays of the shape that the inputs broadcast to: `v1`, `v2`, `statuses`, `grazing_margin`, `marked`, ...
 
     Raises
     ------
     ValueError
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
-    cutoff, law = check_cutoff(stiffness_ratio_cutoff), check_law(impact_law)
-    shape, flat = broadcast_inputs(stiffness_ratio, mass_ratio, e1, e2)
-    v1, v2, code, n_states, n_events, margin, residual = _solve_all(*flat, cutoff, max_events, law)  # pyright: ignore
-    effect = None
-    if cutoff_effect or 1 < cutoff < math.inf:
-        effect = np.zeros(v1.shape)
-        used = np.flatnonzero(code == LIMIT)
-        cells = [a[used] for a in flat]
-        u1, u2, *_ = _solve_all(*cells, beyond(cutoff), max_events, law)  # pyright: ignore
-        effect[used] = np.hypot(u1 - v1[used], np.sqrt(cells[1]) * (u2 - v2[used]))
-    mark = mark_codes(nearest_jump(margin, law), 0.0 if effect is None or cutoff == EXACT else effect)
-    return BatchOutcome(
-        v1=v1.reshape(shape),
-        v2=v2.reshape(shape),
-        code=code.reshape(shape),
-        n_states=n_states.reshape(shape),
-        n_events=n_events.reshape(shape),
-        grazing_margin=margin.reshape(shape),
-        energy_residual=residual.reshape(shape),
-        cutoff_effect=None if effect is None else effect.reshape(shape),
-        mark=mark.reshape(shape),
-    )
-
-
-@njit(parallel=True, **OPTIONS)
-def _solve_all(kappa, mu, e1, e2, cutoff, max_events, law):
-    n = kappa.size
-    v1, v2 = np.empty(n), np.empty(n)
-    code, n_states, n_events = np.empty(n, np.uint8), np.empty(n, np.int32), np.empty(n, np.int32)
-    margin, residual = np.empty(n), np.empty(n)
-    no_log = np.empty((0, LOG_WIDTH))
-    for i in prange(n):
-        if not 1 / MASS_PRECISION <= mu[i] <= MASS_PRECISION:
-            v1[i], v2[i], residual[i] = np.nan, np.nan, np.nan
-            code[i], n_states[i], n_events[i], margin[i] = BEYOND_PRECISION, 0, 0, np.nan
-            continue
-        u1, u2, c, states, events, _, nearest, loss, _ = collide(
-            kappa[i], mu[i], e1[i], e2[i], cutoff, max_events, law, no_log
-        )
-        if c == TOO_MANY_EVENTS:
-            u1, u2 = np.nan, np.nan
-        v1[i], v2[i], code[i], n_states[i], n_events[i], margin[i] = u1, u2, c, states, events, nearest
-        residual[i] = 0.5 - loss - 0.5 * (u1 * u1 + mu[i] * u2 * u2)
-    return v1, v2, code, n_states, n_events, margin, residual
+    given = stiffness_ratio, mass_ratio, e1, e2
+    shape, _ = broadcast_inputs(*given)
+    how = {"states": False, **how}
+    return solve_many(Collisions.from_ratios(*given), **how).shaped(shape)

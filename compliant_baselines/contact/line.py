@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.contact.mapping import Contact
 from impact_xval.compliant_baselines.contract.solver import MappingName, Settings
-from impact_xval.model.columns.column import Column
+from impact_xval.model.collision import Collision
 
 #: Most contacts of a column that an engine runs: the states of a run are sets of them, kept as bits.
 MOST_CONTACTS = 60
@@ -93,7 +93,7 @@ class Line:
         return (np.cumsum(below[::-1])[::-1] + far) - far
 
 
-def line_of(column: Column, settings: Settings) -> Line:
+def line_of(column: Collision, settings: Settings) -> Line:
     """Set a column up at the time step of the settings: its share of the shortest contact period.
 
     Raises
@@ -117,11 +117,11 @@ def line_of(column: Column, settings: Settings) -> Line:
     )
 
 
-def unrepresentable_column(column: Column, exponent: float) -> str | None:
+def unrepresentable_column(column: Collision) -> str | None:
     """Why no engine represents this column, in one sentence; None if one may."""
-    if exponent != 1:
+    if column.exponent != 1:
         return (
-            f"exponent = {exponent!r}: the contacts of an engine are linear springs and dashpots; legal: 1 "
+            f"exponent = {column.exponent!r}: the contacts of an engine are linear springs and dashpots; legal: 1 "
             "(the references kelvin-voigt, hunt-crossley and bistiffness have others)"
         )
     for i, e in enumerate(column.restitutions, 1):

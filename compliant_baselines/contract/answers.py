@@ -3,7 +3,7 @@
 Every command and every sweep calls solvers by `answer`, columns of N balls by `answer_columns`, those of other
 distributions and those of this project alike. An exception, a wrong number of outcomes, or an outcome that is not what
 `model.collision.Outcome` says become outcomes with the status ``crashed`` and a reason. What is legal is said once, in
-`validated` and `validated_column`. What a solver changes of its
+`validated`. What a solver changes of its
 process is put back (`undisturbed`); what no process survives is for `experiments.sweep.sandbox`.
 """
 
@@ -13,12 +13,11 @@ import contextlib
 import copy
 import math
 import os
+import pathlib
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Iterator, Mapping, Sequence
 from numbers import Integral, Real
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,27 +26,20 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver, no_columns
 from impact_xval.compliant_baselines.contract.visible import visible
 from impact_xval.model.collision import (
-    PHASES,
     RESULT_STATUSES,
     STATES,
     STATUSES,
     Collision,
-    Event,
-    ImpulseCurve,
     Outcome,
-    Status,
+    Outcomes,
+    Path,
 )
-from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
 
 #: Characters of a sentence of a solver that are kept.
 LONGEST = 1000
 
 #: Whole numbers up to here are exact as floating-point numbers, and so are those of every table.
 _WHOLE = 2**53
-
-#: Arrays of a path that measures are made of, and the largest value of those that are codes.
-_MEASURED = ("impulse1", "impulse2", "v1", "v2")
-_CODES = {"state": (1, len(STATES) - 1), "phase1": (0, len(PHASES) - 1), "phase2": (0, len(PHASES) - 1)}
 
 
 class IllegalOutcomeError(ValueError):
@@ -68,67 +60,51 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
     list of Outcome
         One for each collision, in order; all of them legal.
     """
-
-    def failure(_: Collision, status: Status, reason: str) -> Outcome:
-        return Outcome.failure(solver.name, status, reason)
-
-    return _answers(solver, "solve_many", collisions, (settings,), validated, failure)
+    return _answers(solver, "solve_many", collisions, (settings,))
 
 
-def answer_columns(
-    solver: Solver, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
-) -> list[ColumnOutcome]:
+def answer_columns(solver: Solver, columns: Sequence[Collision], settings: Settings) -> list[Outcome]:
     """Call a solver for columns of N balls, as `answer` for collisions; one that solves none refuses them.
 
     Parameters
     ----------
     solver : Solver
-    columns : sequence of Column
+    columns : sequence of Collision
     settings : Settings
-    exponent : float
-        p of the springs' forces k delta^p.
 
     Returns
     -------
-    list of ColumnOutcome
+    list of Outcome
         One for each column, in order; all of them legal.
     """
-
-    def failure(column: Column, status: Status, reason: str) -> ColumnOutcome:
-        return ColumnOutcome.failure(solver.name, column, status, reason)
-
     if not callable(getattr(type(solver), "solve_columns", None)):
-        return [failure(column, "unrepresentable", no_columns(solver.name)) for column in columns]
-    return _answers(solver, "solve_columns", columns, (settings, exponent), validated_column, failure)
+        reason = no_columns(solver.name)
+        return [Outcome.failure(solver.name, column, "unrepresentable", reason) for column in columns]
+    return _answers(solver, "solve_columns", columns, (settings,))
 
 
 def _answers(
-    solver: Solver,
-    method: str,
-    problems: Sequence[Any],
-    more: tuple[Any, ...],
-    legal: Callable[[Any, Any], Any],
-    failure: Callable[[Any, Status, str], Any],
-) -> list[Any]:
-    """Call a method of a solver with problems and more; what `legal` or `failure` makes of what it gives."""
+    solver: Solver, method: str, problems: Sequence[Collision], more: tuple[Any, ...]
+) -> list[Outcome]:
+    """Call a method of a solver with problems and more, and make legal outcomes of what it gives."""
     reason = why_unavailable(solver)
     if reason is not None:
-        return [failure(problem, "unavailable", reason) for problem in problems]
+        return [Outcome.failure(solver.name, problem, "unavailable", reason) for problem in problems]
     given = list(map(copy.copy, problems))
     try:
         with undisturbed():
             outcomes = getattr(solver, method)(given[:], *more)
-            if not isinstance(outcomes, (list, tuple)):
-                raise TypeError(f"{method} gave {type(outcomes).__name__}; legal: list")
+            if not isinstance(outcomes, (list, tuple, Outcomes)):
+                raise TypeError(f"{method} gave {type(outcomes).__name__}; legal: list or Outcomes")
         if len(outcomes) != len(problems):
-            raise RuntimeError(f"{len(outcomes)} outcomes for {len(problems)} {_kind(problems[0])}s")
+            raise RuntimeError(f"{len(outcomes)} outcomes for {len(problems)} collisions")
     except BaseException as error:  # a solver's bug must not end the sweep
         raise_ctrl_c(error)
         if len(problems) == 1:
-            return [failure(problems[0], "crashed", said(error))]
-        return [found for one in problems for found in _answers(solver, method, [one], more, legal, failure)]
+            return [Outcome.failure(solver.name, problems[0], "crashed", said(error))]
+        return [found for one in problems for found in _answers(solver, method, [one], more)]
     answered = zip(outcomes, given, problems, strict=True)
-    return [_legal_or_crashed(*each, legal, failure) for each in answered]
+    return [_legal_or_crashed(solver.name, *each) for each in answered]
 
 
 def why_unavailable(solver: Solver) -> str | None:
@@ -173,50 +149,28 @@ def validated(outcome: Any, collision: Collision) -> Outcome:
         If it is not.
     """
     if not isinstance(outcome, Outcome):
-        raise IllegalOutcomeError(f"solve_many gave {type(outcome).__name__}; legal: Outcome")
-    path, common = outcome.path, _common(outcome)
+        raise IllegalOutcomeError(f"the outcome is of type {type(outcome).__name__}; legal: Outcome")
+    status, margin, path = _text("status", outcome.status), outcome.grazing_margin, outcome.path
+    if status not in STATUSES:
+        raise IllegalOutcomeError(f"status = {status!r}; legal: {', '.join(STATUSES)}")
+    balls, contacts = len(collision.masses), len(collision.stiffnesses)
     plain = Outcome(
-        v1=float(_number("v1", outcome.v1)),
-        v2=float(_number("v2", outcome.v2)),
-        impulse1=float(_number("impulse1", outcome.impulse1)),
-        impulse2=float(_number("impulse2", outcome.impulse2)),
-        states=_states(outcome.states),
-        path=None if path is None else _path(path),
-        events=_events(outcome.events),
-        **common,
-    )
-    numbers = (plain.v1, plain.v2, plain.impulse1, plain.impulse2)
-    if plain.status in RESULT_STATUSES and not all(map(math.isfinite, numbers)):
-        raise IllegalOutcomeError(f"status {plain.status}, but v1, v2, impulse1, impulse2 = {numbers}")
-    if math.isfinite(plain.v1) and math.isfinite(plain.v2) and not _has_energy(plain, collision):
-        raise IllegalOutcomeError(
-            f"v1, v2 = {numbers[:2]} m/s at v0 = {collision.v0!r} m/s: their energy overflows"
-        )
-    return plain
-
-
-def validated_column(outcome: Any, column: Column) -> ColumnOutcome:
-    """Return an outcome of a column in plain values, as `validated` that of a collision.
-
-    Raises
-    ------
-    IllegalOutcomeError
-        If it is not what `ColumnOutcome` says.
-    """
-    if not isinstance(outcome, ColumnOutcome):
-        raise IllegalOutcomeError(f"solve_columns gave {type(outcome).__name__}; legal: ColumnOutcome")
-    balls, contacts, path = len(column.masses), len(column.stiffnesses), outcome.path
-    plain = ColumnOutcome(
+        solver=_text("solver", outcome.solver),
         velocities=_numbers("velocities", outcome.velocities, balls),
         impulses=_numbers("impulses", outcome.impulses, contacts),
-        states=_sets(outcome.states, contacts),
-        path=None if path is None else _column_path(path, balls, contacts),
-        **_common(outcome),
+        states=_states(outcome.states, balls == 2 and collision.table, contacts),
+        status=status,
+        reason=_text("reason", outcome.reason),
+        grazing_margin=None if margin is None else float(_number("grazing_margin", margin)),
+        marked=_text("marked", outcome.marked),
+        n_events=_whole("n_events", outcome.n_events),
+        diagnostics=_diagnostics(outcome.diagnostics),
+        path=None if path is None else _path(path, balls, contacts),
     )
     numbers = (*plain.velocities, *plain.impulses)
     if plain.status in RESULT_STATUSES and not all(map(math.isfinite, numbers)):
         raise IllegalOutcomeError(f"status {plain.status}, but velocities, impulses = {numbers}")
-    if all(map(math.isfinite, plain.velocities)) and not _has_energy(plain, column):
+    if all(map(math.isfinite, plain.velocities)) and not _has_energy(plain, collision):
         raise IllegalOutcomeError(f"velocities = {plain.velocities} m/s: their energy overflows")
     return plain
 
@@ -231,7 +185,7 @@ def undisturbed() -> Iterator[None]:
     process, modules, places = os.getpid(), sys.path, sys.path[:]
     folder, streams = None, {}
     with contextlib.suppress(OSError):
-        folder = Path.cwd()
+        folder = pathlib.Path.cwd()
     for stream in range(3):
         with contextlib.suppress(OSError):
             streams[stream] = os.dup(stream)
@@ -273,42 +227,16 @@ def raise_ctrl_c(error: BaseException) -> None:
         raise error
 
 
-def _legal_or_crashed(
-    outcome: Any,
-    given: Any,
-    problem: Any,
-    legal: Callable[[Any, Any], Any],
-    failure: Callable[[Any, Status, str], Any],
-) -> Any:
+def _legal_or_crashed(name: str, outcome: Any, given: Collision, problem: Collision) -> Outcome:
     try:
         if given != problem:
-            raise IllegalOutcomeError(f"it changed the {_kind(problem)} it was given to {given!r}")
-        return legal(outcome, problem)
+            raise IllegalOutcomeError(f"it changed the collision it was given to {given!r}")
+        return validated(outcome, problem)
     except IllegalOutcomeError as error:
-        return failure(problem, "crashed", one_line(str(error)))
+        return Outcome.failure(name, problem, "crashed", one_line(str(error)))
     except BaseException as error:  # a property that raises, a number that cannot be converted
         raise_ctrl_c(error)
-        return failure(problem, "crashed", f"reading its outcome: {said(error)}")
-
-
-def _kind(problem: Collision | Column) -> str:
-    return "column" if isinstance(problem, Column) else "collision"
-
-
-def _common(outcome: Outcome | ColumnOutcome) -> dict[str, Any]:
-    """Return in plain values what outcomes of collisions and of columns have alike."""
-    status, margin = _text("status", outcome.status), outcome.grazing_margin
-    if status not in STATUSES:
-        raise IllegalOutcomeError(f"status = {status!r}; legal: {', '.join(STATUSES)}")
-    return {
-        "solver": _text("solver", outcome.solver),
-        "status": status,
-        "reason": _text("reason", outcome.reason),
-        "grazing_margin": None if margin is None else float(_number("grazing_margin", margin)),
-        "marked": _text("marked", outcome.marked),
-        "n_events": _whole("n_events", outcome.n_events),
-        "diagnostics": _diagnostics(outcome.diagnostics),
-    }
+        return Outcome.failure(name, problem, "crashed", f"reading its outcome: {said(error)}")
 
 
 def _text(name: str, value: Any) -> Any:
@@ -337,13 +265,14 @@ def _whole(name: str, value: Any) -> int:
     return whole
 
 
-def _states(states: Any) -> tuple[str, ...]:
+def _states(states: Any, paper: bool, contacts: int) -> tuple[str, ...]:
     if not isinstance(states, (tuple, list)) or not all(isinstance(state, str) for state in states):
         raise IllegalOutcomeError("states; legal: a tuple of text")
-    if not set(states) <= set(STATES[1:]):
-        raise IllegalOutcomeError(
-            f"states = {', '.join(sorted(set(states)))}; legal: {', '.join(STATES[1:])}"
-        )
+    acting = {contact for state in set(states) for contact in state.split("+")} - {"-"}
+    legal = set(STATES[1:]) if paper else set(map(str, range(1, contacts + 1)))
+    if not acting <= legal:
+        named = ", ".join(STATES[1:]) if paper else f"sets of contacts such as '1+2', '-', of 1 to {contacts}"
+        raise IllegalOutcomeError(f"states = {', '.join(sorted(set(states)))}; legal: {named}")
     return tuple(map(str.__str__, states))
 
 
@@ -353,18 +282,9 @@ def _numbers(name: str, values: Any, length: int) -> tuple[float, ...]:
     return tuple(float(_number(f"{name}[{i}]", value)) for i, value in enumerate(values, 1))
 
 
-def _sets(states: Any, contacts: int) -> tuple[tuple[int, ...], ...]:
-    if not isinstance(states, (tuple, list)) or not all(isinstance(state, (tuple, list)) for state in states):
-        raise IllegalOutcomeError("states; legal: a tuple of sets of contacts")
-    plain = tuple(tuple(_whole("states", contact) for contact in state) for state in states)
-    if not {contact for state in plain for contact in state} <= set(range(1, contacts + 1)):
-        raise IllegalOutcomeError(f"states hold another contact; legal: 1 to {contacts}")
-    return plain
-
-
-def _column_path(path: Any, balls: int, contacts: int) -> ColumnPath:
-    if not isinstance(path, ColumnPath):
-        raise IllegalOutcomeError(f"path is of type {type(path).__name__}; legal: ColumnPath or None")
+def _path(path: Any, balls: int, contacts: int) -> Path:
+    if not isinstance(path, Path):
+        raise IllegalOutcomeError(f"path is of type {type(path).__name__}; legal: Path or None")
     arrays = {
         name: _array(name, getattr(path, name)) for name in ("time", "velocities", "impulses", "forces")
     }
@@ -377,9 +297,9 @@ def _column_path(path: Any, balls: int, contacts: int) -> ColumnPath:
         )
     if acting.dtype != bool or acting.shape != legal["forces"]:
         raise IllegalOutcomeError(f"path.acting; legal: truth values, {contacts} a row")
-    if not all(np.isfinite(array).all() for array in arrays.values()):
+    if not all(np.isfinite(arrays[name]).all() for name in ("velocities", "impulses")):
         raise IllegalOutcomeError("path holds a number that is not finite")
-    return ColumnPath(**arrays, acting=acting)
+    return Path(**arrays, acting=acting)
 
 
 def _diagnostics(diagnostics: Any) -> dict[str, Any]:
@@ -398,47 +318,11 @@ def _diagnostics(diagnostics: Any) -> dict[str, Any]:
     return plain
 
 
-def _events(events: Any) -> tuple[Event, ...]:
-    if not isinstance(events, tuple) or not all(isinstance(event, Event) for event in events):
-        raise IllegalOutcomeError("events; legal: a tuple of Event")
-    return tuple(map(_event, events))
-
-
-def _event(event: Event) -> Event:
-    plain: dict[str, Any] = {}
-    for name in (field.name for field in fields(Event)):
-        check = {"kind": _text, "state": _text, "contact": _whole}.get(name, _number)
-        plain[name] = check(f"events.{name}", getattr(event, name))
-    return Event(**plain)
-
-
-def _path(path: Any) -> ImpulseCurve:
-    if not isinstance(path, ImpulseCurve):
-        raise IllegalOutcomeError(f"path is of type {type(path).__name__}; legal: ImpulseCurve or None")
-    arrays = {field.name: _array(field.name, getattr(path, field.name)) for field in fields(ImpulseCurve)}
-    shapes = {array.shape for array in arrays.values() if array is not None}
-    if shapes != {(len(arrays["time"]),)} or shapes == {(0,)}:
-        raise IllegalOutcomeError(
-            f"path has shapes {', '.join(map(str, sorted(shapes)))}; legal: one (n,), n >= 1"
-        )
-    for name in _MEASURED:
-        if not np.isfinite(arrays[name]).all():
-            raise IllegalOutcomeError(f"path.{name} holds a number that is not finite")
-    for name, (low, high) in _CODES.items():
-        if arrays[name].min() < low or arrays[name].max() > high:
-            raise IllegalOutcomeError(f"path.{name} holds another number; legal: {low} to {high}")
-    return ImpulseCurve(**arrays)
-
-
-def _array(name: str, values: Any) -> NDArray[Any] | Any:
-    if values is None and name.startswith("energy"):
-        return None
-    array, codes = np.asarray(values), name in _CODES
-    if array.dtype.kind not in ("iu" if codes else "iuf"):
-        raise IllegalOutcomeError(
-            f"path.{name} has dtype {array.dtype}; legal: {'int64' if codes else 'float64'}"
-        )
-    return array.astype(np.int64 if codes else np.float64, copy=False)
+def _array(name: str, values: Any) -> NDArray[Any]:
+    array = np.asarray(values)
+    if array.dtype.kind not in "iuf":
+        raise IllegalOutcomeError(f"path.{name} has dtype {array.dtype}; legal: float64")
+    return array.astype(np.float64, copy=False)
 
 
 def _has_energy(outcome: Any, problem: Any) -> bool:

@@ -44,9 +44,9 @@ LAWS: tuple[Law, ...] = ("kelvin-voigt", "hunt-crossley", "none")
 Check = Callable[[Solver], None]
 
 _ORDINARY = (
-    Collision(m1=1.0, m2=2 / math.sqrt(3), k1=1e6, k2=1e6, e1=0.9, e2=0.7),
-    Collision(m1=1.0, m2=0.5, k1=1e6, k2=1e7, e1=0.6, e2=0.8),
-    Collision(m1=1.0, m2=2.0, k1=1e6, k2=2e5, e1=1.0, e2=1.0),
+    Collision.two_balls(m1=1.0, m2=2 / math.sqrt(3), k1=1e6, k2=1e6, e1=0.9, e2=0.7),
+    Collision.two_balls(m1=1.0, m2=0.5, k1=1e6, k2=1e7, e1=0.6, e2=0.8),
+    Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=2e5, e1=1.0, e2=1.0),
 )
 _COARSE = Settings(step_fraction=5e-3)
 
@@ -116,9 +116,9 @@ def same_bits_in_any_company(solver: Solver) -> None:
 
 def refuses_with_a_reason(solver: Solver) -> None:
     """Demand that limits are answered or refused with a reason, and never raise or spoil others (rules 2, 4)."""
-    plain = Collision(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.5, e2=0.5)
-    changes: list[dict[str, Any]] = [{"e1": 0.0}, {"e2": 0.0}, {"k2": math.inf}, {"k2": 0.0}]
-    limits = [dataclasses.replace(plain, **change) for change in changes]
+    plain = {"m1": 1.0, "m2": 1.0, "k1": 1e6, "k2": 1e6, "e1": 0.5, "e2": 0.5}
+    changes: list[dict[str, float]] = [{"e1": 0.0}, {"e2": 0.0}, {"k2": math.inf}, {"k2": 0.0}]
+    limits = [Collision.two_balls(**plain | change) for change in changes]
     first, last = _ORDINARY[:2]
     outcomes = _outcomes(solver, [first, *limits, last])
     for c, o in zip(limits, outcomes[1:-1], strict=True):
@@ -134,7 +134,7 @@ def raises_in_a_direct_call(solver: Solver) -> None:
     """Demand that `solve` raises `SolverError` where `solve_many` has no result, and agrees elsewhere (rule 3)."""
     (first,) = _outcomes(solver, _ORDINARY[:1])
     demand(solver.solve(_ORDINARY[0], _COARSE).v1 == first.v1, "solve and solve_many differ")
-    plastic = Collision(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.0, e2=0.5)
+    plastic = Collision.two_balls(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.0, e2=0.5)
     (outcome,) = _outcomes(solver, [plastic])
     if outcome.status in RESULT_STATUSES:
         return
@@ -166,7 +166,9 @@ def scales(solver: Solver) -> None:
     (base,) = _outcomes(solver, [c])
     for what, factor in (("m", 1e-2), ("m", 30.0), ("k", 1e-2), ("k", 40.0), ("v", 0.2), ("v", 3.0)):
         m, k, v = (factor if what == scaled else 1.0 for scaled in "mkv")
-        (o,) = _outcomes(solver, [Collision(c.m1 * m, c.m2 * m, c.k1 * k, c.k2 * k, c.e1, c.e2, c.v0 * v)])
+        (o,) = _outcomes(
+            solver, [Collision.two_balls(c.m1 * m, c.m2 * m, c.k1 * k, c.k2 * k, c.e1, c.e2, c.v0 * v)]
+        )
         off = math.hypot(o.v1 / v - base.v1, o.v2 / v - base.v2)
         found = f"with {what} times {factor:g} v/v0 differs by {off:.2g}: units, or a number that is absolute"
         demand(off < 1e-3, found)

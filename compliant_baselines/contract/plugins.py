@@ -27,7 +27,6 @@ from impact_xval.compliant_baselines.contract.answers import (
 )
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
 from impact_xval.model.collision import Collision, Outcome
-from impact_xval.model.columns.column import Column, ColumnOutcome
 
 GROUP = "impact_xval.solvers"
 
@@ -91,16 +90,14 @@ class ThirdPartySolver(SolverBase):
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every collision, in order; what goes wrong is an outcome with a status."""
         if self.solver is None:
-            return [Outcome.failure(self.name, "unavailable", self.problem) for _ in collisions]
+            return [Outcome.failure(self.name, each, "unavailable", self.problem) for each in collisions]
         return answer(self.solver, collisions, settings)
 
-    def solve_columns(
-        self, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
-    ) -> list[ColumnOutcome]:
+    def solve_columns(self, columns: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every column of N balls, in order; what goes wrong is an outcome with a status."""
         if self.solver is None:
-            return [ColumnOutcome.failure(self.name, each, "unavailable", self.problem) for each in columns]
-        return answer_columns(self.solver, columns, settings, exponent)
+            return [Outcome.failure(self.name, each, "unavailable", self.problem) for each in columns]
+        return answer_columns(self.solver, columns, settings)
 
 
 def _checked(point: EntryPoint) -> Solver:

@@ -60,27 +60,27 @@ class Entry:
     description: str = ""
 
 
-_MODEL, _KELVIN_VOIGT = "contract.state_transition", "references.kelvin_voigt"
+_EXACT = "references"
 _MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}_engine" for name in ("mujoco", "pybullet", "drake"))
 
 # In the order in which tables list the solvers; those on request after all others.
 _ENTRIES: dict[str, Entry] = {
     "state-transition": Entry(
-        _MODEL,
+        _EXACT,
         "StateTransitionSolver",
         "model",
         "state-transition",
         description="the state-transition model, exact: impulses alone, positions stand still",
     ),
     "bistiffness": Entry(
-        "references.bistiffness",
+        _EXACT,
         "BistiffnessSolver",
         "reference",
         "bistiffness",
         description="the model's law in time, exact: springs of two stiffnesses, positions that move",
     ),
     "kelvin-voigt": Entry(
-        _KELVIN_VOIGT,
+        _EXACT,
         "KelvinVoigtSolver",
         "reference",
         description="spring and dashpot that never pull, exact: what engines are mapped to",
@@ -104,7 +104,7 @@ _ENTRIES: dict[str, Entry] = {
         description="Drake in discrete time, its contacts mapped to spring and dashpot",
     ),
     "kelvin-voigt-anchored": Entry(
-        _KELVIN_VOIGT,
+        _EXACT,
         "AnchoredKelvinVoigtSolver",
         "reference",
         "kelvin-voigt-anchored",
@@ -112,7 +112,7 @@ _ENTRIES: dict[str, Entry] = {
         description="spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
     ),
     "kelvin-voigt-textbook": Entry(
-        _KELVIN_VOIGT,
+        _EXACT,
         "TextbookKelvinVoigtSolver",
         "reference",
         "kelvin-voigt-textbook",
@@ -120,7 +120,7 @@ _ENTRIES: dict[str, Entry] = {
         description="spring and dashpot, exact, damped as a contact that may pull",
     ),
     "hunt-crossley": Entry(
-        _KELVIN_VOIGT,
+        _EXACT,
         "HuntCrossleySolver",
         "reference",
         "hunt-crossley",
@@ -128,7 +128,7 @@ _ENTRIES: dict[str, Entry] = {
         description="Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
     ),
     "liu-zhao-brogliato": Entry(
-        _MODEL,
+        _EXACT,
         "LiuZhaoBrogliatoSolver",
         "model",
         "liu-zhao-brogliato",
@@ -155,14 +155,6 @@ _ENTRIES: dict[str, Entry] = {
         law="hunt-crossley",
         on_request=True,
         description="Drake in continuous time, with Hunt and Crossley's contacts",
-    ),
-    "oracle": Entry(
-        _MODEL,
-        "OracleSolver",
-        "model",
-        "state-transition",
-        on_request=True,
-        description="the model again, by numerical integration: a check of the closed forms",
     ),
 }
 

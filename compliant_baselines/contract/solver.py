@@ -24,13 +24,12 @@ Implementer's rules:
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol, TypeVar, runtime_checkable
 
 from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Status
-from impact_xval.model.columns.column import Column, ColumnOutcome
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Collisions, Outcome, Status
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
 
 Scenario = Literal["impact", "drop"]
@@ -170,7 +169,7 @@ class Solver(Protocol):
         """Why the solver cannot run on this machine and the way out, in one sentence; None if it can."""
 
     @abstractmethod
-    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         """Answer every collision, in order; failures are outcomes with a status (rule 2)."""
 
     @abstractmethod
@@ -194,27 +193,20 @@ class SolverBase(Solver):
             raise SolverError(self.name, outcome.status, outcome.reason)
         return outcome
 
-    def solve_columns(
-        self, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
-    ) -> list[ColumnOutcome]:
+    def solve_columns(self, columns: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         """Answer every column of N balls, in order; failures are outcomes with a status (rule 2).
 
         Parameters
         ----------
-        columns : sequence of Column
+        columns : sequence of Collision
         settings : Settings
             References and engines know the scenario `impact` only.
-        exponent : float
-            p of the springs' forces k delta^p.
         """
         return [
-            ColumnOutcome.failure(self.name, column, "unrepresentable", no_columns(self.name))
-            for column in columns
+            Outcome.failure(self.name, column, "unrepresentable", no_columns(self.name)) for column in columns
         ]
 
-    def solve_column(
-        self, column: Column, settings: Settings | None = None, exponent: float = 1.0
-    ) -> ColumnOutcome:
+    def solve_column(self, column: Collision, settings: Settings | None = None) -> Outcome:
         """Answer one column of N balls.
 
         Raises
@@ -222,10 +214,34 @@ class SolverBase(Solver):
         SolverError
             If the outcome's status is neither ``ok`` nor ``limit``.
         """
-        outcome = self.solve_columns([column], settings or Settings(), exponent)[0]
+        outcome = self.solve_columns([column], settings or Settings())[0]
         if outcome.status not in RESULT_STATUSES:
             raise SolverError(self.name, outcome.status, outcome.reason)
         return outcome
+
+
+_Answer = TypeVar("_Answer")
+
+
+def by_kind(
+    collisions: Sequence[Collision], solve: Callable[[Collisions], Sequence[_Answer]]
+) -> Sequence[_Answer]:
+    """Answer collisions in groups that arrays hold and that are solved alike, with or without gaps; in their order."""
+    if isinstance(collisions, Collisions):
+        flags = collisions.falls_on_resting, collisions.gaps.any(axis=1)
+        if all(flag.all() or not flag.any() for flag in flags):
+            return solve(collisions)
+    kinds: dict[tuple[object, ...], list[int]] = {}
+    for i, c in enumerate(collisions):
+        kind = len(c.masses), c.table, c.exponent, c.falls_on_resting, any(c.gaps)
+        kinds.setdefault(kind, []).append(i)
+    found: dict[int, _Answer] = {}
+    for places in kinds.values():
+        outcomes = solve(Collisions.of(collisions[i] for i in places))
+        if len(kinds) == 1:
+            return outcomes
+        found |= zip(places, outcomes, strict=True)
+    return [found[i] for i in range(len(collisions))]
 
 
 def no_columns(name: str) -> str:

@@ -6,24 +6,19 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 from impact_xval.compliant_baselines.contact.column import BEYOND, Column, column_of, unrepresentable
 from impact_xval.compliant_baselines.contact.line import Line, line_of, unrepresentable_column
 from impact_xval.compliant_baselines.contract import registry
-from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, no_gravity
+from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, by_kind, no_gravity
 from impact_xval.compliant_baselines.contract.trajectory import REST, STUCK
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
 from impact_xval.compliant_baselines.engines.lines import LineRun, outcome_of_line
 from impact_xval.compliant_baselines.engines.packages import version_of
 from impact_xval.compliant_baselines.engines.recording import Run, states_of
-from impact_xval.compliant_baselines.references.jumps import mark
-from impact_xval.compliant_baselines.references.solver import ReferenceSolver
-from impact_xval.model.collision import Collision, Outcome
-from impact_xval.model.columns.column import Column as ColumnOfBalls
-from impact_xval.model.columns.column import ColumnOutcome
-
-Answer = TypeVar("Answer", Outcome, ColumnOutcome)
+from impact_xval.compliant_baselines.references import marked
+from impact_xval.model.collision import Collision, Collisions, Outcome
 
 
 class EngineSolver(SolverBase):
@@ -66,17 +61,15 @@ class EngineSolver(SolverBase):
         """Why this engine cannot take a line of N balls, in one sentence; None if it can."""
         return f"{self.name} has no adapter for columns of N balls"
 
-    def solve_columns(
-        self, columns: Sequence[ColumnOfBalls], settings: Settings, exponent: float = 1.0
-    ) -> list[ColumnOutcome]:
+    def solve_columns(self, columns: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         """Answer every column of N balls, in order; failures are outcomes with a status."""
         if registry.is_naive(self.name):
             settings = replace(settings, mapping="naive")
         missing = self.unavailable()
-        outcomes: dict[int, ColumnOutcome] = {}
+        outcomes: dict[int, Outcome] = {}
         lines: dict[int, Line] = {}
         for i, column in enumerate(columns):
-            refused = no_gravity(settings) or unrepresentable_column(column, exponent)
+            refused = no_gravity(settings) or unrepresentable_column(column)
             if not missing and not refused:
                 try:
                     lines[i] = line_of(column, settings)
@@ -86,7 +79,7 @@ class EngineSolver(SolverBase):
             if missing or refused:
                 lines.pop(i, None)
                 status = "unavailable" if missing else "unrepresentable"
-                outcomes[i] = ColumnOutcome.failure(self.name, column, status, missing or refused or "")
+                outcomes[i] = Outcome.failure(self.name, column, status, missing or refused or "")
         done = self.run_lines(list(lines.values()), settings.max_steps, settings.record_path) if lines else []
         runs = dict(zip(lines, done, strict=True))
         outcomes |= {i: outcome_of_line(self.name, columns[i], run, settings) for i, run in runs.items()}
@@ -94,11 +87,7 @@ class EngineSolver(SolverBase):
         answered = [outcomes[i] for i in range(len(columns))]
         if settings.mapping == "naive" or not settings.mark or not runs:
             return answered  # its contacts are not those of the law
-        from impact_xval.compliant_baselines.references.columns.rounding import mark_columns
-
-        return mark_columns(
-            answered, columns, registry.law_of(self.name), exponent, max_steps=settings.max_steps
-        )
+        return marked(answered, columns, registry.law_of(self.name), replace(settings, scenario="impact"))
 
     def column_or_refusal(self, collision: Collision, settings: Settings) -> Column | str:
         """Set a collision up as a column that this engine takes, or say in one sentence why it takes none."""
@@ -113,36 +102,42 @@ class EngineSolver(SolverBase):
         except ArithmeticError:
             return BEYOND
 
-    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         """Answer every collision, in order; failures are outcomes with a status."""
+
+        def solve(some: Collisions) -> Sequence[Outcome]:
+            if some.falls_on_resting.all():
+                return self._solve_two_balls(list(some), settings)
+            return self.solve_columns(list(some), settings)
+
+        return by_kind(collisions, solve)
+
+    def _solve_two_balls(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         if registry.is_naive(self.name):
             settings = replace(settings, mapping="naive")
         reason = self.unavailable()
         if reason is not None:
-            return [Outcome.failure(self.name, "unavailable", reason) for _ in collisions]
+            return [Outcome.failure(self.name, each, "unavailable", reason) for each in collisions]
         outcomes: dict[int, Outcome] = {}
         columns: dict[int, Column] = {}
         for i, collision in enumerate(collisions):
             column = self.column_or_refusal(collision, settings)
             if isinstance(column, str):
-                outcomes[i] = Outcome.failure(self.name, "unrepresentable", column)
+                outcomes[i] = Outcome.failure(self.name, collision, "unrepresentable", column)
             else:
                 columns[i] = column
         done = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
         runs = dict(zip(columns, done, strict=True))
-        outcomes |= {i: outcome_of(self.name, run, settings) for i, run in runs.items()}
+        outcomes |= {i: outcome_of(self.name, collisions[i], run, settings) for i, run in runs.items()}
         ends = self._add_limits(outcomes, self.run_columns, runs, settings)
         answered = [outcomes[i] for i in range(len(collisions))]
         if settings.mapping == "naive":
             return answered  # its contacts are not those of the law
-        law = registry.law_of(self.name)
-        exact = registry.get_solver(law)
-        assert isinstance(exact, ReferenceSolver)
-        return mark(answered, collisions, settings, law, exact.batch, ends)
+        return marked(answered, collisions, registry.law_of(self.name), settings, ends)
 
     def _add_limits(
         self,
-        outcomes: dict[int, Answer],
+        outcomes: dict[int, Outcome],
         run_again: Callable[[Sequence[Any], int], Sequence[Any]],
         runs: Mapping[int, Run] | Mapping[int, LineRun],
         settings: Settings,
@@ -174,7 +169,7 @@ def _too_shallow(column: Column | Line) -> str | None:
     return BEYOND
 
 
-def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
+def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:
     """Turn a finished run into an outcome.
 
     `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy at the start), for a
@@ -186,7 +181,7 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     column = run.column
     if not run.over:
         advice = "; a smaller step may help" if run.status == "crashed" else ""
-        return Outcome.failure(solver, run.status, run.problem() + advice)
+        return Outcome.failure(solver, collision, run.status, run.problem() + advice)
     runs = states_of(run, settings.shortest_state)
     diagnostics = {
         "step": column.step,
@@ -201,14 +196,11 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     v1, v2 = run.reported
     if run.end in (REST, STUCK):
         diagnostics["rest_speed"] = run.v2
-    impulse1, impulse2 = run.impulses(v1, v2, run.duration)
     reason = run.too_much_energy()
     return Outcome(
         solver=solver,
-        v1=v1,
-        v2=v2,
-        impulse1=impulse1,
-        impulse2=impulse2,
+        velocities=(v1, v2),
+        impulses=tuple(map(float, run.impulses(v1, v2, run.duration))),
         states=runs.names,
         status="unconverged" if reason else "ok",
         reason=reason,
@@ -218,7 +210,7 @@ def outcome_of(solver: str, run: Run, settings: Settings) -> Outcome:
     )
 
 
-def with_limit(outcome: Answer, limit: Limit | None, reason: str) -> Answer:
+def with_limit(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
     """Add to an outcome the limit dt -> 0, and why it is not converged, if it is not.
 
     `diagnostics` gains `v1_limit`, `v2_limit`, ..., `limit_error` and the part of it that is `regularisation` (all

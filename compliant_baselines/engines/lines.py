@@ -26,7 +26,7 @@ from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.contract.state_runs import Runs
 from impact_xval.compliant_baselines.contract.trajectory import ALOFT, BROKEN, EPSILON, FREE, GOING, ROUNDING
 from impact_xval.compliant_baselines.engines.recording import Ended
-from impact_xval.model.columns.column import Column, ColumnOutcome, ColumnPath
+from impact_xval.model.collision import Collision, Outcome, Path, name_of_set
 
 Floats = NDArray[np.float64]
 
@@ -70,8 +70,8 @@ class LineRun(Ended):
     points: Floats | None = None
     fall: None = None
 
-    def state_names(self, shortest_state: float) -> tuple[tuple[int, ...], ...]:
-        """List the sets of contacts that carry force, as the numbers of contacts from 1; the last one empty."""
+    def state_names(self, shortest_state: float) -> tuple[str, ...]:
+        """Name the sets of contacts that carry force; the last one is empty."""
         shortest = shortest_state * self.column.period / self.column.step
         seen = 0
         held: list[int] = []
@@ -81,10 +81,9 @@ class LineRun(Ended):
             seen |= state
             if not held or length >= shortest * (1 - 1e-9):
                 held.append(state)
-        sets = [
-            tuple(i + 1 for i in range(len(self.column.contacts)) if s >> i & 1) for s, _ in groupby(held)
-        ]
-        return tuple(sets) if sets and not sets[-1] else (*sets, ())
+        sets = [state for state, _ in groupby([*held, 0])]
+        paper = self.column.table and len(self.column.masses) == 2
+        return tuple(name_of_set(state, paper) for state in sets)
 
     def _shown(self) -> list[int]:
         """List the states of `raw`, in which contacts that were closed at first count until they first carry force."""
@@ -95,7 +94,7 @@ class LineRun(Ended):
             states.append(state | waiting)
         return states
 
-    def path(self) -> ColumnPath:
+    def path(self) -> Path:
         """Give the path that was recorded; the force at the start is that of the first interval."""
         assert self.points is not None
         contacts = len(self.column.contacts)
@@ -106,7 +105,7 @@ class LineRun(Ended):
         forces = np.diff(impulses, axis=0) / np.diff(time)[:, None]
         state = np.array(self._shown())[np.searchsorted(self.raw.start, number, side="right") - 1]
         state[-1] = 0
-        return ColumnPath(
+        return Path(
             time,
             velocities,
             impulses,
@@ -296,14 +295,14 @@ class _Path:
         return np.vstack([self._points, [n_steps, *v]])
 
 
-def outcome_of_line(solver: str, column: Column, run: LineRun, settings: Settings) -> ColumnOutcome:
+def outcome_of_line(solver: str, column: Collision, run: LineRun, settings: Settings) -> Outcome:
     """Turn a finished run into an outcome; `diagnostics` as of `engine.outcome_of`."""
     if not run.over:
-        return ColumnOutcome.failure(solver, column, run.status, run.problem())
+        return Outcome.failure(solver, column, run.status, run.problem())
     changes = np.array(column.masses) * np.subtract(run.reported, column.velocities)
     states = run.state_names(settings.shortest_state)
     reason = run.too_much_energy()
-    return ColumnOutcome(
+    return Outcome(
         solver=solver,
         velocities=run.reported,
         impulses=tuple(np.cumsum(changes)[: len(column.stiffnesses)].tolist()),

@@ -26,7 +26,7 @@ from impact_xval.compliant_baselines.contract.trajectory import (
     scan,
 )
 from impact_xval.compliant_baselines.engines.quiet import EngineContacts, between, quiet_steps
-from impact_xval.model.collision import ImpulseCurve, Status
+from impact_xval.model.collision import Path, Status
 
 #: A recorded path has about as many points as this between the borders of its states.
 PATH_POINTS = 2000
@@ -177,8 +177,8 @@ class Run(Ended):
         x1, x2 = (self.x1, self.x2) if self.fall is None else self.fall[1:]
         return (energy(self.v1, self.v2, x1, x2) - before) / energy(c.v1, c.v2, 0, 0)
 
-    def path(self, runs: Runs) -> ImpulseCurve:
-        """Give the recorded path under a (merged) state sequence; energies unknown."""
+    def path(self, runs: Runs) -> Path:
+        """Give the recorded path under a (merged) state sequence."""
         assert self.points is not None
         step = self.points[:, 0].astype(np.int64)
         # Step n ends at point n. The state of a point is that of the step before it; at a border the point is
@@ -191,9 +191,12 @@ class Run(Ended):
         state = runs.state[state_index]
         v1, v2 = self.points[order, 1], self.points[order, 2]
         t = np.asarray(step[order] * self.column.step, np.float64)
-        phase1 = np.where(np.isin(state, (1, 3)), np.where(v2 > v1, 1, 2), 0)
-        phase2 = np.where(np.isin(state, (1, 2)), np.where(v2 < 0, 1, 2), 0)
-        return ImpulseCurve(t, *self.impulses(v1, v2, t), v1, v2, None, None, state, phase1, phase2)
+        impulses = np.stack(self.impulses(v1, v2, t), axis=1)
+        between = np.diff(t)[:, None]  # of a point that is given twice none, and the force before it
+        means = np.diff(impulses, axis=0) / np.where(between > 0, between, 1.0)
+        forces = np.vstack([means[:1], np.where(between > 0, means, np.roll(means, 1, axis=0))])
+        acting = np.stack([np.isin(state, (1, 3)), np.isin(state, (1, 2))], axis=1)
+        return Path(t, np.stack([v1, v2], axis=1), impulses, forces, acting)
 
 
 def states_of(run: Run, shortest_state: float) -> Runs:

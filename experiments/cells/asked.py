@@ -13,7 +13,6 @@ from impact_xval.experiments.config.configuration import Config, parse_config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import collision_of
 from impact_xval.model.collision import Collision
-from impact_xval.model.columns.column import Column
 
 #: Most balls of a column in the explorer: more have no room, neither in its table nor in the time of a redraw.
 MOST_BALLS = 50
@@ -90,7 +89,7 @@ class Asked:
     arranged: Arranged | None = None
 
     @property
-    def problem(self) -> Collision | Column:
+    def problem(self) -> Collision:
         """What solvers solve."""
         if self.arranged is None:
             return collision_of(self.config, self.config.figure_cell)

@@ -20,7 +20,6 @@ from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
 from impact_xval.experiments.presentation.pages import blocks_of, phrase, render
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
-from impact_xval.model.columns.column import Column, ColumnOutcome
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,8 +38,8 @@ class Compared:
 
     Attributes
     ----------
-    problem : Collision or Column
-    outcomes : mapping of str to Outcome or ColumnOutcome
+    problem : Collision
+    outcomes : mapping of str to Outcome or Outcome
         By solver, the model (`REFERENCE`) among them; velocities in m/s, impulses in N s, with their paths.
     arranged : Arranged or None
         How a column was set up, if it is known: in words above its table.
@@ -48,15 +47,20 @@ class Compared:
         That engines were given.
     """
 
-    problem: Collision | Column
+    problem: Collision
     outcomes: Mapping[str, Any]
     arranged: Arranged | None = None
     mapping: MappingName = "calibrated"
 
     @property
+    def is_column(self) -> bool:
+        """Whether this is no problem of two balls as the paper has it, or was asked for as a column."""
+        return self.arranged is not None or not self.problem.falls_on_resting
+
+    @property
     def divergences(self) -> dict[str, float | None]:
         """Velocity divergence D from the model, by solver; None where one of the two has no result."""
-        if isinstance(self.problem, Column):
+        if self.is_column:
             measures = measures_of(self.problem, self.outcomes, self.mapping)
             return {name: each.velocity_divergence for name, each in measures.items()}
         model = self.outcomes[REFERENCE]
@@ -65,10 +69,7 @@ class Compared:
     @property
     def velocities(self) -> dict[str, tuple[float, ...]]:
         """Final velocities in m/s, ball 1 (on top) first, by solver; NaN where there is no result."""
-        return {
-            name: each.velocities if isinstance(each, ColumnOutcome) else (each.v1, each.v2)
-            for name, each in self.outcomes.items()
-        }
+        return {name: each.velocities for name, each in self.outcomes.items()}
 
     @property
     def statuses(self) -> dict[str, str]:
@@ -93,7 +94,7 @@ class Compared:
             raise ValueError(f"no solver has a result to draw; statuses: {self.statuses}")
         import pandas as pd
 
-        if isinstance(self.problem, Column):
+        if self.is_column:
             from impact_xval.experiments.presentation.columns.figures import draw_velocities
 
             speed = max(map(abs, self.problem.velocities))
@@ -110,7 +111,7 @@ class Compared:
 
     def markdown(self) -> str:
         """Return the table of all solvers, as commands print it."""
-        if isinstance(self.problem, Column):
+        if self.is_column:
             return self._column_markdown(self.problem)
         return self._collision_markdown(self.problem)
 
@@ -125,8 +126,8 @@ class Compared:
             Whether the state paths of a column follow, folded away.
         """
         shown = {}
-        if paths and isinstance(self.problem, Column):
-            shown = {name: [" ".join(map(str, s)) for s in self.states[name]] for name in self._results()}
+        if paths and self.is_column:
+            shown = {name: list(self.states[name]) for name in self._results()}
         return render("compared.html.j2", blocks=_blocks(self.markdown()), lines=lines or {}, paths=shown)
 
     def _repr_html_(self) -> str:
@@ -139,7 +140,7 @@ class Compared:
         figure.dpi = _DPI
         FigureCanvasAgg(figure).print_png(file)
         data = base64.b64encode(file.getvalue()).decode("ascii")
-        picture = render("compared_picture.html.j2", data=data, column=isinstance(self.problem, Column))
+        picture = render("compared_picture.html.j2", data=data, column=self.is_column)
         return Markup(self.fragment()) + Markup(picture)
 
     def __str__(self) -> str:
@@ -167,7 +168,7 @@ class Compared:
         reasons = [(name, each) for name, each in self.outcomes.items() if each.reason]
         return render("solve.md.j2", rows=rows, solvers=list(self.outcomes), reasons=reasons)
 
-    def _column_markdown(self, column: Column) -> str:
+    def _column_markdown(self, column: Collision) -> str:
         shown, measures = self._results(), measures_of(column, self.outcomes, self.mapping)
         speed = max(map(abs, column.velocities))
         columns = [_facts(name, self.outcomes[name], measures[name], speed) for name in shown]
@@ -183,10 +184,9 @@ class Compared:
 
 
 def compare(
-    problem: Collision | Column,
+    problem: Collision,
     solvers: Sequence[str] | None = None,
     *,
-    exponent: float = 1.0,
     timeout: float = 300.0,
 ) -> Compared:
     """Solve one collision, or one column, by several solvers without gravity, and compare them with the model.
@@ -196,11 +196,9 @@ def compare(
 
     Parameters
     ----------
-    problem : Collision or Column
+    problem : Collision
     solvers : sequence of str, optional
         Names of solvers, to which the model is added; by default those that a run has.
-    exponent : float
-        p of the springs' forces k delta^p, for a column.
     timeout : float
         Seconds after which a solver is ended.
 
@@ -211,33 +209,29 @@ def compare(
     Raises
     ------
     TypeError
-        If the problem is neither.
+        If the problem is none.
     ValueError
-        For names that are no solvers, an exponent of a collision, or an illegal time; the message says what is legal.
+        For names that are no solvers, or an illegal time; the message says what is legal.
     """
     from impact_xval.compliant_baselines.contract.registry import get_solver, solver_names
     from impact_xval.experiments.config.configuration import parse_config, solvers_problem
     from impact_xval.experiments.config.errors import UserError
     from impact_xval.experiments.sweep.single import solvers_apart
-    from impact_xval.model.inputs import EXPONENT
 
-    if not isinstance(problem, Collision | Column):
-        raise TypeError(f"compare was given {type(problem).__name__}; legal: a Collision or a Column")
+    if not isinstance(problem, Collision):
+        raise TypeError(f"compare was given {type(problem).__name__}; legal: a Collision")
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
     wrong = solvers_problem(names)
     if wrong:
         raise ValueError(f"solvers: {wrong}")
-    if exponent != 1 and isinstance(problem, Collision):
-        raise ValueError(f"exponent = {exponent!r}: a collision has linear contacts; legal: 1, or a Column")
-    exponent = EXPONENT.number(exponent)
     names = [REFERENCE, *(name for name in names if name != REFERENCE)]
     try:
         config = parse_config({"scenario": "impact", "cell_timeout": timeout}, where="")
     except UserError as error:
         raise ValueError(str(error)) from None
-    with solvers_apart(names, columns=isinstance(problem, Column)) as apart:
-        if isinstance(problem, Column):
-            solved = apart.solve_column(problem, exponent, config, names, get_solver, _say, points=None)
+    with solvers_apart(names, columns=not problem.falls_on_resting) as apart:
+        if not problem.falls_on_resting:
+            solved = apart.solve_column(problem, config, names, get_solver, _say, points=None)
         else:
             solved = apart.solve(config, names, get_solver, _say, problem)
     return Compared(problem, {name: each.outcome for name, each in solved.items()})
@@ -282,7 +276,7 @@ def _numbers(collision: Collision, outcome: Outcome, away: float | None) -> list
     return [*(f"{value:.6f}" for value in scaled), shown, " ".join(outcome.states)]
 
 
-def _facts(name: str, outcome: ColumnOutcome, measures: ColumnMeasures, speed: float) -> dict[str, str]:
+def _facts(name: str, outcome: Outcome, measures: ColumnMeasures, speed: float) -> dict[str, str]:
     """Return a column of the table of a column: velocities per speed of impact, measures, number of states."""
 
     def rough(value: float | None) -> str:

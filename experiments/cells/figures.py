@@ -13,8 +13,7 @@ from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.sweep.curves import needed
-from impact_xval.model.collision import RESULT_STATUSES, Collision
-from impact_xval.model.columns.column import Column, ColumnPath
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Path
 
 #: Ink, faint ink and lines of a grid, on a light and on a dark page.
 _INKS = {"light": ("#1a1a1a", "#5a5a5a", "#e2e2e2"), "dark": ("#ececec", "#b4b4b4", "#3d3d3d")}
@@ -148,7 +147,7 @@ def drawn(compared: Compared, scheme: str) -> Drawn:
     """Draw a cell by all solvers that have a result, for a light or a dark page."""
     results = [name for name, each in compared.outcomes.items() if each.status in RESULT_STATUSES]
     lines = lines_of(in_order_of_laws(results), scheme)
-    if isinstance(compared.problem, Column):
+    if compared.is_column:
         return _column(compared, compared.problem, lines, scheme)
     return _curves(compared, compared.problem, lines, scheme)
 
@@ -180,7 +179,7 @@ def _curves(compared: Compared, collision: Collision, lines: Mapping[str, Line],
     )
 
 
-def _column(compared: Compared, column: Column, lines: Mapping[str, Line], scheme: str) -> Drawn:
+def _column(compared: Compared, column: Collision, lines: Mapping[str, Line], scheme: str) -> Drawn:
     speed = max(map(abs, column.velocities))
     balls = list(range(1, 1 + len(column.masses)))
     velocities = {name: (balls, [v / speed for v in compared.velocities[name]]) for name in lines}
@@ -198,7 +197,7 @@ def _column(compared: Compared, column: Column, lines: Mapping[str, Line], schem
 
 
 def _forces(
-    path: ColumnPath | None, column: Column, speed: float, scheme: str
+    path: Path | None, column: Collision, speed: float, scheme: str
 ) -> tuple[dict[str, Any], float, float]:
     """Return the forces of every contact over time, and where both axes end."""
     if path is None:

@@ -82,7 +82,7 @@ class Solvers:
         if cell.arranged is None:
             solved = apart.solve(cell.config, names, get_solver, say)
         else:
-            problem = cell.arranged.column(), cell.arranged.exponent, cell.config
+            problem = cell.arranged.column(), cell.config
             solved = {}
             for name in names:  # of the model alone forces are shown
                 points = _POINTS if name == REFERENCE else 0

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from impact_xval.experiments.cells.compared import Compared
     from impact_xval.experiments.measures.columns.measuring import ColumnMeasures
     from impact_xval.experiments.tables.store import RunFolder
-    from impact_xval.model import Collision, ColumnOutcome, Outcome
+    from impact_xval.model import Collision, Outcome
 
 #: Difference, per |v0|, above which a tabulated velocity is not the one that was run again.
 SAME = 1e-12
@@ -218,7 +218,7 @@ def cradle(
 
         arranged, config = one_column(context.params)
         column = arranged.column()
-        solved = apart.solve_column(column, arranged.exponent, config, known_solvers(solver), get_solver, say)
+        solved = apart.solve_column(column, config, known_solvers(solver), get_solver, say)
     outcomes = {name: each.outcome for name, each in solved.items()}
     if json:
         measures = measures_of(column, outcomes, config.mapping)
@@ -236,7 +236,7 @@ def cradle(
 
 def _column_object(
     name: str,
-    outcome: ColumnOutcome,
+    outcome: Outcome,
     diagnostics: dict[str, float],
     measures: ColumnMeasures,
     speed: float,
@@ -256,7 +256,7 @@ def _column_object(
     }
 
 
-def _said(outcome: Outcome | ColumnOutcome) -> dict[str, Any]:
+def _said(outcome: Outcome) -> dict[str, Any]:
     return {
         "status": outcome.status,
         "reason": outcome.reason,
@@ -396,7 +396,7 @@ def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Any
     if isinstance(column, str):
         raise UserError(f"{name}: unrepresentable: {column}")
     run, files = scene_files(solver, column, settings.max_steps)
-    outcome = outcome_of(name, run, settings)
+    outcome = outcome_of(name, collision, run, settings)
     if math.isnan(outcome.v1):
         raise UserError(f"{name}: {outcome.status}: {outcome.reason}")
     return run, outcome, files

@@ -217,9 +217,9 @@ COMPILING = "compiling the kernels, once for each installation: half a minute or
 def compile_notice() -> str:
     """Say that kernels are about to be compiled; nothing where they have been."""
     from impact_xval.model.compiled import is_compiled
-    from impact_xval.model.pair.kernel import collide
+    from impact_xval.model.pair.kernel import collide_all
 
-    return "" if is_compiled(collide) else COMPILING
+    return "" if is_compiled(collide_all) else COMPILING
 
 
 def _experiment(path: Path | None, built_in: str) -> Config:

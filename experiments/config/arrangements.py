@@ -30,7 +30,7 @@ from impact_xval.experiments.config.axes import (
     expand_axis,
 )
 from impact_xval.experiments.config.config_errors import short
-from impact_xval.model.columns.column import MAX_BALLS, Column
+from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.inputs import E1, EXPONENT, V0, Legal
 
 Arrangement = Literal["chain", "cradle", "drop", "stack"]
@@ -143,19 +143,20 @@ class Arranged(Strict):
             return self.balls
         return self.strike or 1
 
-    def column(self) -> Column:
+    def column(self) -> Collision:
         """Return the column in kg, N/m^p and m/s; the contact that is struck touches, all others have the gap."""
         table = self.arrangement in _ON_TABLE
         contacts = self.balls - 1 + table
         gaps = [self.gap] * contacts
         gaps[self.striking - 1] = 0.0
-        return Column(
+        return Collision(
             masses=_tapered(self.m, self.mass_taper, self.balls),
             stiffnesses=_tapered(self.k, self.stiffness_taper, contacts),
             restitutions=(self.e,) * contacts,
             velocities=(self.v0,) * self.striking + (0.0,) * (self.balls - self.striking),
             table=table,
             gaps=tuple(gaps),
+            exponent=self.exponent,
         )
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.config.grid import Chunked
-from impact_xval.model.columns.column import Column
+from impact_xval.model.collision import Collision
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ColumnCell:
     arranged: Arranged
 
     @cached_property
-    def column(self) -> Column:
+    def column(self) -> Collision:
         """The column in kg, N/m^p and m/s."""
         return self.arranged.column()
 

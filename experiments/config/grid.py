@@ -164,7 +164,7 @@ def collision_of(config: Config, cell: Cell) -> Collision:
 
 
 def _collision(config: Config, stiffness_ratio: float, mass_ratio: float, e1: float, e2: float) -> Collision:
-    return Collision(
+    return Collision.two_balls(
         m1=config.m1,
         m2=config.m1 * mass_ratio,
         k1=config.k1,

@@ -30,8 +30,7 @@ from impact_xval.experiments.hypothesis.judging import Judgement, judge
 from impact_xval.experiments.hypothesis.predictions import dashpot_restitution
 from impact_xval.experiments.hypothesis.verdicts import GRAZING, Group, gather
 from impact_xval.experiments.measures.columns.measuring import column_divergence
-from impact_xval.model.collision import RESULT_STATUSES
-from impact_xval.model.columns.column import Column, ColumnOutcome
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 Floats = NDArray[np.float64]
 
@@ -97,9 +96,9 @@ class ColumnPoint:
 
     Attributes
     ----------
-    column : Column
+    column : Collision
         With the contact as stiff as the stiffest of the others: at a contrast of 1.
-    outcomes : tuple of ColumnOutcome
+    outcomes : tuple of Outcome
         By contrast.
     welded : tuple of float
         Velocities of the welded column, of each ball of this one, in m/s.
@@ -109,8 +108,8 @@ class ColumnPoint:
         D of the limit from the welded column whose dashpots are as they were; NaN where that is not predicted.
     """
 
-    column: Column
-    outcomes: tuple[ColumnOutcome, ...]
+    column: Collision
+    outcomes: tuple[Outcome, ...]
     welded: tuple[float, ...]
     judgement: Judgement
     missed: float
@@ -153,7 +152,7 @@ def missed(group: Group[ColumnPoint]) -> list[float]:
     return [p.missed for p in group.judged("refuted") if not math.isnan(p.missed)]
 
 
-def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[Column]:
+def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[Collision]:
     """Draw columns whose contact at a place is as stiff as the stiffest of the others.
 
     Parameters
@@ -174,18 +173,18 @@ def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[C
         e = rng.uniform(*RESTITUTION, contacts) if (i + 1) % ELASTIC else np.ones(contacts)
         k[stiff] = np.delete(k, stiff).max()
         masses, k, e = (tuple(each.tolist()) for each in (masses, k, e))
-        columns.append(Column(masses, k, e, (-1.0,) * moving + (0.0,) * (n - moving), place.table))
+        columns.append(Collision(masses, k, e, (-1.0,) * moving + (0.0,) * (n - moving), place.table))
     return columns
 
 
-def stiffened(column: Column, contact: int, contrast: float) -> Column:
+def stiffened(column: Collision, contact: int, contrast: float) -> Collision:
     """Return a column with a contact so many times stiffer."""
     stiffnesses = list(column.stiffnesses)
     stiffnesses[contact] *= contrast
     return replace(column, stiffnesses=tuple(stiffnesses))
 
 
-def welded(column: Column, contact: int) -> Column:
+def welded(column: Collision, contact: int) -> Collision:
     """Return the column with the bodies of a contact as one; of a table contact, the ball as part of the table."""
     masses, velocities = list(column.masses), list(column.velocities)
     at_table = contact == len(masses) - 1
@@ -196,10 +195,10 @@ def welded(column: Column, contact: int) -> Column:
     velocities[pair] = [] if at_table else [momentum / mass]
     others = [i for i in range(len(column.stiffnesses)) if i != contact]
     stiffnesses, restitutions = ([v[i] for i in others] for v in (column.stiffnesses, column.restitutions))
-    return Column(tuple(masses), tuple(stiffnesses), tuple(restitutions), tuple(velocities), column.table)
+    return Collision(tuple(masses), tuple(stiffnesses), tuple(restitutions), tuple(velocities), column.table)
 
 
-def dashpots_kept(column: Column, contact: int, solver: str) -> Column | None:
+def dashpots_kept(column: Collision, contact: int, solver: str) -> Collision | None:
     """Return the welded column with the dashpots the whole one is given by a Kelvin-Voigt solver; None without any.
 
     Restitutions beside the pair are those with which that solver maps the same dashpots against the mass of the pair. A
@@ -222,7 +221,7 @@ def dashpots_kept(column: Column, contact: int, solver: str) -> Column | None:
     return replace(one, restitutions=tuple(restitutions))
 
 
-def _reduced_mass(column: Column, contact: int) -> float:
+def _reduced_mass(column: Collision, contact: int) -> float:
     pair = column.masses[contact : contact + 2]
     return 1 / sum(1 / m for m in pair)
 
@@ -250,7 +249,7 @@ def columns_solvers(config: HypothesisConfig) -> list[str]:
 
 
 def examine_place(
-    solver: str, place: Place, columns: Sequence[Column], contrast: Floats, decades: float
+    solver: str, place: Place, columns: Sequence[Collision], contrast: Floats, decades: float
 ) -> ColumnResult:
     """Judge a solver at a place, by columns drawn there (`draw`), at rising contrasts, over so many decades."""
     points = [_examined(solver, place, column, contrast, decades) for column in columns]
@@ -259,7 +258,7 @@ def examine_place(
     return ColumnResult(solver, place, contrast, whole, tuple(classes))
 
 
-def _examined(solver: str, place: Place, column: Column, contrast: Floats, decades: float) -> ColumnPoint:
+def _examined(solver: str, place: Place, column: Collision, contrast: Floats, decades: float) -> ColumnPoint:
     balls = len(column.masses)
     contact = place.contact(balls)
     kept = None if place.meets else dashpots_kept(column, contact, solver)

@@ -48,7 +48,7 @@ from impact_xval.experiments.hypothesis.cases import BY_KEY, Case, Point, distan
 from impact_xval.experiments.hypothesis.solvers import MAX_STEPS, model_batch
 from impact_xval.experiments.sweep.solving import Resolve
 from impact_xval.model import Collision
-from impact_xval.model.collision import ImpulseCurve
+from impact_xval.model.collision import Path
 
 Floats = NDArray[np.float64]
 
@@ -151,7 +151,7 @@ class Mechanism:
         return -math.log(self.largest_rate / low.largest_rate) / math.log(self.contrast / low.contrast)
 
 
-def motion_of(case: Case, collision: Collision, path: ImpulseCurve) -> Motion:
+def motion_of(case: Case, collision: Collision, path: Path) -> Motion:
     """Read the relative motion of the stiff pair off a path.
 
     The pair is joined at the first return to equal velocities: for the balls at k2/k1 -> 0, after their first

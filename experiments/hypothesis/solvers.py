@@ -23,14 +23,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.compliant_baselines import get_solver, solver_names
+from impact_xval.compliant_baselines import get_solver, references, solver_names
 from impact_xval.compliant_baselines.contract import registry
 from impact_xval.compliant_baselines.contract.answers import answer
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines.convergence import extrapolated
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
-from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Resolve
 from impact_xval.model import Collision, solve_batch
@@ -120,28 +118,24 @@ def model_batch(
         e2,
         stiffness_ratio_cutoff=math.inf,
         max_events=MAX_EVENTS,
-        impact_law=impact_law,
+        law=impact_law,
     )
-    gave_up = np.where(batch.status == "unconverged", f"not over after {MAX_EVENTS} events", "")
-    error = ROUNDING + np.abs(batch.energy_residual)
-    return outcomes_of(batch.v1, batch.v2, error, batch.status, batch.grazing_margin, gave_up)
+    gave_up = np.where(batch.statuses == "unconverged", f"not over after {MAX_EVENTS} events", "")
+    error = ROUNDING + np.abs(batch.diagnostics["energy_residual"])
+    return outcomes_of(batch.v1, batch.v2, error, batch.statuses, batch.grazing_margin, gave_up)
 
 
-def _reference(batch: Callable[..., Any], kappa: Floats, mu: Floats, e1: Floats, e2: Floats) -> pd.DataFrame:
-    found = batch(kappa, mu, e1, e2)
-    reason = np.where(found.status == "timeout", "not over after the most segments a reference follows", "")
-    reason = np.where(found.status == "unrepresentable", "the law has no such contact", reason)
-    return outcomes_of(found.v1, found.v2, status=found.status, reason=reason)
+def _reference(law: str, kappa: Floats, mu: Floats, e1: Floats, e2: Floats) -> pd.DataFrame:
+    found = references.solve_batch(law, kappa, mu, e1, e2)
+    reason = np.where(found.statuses == "timeout", "not over after the most segments a reference follows", "")
+    reason = np.where(found.statuses == "unrepresentable", "the law has no such contact", reason)
+    return outcomes_of(found.v1, found.v2, status=found.statuses, reason=reason)
 
 
 _EXACT: dict[str, Solve] = {
     "state-transition": model_batch,
     "liu-zhao-brogliato": partial(model_batch, impact_law="liu-zhao-brogliato"),
-    "bistiffness": partial(_reference, bistiffness_batch),
-    "kelvin-voigt": partial(_reference, partial(kelvin_voigt_batch, damping="pair")),
-    "kelvin-voigt-anchored": partial(_reference, partial(kelvin_voigt_batch, damping="anchored")),
-    "kelvin-voigt-textbook": partial(_reference, partial(kelvin_voigt_batch, damping="textbook")),
-    "hunt-crossley": partial(_reference, partial(kelvin_voigt_batch, damping="hunt-crossley")),
+    **{law: partial(_reference, law) for law in references.LAWS},
 }
 
 

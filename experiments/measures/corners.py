@@ -14,20 +14,17 @@ the corners of the third switch are two and two the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from impact_xval.compliant_baselines import references
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
-from impact_xval.compliant_baselines.references.batch import ReferenceBatch
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
-from impact_xval.compliant_baselines.references.jumps import JUMPS, jumps
-from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
-from impact_xval.model.collision import RESULT_STATUSES
+from impact_xval.compliant_baselines.marks import JUMPS, jumps
+from impact_xval.model.collision import Collisions, Outcomes
 
 Floats = NDArray[np.float64]
 Texts = NDArray[np.str_]
@@ -42,11 +39,8 @@ Index = tuple[int, int, int]
 MODEL: Index = (FROZEN, ENERGETIC, WEIGHTLESS)
 
 
-#: Laws that engines are asked for, and what answers for them.
-LAWS: Mapping[str, Callable[..., ReferenceBatch]] = {
-    KELVIN_VOIGT: kelvin_voigt_batch,
-    "hunt-crossley": partial(kelvin_voigt_batch, damping="hunt-crossley"),
-}
+#: Laws that engines are asked for.
+LAWS = (KELVIN_VOIGT, "hunt-crossley")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,10 +92,8 @@ def laws_of(obeyed: str) -> tuple[str, str]:
     return "bistiffness", obeyed
 
 
-def solvers(
-    gravity_number: Floats, laws: Sequence[str]
-) -> Iterator[tuple[Index, Callable[..., ReferenceBatch], Floats]]:
-    r"""Give what solves each corner but the model, and its gravity numbers.
+def solvers(gravity_number: Floats, laws: Sequence[str]) -> Iterator[tuple[Index, str, bool, Floats]]:
+    r"""Give the law of each corner but the model, whether positions are frozen, and its gravity numbers.
 
     Parameters
     ----------
@@ -114,13 +106,12 @@ def solvers(
         for positions, law in product((FREE, FROZEN), range(len(laws))):
             index = positions, law, gravity
             if index != MODEL:
-                solve: Callable[..., ReferenceBatch] = LAWS[laws[law]] if law else bistiffness_batch
                 number = gravity_number if gravity else np.zeros_like(gravity_number)
-                yield index, partial(solve, frozen=positions == FROZEN), number
+                yield index, laws[law], positions == FROZEN, number
 
 
 def corner_marks(cells: Sequence[Floats], gravity_number: Floats, obeyed: str = KELVIN_VOIGT) -> Texts:
-    """Say of each cell which corner jumps beside it (`references.jumps`): its shares would be others.
+    """Say of each cell which corner jumps beside it (`marks.jumps`): its shares would be others.
 
     Parameters
     ----------
@@ -134,8 +125,10 @@ def corner_marks(cells: Sequence[Floats], gravity_number: Floats, obeyed: str = 
     """
     laws = laws_of(obeyed)
     marks = np.full(len(gravity_number), "", dtype="U120")
-    for index, solve, number in solvers(gravity_number, laws):
-        excess, _, _ = jumps(solve, *cells, number)
+    collisions = Collisions.from_ratios(*cells)
+    for index, name, frozen, number in solvers(gravity_number, laws):
+        law, gravity = references.law_at(name, frozen=frozen), number * np.sqrt(1 + 1 / cells[1])
+        excess, _ = jumps(law, collisions, law(collisions, gravity), gravity)
         found = (excess > 1) & (marks == "")
         marks[found] = (
             f"ladder: {called(index, laws)} jumps where a parameter changes by {max(JUMPS):g} or less"
@@ -143,14 +136,14 @@ def corner_marks(cells: Sequence[Floats], gravity_number: Floats, obeyed: str = 
     return marks
 
 
-def gather(model: Floats, batches: Iterable[tuple[Index, ReferenceBatch]], laws: Sequence[str]) -> Corners:
+def gather(model: Floats, batches: Iterable[tuple[Index, Outcomes]], laws: Sequence[str]) -> Corners:
     """Put corners together.
 
     Parameters
     ----------
     model : ndarray, shape (n, 2)
         Final velocities per abs(v0); NaN without a result.
-    batches : iterable of (Index, ReferenceBatch)
+    batches : iterable of (Index, Outcomes)
         The outcomes of `solvers`, for the same cells.
     laws : sequence of str
         From `laws_of`.
@@ -159,9 +152,9 @@ def gather(model: Floats, batches: Iterable[tuple[Index, ReferenceBatch]], laws:
     velocities[MODEL] = model
     reason, weighty = np.full(len(model), "", dtype="U80"), False
     for index, batch in batches:
-        velocities[index] = np.column_stack([batch.v1, batch.v2])
-        failed = ~np.isin(batch.status, RESULT_STATUSES) & (reason == "")
-        reason[failed] = np.char.add(f"{called(index, laws)}: ", batch.status[failed])
+        velocities[index] = batch.velocities
+        failed = ~batch.has_result & (reason == "")
+        reason[failed] = np.char.add(f"{called(index, laws)}: ", batch.statuses[failed])
         weighty |= index[2] == SCENARIO
     if not weighty:
         velocities[:, :, SCENARIO] = velocities[:, :, WEIGHTLESS]
@@ -205,14 +198,14 @@ def corners(
 
 def _solved(
     cells: Sequence[Floats], gravity_number: Floats, laws: Sequence[str]
-) -> Iterator[tuple[Index, ReferenceBatch]]:
+) -> Iterator[tuple[Index, Outcomes]]:
     """Solve the corners one by one; a cell without a result at one of them is not followed at those that come after.
 
     It has no ladder, and may have been given up after as many segments as a batch follows, which takes a second.
     """
-    ratios, *others = cells
+    ratios, mu, e1, e2 = cells
     ratios = ratios.copy()
-    for index, solve, number in solvers(gravity_number, laws):
-        batch = solve(ratios, *others, number)
-        ratios[~np.isin(batch.status, RESULT_STATUSES)] = 0.0  # refused at once
+    for index, law, frozen, number in solvers(gravity_number, laws):
+        batch = references.solve_batch(law, ratios, mu, e1, e2, number, frozen=frozen)
+        ratios[~batch.has_result] = 0.0  # refused at once
         yield index, batch

@@ -9,7 +9,7 @@ import numpy as np
 
 from impact_xval.experiments.measures.hausdorff import hausdorff
 from impact_xval.experiments.tables.schema import MEASURES
-from impact_xval.model.collision import RESULT_STATUSES, Collision, ImpulseCurve, Outcome
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Path
 from impact_xval.model.kinetic import kinetic_norm
 
 
@@ -85,12 +85,12 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
     return row[-1]
 
 
-def curve_distance(a: ImpulseCurve | None, b: ImpulseCurve | None, impulse: float) -> float | None:
+def curve_distance(a: Path | None, b: Path | None, impulse: float) -> float | None:
     """Symmetric Hausdorff distance of two impulse curves in the (I1, I2) plane.
 
     Parameters
     ----------
-    a, b : ImpulseCurve or None
+    a, b : Path or None
         None gives None.
     impulse : float
         Unit of the result, in N s.

@@ -15,11 +15,10 @@ from impact_xval.compliant_baselines.contract.registry import engine_names, is_o
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines.quiet import between
 from impact_xval.experiments.measures.hausdorff import directed, hausdorff
-from impact_xval.model.chain.kernel import collide_all
-from impact_xval.model.collision import Collision
-from impact_xval.model.columns.column import ORDINARY
+from impact_xval.model.chain.kernel import follow_chains
+from impact_xval.model.collision import ORDINARY, Collision
 from impact_xval.model.compiled import cache_folder, is_compiled
-from impact_xval.model.pair.kernel import collide
+from impact_xval.model.pair.kernel import collide_all as collide_pairs
 
 #: Seconds between two looks at whether another process has compiled what this one waits for, and seconds after which
 #: it does so itself: the other may be halted.
@@ -28,7 +27,7 @@ _LOOK, _PATIENCE = 0.05, 300.0
 _TRIES = 100
 
 #: Stiff enough for an engine to be left alone between events, whose path is interpolated then.
-_ORDINARY = Collision(m1=1.0, m2=1.0, k1=1e8, k2=1e8, e1=0.9, e2=0.7)
+_ORDINARY = Collision.two_balls(m1=1.0, m2=1.0, k1=1e8, k2=1e8, e1=0.9, e2=0.7)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +66,9 @@ def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     line = [[0.0, 0.0], [1.0, 1.0]]
     return [
         Kernels(
-            "chain", collide_all, lambda: get_solver("kelvin-voigt").solve_columns([ORDINARY], Settings())
+            "chain", follow_chains, lambda: get_solver("kelvin-voigt").solve_columns([ORDINARY], Settings())
         ),
-        Kernels("model", collide, lambda: solve_by(["state-transition"], settings)),
+        Kernels("model", collide_pairs, lambda: solve_by(["state-transition"], settings)),
         Kernels("distance", directed, lambda: hausdorff(line, line)),
         *([Kernels("engines", between, lambda: solve_by(engines, bare))] if engines else []),
     ]
@@ -80,8 +79,8 @@ def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     from impact_xval.compliant_baselines.engines.lines import scan
 
     parts: dict[str, tuple[str, Any]] = {
-        "model": ("chain", collide_all),
-        "reference": ("chain", collide_all),
+        "model": ("chain", follow_chains),
+        "reference": ("chain", follow_chains),
         "engine": ("lines", scan),
     }
 

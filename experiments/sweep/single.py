@@ -19,11 +19,10 @@ from impact_xval.experiments.config.grid import collision_of
 from impact_xval.experiments.sweep.executors import open_executor
 from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox
 from impact_xval.experiments.sweep.third_party import contained, longest
-from impact_xval.model.collision import Collision, Outcome, Status
-from impact_xval.model.columns.column import ORDINARY, Column, ColumnOutcome, ColumnPath
+from impact_xval.model.collision import ORDINARY, Collision, Outcome, Path, Status
 
 _Answer = TypeVar("_Answer")
-_Outcome = TypeVar("_Outcome", Outcome, ColumnOutcome)
+_Outcome = TypeVar("_Outcome", Outcome, Outcome)
 
 #: Seconds that kernels may take to be compiled, which no limit of a solver covers.
 _TO_COMPILE = 1800.0
@@ -73,33 +72,35 @@ class SolversApart:
         dict
             By solver; one that crashed or did not answer in time has an outcome that says so.
         """
-        asked = (collision or collision_of(config, config.figure_cell),)
+        given = collision or collision_of(config, config.figure_cell)
         usual = parse_config({"scenario": "impact"})
         ordinary = (collision_of(usual, usual.figure_cell),)
-        return self._solve(config, names, resolve, say, _answer, Outcome.failure, asked, ordinary)
+
+        def failure(name: str, status: Status, reason: str) -> Outcome:
+            return Outcome.failure(name, given, status, reason)
+
+        return self._solve(config, names, resolve, say, _answer, failure, (given,), ordinary)
 
     def solve_column(
         self,
-        column: Column,
-        exponent: float,
+        column: Collision,
         config: Config,
         names: Sequence[str],
         resolve: Callable[[str], Any],
         say: Callable[[str], None],
         points: int | None = 0,
-    ) -> dict[str, Solved[ColumnOutcome]]:
-        """Solve a column of N balls with contacts of an exponent, as `solve` the figure cell of a configuration.
+    ) -> dict[str, Solved[Outcome]]:
+        """Solve a column of N balls, as `solve` the figure cell of a configuration.
 
         Diagnostics are per speed of the configuration's ``v0``; outcomes carry a path of so many points at most, none
         with 0 and the whole with None.
         """
 
-        def failure(name: str, status: Status, reason: str) -> ColumnOutcome:
-            return ColumnOutcome.failure(name, column, status, reason)
+        def failure(name: str, status: Status, reason: str) -> Outcome:
+            return Outcome.failure(name, column, status, reason)
 
-        more = exponent, points
         return self._solve(
-            config, names, resolve, say, _answer_column, failure, (column, *more), (ORDINARY, *more)
+            config, names, resolve, say, _answer_column, failure, (column, points), (ORDINARY, points)
         )
 
     def _solve(
@@ -236,24 +237,23 @@ def _answer_column(
     name: str,
     config: Config,
     resolve: Any,
-    column: Column,
-    exponent: float,
+    column: Collision,
     points: int | None,
-) -> Solved[ColumnOutcome]:
+) -> Solved[Outcome]:
     from impact_xval.compliant_baselines.contract.answers import answer_columns
     from impact_xval.experiments.sweep.kinds.kind import scaled_diagnostics, settings_of
 
     solver = contained(resolve, config.cell_timeout)(name)
     settings = dataclasses.replace(settings_of(config), record_path=points != 0)
-    outcome = answer_columns(solver, [column], settings, exponent)[0]
+    outcome = answer_columns(solver, [column], settings)[0]
     if points and outcome.path is not None:
         outcome = dataclasses.replace(outcome, path=_fewer(outcome.path, points))
     return Solved(outcome, scaled_diagnostics(outcome, abs(config.v0)))
 
 
-def _fewer(path: ColumnPath, points: int) -> ColumnPath:
+def _fewer(path: Path, points: int) -> Path:
     """Pick so many points of a path at most, its ends among them: of many balls it is large to be sent."""
     import numpy as np
 
     kept = np.unique(np.linspace(0, len(path.time) - 1, points).astype(int))
-    return ColumnPath(*(getattr(path, each.name)[kept] for each in dataclasses.fields(ColumnPath)))
+    return Path(*(getattr(path, each.name)[kept] for each in dataclasses.fields(Path)))

@@ -23,7 +23,6 @@ from impact_xval.compliant_baselines.contract.registry import is_ours
 from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves, is_sandbox
 from impact_xval.model.collision import Collision, Outcome
-from impact_xval.model.columns.column import Column, ColumnOutcome
 
 #: Seconds for a solver to be imported, and to say its version and whether it can run.
 _TO_STATE = 60.0
@@ -31,8 +30,7 @@ _TO_STATE = 60.0
 #: What outcomes are pickled with: their classes, and what arrays are made by.
 _PLAIN = frozenset(
     {
-        *(("impact_xval.model.collision", name) for name in ("Outcome", "ImpulseCurve", "Event")),
-        *(("impact_xval.model.columns.column", name) for name in ("ColumnOutcome", "ColumnPath")),
+        *(("impact_xval.model.collision", name) for name in ("Outcome", "Path")),
         *(("numpy", name) for name in ("ndarray", "dtype")),
         ("numpy._core.multiarray", "_reconstruct"),
         ("numpy._core.numeric", "_frombuffer"),
@@ -72,22 +70,20 @@ class ContainedSolver(SolverBase):
         def call(place: slice) -> list[Outcome]:
             return self._sandbox.call(_solved, list(collisions[place]), settings, timeout=self._timeout)
 
-        def lost(_: slice, fault: FaultError) -> list[Outcome]:
-            return [Outcome.failure(self.name, fault.status, fault.reason)]
+        def lost(place: slice, fault: FaultError) -> list[Outcome]:
+            return [Outcome.failure(self.name, collisions[place.start], fault.status, fault.reason)]
 
         return [outcome for piece in in_halves(call, len(collisions), lost) for outcome in piece]
 
-    def solve_columns(
-        self, columns: Sequence[Column], settings: Settings, exponent: float = 1.0
-    ) -> list[ColumnOutcome]:
+    def solve_columns(self, columns: Sequence[Collision], settings: Settings) -> list[Outcome]:
         """Answer every column of N balls, in order; one at which its process dies or hangs is a failure."""
 
-        def call(place: slice) -> list[ColumnOutcome]:
-            asked = list(columns[place]), settings, exponent
+        def call(place: slice) -> list[Outcome]:
+            asked = list(columns[place]), settings
             return self._sandbox.call(_solved_columns, *asked, timeout=self._timeout)
 
-        def lost(place: slice, fault: FaultError) -> list[ColumnOutcome]:
-            return [ColumnOutcome.failure(self.name, columns[place.start], fault.status, fault.reason)]
+        def lost(place: slice, fault: FaultError) -> list[Outcome]:
+            return [Outcome.failure(self.name, columns[place.start], fault.status, fault.reason)]
 
         return [outcome for piece in in_halves(call, len(columns), lost) for outcome in piece]
 
@@ -186,10 +182,9 @@ def _solved(
 
 def _solved_columns(
     context: tuple[Callable[[str], Solver], str],
-    columns: Sequence[Column],
+    columns: Sequence[Collision],
     settings: Settings,
-    exponent: float,
-) -> list[ColumnOutcome]:
+) -> list[Outcome]:
     """In the process of a solver: its outcomes of columns."""
     resolve, name = context
-    return answer_columns(resolve(name), columns, settings, exponent)
+    return answer_columns(resolve(name), columns, settings)

@@ -14,7 +14,7 @@ from math import inf, pi, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
 
 from impact_xval.model.chain.laws import (
     FORCE,
@@ -25,6 +25,7 @@ from impact_xval.model.chain.laws import (
     RATE,
     SLACK,
     STATE_TRANSITION,
+    TURN,
     WATCHED,
     carries,
     dashpot_event,
@@ -48,19 +49,18 @@ from impact_xval.model.chain.power_law import (
 from impact_xval.model.chain.rest import (
     FREE,
     GOING,
-    STUCK,
+    QUIET,
     fall_time,
-    how_over,
+    how_ended,
     in_flight,
-    may_settle,
     over_within,
-    settled,
 )
 from impact_xval.model.chain.roots import first_root, refine
-from impact_xval.model.chain.series import ORDER, evaluate, expand, expand_product, slope, span
+from impact_xval.model.chain.series import ORDER, expand, expand_product, place, slope, span, value
 from impact_xval.model.chain.state import (
     acceleration,
     ball_values,
+    begin,
     bring_to_rest,
     energy_left,
     energy_of,
@@ -71,15 +71,13 @@ from impact_xval.model.chain.state import (
     still,
     strain,
     tangent,
-    touch,
     unite,
 )
-from impact_xval.model.compiled import OPTIONS, compiled, uncounted
+from impact_xval.model.compiled import entry, merged, uncounted
 from impact_xval.model.pair.grazing import STAKE
 from impact_xval.model.pair.law import INACTIVE, RESTITUTION
 
-#: What happens where the rate of a contact that does not act is zero, which is no event of its own.
-TURN = 3
+Floats = NDArray[np.float64]
 
 #: How a chain ended, as bits: what happened on the way.
 PLASTIC, RUNAWAY, COLLAPSE, TOO_MANY_EVENTS = 1, 2, 4, 8
@@ -96,6 +94,12 @@ SMALL = 1e-6
 
 #: With this share of the energy left in all contacts that act, their bodies are taken to be at rest.
 COLLAPSED = 1e-30
+
+#: Pieces, times contacts less one, after which a chain is given up: about a second.
+MOST_WORK = 1_000_000
+
+#: Numbers that are handed on: numba would compile what takes a literal 0 or 1 once more for it.
+ZERO, ONE = np.int64(0), np.int64(1)
 
 #: Step of the method for power laws that is tried first, in units of about 1 of masses, stiffnesses and velocities.
 FIRST_STEP = 1e-3
@@ -131,7 +135,7 @@ def ringing_ends(c, n, i):
     return True
 
 
-@uncounted
+@merged
 def meets_within(c, n, time, least):
     """Tell whether bodies that are apart may meet within a time, with more than this energy of approach, twice."""
     for j in range(n):
@@ -154,11 +158,15 @@ def first_event(c, n, h, work):
     first, which, happens, its_sign = inf, -1, FORCE, 0.0
     for i in range(n):
         row = HELD if c.frozen and c.phase[i] == INACTIVE else c.phase[i]
-        for what in (FORCE, GAP, RATE):
+        for what in range(4):
             sign = WATCHED[c.law, row, what]
+            if what == TURN and i == 0 and n == 2 and c.g[0] > 0 and row == INACTIVE and carries(c.phase[1]):
+                # B2 at rest counts once B1 no longer approaches.
+                w = work.rates[0, 0]
+                sign = 1.0 if w > 0 or (w == 0 and work.rates[0, 1] > 0) else -1.0
             if sign == 0 or work.left_out[i, what]:
                 continue
-            table, at = work.rates if what == RATE else work.deltas, i
+            table, at = work.rates if what >= RATE else work.deltas, i
             start = sign * (table[i, 0] + rest(c, n, i)) if what == GAP else sign * table[i, 0]
             if what == FORCE:
                 table, at = work.watched, 0
@@ -176,17 +184,10 @@ def first_event(c, n, h, work):
                 x = first_root(table, at, sign, start, degree, min(first, 1.0))
             if x < first:
                 first, which, happens, its_sign = x, i, what, sign
-    if c.g[0] > 0 and n == 2 and not c.frozen and c.phase[0] == INACTIVE and carries(c.phase[1]):
-        # B2 at rest counts once B1 no longer approaches.
-        w = work.rates[0, 0]
-        sign = 1.0 if w > 0 or (w == 0 and work.rates[0, 1] > 0) else -1.0
-        x = first_root(work.rates, 0, sign, sign * w, degree, min(first, 1.0))
-        if x < first:
-            first, which, happens = x, 0, TURN
     return which, happens, its_sign, first
 
 
-@uncounted
+@merged
 def watch_force_of_series(c, n, i, work):
     """Write the series of the force of a dashpot before it is cut off, up to a positive factor."""
     for j in range(ORDER + 1):
@@ -211,36 +212,33 @@ def near_misses(c, n, degree, x, energy, margin, work):
         sign = 1.0 if start > 0 else -1.0
         for j in range(degree):
             work.watched[0, j] = (j + 1) * rates[i, j + 1]
-        bend = sign * slope(work.watched, degree - 1, 0, x)
+        bend = sign * slope(work.watched, degree - 1, ZERO, x)
         turn = sign * slope(rates, degree, i, x)
         at = x
         if turn < 0:
             at, _ = refine(
-                work.watched, 0, sign, sign * start, 0, degree - 1, 0.0, x, sign * start, turn, bend
+                work.watched, ZERO, sign, sign * start, ZERO, degree - 1, 0.0, x, sign * start, turn, bend
             )
-        value = 0.0
-        for j in range(degree, -1, -1):
-            value = value * at + rates[i, j]
+        least = value(rates, degree, i, at)
         static, _, imposed, _ = neighbours(c, n, i)
         k = tangent(c, i)
         if k > 0:
             ring = (force(c, n, i) - static) * sqrt((c.a[i] + c.a[i + 1]) / k)
-            size = sqrt(max(value * value, c.w[i] * c.w[i]) + ring * ring) + imposed
-            margin = min(margin, abs(value) / size)
+            size = sqrt(max(least * least, c.w[i] * c.w[i]) + ring * ring) + imposed
+            margin = min(margin, abs(least) / size)
     return margin
 
 
 @uncounted
-def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
-    """Write points of a piece: time, velocities and accelerations of the balls, and which contacts act."""
-    if row >= log.shape[0]:
-        return row + points
+def write_path(c, n, degree, work, x, h, time, drift, points, log, capacity, row):
+    """Write points of a piece: time, velocities and accelerations of balls, and which contacts act; the next row."""
     balls, rates, values = c.body.size, work.rates, work.values
     for point in range(points):
-        if row < log.shape[0]:
+        if row < capacity:
             now = x * point / points
             log[row, 0] = time + now * h
-            evaluate(rates, degree, n, now, values)
+            for i in range(n):
+                values[i] = value(rates, degree, i, now)
             ball_values(c, n, values, drift, log[row, 1 : 1 + balls])
             for i in range(n):
                 values[i] = slope(rates, degree, i, now) / h
@@ -253,10 +251,10 @@ def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
 
 
 @uncounted
-def apply_event(c, n, i, what, energy, loss, code):
+def apply_event(c, n, i, what, energy):
     """Apply the law to contact i, and unite its bodies if that made it rigid: contacts left, loss, code."""
-    held = strain(c, n, i)
-    if what in (RATE, TURN):
+    held, code = strain(c, n, i), 0
+    if what >= RATE:
         c.w[i] = 0.0
     if what == TURN:
         pass
@@ -266,17 +264,16 @@ def apply_event(c, n, i, what, energy, loss, code):
         returned(c, n, i)
     elif c.phase[i] == RESTITUTION and what == RATE:
         restart_compression(c, i)
-    elif what == GAP:
+    elif what == GAP or (c.e[i] > 0 and held <= nothing(c, i, energy)):
         spent(c, n, i)
     elif c.e[i] == 0:
-        return unite(c, n, i), loss + held, code | PLASTIC
-    elif held <= nothing(c, i, energy):
-        spent(c, n, i)
+        code = PLASTIC
     else:
         end_compression(c, i)
-        if c.law == STATE_TRANSITION and c.e[i] < 1 and ringing_ends(c, n, i):
-            return unite(c, n, i), loss + held, code | RUNAWAY
-    return n, loss + held - strain(c, n, i), code
+        code = RUNAWAY if c.law == STATE_TRANSITION and c.e[i] < 1 and ringing_ends(c, n, i) else 0
+    if code:
+        return unite(c, n, i), held, code
+    return n, held - strain(c, n, i), code
 
 
 @uncounted
@@ -294,7 +291,7 @@ def flight(c, n):
     return first, which
 
 
-@uncounted
+@merged
 def fly(c, n, h, work):
     """Carry all bodies over a time h without forces."""
     for i in range(n):
@@ -304,156 +301,113 @@ def fly(c, n, h, work):
             c.phase[i] = INACTIVE
 
 
-@uncounted
+@merged
 def follow(c, n, h_next, tolerance, work):
-    """Follow a piece up to its first event.
+    """Follow a piece up to its first event: its length, the step to try next, and the event.
 
-    Returns
-    -------
-    h, h_next : float
-        Length of the piece, and of the step to try next.
-    which, what : int
-        The contact whose event it was (-1: none), and what.
-    x : float
-        When, per h; 1 without an event, below 0 where it cannot be said.
+    That is its contact (-1: none), what, and when, per length of the piece; below 0 where it cannot be said.
     """
     work.left_out[:] = False
-    if has_series(c):
+    series = has_series(c)
+    if series:
         h = span(c, n, work)
         h = h if h < inf else fall_time(c, n)
         if c.law == HUNT_CROSSLEY:
             h = expand_product(c, n, h, work)
         else:
             expand(c, n, h, work)
-        which, what, _, x = first_event(c, n, h, work)
-        x = min(x, 1.0)
-        if c.g[0] > 0 and n == 2 and x > 0 and has_dashpot(c):
-            stop = over_within(c, n, x, work)
-            which, x = (-1, stop) if stop < x else (which, x)
-        evaluate(work.rates, ORDER, n, x, c.w)
-        evaluate(work.deltas, ORDER, n, x, c.delta)
-        return h, h_next, which, what, x
-    h, h_next = advance(c, n, h_next, tolerance, work)
-    if h == 0:
-        return h, h_next, -1, RATE, -1.0  # slopes lie beyond double precision
-    which, what, sign, x = first_event(c, n, h, work)
-    while which >= 0 and x >= 0:
+    else:
+        h, h_next = advance(c, n, h_next, tolerance, work)
+        if h == 0:
+            return h, h_next, -1, RATE, -1.0  # slopes lie beyond double precision
+    while True:
+        which, what, sign, x = first_event(c, n, h, work)
+        if series or which < 0 or x < 0:
+            break
         x, happened = settle(c, n, h, x, which, what, sign, work)
         if happened:
             break
         work.left_out[which, what] = True
         step(c, n, h, work)
-        which, what, sign, x = first_event(c, n, h, work)
-    return h, h_next, which, what, min(x, 1.0)
+    x = min(x, 1.0)
+    if series:
+        if c.g[0] > 0 and n == 2 and x > 0 and has_dashpot(c):
+            stop = over_within(c, n, x, work)
+            if stop < x:
+                which, x = -1, stop
+        place(c, n, x, work)
+    return h, h_next, which, what, x
 
 
 @uncounted
-def state_of(c, n):
-    """State of two balls on a table, less one: which contacts act; -1 once one has become rigid."""
-    if n < 2:
-        return -1
-    return (0 if carries(c.phase[0]) else 1) + (0 if carries(c.phase[1]) else 2)
+def note_set(c, n, work, time, sets, starts, first, row):
+    """Write the set of acting contacts to row `row` if it is not that before, of rows from `first` on; the next row.
 
-
-@compiled
-def how_ended(c, n, quiet):
-    """How a collision with gravity is over, or that it goes on, after so many pieces without an event."""
-    end = how_over(c, n)
-    if end == GOING and may_settle(c, n, quiet):
-        mu, k1, k2, g = 1 / c.a[1], c.k[0], c.k[1], c.g[0]
-        if settled(mu, k1, k2, c.b[0], c.b[1], g, c.delta[0], c.w[0], c.delta[1], -c.w[1]):
-            return STUCK
-    return end
+    A rigid contact acts while another one does.
+    """
+    work.acts[:] = False
+    for i in range(n):
+        if carries(c.phase[i]):
+            work.acts[:] = True
+    for i in range(n):
+        work.acts[c.contact[i]] = carries(c.phase[i])
+    new = row == first
+    for i in range(work.acts.size):
+        new = new or work.acts[i] != work.acted[i]
+        work.acted[i] = work.acts[i]
+    if new and row < starts.size:
+        starts[row] = time
+        for i in range(work.acts.size):
+            others = sets[row, i // 64] if i % 64 > 0 else np.uint64(0)
+            sets[row, i // 64] = others | (np.uint64(work.acts[i]) << np.uint64(i % 64))
+    return row + new
 
 
 class Followed(NamedTuple):
-    """How a chain went.
+    """How a chain went: the numbers that `collide_all` gives of each."""
 
-    Attributes
-    ----------
-    n : int
-        Contacts that have not become rigid.
-    code : int
-        What happened on the way, as bits.
-    end : int
-        How it ended (`chain.rest`); `GOING` if it was given up.
-    events, pieces : int
-        Numbers of them.
-    margin : float
-        Grazing margin: the smallest rate at which a compression rate turned around while its contact acted, per the
-        largest one since it last did; contacts of e = 1 do not count. Infinite under laws of dashpots.
-    loss : float
-        What was lost and what is left of the kinetic energy, relative to the centre of mass or the table, per that
-        before: 1 but for rounding, under laws without dashpots and without gravity.
-    time, fall : float
-        Since first touch, and until the first flight of a collision with gravity.
-    rows : int
-        Of the log, had it room for all.
-    n_states : int
-        Number of states of two balls on a table.
-    sequence : int
-        These states, two bits each, the last one lowest (S1 is 0): the last 32.
-    """
-
+    #: Contacts that have not become rigid.
     n: Any
+    #: What happened on the way, as bits; how it ended (`chain.rest`), `GOING` if it was given up.
     code: Any
     end: Any
+    #: Numbers of them.
     events: Any
     pieces: Any
+    #: Grazing margin: the smallest rate at which a compression rate turned around while its contact acted, relative to
+    #: its amplitude (`near_misses`); contacts of e = 1 do not count. Infinite under laws of dashpots.
     margin: Any
+    #: What was lost and what is left of the kinetic energy, relative to the centre of mass or the table, per that
+    #: before: 1 but for rounding, under laws without dashpots and without gravity.
     loss: Any
+    #: Since first touch, and until the first flight of a collision with gravity.
     time: Any
     fall: Any
+    #: Of the log, had it room for all; of the log of sets, likewise.
     rows: Any
     n_states: Any
-    sequence: Any
 
 
-@njit(inline="always", **OPTIONS)
-def collide(c, work, energy, drift, gaps, tolerance, max_pieces, points, log):
-    """Follow one chain to its end. Compiled as a part of `collide_all`: compiled apart, it would take as long again.
+@merged
+def collide(c, work, energy, drift, tolerance, max_pieces, points, log, capacity, out, sets, starts, first):
+    """Follow a chain from first touch, of which `capacity` rows of the log may be written, to its end, as it is left.
 
-    Parameters
-    ----------
-    c : Chain
-        At first touch; left as it is at the end.
-    work : Workspace
-    energy : float
-        Kinetic energy of the balls relative to their centre of mass, or to the table.
-    drift : float
-        Velocity of the centre of mass; without meaning on a table.
-    gaps : ndarray, shape (C,)
-        At first; zero where positions are frozen.
-    tolerance : float
-        Error of a step, where steps are taken.
-    max_pieces : int
-        Pieces of segments after which the chain is given up.
-    points : int
-        Rows of the log for each piece.
-    log : ndarray, shape (rows, 1 + 2 N + C)
-        Filled with the path and its end, as far as it goes; may have no rows.
-
-    Returns
-    -------
-    Followed
+    `out` is given the numbers of `Followed`, and the number of contacts that are left is returned; the sets are written
+    from row `first` on. See `collide_all`.
     """
     n = c.k.size
     degree = ORDER if has_series(c) else ORDER_OF_STEP
-    code, end, events, pieces, quiet, rows = 0, GOING, 0, 0, 0, 0
+    code, end, events, pieces, quiet, rows = ZERO, GOING, ZERO, ZERO, ZERO, ZERO
     margin, loss, time, fall, h_next = inf, 0.0, 0.0, inf, FIRST_STEP
-    sequence, n_states, state = np.uint64(0), 1, 0
+    row = first
     work.cut[:] = False
-    touch(c, n, gaps)
     while True:
-        now = state_of(c, n)
-        if now >= 0 and now != state:
-            state, sequence, n_states = now, (sequence << np.uint64(2)) | np.uint64(now), n_states + 1
         if c.law <= LIU_ZHAO_BROGLIATO and 0 < energy_left(c, n) <= COLLAPSED * energy:
             code |= COLLAPSE
             loss += bring_to_rest(c, n)
         h, which = 0.0, n
         if c.g[0] > 0:
-            end = how_ended(c, n, quiet)
+            end = how_ended(c, n, quiet > 0 and quiet % QUIET == 0)
             if end == GOING and in_flight(c, n):
                 c.delta[n - 1] += rest(c, n, n - 1)
                 c.g[0], fall = 0.0, time
@@ -462,7 +416,7 @@ def collide(c, work, energy, drift, gaps, tolerance, max_pieces, points, log):
             end = FREE if which < 0 else GOING
         if end != GOING:
             break
-        if pieces == max_pieces:
+        if pieces == max_pieces or pieces * (c.k.size - 1) >= MOST_WORK:
             code |= TOO_MANY_EVENTS
             break
         pieces, quiet = pieces + 1, quiet + 1
@@ -479,11 +433,13 @@ def collide(c, work, energy, drift, gaps, tolerance, max_pieces, points, log):
                 margin = near_misses(c, n, degree, x, energy, margin, work)
         if x > 0:
             work.cut[:] = False
-            rows = write_path(c, n, last, work, x, h, time, drift, points, log, rows)
+            row = note_set(c, n, work, time, sets, starts, first, row)
+            rows = write_path(c, n, last, work, x, h, time, drift, points, log, capacity, rows)
         time += x * h
         if which >= 0:
             acted = carries(c.phase[which])
-            n, loss, code = apply_event(c, n, which, what, energy, loss, code)
+            n, lost, happened = apply_event(c, n, which, what, energy)
+            loss, code = loss + lost, code | happened
             if has_dashpot(c):
                 work.cut[which] = what == FORCE
             # That bodies part which overlapped without force changes nothing.
@@ -492,23 +448,23 @@ def collide(c, work, energy, drift, gaps, tolerance, max_pieces, points, log):
         still(c, n, energy)
     for i in range(n):
         work.rates[i, 0] = c.w[i]
-    rows = write_path(c, n, 0, work, 0.0, 1.0, time, drift, 1, log, rows)  # the end
-    if state != 3:
-        sequence, n_states = (sequence << np.uint64(2)) | np.uint64(3), n_states + 1
-    return Followed(
-        n, code, end, events, pieces, margin, loss, time, min(fall, time), rows, n_states, sequence
-    )
+    rows = write_path(c, n, ZERO, work, 0.0, 1.0, time, drift, ONE, log, capacity, rows)  # the end
+    if end != GOING:
+        if end != FREE:
+            row = note_set(c, n, work, time, sets, starts, first, row)
+        row = note_set(c, ZERO, work, time, sets, starts, first, row)
+    out[0], out[1], out[2], out[3], out[4], out[5] = n, code, end, events, pieces, margin
+    out[6], out[7], out[8], out[9], out[10] = loss, time, min(fall, time), rows, row - first
+    return n
 
 
-@njit(nogil=True, **OPTIONS)
 def collide_all(
-    law, p, frozen, masses, stiffnesses, restitutions, dampings, rates, drifts, gaps, gravities, tolerance,
-    max_pieces, points, log, velocities, numbers, sequences,
-):  # fmt: skip
-    """Follow chains of one number of balls, in units of about 1; the only kernel that Python calls.
+    law: int, p: float, frozen: bool, masses: Floats, stiffnesses: Floats, *others: Any
+) -> None:  # fmt: skip
+    """Follow chains of one number of balls, in units of about 1.
 
-    Not a loop that numba shares out to threads: compiling one takes four times as long. It holds no lock of Python, so
-    that threads can be given parts of the arrays.
+    No lock of Python is held meanwhile, so that threads can be given parts of the arrays. The kernel is no loop that
+    numba shares out to threads: compiling one takes four times as long.
 
     Parameters
     ----------
@@ -519,34 +475,57 @@ def collide_all(
     frozen : bool
         Whether positions are frozen.
     masses : ndarray, shape (n, N)
-    stiffnesses, restitutions, dampings, rates, gaps : ndarray, shape (n, C)
+        A first mass of NaN marks a chain that is left out.
+    stiffnesses, restitutions, dampings, rates : ndarray, shape (n, C)
         C is N - 1, or N on a table. Rates are those of compression at first touch.
-    drifts, gravities : ndarray, shape (n,)
-        Velocity of the centre of mass; g. A mass of NaN marks a chain that is left out.
-    tolerance, max_pieces, points, log
-        As of `collide`; the log is that of the first one.
+    drifts : ndarray, shape (n,)
+        Velocity of the centre of mass; without meaning on a table.
+    gaps : ndarray, shape (n, C)
+        At first; zero where positions are frozen.
+    gravities : ndarray, shape (n,)
+    tolerance : float
+        Error of a step, where steps are taken.
+    max_pieces : int
+        Pieces of segments after which a chain is given up; all are after `MOST_WORK`.
+    points : int
+        Rows of the log for each piece.
+    log : ndarray, shape (rows, 1 + 2 N + C)
+        Filled with the path of the first chain and its end, as far as it goes; may have no rows.
     velocities : ndarray, shape (n, N)
         Where the final velocities go.
     numbers : ndarray, shape (n, 11)
-        Where the numbers of `Followed` go but for the last one.
-    sequences : ndarray of uint64, shape (n,)
-        Where that one goes.
+        Where the numbers of `Followed` go.
+    sets : ndarray of uint64, shape (capacity, W)
+        Where the sets of acting contacts go, those of all chains one after another, as far as they fit: bit i of word
+        i//64 is contact i, and W the words that hold C bits. The first of a chain is that at first touch, its last one
+        the empty one of the end, unless it is given up; a set that lasts no time is left out.
+    starts : ndarray, shape (capacity,)
+        Time since first touch at which each set began.
     """
     contacts = stiffnesses.shape[1]
-    work, no_log = new_workspace(contacts), log[:0]
+    chain = new_chain(masses.shape[1], contacts, p, law, frozen)
+    follow_chains(chain, new_workspace(contacts), masses, stiffnesses, *others)
+
+
+@entry
+def follow_chains(
+    c, work, masses, stiffnesses, restitutions, dampings, rates, drifts, gaps, gravities, tolerance,
+    max_pieces, points, log, velocities, numbers, sets, starts,
+):  # fmt: skip
+    """Follow chains as `collide_all` says; the only kernel that Python calls."""
+    row = ZERO
     for i in range(masses.shape[0]):
+        numbers[i, 10] = 0.0
         if np.isnan(masses[i, 0]):
             continue
-        c = new_chain(
-            masses[i], stiffnesses[i], restitutions[i], dampings[i], rates[i], p, law, frozen, gravities[i]
-        )
-        energy = energy_of(c, contacts, masses[i], drifts[i], velocities[i])
-        c.length[:] = (energy * (p + 1) / stiffnesses[i]) ** (1 / (p + 1))
-        went = collide(
-            c, work, energy, drifts[i], gaps[i], tolerance, max_pieces, points, log if i == 0 else no_log
-        )
-        left = energy_of(c, went.n, masses[i], drifts[i], velocities[i])
-        out = numbers[i]
-        out[0], out[1], out[2], out[3], out[4] = went.n, went.code, went.end, went.events, went.pieces
-        out[5], out[6], out[7], out[8] = went.margin, (went.loss + left) / energy, went.time, went.fall
-        out[9], out[10], sequences[i] = went.rows, went.n_states, went.sequence
+        begin(c, masses[i], stiffnesses[i], restitutions[i], dampings[i], rates[i], gaps[i], gravities[i])
+        energy = energy_of(c, c.k.size, masses[i], drifts[i], velocities[i])
+        for j in range(c.k.size):
+            c.length[j] = (energy * (c.p + 1) / c.k[j]) ** (1 / (c.p + 1))
+        capacity = log.shape[0] if i == 0 else ZERO
+        n = collide(
+            c, work, energy, drifts[i], tolerance, max_pieces, points, log, capacity, numbers[i], sets, starts, row
+        )  # fmt: skip
+        left = energy_of(c, n, masses[i], drifts[i], velocities[i])
+        numbers[i, 6] = (numbers[i, 6] + left) / energy
+        row += int(numbers[i, 10])

@@ -33,11 +33,12 @@ STATE_TRANSITION, LIU_ZHAO_BROGLIATO, KELVIN_VOIGT, HUNT_CROSSLEY = 0, 1, 2, 3
 #: `WATCHED` where positions are frozen.
 SLACK, HELD = 3, 4
 
-#: What may be watched of a contact: the sign of its force before that is cut off at zero, its deformation, its rate.
-FORCE, GAP, RATE = 0, 1, 2
+#: What may be watched of a contact: the sign of its force before that is cut off at zero, its deformation, its rate;
+#: and the rate of one that does not act, whose zero is no event of its own.
+FORCE, GAP, RATE, TURN = 0, 1, 2, 3
 
 #: The sign that what is watched has until its event, by law, phase and what; 0 where it is not watched.
-WATCHED = np.zeros((4, 5, 3))
+WATCHED = np.zeros((4, 5, 4))
 WATCHED[:, INACTIVE, GAP] = WATCHED[:, HELD, RATE] = -1
 WATCHED[:KELVIN_VOIGT, COMPRESSION, RATE] = 1
 WATCHED[:KELVIN_VOIGT, RESTITUTION, GAP], WATCHED[:KELVIN_VOIGT, RESTITUTION, RATE] = 1, -1

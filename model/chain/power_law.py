@@ -9,19 +9,23 @@ the error estimate shortens the steps.
 from __future__ import annotations
 
 from math import inf, sqrt
+from pathlib import Path
+from runpy import run_path
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import DOP853
 
 from impact_xval.model.chain.laws import FORCE, GAP, before_cut, carries, force, has_dashpot
 from impact_xval.model.chain.series import ORDER
 from impact_xval.model.chain.state import tangent
-from impact_xval.model.compiled import compiled, uncounted
+from impact_xval.model.compiled import merged, uncounted
 from impact_xval.model.pair.law import INACTIVE
 
-A, B, E3, E5 = (np.ascontiguousarray(table) for table in (DOP853.A, DOP853.B, DOP853.E3, DOP853.E5))
+# The tables of scipy.integrate.DOP853, from their own file: to import that package takes a quarter of a second.
+_tables = run_path(str(Path(scipy.__file__).parent / "integrate/_ivp/dop853_coefficients.py"))
+A, B, E3, E5 = (np.ascontiguousarray(_tables[name]) for name in ("A", "B", "E3", "E5"))
 STAGES = B.size
 
 #: Degree of the polynomials through the ends of a step.
@@ -38,78 +42,57 @@ CONVERGED, RESOLVED = 1e-15, 1e-6
 
 
 class Workspace(NamedTuple):
-    """Arrays of a piece, made once a collision.
+    """Arrays of a piece, made once; without a comment of shape (C,)."""
 
-    Attributes
-    ----------
-    rates, deltas : ndarray, shape (C, ORDER + 1)
-        Coefficients of w and delta in x = t/h, a piece of length h.
-    watched : ndarray, shape (1, ORDER + 1)
-        Coefficients of what is watched of one contact.
-    k, b, moves : ndarray, shape (C,)
-        Stiffness and damping of the contacts that act, 0 of others; whether delta changes.
-    cut : ndarray of bool, shape (C,)
-        Whose force is zero by an event of this instant.
-    left_out : ndarray of bool, shape (C, 3)
-        What is not looked at, since it was seen not to happen in this piece.
-    kw, kd : ndarray, shape (STAGES + 1, C)
-        Derivatives of w and delta at the stages of a step.
-    w, delta, jerk : ndarray, shape (C,)
-        State at the start of a step, and w''.
-    values : ndarray, shape (C,)
-        Rates or their slopes at a point of the path.
-    """
-
+    #: Coefficients of w and delta in x = t/h, a piece of length h, shape (C, ORDER + 1); and of what is watched, a row.
     rates: NDArray[np.float64]
     deltas: NDArray[np.float64]
     watched: NDArray[np.float64]
+    #: Stiffness and damping of the contacts that act, 0 of others; whether delta changes.
     k: NDArray[np.float64]
     b: NDArray[np.float64]
     moves: NDArray[np.float64]
+    #: Whose force is zero by an event of this instant.
     cut: NDArray[np.bool_]
+    #: What is not looked at, since it was seen not to happen in this piece, shape (C, 4).
     left_out: NDArray[np.bool_]
+    #: Derivatives of w and delta at the stages of a step, shape (STAGES + 1, C); the state at its start, and w''.
     kw: NDArray[np.float64]
     kd: NDArray[np.float64]
     w: NDArray[np.float64]
     delta: NDArray[np.float64]
     jerk: NDArray[np.float64]
+    #: Rates or their slopes at a point of the path.
     values: NDArray[np.float64]
+    #: Which contacts of the collision act, and which did where that was last written.
+    acts: NDArray[np.bool_]
+    acted: NDArray[np.bool_]
 
 
-@compiled
-def new_workspace(n):
-    """Workspace of n contacts."""
-    many, stages = (n, ORDER + 1), (STAGES + 1, n)
+def new_workspace(n: int) -> Workspace:
+    """Make the workspace of n contacts."""
+    rates, deltas = np.zeros((2, n, ORDER + 1))
+    k, b, moves, w, delta, jerk, values = np.zeros((7, n))
+    cut, acts, acted = np.zeros((3, n), np.bool_)
+    kw, kd = np.zeros((2, STAGES + 1, n))
+    watched, left_out = np.zeros((1, ORDER + 1)), np.zeros((n, 4), np.bool_)
     return Workspace(
-        np.zeros(many),
-        np.zeros(many),
-        np.zeros((1, ORDER + 1)),
-        np.empty(n),
-        np.empty(n),
-        np.empty(n),
-        np.zeros(n, np.bool_),
-        np.zeros((n, 3), np.bool_),
-        np.empty(stages),
-        np.empty(stages),
-        np.empty(n),
-        np.empty(n),
-        np.empty(n),
-        np.empty(n),
+        rates, deltas, watched, k, b, moves, cut, left_out, kw, kd, w, delta, jerk, values, acts, acted
     )
 
 
-@uncounted
+@merged
 def slopes(c, n, stage, work):
     """Write the derivatives of the state that `c` holds."""
-    above, own, below = 0.0, 0.0, force(c, n, 0)
-    for i in range(n):
-        above, own = own, below
-        below = force(c, n, i + 1)
-        work.kw[stage, i] = c.a[i] * (above - own) + c.a[i + 1] * (below - own)
-        work.kd[stage, i] = 0.0 if c.frozen and c.phase[i] == INACTIVE else c.w[i]
+    above, own, below = 0.0, 0.0, 0.0
+    for i in range(-1, n):
+        above, own, below = own, below, force(c, n, i + 1)
+        if i >= 0:
+            work.kw[stage, i] = c.a[i] * (above - own) + c.a[i + 1] * (below - own)
+            work.kd[stage, i] = 0.0 if c.frozen and c.phase[i] == INACTIVE else c.w[i]
 
 
-@uncounted
+@merged
 def to_stage(c, n, stage, h, work):
     """Carry the state of `work` into `c`, as far as a stage of a step of length h goes; the last one to its end."""
     weights = A[stage] if stage < STAGES else B
@@ -203,7 +186,7 @@ def advance(c, n, h, tolerance, work):
     return h, h * factor
 
 
-@uncounted
+@merged
 def watch_force(c, i, h, work):
     """Write the polynomial of the force of a dashpot before it is cut off."""
     f0, d0 = before_cut(c, i, work.delta[i], work.w[i], work.kw[0, i])
@@ -215,12 +198,8 @@ def watch_force(c, i, h, work):
 def settle(c, n, h, x, i, what, sign, work):
     """Repeat the step of length h up to the event near x h, where what is watched of contact i is zero.
 
-    Returns
-    -------
-    x : float
-        The time, per h; the state then is in `c`.
-    happened : bool
-        False where the polynomial has a root and the motion has none.
+    The time, per h, and the state then in `c`; and whether it happens: the polynomial may have a root where the motion
+    has none.
     """
     again = REFINEMENTS
     while True:

@@ -9,15 +9,12 @@ fall. The three ways to be over become true
 * where energy about equilibrium falls to what it takes to unload the contacts. While the same contacts carry force that
   energy only falls, so that its value at the end of a piece tells, and bisection finds the instant.
 
-**Settling.** With both contacts loaded the motion is linear, and about its equilibrium y' = A y. In the eigenvectors of
-A, y is a sum of terms a_j v_j exp(lambda_j t), none of which grows; so neither does what they add to a force, and
-
-    abs(f) <= sum_j abs(a_j) abs(row . v_j)        for ever,
-
-f the force beyond the weight that the contact carries, and row its stiffness and damping. While these bounds stay below
-m1 g and (m1 + m2) g no contact lets go, and how slowly the energy falls no longer matters: two balls whose damped
-contact is far stiffer than the elastic one ring on for millions of periods. Where eigenvectors are nearly parallel,
-next to critical damping, the bounds are large and nothing is certified until the motion has died down.
+**Settling.** With both contacts loaded the motion is linear, and about its equilibrium a sum of four terms
+a_j v_j exp(lambda_j t), none of which grows. What they add to a force beyond the weight that the contact carries stays
+below the sum of its magnitudes now; while these are below m1 g and (m1 + m2) g no contact lets go, and how slowly the
+energy falls no longer matters: two balls whose damped contact is far stiffer than the elastic one ring on for millions
+of periods. Next to critical damping eigenvectors are nearly parallel, and nothing is certified until the motion has
+died down.
 
 Units: m1 = 1, and 1/a[1] is m2.
 """
@@ -26,11 +23,9 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-import numpy as np
-
 from impact_xval.model.chain.laws import KELVIN_VOIGT, carries, rest
-from impact_xval.model.chain.series import ORDER
-from impact_xval.model.compiled import compiled, uncounted
+from impact_xval.model.chain.series import place
+from impact_xval.model.compiled import merged, uncounted
 from impact_xval.model.pair.law import INACTIVE
 
 #: How a collision ended: the balls left the table, B1 left B2 at rest on it, B1 came to rest on B2; or it goes on.
@@ -42,8 +37,8 @@ QUIET = 6
 #: What rounding leaves of a bound.
 _ROUNDING = 1e-9
 
-#: Determinant of the eigenvectors, each of length 1, below which they are taken for parallel.
-_PARALLEL = 1e-12
+#: Steps to the eigenvalues; some 30 are needed.
+_MOST_STEPS = 400
 
 
 @uncounted
@@ -87,7 +82,7 @@ def how_over(c, n):
     return GOING
 
 
-@uncounted
+@merged
 def in_flight(c, n):
     """Whether no contact of two balls on a table is closed, and none of them is part of the table."""
     for i in range(n):
@@ -117,14 +112,10 @@ def fall_time(c, n):
 
 
 @uncounted
-def _place(c, n, work, x):
-    """Carry the state at x of a piece into `c`."""
-    for i in range(n):
-        w, delta = work.rates[i, ORDER], work.deltas[i, ORDER]
-        for j in range(ORDER - 1, -1, -1):
-            w = w * x + work.rates[i, j]
-            delta = delta * x + work.deltas[i, j]
-        c.w[i], c.delta[i] = w, delta
+def excess(c, n, x, work):
+    """Energy at x of a piece beyond what ends the collision; the chain is put there."""
+    place(c, n, x, work)
+    return on_each_other(c) if carries(c.phase[0]) else on_table(c, n)
 
 
 @uncounted
@@ -133,95 +124,77 @@ def over_within(c, n, x, work):
 
     The instant returned is one at which it has fallen.
     """
-    loaded1, loaded2 = carries(c.phase[0]), carries(c.phase[1])
-    rates, deltas = work.rates, work.deltas
-    watched = loaded2
+    loaded1, rates, deltas = carries(c.phase[0]), work.rates, work.deltas
+    watched = carries(c.phase[1])
     if not loaded1:
         # B1 clear of B2, and not approaching: neither changes within a piece. Its own velocity only falls.
         watched = deltas[0, 0] <= 0 and (rates[0, 0] < 0 or (rates[0, 0] == 0 and rates[0, 1] <= 0))
-    _place(c, n, work, 0.0)
-    start = on_each_other(c) if loaded1 else on_table(c, n)
-    _place(c, n, work, x)
-    end = on_each_other(c) if loaded1 else on_table(c, n)
-    if not watched or start <= 0 or end > 0:
+    if not watched or excess(c, n, 0.0, work) <= 0 or excess(c, n, x, work) > 0:
         return x
     low, high = 0.0, x
     for _ in range(60):
         middle = 0.5 * (low + high)
-        _place(c, n, work, middle)
-        excess = on_each_other(c) if loaded1 else on_table(c, n)
-        if excess > 0:
+        if excess(c, n, middle, work) > 0:
             low = middle
         else:
             high = middle
         if high - low <= 2.0**-52 * high:
             break
-    _place(c, n, work, high)
+    place(c, n, high, work)
     return high if how_over(c, n) != GOING else x
 
 
-@compiled
-def eliminate(A, b):
-    """Solve A x = b into b, A is used up, and give the magnitude of A's determinant; where it is 0, b is left undone.
+@uncounted
+def settled(c):
+    """Whether neither contact of two balls on a table, both of which are loaded, will ever let go.
 
-    Gauss-Jordan with pivots. To compile `solve` and `det` of numpy took a tenth of the time of all references.
+    In the compressions u beyond equilibrium M u" + C u' + K u = 0, with M = ((1, 1), (1, 1 + m2)) and diagonal C and K.
+    All are symmetric, so that an eigenvector is a left one too, which gives its share of the state at once; the four
+    eigenvalues are found together (Aberth, Mathematics of Computation 27:339, 1973).
     """
-    n, determinant = b.size, 1.0
-    for j in range(n):
-        pivot = j
-        for i in range(j + 1, n):
-            if abs(A[i, j]) > abs(A[pivot, j]):
-                pivot = i
-        determinant *= abs(A[pivot, j])
-        if determinant == 0:
-            return determinant
-        for i in range(n):
-            A[j, i], A[pivot, i] = A[pivot, i], A[j, i]
-        b[j], b[pivot] = b[pivot], b[j]
-        for i in range(n):
-            if i != j:
-                share = A[i, j] / A[j, j]
-                b[i] -= share * b[j]
-                for k in range(j, n):
-                    A[i, k] -= share * A[j, k]
-    for j in range(n):
-        b[j] /= A[j, j]
-    return determinant
-
-
-@compiled
-def settled(mu, k1, k2, c1, c2, g, p1, d1, q2, v2):
-    """Whether neither contact will ever let go.
-
-    Parameters
-    ----------
-    mu, k1, k2, c1, c2, g : float
-        m2/m1, stiffness and damping of the contacts, both of which are loaded; gravity.
-    p1, d1, q2, v2 : float
-        Compression of contact 1 and its rate, compression of contact 2 beyond the weight of B2, velocity of B2.
-    """
-    fastest = (k1 + k2 + c1 + c2) * (1 + 1 / mu)
-    loads = abs(k1 * p1 - g + c1 * d1) < g and abs(k2 * q2 - g - c2 * v2) < (1 + mu) * g
-    if not (fastest < np.inf and loads):
+    mu, k1, k2, c1, c2, g = 1 / c.a[1], c.k[0], c.k[1], c.b[0], c.b[1], c.g[0]
+    u1, u2, d1, d2 = c.delta[0] - g / k1, c.delta[1] - g / k2, c.w[0], c.w[1]
+    if not (abs(k1 * u1 + c1 * d1) < g and abs(k2 * u2 + c2 * d2) < (1 + mu) * g):
         return False
-    A = np.zeros((4, 4), np.complex128)  # of u1, d1, u2, v2, the compressions counted from equilibrium
-    A[0, 1], A[2, 3] = 1, -1
-    A[1, 0], A[1, 1], A[1, 2], A[1, 3] = -k1 * (1 + 1 / mu), -c1 * (1 + 1 / mu), k2 / mu, -c2 / mu
-    A[3, 0], A[3, 1], A[3, 2], A[3, 3] = -k1 / mu, -c1 / mu, k2 / mu, -c2 / mu
-    _, vectors = np.linalg.eig(A)
-    a = np.zeros(4, np.complex128)
-    a[0], a[1], a[2], a[3] = p1 - g / k1, d1, q2 - g / k2, v2
-    if not eliminate(vectors.copy(), a) > _PARALLEL:
-        return False
-    bound1 = bound2 = 0.0
-    for j in range(4):
-        bound1 += abs(a[j] * (k1 * vectors[0, j] + c1 * vectors[1, j]))
-        bound2 += abs(a[j] * (k2 * vectors[2, j] - c2 * vectors[3, j]))
+    p0, p1, p2, p3 = k1 * k2, c1 * k2 + c2 * k1, k2 + c1 * c2 + (1 + mu) * k1, c2 + (1 + mu) * c1
+    size, bound1, bound2, calm = (p0 / mu) ** 0.25, 0.0, 0.0, 0
+    z0, z1 = size * complex(0.8, 0.6), size * complex(-0.6, 0.8)
+    z2, z3 = size * complex(-0.8, -0.6), size * complex(0.6, -0.8)
+    for _ in range(_MOST_STEPS):
+        z = z0
+        f = (((mu * z + p3) * z + p2) * z + p1) * z + p0
+        rise = ((4 * mu * z + 3 * p3) * z + 2 * p2) * z + p1
+        step = f / (rise - f * (1 / (z - z1) + 1 / (z - z2) + 1 / (z - z3)))
+        z0, z1, z2, z3 = z1, z2, z3, z - step
+        calm = calm + 1 if abs(step) <= 1e-14 * abs(z) else 0
+        if calm == 4:
+            break
+    for z in (z0, z1, z2, z3):
+        square = z * z
+        row1, row2 = square + c1 * z + k1, (1 + mu) * square + c2 * z + k2
+        size1, size2 = abs(square) + abs(c1 * z) + k1, (1 + mu) * abs(square) + abs(c2 * z) + k2
+        # The eigenvector, of the row that loses fewer digits; its share by those of the other roots is 0.
+        x1, x2 = (-square, row1) if abs(row1) * size2 > abs(row2) * size1 else (row2, -square)
+        share = x1 * (z * (u1 + u2) + c1 * u1 + d1 + d2) + x2 * (
+            z * (u1 + (1 + mu) * u2) + c2 * u2 + d1 + (1 + mu) * d2
+        )
+        share /= x1 * (2 * z * (x1 + x2) + c1 * x1) + x2 * (2 * z * (x1 + (1 + mu) * x2) + c2 * x2)
+        bound1 += abs(share * (k1 + c1 * z) * x1)
+        bound2 += abs(share * (k2 + c2 * z) * x2)
     return bound1 < (1 - _ROUNDING) * g and bound2 < (1 - _ROUNDING) * (1 + mu) * g
 
 
-@uncounted
-def may_settle(c, n, quiet):
-    """Whether it is worth examining if both balls only settle any more (`settled`)."""
-    due = c.law == KELVIN_VOIGT and quiet > 0 and quiet % QUIET == 0
-    return due and n == 2 and carries(c.phase[0]) and carries(c.phase[1])
+@merged
+def how_ended(c, n, due):
+    """Tell how a collision with gravity is over, or that it goes on; `due`: examine if it only settles any more."""
+    end = how_over(c, n)
+    if (
+        due
+        and end == GOING
+        and c.law == KELVIN_VOIGT
+        and n == 2
+        and carries(c.phase[0])
+        and carries(c.phase[1])
+    ):
+        return STUCK if settled(c) else GOING
+    return end

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from numba import njit
+from impact_xval.model.compiled import merged, uncounted
 
 #: An interval this short, relative to a segment, resolves a tangency to rounding.
 SHORTEST = 1e-10
@@ -28,7 +28,7 @@ SHORTEST = 1e-10
 MOST_INTERVALS = 500
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@merged
 def _value(f, i, sign, f0, first, degree, x):
     """Value and slope at x of a watched polynomial divided by x^first; f0 is its value at 0 then."""
     value, slope = f[i, degree], 0.0
@@ -43,14 +43,14 @@ def _value(f, i, sign, f0, first, degree, x):
     return value, sign * slope
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@merged
 def _positive(f0, df0, f1, df1, w, C):
     """Whether f > 0 inside an interval of length w is certain."""
     reserve = C * (w * w) * (w * w) / 288
     return f1 >= 0 and f0 + w * df0 / 3 > reserve and f1 - w * df1 / 3 > reserve
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@merged
 def _parts(f, i, sign, start, first, degree, x):
     """Sum of the positive terms at x of a polynomial divided by x^first, and of the magnitudes of the negative ones."""
     positive, negative = 0.0, 0.0
@@ -61,7 +61,7 @@ def _parts(f, i, sign, start, first, degree, x):
     return positive * x + start, negative * x
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@uncounted
 def refine(f, i, sign, start, first, degree, low, high, f0, f1, df1):
     """Root in (low, high], where the function is positive at low and not at high, and the slope there.
 
@@ -95,30 +95,13 @@ def refine(f, i, sign, start, first, degree, low, high, f0, f1, df1):
     return x, slope
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract"})
+@uncounted
 def first_root(f, i, sign, start, degree, limit):
-    """First root in (0, limit) of a polynomial that is positive, or zero and rising, at 0.
+    """First root in (0, limit), limit <= 1, of a polynomial that is positive, or zero and rising, at 0.
 
-    Parameters
-    ----------
-    f : ndarray, shape (m, n > degree)
-        Coefficients, a polynomial a row.
-    i : int
-        Which row.
-    sign : float
-        1 or -1, by which the row is multiplied.
-    start : float
-        Value at 0, instead of the row's own; exactly zero marks a zero that is not to be found.
-    degree : int
-        Its degree.
-    limit : float
-        At most 1.
-
-    Returns
-    -------
-    float
-        Infinity if there is none; 0 if the polynomial is not positive from the start; -1 if the search was given
-        up. A limit below 0, from a search given up before, finds nothing.
+    The polynomial is `sign` times row i of the coefficients f, up to `degree`, with the value `start` at 0; exactly
+    zero marks a zero that is not to be found. Infinity if there is no root; 0 if the polynomial is not positive from
+    the start; -1 if the search was given up. A limit below 0, from a search given up before, finds nothing.
     """
     if limit < 0:
         return inf
@@ -148,7 +131,7 @@ def first_root(f, i, sign, start, degree, limit):
             rising, _ = _parts(f, i, sign, start, first, degree, low)
             _, falling = _parts(f, i, sign, start, first, degree, high)
             certain = rising > falling
-        if certain:
+        if certain or (w < SHORTEST and not f1 <= 0):
             if high >= limit:
                 return inf
             low, f0, df0 = high, f1, df1
@@ -158,11 +141,6 @@ def first_root(f, i, sign, start, degree, limit):
             if w < SHORTEST or _positive(f0, df0, 0.0, slope, x - low, C):
                 return x
             high = low + 0.5 * w
-        elif w < SHORTEST:
-            if high >= limit:
-                return inf
-            low, f0, df0 = high, f1, df1
-            high = min(low + 2 * w, limit)
         else:
             high = low + 0.5 * w
         f1, df1 = _value(f, i, sign, start, first, degree, high)

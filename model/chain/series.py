@@ -19,7 +19,7 @@ from math import inf, sqrt
 import numpy as np
 
 from impact_xval.model.chain.laws import HUNT_CROSSLEY, carries, rest
-from impact_xval.model.compiled import uncounted
+from impact_xval.model.compiled import merged, uncounted
 
 #: Highest power of the series, and omega + gamma times the time it is used for: 2.8^29/29! is 1e-18.
 ORDER = 28
@@ -71,11 +71,14 @@ def expand(c, n, h, work):
         moves[i] = 1.0 if acts or not c.frozen else 0.0
     for order in range(ORDER):
         share = h * INVERSE[order + 1]
-        above, own, below = 0.0, 0.0, _term(c, n, 0, order, product, work)
-        for i in range(n):
-            above, own, below = own, below, _term(c, n, i + 1, order, product, work) if i + 1 < n else 0.0
-            rates[i, order + 1] = share * (c.a[i] * (above - own) + c.a[i + 1] * (below - own))
-            deltas[i, order + 1] = share * moves[i] * rates[i, order]
+        above, own, below = 0.0, 0.0, 0.0
+        for i in range(-1, n):
+            above, own, below = own, below, 0.0
+            if i + 1 < n:
+                below = _term(c, n, i + 1, order, product, work)
+            if i >= 0:
+                rates[i, order + 1] = share * (c.a[i] * (above - own) + c.a[i + 1] * (below - own))
+                deltas[i, order + 1] = share * moves[i] * rates[i, order]
         if order == 0 and c.g[0] > 0:
             # Whoever is not held by the table falls: the last body, or those above it.
             falls = n - 2 if k[n - 1] > 0 else n - 1
@@ -83,7 +86,7 @@ def expand(c, n, h, work):
                 rates[falls, 1] += h * c.g[0]
 
 
-@uncounted
+@merged
 def _term(c, n, i, order, product, work):
     """Coefficient of the force of contact i beyond the weight that it holds; a product's is a Cauchy product."""
     rates, deltas, k, b = work.rates, work.deltas, work.k, work.b
@@ -137,19 +140,25 @@ def expand_product(c, n, h, work):
 
 
 @uncounted
-def evaluate(coefficients, degree, n, x, out):
-    """Values of n polynomials, one a row, at x."""
+def value(coefficients, degree, i, x):
+    """Return a polynomial at x."""
+    total = coefficients[i, degree]
+    for j in range(degree - 1, -1, -1):
+        total = total * x + coefficients[i, j]
+    return total
+
+
+@uncounted
+def place(c, n, x, work):
+    """Put a chain where it is at x of a piece."""
     for i in range(n):
-        value = coefficients[i, degree]
-        for j in range(degree - 1, -1, -1):
-            value = value * x + coefficients[i, j]
-        out[i] = value
+        c.w[i], c.delta[i] = value(work.rates, ORDER, i, x), value(work.deltas, ORDER, i, x)
 
 
 @uncounted
 def slope(coefficients, degree, i, x):
     """Return the derivative of a polynomial at x."""
-    value = 0.0
+    total = 0.0
     for j in range(degree, 0, -1):
-        value = value * x + j * coefficients[i, j]
-    return value
+        total = total * x + j * coefficients[i, j]
+    return total

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.model.chain.laws import carries, force, has_dashpot, has_series, rest, spent, spring
-from impact_xval.model.compiled import compiled, uncounted
+from impact_xval.model.compiled import uncounted
 from impact_xval.model.pair.law import COMPRESSION, INACTIVE
 
 #: Rounding of a neighbour's motion, as a share of its energy: the square of 2^-53, and what steps leave.
@@ -28,77 +28,67 @@ UNDERFLOW = 1e-150
 class Chain(NamedTuple):
     """A chain under way; the arrays are changed in place.
 
-    Attributes
-    ----------
-    a : ndarray, shape (C + 1,)
-        Inverse masses of the bodies; 0 for the table.
-    k, original, e, b : ndarray, shape (C,)
-        Running and original stiffness, coefficient of restitution, and damping of the law (`chain.laws`).
-    w, delta : ndarray, shape (C,)
-        Compression rate and deformation.
-    phase : ndarray of int, shape (C,)
-        `INACTIVE`, `COMPRESSION`, `RESTITUTION` or `SLACK`.
-    contact : ndarray of int, shape (C,)
-        Which contact of the collision this is: some become rigid and are left out.
-    length : ndarray, shape (C,)
-        Deformation that would hold all the energy of impact at the original stiffness.
-    reach : ndarray, shape (C,)
-        Twice the largest energy that this contact or a neighbour has had (`oscillation`).
-    body : ndarray of int, shape (N,)
-        Body of each ball.
-    p : float
-        Exponent of the forces.
-    law : int
-        One of `chain.laws`.
-    frozen : bool
-        Whether positions are frozen.
-    g : ndarray, shape (1,)
-        Gravity, 0 without and from the first flight on; above 0 only on a table, whose contact then counts delta from
-        that under the weight of the body on it (`laws.rest`).
+    Without a comment on its shape an array has shape (C,), an element a contact.
     """
 
+    #: Inverse masses of the bodies, shape (C + 1,); 0 for the table.
     a: NDArray[np.float64]
+    #: Running and original stiffness, coefficient of restitution, damping of the law (`chain.laws`).
     k: NDArray[np.float64]
     original: NDArray[np.float64]
     e: NDArray[np.float64]
     b: NDArray[np.float64]
+    #: Compression rate and deformation.
     w: NDArray[np.float64]
     delta: NDArray[np.float64]
+    #: `INACTIVE`, `COMPRESSION`, `RESTITUTION` or `SLACK`.
     phase: NDArray[np.int64]
+    #: Which contact of the collision this is: some become rigid and are left out.
     contact: NDArray[np.int64]
+    #: Deformation that would hold all the energy of impact at the original stiffness.
     length: NDArray[np.float64]
+    #: Twice the largest energy that this contact or a neighbour has had (`oscillation`).
     reach: NDArray[np.float64]
+    #: Body of each ball, shape (N,).
     body: NDArray[np.int64]
+    #: Exponent of the forces, one of `chain.laws`, and whether positions are frozen.
     p: float
     law: int
     frozen: bool
+    #: Gravity, shape (1,): 0 without and from the first flight on; above 0 only on a table (`laws.rest`).
     g: NDArray[np.float64]
 
 
-@compiled
-def new_chain(masses, stiffnesses, restitutions, dampings, rates, p, law, frozen, g):
-    """Make a chain at first touch, of a body a ball; its `length` is to be filled in."""
-    balls, contacts = masses.size, stiffnesses.size
-    inverse = np.zeros(contacts + 1)
-    inverse[:balls] = 1 / masses
+def new_chain(balls: int, contacts: int, p: float, law: int, frozen: bool) -> Chain:
+    """Make a chain, a body a ball, that `begin` fills in."""
+    k, original, e, b, w, delta, length, reach = np.zeros((8, contacts))
+    phase, contact = np.zeros((2, contacts), np.int64)
+    a, body = np.zeros(contacts + 1), np.zeros(balls, np.int64)
     return Chain(
-        inverse,
-        stiffnesses.copy(),
-        stiffnesses.copy(),
-        restitutions.copy(),
-        dampings.copy(),
-        rates.copy(),
-        np.zeros(contacts),
-        np.zeros(contacts, np.int64),
-        np.arange(contacts),
-        np.empty(contacts),
-        np.zeros(contacts),
-        np.arange(balls),
-        p,
-        law,
-        frozen,
-        np.array([g]),
+        a, k, original, e, b, w, delta, phase, contact, length, reach, body, p, law, frozen, np.zeros(1)
     )
+
+
+@uncounted
+def begin(c, masses, stiffnesses, restitutions, dampings, rates, gaps, g):
+    """Put a chain at first touch.
+
+    Every closed contact acts that approaches, or is at rest in a row of closed ones beside one that does.
+    """
+    n = c.k.size
+    c.g[0], c.a[n] = g, 0.0
+    for ball in range(c.body.size):
+        c.a[ball], c.body[ball] = 1 / masses[ball], ball
+    for i in range(n):
+        c.k[i], c.original[i] = stiffnesses[i], stiffnesses[i]
+        c.e[i], c.b[i], c.contact[i], c.reach[i] = restitutions[i], dampings[i], i, 0.0
+        c.w[i], c.delta[i] = rates[i], -gaps[i]
+        c.phase[i] = COMPRESSION if c.w[i] > 0 and gaps[i] == 0 else INACTIVE
+    for step in (1, -1):
+        for j in range(n - 1):
+            i = j + 1 if step == 1 else n - 2 - j
+            if c.w[i] == 0 and gaps[i] == 0 and c.phase[i - step] == COMPRESSION:
+                c.phase[i] = COMPRESSION
 
 
 @uncounted
@@ -130,17 +120,11 @@ def oscillation(c, n, i):
 
 @uncounted
 def neighbours(c, n, i):
-    """Return what the neighbours that act ask of contact i.
+    """Return what the neighbours that act ask of contact i: static, slope, imposed, swing.
 
-    Returns
-    -------
-    static, slope : float
-        The force at which w_i' = 0, and its derivative in time.
-    imposed : float
-        Amplitude of the rate that their own oscillations impose on contact i: it follows slower ones, and faster ones
-        move its bodies as if it did not act.
-    swing : float
-        The larger of their energies (`oscillation`).
+    The force at which w_i' = 0, and its derivative in time; the amplitude of the rate that their own oscillations
+    impose on contact i, which follows slower ones, while faster ones move its bodies as if it did not act; and the
+    larger of their energies (`oscillation`).
     """
     inverse = c.a[i] + c.a[i + 1]
     frequency = inverse * tangent(c, i)
@@ -153,20 +137,6 @@ def neighbours(c, n, i):
             imposed += shared * sqrt(energy / of_j) * min(1.0, of_j * tangent(c, j) / frequency)
             swing = max(swing, energy)
     return static, slope, imposed, swing
-
-
-@uncounted
-def touch(c, n, gaps):
-    """Let every closed contact act that approaches, or is at rest in a row of closed ones beside one that does."""
-    for i in range(n):
-        c.delta[i] = -gaps[i]
-        c.phase[i] = COMPRESSION if c.w[i] > 0 and gaps[i] == 0 else INACTIVE
-    for i in range(1, n):
-        if c.w[i] == 0 and gaps[i] == 0 and c.phase[i - 1] == COMPRESSION:
-            c.phase[i] = COMPRESSION
-    for i in range(n - 2, -1, -1):
-        if c.w[i] == 0 and gaps[i] == 0 and c.phase[i + 1] == COMPRESSION:
-            c.phase[i] = COMPRESSION
 
 
 @uncounted
@@ -183,11 +153,11 @@ def nothing(c, i, energy):
 @uncounted
 def still(c, n, energy):
     """Bring to rest the contacts in compression that have no energy but that of rounding."""
-    before, own = 0.0, oscillation(c, n, 0)
-    for i in range(n):
-        after = oscillation(c, n, i + 1) if i + 1 < n else 0.0
-        c.reach[i] = max(c.reach[i], before, own, after)
-        before, own = own, after
+    before, own, after = 0.0, 0.0, 0.0
+    for i in range(-1, n):
+        before, own, after = own, after, oscillation(c, n, i + 1) if i + 1 < n else 0.0
+        if i >= 0:
+            c.reach[i] = max(c.reach[i], before, own, after)
     for i in range(n):
         if c.phase[i] == COMPRESSION and oscillation(c, n, i) <= nothing(c, i, energy):
             c.w[i], c.delta[i] = 0.0, 0.0 - rest(c, n, i)
@@ -200,10 +170,11 @@ def unite(c, n, i):
     c.a[i] = 1 / (1 / c.a[i] + 1 / c.a[i + 1])
     for j in range(i + 1, n):
         c.a[j] = c.a[j + 1]
+    for numbers in (c.k, c.original, c.e, c.b, c.w, c.delta, c.length, c.reach):
+        for j in range(i, n - 1):
+            numbers[j] = numbers[j + 1]
     for j in range(i, n - 1):
-        c.k[j], c.original[j], c.e[j], c.b[j] = c.k[j + 1], c.original[j + 1], c.e[j + 1], c.b[j + 1]
-        c.w[j], c.delta[j], c.phase[j] = c.w[j + 1], c.delta[j + 1], c.phase[j + 1]
-        c.contact[j], c.length[j], c.reach[j] = c.contact[j + 1], c.length[j + 1], c.reach[j + 1]
+        c.phase[j], c.contact[j] = c.phase[j + 1], c.contact[j + 1]
     for ball in range(c.body.size):
         if c.body[ball] > i:
             c.body[ball] -= 1
@@ -214,16 +185,9 @@ def unite(c, n, i):
 
 @uncounted
 def ball_values(c, n, rates, drift, out):
-    """Velocities of the balls of compression rates, or accelerations of their derivatives.
+    """Write to `out` the velocities of the balls of compression rates, or accelerations of their derivatives.
 
-    Parameters
-    ----------
-    c, n
-        The chain, and its number of contacts.
-    rates : ndarray, shape (n,) or more
-    drift : float
-        Of the centre of mass; without meaning on a table.
-    out : ndarray, shape (N,)
+    `drift` is that of the centre of mass; without meaning on a table.
     """
     last = 0.0
     if c.a[n] > 0:

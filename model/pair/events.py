@@ -173,8 +173,6 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
         return 0.0, (gone0, gone1, False, False), state, 0.0, 0
     if not inf > C0 + C1 + C2 + C3:
         return 0.0, (False, False, False, False), state, margin, MOST_WINDOWS  # nothing could be certified
-    if not inf > C0 + C1 + C2 + C3:
-        return 0.0, (False, False, False, False), state, margin, MOST_WINDOWS  # nothing could be certified
 
     # Modal coordinates after one window: its angle in the fast mode is always the same.
     cos_slow, sin_slow = cos_sin(w0 * window)
@@ -272,14 +270,13 @@ def first_event(mu, modes, state, signs, watched, losses, a, b, margin):
         else:
             q, r = modal(t + h, omega, a, b)
         if passed % 6 == 5 and w1 > ENVELOPE_RATIO * w0:
+            c0, c1 = (s1 * delta[0], s1 * delta[1]), (s2 * phi2[0], s2 * phi2[1])
             skip = min(
-                envelope_time(0, (s1 * delta[0], s1 * delta[1]), t, omega, a, b, radius),
-                envelope_time(0, (s2 * phi2[0], s2 * phi2[1]), t, omega, a, b, radius),
+                envelope_time(0.0, c0, t, omega, a, b, radius),
+                envelope_time(0.0, c1, t, omega, a, b, radius),
+                envelope_time(0.5 * pi, force1, t, omega, a, b, radius) if watched[0] else inf,
+                envelope_time(0.5 * pi, force2, t, omega, a, b, radius) if watched[1] else inf,
             )
-            if watched[0]:
-                skip = min(skip, envelope_time(1, force1, t, omega, a, b, radius))
-            if watched[1]:
-                skip = min(skip, envelope_time(1, force2, t, omega, a, b, radius))
             if skip > t + window:
                 t = skip
                 q, r = modal(t, omega, a, b)

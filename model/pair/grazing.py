@@ -13,7 +13,7 @@ from math import inf
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.compiled import inlined
 from impact_xval.model.inputs import GRAZING_THRESHOLD
 from impact_xval.model.pair.motion import modal
 
@@ -70,7 +70,7 @@ def two_extrema(h, start, end):
     return (start[1] * end[1] > 0) & (here < 0) & (there < 0)
 
 
-@compiled
+@inlined
 def extremum_between(c, t, h, start, end, size, omega, a, b):
     """Magnitude, relative to `size`, of the extremum in (t, t + h) of a rate, given (f, f', f'') at both ends.
 

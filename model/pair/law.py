@@ -4,11 +4,10 @@ Energetic restitution with stiffening (docs/theory.md, section 2). At an end of 
 so that the force F = sqrt(2 k E) is continuous; a restart of compression keeps the stiffness; a contact that ends
 restitution keeps it for its return, which begins in compression with E = 0.
 
-Another law differs in repeated compressions only, and is kept beside it for comparison: that of Liu, Zhao and
-Brogliato (Proc. R. Soc. A 464:3193, 2008), under which every compression runs at the original stiffness. Their
-F = sqrt(2 k E) holds at all times, with dE = V dP in compression and V dP/e^2 in restitution; in the terms used here a
-restart of compression takes back what the end of compression did, E <- E/e^2 and k <- e^2 k, and a return begins at the
-original k.
+The law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) differs in repeated compressions only: each runs at
+the original stiffness. Their F = sqrt(2 k E) holds at all times, with dE = V dP in compression and V dP/e^2 in
+restitution; in the terms used here a restart of compression takes back what the end of compression did, E <- E/e^2 and
+k <- e^2 k, and a return begins at the original k.
 
 Units as in `pair.motion`.
 """
@@ -71,35 +70,25 @@ def with_energy(c, E):
 
 
 @inlined
-def with_force(c, F):
-    """Return the contact at another force, F^2 = 2 k E."""
-    return Contact(c.phase, c.k, 0.5 * F * F / c.k, F, c.e, c.original)
-
-
-@inlined
 def end_of_compression(c, loss):
-    """End compression: the contact after it, and `loss` with the energy that it loses."""
-    return (
-        Contact(RESTITUTION, c.k / (c.e * c.e), c.e * c.e * c.E, c.F, c.e, c.original),
-        loss + (1 - c.e * c.e) * c.E,
-    )
+    """End compression; the energy lost is added to `loss`."""
+    e2 = c.e * c.e
+    return Contact(RESTITUTION, c.k / e2, e2 * c.E, c.F, c.e, c.original), loss + (1 - e2) * c.E
 
 
 @inlined
-def restart(law, c, loss):
+def restart(stiffens, c, loss):
     """Restart compression during restitution; `loss` less what a law that takes back the end gives back."""
-    if law.stiffens:
+    if stiffens:
         return Contact(COMPRESSION, c.k, c.E, c.F, c.e, c.original), loss
-    return (
-        Contact(COMPRESSION, c.original, c.E / (c.e * c.e), c.F, c.e, c.original),
-        loss - (1 / (c.e * c.e) - 1) * c.E,
-    )
+    e2 = c.e * c.e
+    return Contact(COMPRESSION, c.original, c.E / e2, c.F, c.e, c.original), loss - (1 / e2 - 1) * c.E
 
 
 @inlined
-def returned(law, c):
+def returned(stiffens, c):
     """Return an inactive contact, in compression from E = 0."""
-    return Contact(COMPRESSION, c.k if law.stiffens else c.original, 0.0, 0.0, c.e, c.original)
+    return Contact(COMPRESSION, c.k if stiffens else c.original, 0.0, 0.0, c.e, c.original)
 
 
 @inlined
@@ -109,16 +98,17 @@ def spent(c):
 
 
 @inlined
-def after_event(law, c, rate_is_zero, force_is_zero, loss):
-    """Apply the law where the compression rate or the force of a contact that acts has come to zero, or both.
+def after_event(stiffens, c, F, rate_is_zero, force_is_zero, loss):
+    """Apply the law to a contact that acts, at force F, where its compression rate or its force is zero, or both.
 
     A plastic contact has no restitution: it is spent as its compression ends.
     """
+    c = Contact(c.phase, c.k, 0.5 * F * F / c.k, F, c.e, c.original)
     ends = rate_is_zero and c.phase == COMPRESSION
     if ends:
         c, loss = end_of_compression(c, loss)
     elif rate_is_zero:
-        c, loss = restart(law, c, loss)
+        c, loss = restart(stiffens, c, loss)
     if force_is_zero or (ends and c.e == 0):
         c = spent(c)
     return c, loss

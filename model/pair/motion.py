@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from impact_xval.model.compiled import compiled, inlined
+from impact_xval.model.compiled import inlined
 
 #: pi in two parts; the first has 33 bits, so that its product with the multiples in use is exact.
 PI = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a626331p-33"))
@@ -193,7 +193,7 @@ def motion(q, r, modes):
     )
 
 
-@compiled
+@inlined
 def single_contact(mass, d, E, e, compressing, impulse_to_return):
     """S2 or S3 from entry to exit: one contact acts, until it ends or the other contact returns.
 

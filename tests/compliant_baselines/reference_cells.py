@@ -1,22 +1,41 @@
-"""Random collisions for the references of two balls, and those references in bulk by the name of their solver."""
+"""Random collisions for the references, and what answers them: one at a time, in bulk, and the dampings they get."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
-from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
+from impact_xval.compliant_baselines import references
+from impact_xval.model import Collisions
 
-DAMPING = {
-    "kelvin-voigt": "pair",
-    "kelvin-voigt-anchored": "anchored",
-    "kelvin-voigt-textbook": "textbook",
-    "hunt-crossley": "hunt-crossley",
-}
-BATCHES = {
-    "bistiffness": bistiffness_batch,
-    **{law: partial(kelvin_voigt_batch, damping=damping) for law, damping in DAMPING.items()},
-}
+#: Two balls on a table in bulk, by law.
+BATCHES = {law: partial(references.solve_batch, law) for law in references.LAWS}
+
+
+def in_time(collision, law="kelvin-voigt", *, exponent=1.0, path=False, **how):
+    """Solve one collision by a law in time."""
+    some = Collisions.of([replace(collision, exponent=exponent)])
+    return references.solve(some, law, paths=path, **how)[0]
+
+
+def dampings(law, *cells):
+    """c1 and c2, or a1 and a2, of two balls on a table, in units of the collision; arrays of shape (n,)."""
+    return references.dampings(Collisions.from_ratios(*cells), law).T
+
+
+def coefficients_of(collision, law, exponent):
+    """c or a of each contact in SI units."""
+    some = Collisions.of([replace(collision, exponent=exponent)])
+    (found,), (speed,) = references.dampings(some, law), some.units[1]
+    if law == "hunt-crossley":
+        return found / speed
+    return found * np.sqrt(collision.masses[0] * collision.stiffnesses[0])
+
+
+def end_of(batch):
+    """How drops ended: free, or B2 at rest on the table, or both balls."""
+    rested = ~np.isnan(batch.diagnostics.get("rest_speed", np.full(batch.v1.shape, np.nan)))
+    return np.where(rested, np.where(batch.v1 == 0, "stuck", "rest"), "free")
 
 
 def random_cells(n, seed, lowest_e=0.3):

@@ -4,7 +4,7 @@ import dataclasses
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import SolverBase
-from impact_xval.model import Outcome, solve, solve_column
+from impact_xval.model import Outcome, solve
 
 
 class Shifted(SolverBase):
@@ -22,7 +22,7 @@ class Shifted(SolverBase):
 
     def solve_many(self, collisions, settings):
         outcomes = [solve(c, path=settings.record_path) for c in collisions]
-        return [dataclasses.replace(o, solver=self.name, v1=o.v1 + 0.01) for o in outcomes]
+        return [dataclasses.replace(o, solver=self.name, velocities=(o.v1 + 0.01, o.v2)) for o in outcomes]
 
 
 class Perfect(Shifted):
@@ -40,7 +40,7 @@ class Refusing(Shifted):
     """Has no result, wherever."""
 
     def solve_many(self, collisions, settings):
-        return [Outcome.failure(self.name, "unrepresentable", "not today") for _ in collisions]
+        return [Outcome.failure(self.name, c, "unrepresentable", "not today") for c in collisions]
 
 
 class RefusingModel(Refusing):
@@ -99,7 +99,9 @@ class Graded(Shifted):
     def solve_many(self, collisions, settings):
         outcomes = [solve(c, path=settings.record_path) for c in collisions]
         return [
-            dataclasses.replace(o, solver=self.name, v1=o.v1 + GRADES[c.stiffness_ratio, c.e1] * -c.v0)
+            dataclasses.replace(
+                o, solver=self.name, velocities=(o.v1 + GRADES[c.stiffness_ratio, c.e1] * -c.v0, o.v2)
+            )
             for c, o in zip(collisions, outcomes, strict=True)
         ]
 
@@ -107,8 +109,8 @@ class Graded(Shifted):
 class Columns(Shifted):
     """The model's columns, every ball 0.01 m/s faster."""
 
-    def solve_columns(self, columns, settings, exponent=1.0):
-        outcomes = [solve_column(column, exponent=exponent) for column in columns]
+    def solve_columns(self, columns, settings):
+        outcomes = map(solve, columns)
         return [
             dataclasses.replace(o, solver=self.name, velocities=tuple(v + 0.01 for v in o.velocities))
             for o in outcomes

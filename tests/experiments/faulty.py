@@ -30,10 +30,10 @@ class Faulty(Shifted):
             _harm(c.e1)
         return super().solve_many(collisions, settings)
 
-    def solve_columns(self, columns, settings, exponent=1.0):
+    def solve_columns(self, columns, settings):
         for column in columns:
             _harm(column.restitutions[0])
-        return super().solve_columns(columns, settings, exponent)
+        return super().solve_columns(columns, settings)
 
 
 class FaultyModel(Faulty):

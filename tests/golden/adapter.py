@@ -21,11 +21,8 @@ import numpy as np
 import pyarrow.parquet as pq
 from scipy.interpolate import PchipInterpolator
 
-from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
-from impact_xval.compliant_baselines.references.columns.solving import solve_column
-from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.hypothesis.config import parse as parse_hypothesis
 from impact_xval.experiments.hypothesis.run import run_hypothesis
@@ -38,7 +35,7 @@ from impact_xval.experiments.hypothesis.tables import (
 from impact_xval.experiments.measures.columns.summary import summarise_columns
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.model import Collision, Column
+from impact_xval.model import Collision, Collisions
 
 _OF_N = ("state-transition", "liu-zhao-brogliato", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
 _FROZEN = ("bistiffness-frozen", "kelvin-voigt-frozen")  # the corners of the ladder
@@ -55,39 +52,35 @@ COLUMNS = dict.fromkeys(("verdict_redrawn", "share_supported_redrawn", "share_re
 _STATES = {"S1": "1+2", "S2": "2", "S3": "1", "S4": "-"}
 _LONGEST = 40  # states that are written out
 _FRACTIONS = np.linspace(0, 1, 11)
-_BATCHES = {"bistiffness-frozen": bistiffness_batch, "kelvin-voigt-frozen": kelvin_voigt_batch}
 
 
 def solve(problem, solver, *, path=False):
     """Outcome of a collision by a solver, in plain values; with its path in `path`, if asked for."""
-    frozen = solver in _FROZEN
-    if problem["kernel"] == "pair":
-        m1, m2 = problem["masses"]
-        k1, k2 = map(float, problem["stiffnesses"])
-        v0, still = problem["velocities"]
-        assert still == 0
-        collision = Collision(m1, m2, k1, k2, *problem["restitutions"], v0)
-        if frozen:
-            return _frozen_pair(collision, problem["gravity"], solver)
-        outcome = get_solver(solver).solve_many([collision], _settings(problem, path))[0]
-        velocities, impulses = (outcome.v1, outcome.v2), (outcome.impulse1, outcome.impulse2)
-        states = [_STATES[state] for state in outcome.states]
+    names = ("masses", "stiffnesses", "restitutions", "velocities", "table", "gaps", "exponent")
+    collision = Collision(*(_plain_numbers(problem[name]) for name in names))
+    if solver in _FROZEN and any(problem["gaps"]):
+        return {"status": "unrepresentable"}  # it raises
+    if solver in _FROZEN:
+        how = {"frozen": True, "gravity": problem["gravity"], "paths": path}
+        outcome = references.solve(Collisions.of([collision]), solver.removesuffix("-frozen"), **how)[0]
     else:
-        names = ("masses", "stiffnesses", "restitutions", "velocities", "table", "gaps")
-        column = Column(*(problem[name] for name in names))
-        settings = _settings(problem, path)
-        if frozen and any(problem["gaps"]):
-            return {"status": "unrepresentable"}  # it raises
-        if frozen:
-            law = solver.removesuffix("-frozen")
-            outcome = solve_column(column, law, exponent=problem["exponent"], frozen=True)
-        else:
-            outcome = get_solver(solver).solve_columns([column], settings, problem["exponent"])[0]
-        velocities, impulses = outcome.velocities, outcome.impulses
-        states = ["+".join(map(str, contacts)) or "-" for contacts in outcome.states]
+        outcome = get_solver(solver).solve_many([collision], _settings(problem, path))[0]
+    velocities, impulses = outcome.velocities, outcome.impulses
+    states = [_STATES.get(state, state) for state in outcome.states]
     if not np.isfinite(velocities).all():
         return {"status": outcome.status}
     numbers = {k: plain(v) for k, v in outcome.diagnostics.items() if solver in ENGINES or k != "n_steps"}
+    if solver in _FROZEN and problem["kernel"] == "pair":
+        return {
+            "status": outcome.status,
+            "velocities": [float(v) for v in velocities],
+            "impulses": [float(i) for i in impulses],
+            "states": f"{_written(states[-32:])} of {len(states)}",
+            "events": int(outcome.n_events),
+            "margin": None,
+            "mark": "",
+            "diagnostics": {"duration": plain(outcome.diagnostics["duration"])},
+        }
     found = {
         "status": outcome.status,
         "velocities": [float(v) for v in velocities],
@@ -99,9 +92,7 @@ def solve(problem, solver, *, path=False):
         or ("jump" if outcome.marked else ""),
         "diagnostics": numbers,
     }
-    return (
-        found | {"path": (_curve if problem["kernel"] == "pair" else _trail)(outcome.path)} if path else found
-    )
+    return found | {"path": _trail(outcome.path)} if path else found
 
 
 def _settings(problem, path):
@@ -115,23 +106,8 @@ def _settings(problem, path):
     )
 
 
-def _frozen_pair(collision, gravity, solver):
-    c, unit = collision, collision.units
-    number = c.gravity_number(gravity) if 0 < c.k1 < math.inf else 0.0
-    found = _BATCHES[solver](c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, number, frozen=True)
-    if not np.isfinite(found.v1):
-        return {"status": str(found.status)}
-    states = [_STATES[state] for state in found.states(())]  # the last 32 of them
-    return {
-        "status": str(found.status),
-        "velocities": [float(v) * unit.velocity for v in (found.v1, found.v2)],
-        "impulses": [float(i) * unit.impulse for i in (found.impulse1, found.impulse2)],
-        "states": f"{_written(states)} of {found.n_states}",
-        "events": int(found.n_events),
-        "margin": None,
-        "mark": "",
-        "diagnostics": {"duration": float(found.duration) * unit.time},
-    }
+def _plain_numbers(field):
+    return tuple(map(float, field)) if isinstance(field, list) else field
 
 
 def _written(states):
@@ -149,12 +125,6 @@ def plain(value):
         return value
     number = value.item() if isinstance(value, np.generic) else value
     return number if math.isfinite(number) else repr(float(number))
-
-
-def _curve(path):
-    impulses = np.column_stack([path.impulse1, path.impulse2])
-    acting = np.array([(True, True), (False, True), (True, False), (False, False)])[path.state - 1]
-    return _sampled(path.time, np.column_stack([path.v1, path.v2]), impulses, acting)
 
 
 def _trail(path):

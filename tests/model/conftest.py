@@ -7,7 +7,7 @@ from tempfile import gettempdir
 
 import pytest
 
-from impact_xval.model import Collision, Column, solve, solve_batch, solve_column, solve_columns
+from impact_xval.model import Collision, solve
 
 
 def compiled(*calls):
@@ -25,15 +25,12 @@ def compiled(*calls):
 def pair():
     collision = Collision.from_ratios(2, 1.2, 0.9, 0.7)
     for law in ("jia-mason-erdmann", "liu-zhao-brogliato"):
-        solve(collision, impact_law=law, path=True)
-        solve_batch([1e-3, 2, 40], 1.2, 0.9, 0.7, impact_law=law, cutoff_effect=True)
+        solve(collision, law=law, path=True)
 
 
 def chain():
-    column = Column((1, 1), (1,), (0.9,), (-1, 0))
-    for exponent in (1.0, 1.5):
-        solve_columns([column], exponent=exponent)
-        solve_column(column, exponent=exponent, path=True)
+    column = Collision((1, 1), (1,), (0.9,), (-1, 0))
+    solve(column, path=True)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -22,7 +22,7 @@ def test_an_illegal_value_is_refused_in_one_line_that_names_field_value_and_rang
     ]
     for field, value, legal in cases:
         with pytest.raises(ValueError, match=f"^{field} = {value}.*{legal}.*$") as caught:
-            Collision(**(GOOD | {field: value}))
+            Collision.two_balls(**(GOOD | {field: value}))
         assert "\n" not in str(caught.value)
 
 
@@ -46,19 +46,19 @@ def test_an_illegal_ratio_is_named_alike_by_a_collision_and_by_a_batch():
 def test_what_has_no_ratio_is_refused():
     for both in (0.0, math.inf):
         with pytest.raises(ValueError, match="k2/k1 from 0 to inf, not 0/0"):
-            Collision(**(GOOD | {"k1": both, "k2": both}))
+            Collision.two_balls(**(GOOD | {"k1": both, "k2": both}))
     with pytest.raises(ValueError, match="mass ratio"):
-        Collision(**(GOOD | {"m1": 1e-200, "m2": 1e200}))
+        Collision.two_balls(**(GOOD | {"m1": 1e-200, "m2": 1e200}))
 
 
 def test_limits_are_legal():
-    assert Collision(**(GOOD | {"k1": 0.0})).stiffness_ratio == math.inf
-    assert Collision(**(GOOD | {"k1": math.inf})).stiffness_ratio == 0
+    assert Collision.two_balls(**(GOOD | {"k1": 0.0})).stiffness_ratio == math.inf
+    assert Collision.two_balls(**(GOOD | {"k1": math.inf})).stiffness_ratio == 0
     assert Collision.from_ratios(math.inf, 2, 0, 1).stiffness_ratio == math.inf
-    assert Collision(**(GOOD | {"m1": 3.0, "m2": 6.0})).reduced_mass == pytest.approx(2.0)
+    assert Collision.two_balls(**(GOOD | {"m1": 3.0, "m2": 6.0})).reduced_mass == pytest.approx(2.0)
     # m1/m2 beyond double precision: the lighter ball alone
-    assert Collision(**(GOOD | {"m1": 1.0, "m2": 5e-324})).reduced_mass == 5e-324
-    assert set(solve_batch([0, math.inf], [[0.5], [2.0]], 0, [[0], [1]]).status.ravel()) == {"limit"}
+    assert Collision.two_balls(**(GOOD | {"m1": 1.0, "m2": 5e-324})).reduced_mass == 5e-324
+    assert set(solve_batch([0, math.inf], [[0.5], [2.0]], 0, [[0], [1]]).statuses.ravel()) == {"limit"}
 
 
 def test_the_arrays_of_a_batch_are_broadcast_and_an_empty_batch_is_legal():

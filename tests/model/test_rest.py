@@ -8,12 +8,14 @@ from scipy.linalg import expm
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, kelvin_voigt_batch
 from impact_xval.model import Collision
-from impact_xval.model.chain.kernel import flight
-from impact_xval.model.chain.rest import GOING, REST, STUCK, how_over, settled
-from tests.compliant_baselines.reference_cells import random_cells
+from impact_xval.model.chain import kernel, rest
+from impact_xval.model.chain.rest import GOING, REST, STUCK
+from tests.compliant_baselines.reference_cells import BATCHES, dampings, end_of, random_cells
+from tests.model.kernels import from_python
 from tests.model.test_series import chain, system
+
+flight, how_over, settled_chain = map(from_python, (kernel.flight, rest.how_over, rest.settled))
 
 G = 0.3
 
@@ -78,7 +80,7 @@ def columns(n, seed):
     """Random columns and states about their equilibrium: heights x1, x2 and velocities."""
     rng = np.random.default_rng(seed)
     kappa, mu, e1, e2 = random_cells(n, seed)
-    _, c1, c2 = dampings("pair", kappa, mu, e1, e2)
+    c1, c2 = dampings("kelvin-voigt", kappa, mu, e1, e2)
     for i in range(n):
         m, k = np.diag([1, mu[i]]), kappa[i]
         stiff, damp = (np.array([[a, -a], [-a, a + b]]) for a, b in ((1, k), (c1[i], c2[i])))
@@ -91,6 +93,11 @@ def kernel_state(y, kappa):
     """(p1, d1, q2, v2) of heights and velocities about equilibrium; the kernel's k1 is 1."""
     x1, x2, v1, v2 = y
     return x2 - x1 + G, v2 - v1, -x2 + G / kappa, v2
+
+
+def settled(mu, k, c1, c2, state):
+    """Whether a column, in units of m1 and k1, is taken for settled."""
+    return settled_chain(chain(state, mu, 1.0, k, c1, c2, G))
 
 
 def largest(mu, k, c1, c2, a, y):
@@ -109,14 +116,8 @@ def test_a_settled_column_never_lets_go_and_one_that_does_is_not_settled():
     for column, a, y in columns(60, 1):
         k = column[1]
         y = y / largest(*column, a, y)  # the largest force just unloads its contact
-        assert not settled(column[0], 1.0, *column[1:], G, *kernel_state(1.01 * y, k))
-        sharp.append(
-            max(
-                s
-                for s in (0.1, 0.3, 0.5, 0.7, 0.9)
-                if settled(column[0], 1.0, *column[1:], G, *kernel_state(s * y, k))
-            )
-        )
+        assert not settled(*column, kernel_state(1.01 * y, k))
+        sharp.append(max(s for s in (0.1, 0.3, 0.5, 0.7, 0.9) if settled(*column, kernel_state(s * y, k))))
     assert np.median(sharp) >= 0.7
 
 
@@ -124,9 +125,9 @@ def test_columns_that_ring_for_ever_are_stuck_at_once():
     # e2 = 1 on a soft table: of the slow motion next to nothing reaches the damped contact. Two million segments did
     # not end these, cells of the default grid at k1 = 1e6 and 1e5 N/m.
     for ratio, mass, e1, k1 in ((1e-3, 2.0, 0.5, 1e6), (10**-2.5, 2.0, 0.5, 1e6), (1e-2, 2.0, 0.5, 1e5)):
-        c = Collision(1.0, mass, k1, ratio * k1, e1, 1.0, -1.0)
+        c = Collision.two_balls(1.0, mass, k1, ratio * k1, e1, 1.0, -1.0)
         outcome = get_solver("kelvin-voigt").solve(c, Settings(scenario="drop"))
         assert (outcome.v1, outcome.v2) == (0, 0)
         assert outcome.diagnostics["n_steps"] < 1000
-        batch = kelvin_voigt_batch(ratio, mass, e1, 1.0, 9.81 / np.sqrt(k1 * (1 + 1 / mass)))
-        assert batch.end == "stuck"
+        batch = BATCHES["kelvin-voigt"](ratio, mass, e1, 1.0, 9.81 / np.sqrt(k1 * (1 + 1 / mass)))
+        assert end_of(batch) == "stuck"

@@ -5,7 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from impact_xval.model.chain.roots import first_root
+from impact_xval.model.chain import roots
+from tests.model.kernels import from_python
+
+first_root = from_python(roots.first_root)
 
 
 def all_roots(coefficients):
@@ -42,6 +45,13 @@ def test_a_close_pair_of_roots_is_not_stepped_over():
     for half_gap in (1e-2, 1e-4, 1e-6):
         assert call([a * a - half_gap**2, -2 * a, 1.0]) == pytest.approx(a - half_gap, abs=1e-9)
         assert call([a * a + half_gap**2, -2 * a, 1.0]) == np.inf
+
+
+@pytest.mark.parametrize("roots", [(0.25, 0.4), (-0.1, 0.125, 0.2), (-0.1, 0.5, 0.8)])
+def test_a_root_where_a_bracket_begins(roots):
+    """To rounding: the root of the parabola, and Newton's steps, then leave the bracket, next to other roots."""
+    coefficients = np.polynomial.polynomial.polyfromroots(roots)
+    assert call(coefficients * np.sign(coefficients[0])) == pytest.approx(roots[-2], abs=1e-14)
 
 
 def test_the_zero_a_segment_starts_from_is_not_found_again():

@@ -5,18 +5,24 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from impact_xval.model.chain import series
 from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
 from impact_xval.model.chain.power_law import new_workspace
-from impact_xval.model.chain.series import ORDER, evaluate, expand, expand_product, span
-from impact_xval.model.chain.state import new_chain
+from impact_xval.model.chain.series import ORDER
+from impact_xval.model.chain.state import begin, new_chain
 from impact_xval.model.pair.law import COMPRESSION, INACTIVE
+from tests.model.kernels import from_python
+
+begin, expand = from_python(begin), from_python(series.expand)
+expand_product, span = from_python(series.expand_product), from_python(series.span)
 
 
 def chain(state, mu, k1, k2, c1, c2, g=0.0, law=KELVIN_VOIGT):
     """Two balls on a table in a state (p1, d1, q2, v2), m1 = 1; a contact without a stiffness does not act."""
     stiffnesses = np.array([k1 or 1.0, k2 or 1.0])
     rates, dampings = np.array([1.0, 0.0]), np.array([c1, c2])
-    c = new_chain(np.array([1.0, mu]), stiffnesses, np.ones(2), dampings, rates, 1.0, law, False, g)
+    c = new_chain(2, 2, 1.0, law, False)
+    begin(c, np.array([1.0, mu]), stiffnesses, np.ones(2), dampings, rates, np.zeros(2), g)
     c.delta[:], c.w[:] = (state[0], state[2]), (state[1], -state[3])
     c.phase[:] = [COMPRESSION if k > 0 else INACTIVE for k in (k1, k2)]
     return c
@@ -26,9 +32,9 @@ def moved(c, h, x=1.0, degree=ORDER):
     """(p1, d1, q2, v2) at a part x of a time h, by the first terms of the series."""
     work = new_workspace(2)
     expand(c, 2, h, work)
-    w, delta = np.empty(2), np.empty(2)
-    evaluate(work.rates, degree, 2, x, w)
-    evaluate(work.deltas, degree, 2, x, delta)
+    w, delta = (
+        np.polynomial.polynomial.polyval(x, table[:, : degree + 1].T) for table in (work.rates, work.deltas)
+    )
     return np.array([delta[0], w[0], delta[1], -w[1]])
 
 

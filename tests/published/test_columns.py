@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from impact_xval.model import Column, solve_column, solve_columns
+from impact_xval.model import Collision
+from tests.model.columns import all_solved, solved
 
 LZB = "liu-zhao-brogliato"
 
@@ -14,11 +15,11 @@ LZB = "liu-zhao-brogliato"
 def chain(balls, e=1.0, struck=1):
     """Build a chain of unit masses and stiffnesses, struck by its first balls at unit speed."""
     rest = balls - struck
-    return Column((1,) * balls, (1,) * (balls - 1), (e,) * (balls - 1), (-1,) * struck + (0,) * rest)
+    return Collision((1,) * balls, (1,) * (balls - 1), (e,) * (balls - 1), (-1,) * struck + (0,) * rest)
 
 
 def stack(e):
-    return Column((1,) * 3, (1,) * 3, (e,) * 3, (-1,) * 3, table=True)
+    return Collision((1,) * 3, (1,) * 3, (e,) * 3, (-1,) * 3, table=True)
 
 
 #: Siconos 4.4.0, MultipleImpact of kind BiStiffness with MultipleImpactNSL: the law of Liu, Zhao and Brogliato.
@@ -36,18 +37,18 @@ SICONOS = [
 
 def test_siconos():
     for column, exponent, velocities, bears in SICONOS:
-        outcome = solve_column(column, law=LZB, exponent=exponent)
+        outcome = solved(column, law=LZB, exponent=exponent)
         assert outcome.velocities == pytest.approx(velocities, abs=bears, rel=0), (column, exponent)
 
 
 def test_where_no_compression_is_repeated_the_two_laws_are_one():
     for column, exponent, _, _ in SICONOS[:-1]:
-        here, there = (solve_column(column, law=law, exponent=exponent) for law in ("jia-mason-erdmann", LZB))
+        here, there = (solved(column, law=law, exponent=exponent) for law in ("jia-mason-erdmann", LZB))
         assert here.velocities == there.velocities
 
 
 def test_where_one_is_repeated_they_part():
-    here, there = solve_column(stack(0.9)), solve_column(stack(0.9), law=LZB)
+    here, there = solved(stack(0.9)), solved(stack(0.9), law=LZB)
     assert np.abs(np.subtract(here.velocities, there.velocities)).max() > 0.05
 
 
@@ -57,7 +58,7 @@ def test_elastic_hertz_chains_integrated_in_time():
         (3, (0.07095235, -0.07640304, -0.99454931)),
         (5, (0.07108502, 0.03027376, 0.01446363, -0.12704499, -0.98877742)),
     ):
-        outcome = solve_column(chain(balls), exponent=1.5)
+        outcome = solved(chain(balls), exponent=1.5)
         assert outcome.velocities == pytest.approx(velocities, abs=1e-8, rel=0)
 
 
@@ -73,28 +74,28 @@ def test_two_balls_on_a_table_by_siconos():
         ((3, 0.3, 0.9, 0.9), (0.850181, 0.396132), False),
     ):
         ratio, mass, e1, e2 = cell
-        column = Column((1, mass), (1, ratio), (e1, e2), (-1, 0), table=True)
-        ours = solve_column(column, law=LZB).velocities
+        column = Collision((1, mass), (1, ratio), (e1, e2), (-1, 0), table=True)
+        ours = solved(column, law=LZB).velocities
         assert ours == pytest.approx(velocities, abs=2e-5, rel=0), cell
-        own = np.abs(np.subtract(solve_column(column).velocities, velocities)).max()
+        own = np.abs(np.subtract(solved(column).velocities, velocities)).max()
         assert (own < 2e-5) == as_the_model, cell
 
 
 def test_alciatore_three_touching_billiard_balls():
     """Technical proof B.29: -0.071, 0.076, 0.995 per the striker's speed, to the digits printed."""
-    outcome = solve_column(chain(3), exponent=1.5)
+    outcome = solved(chain(3), exponent=1.5)
     assert -np.array(outcome.velocities) == pytest.approx((-0.071, 0.076, 0.995), abs=6e-4)
 
 
 def test_two_hertz_balls_that_strike_three():
     """The first two of the far side leave with 1.14 and 0.80, to the digits printed."""
-    outcome = solve_column(chain(5, struck=2), exponent=1.5)
+    outcome = solved(chain(5, struck=2), exponent=1.5)
     assert -np.array(outcome.velocities[:2:-1]) == pytest.approx((1.14, 0.80), abs=1e-2)
 
 
 def test_siconos_tutorials_ten_hertz_balls():
     """MonodisperseChainOfBalls.ref of siconos-tutorials, commit b6c9bfd: good to 5e-4."""
-    outcome = solve_column(chain(10), exponent=1.5)
+    outcome = solved(chain(10), exponent=1.5)
     ends = (outcome.velocities[0], -outcome.velocities[-1])
     assert ends == pytest.approx((0.0710593, 0.9859561), abs=5e-4, rel=0)
 
@@ -113,8 +114,8 @@ def test_siconos_tutorials_ten_beads_on_a_wall():
         1.280967,
         1.568832,
     )
-    column = Column((1,) * 10, (1,) * 9 + (2**0.5,), (1,) * 10, (-1,) * 10, table=True)
-    outcome = solve_column(column, law=LZB, exponent=1.5)
+    column = Collision((1,) * 10, (1,) * 9 + (2**0.5,), (1,) * 10, (-1,) * 10, table=True)
+    outcome = solved(column, law=LZB, exponent=1.5)
     assert outcome.velocities[::-1] == pytest.approx(printed, abs=1.5e-3, rel=0)
 
 
@@ -124,8 +125,8 @@ def test_a_hundred_random_columns_by_siconos():
     names = ("masses", "stiffnesses", "restitutions", "velocities", "table")
     for exponent, bears in ((1.0, 1e-4), (1.5, 5e-4)):
         rows = [row for row in data["columns"] if row["exponent"] == exponent]
-        outcomes = solve_columns(
-            (Column(*(row[name] for name in names)) for row in rows), law=LZB, exponent=exponent
+        outcomes = all_solved(
+            (Collision(*(row[name] for name in names)) for row in rows), law=LZB, exponent=exponent
         )
         for row, outcome in zip(rows, outcomes, strict=True):
             difference = np.abs(np.subtract(outcome.velocities, row["result"])).max()

@@ -16,9 +16,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from impact_xval.compliant_baselines import marks, references
 from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, law_of
-from impact_xval.compliant_baselines.references.columns import solving
-from impact_xval.compliant_baselines.references.columns.rounding import mark_columns
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures import corners
@@ -43,8 +42,7 @@ from impact_xval.experiments.measures.ladder_table import (
     shared_columns,
 )
 from impact_xval.experiments.tables.schema import LINE_COLUMNS
-from impact_xval.model.collision import RESULT_STATUSES
-from impact_xval.model.columns.column import Column, ColumnOutcome
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Collisions, Outcome
 from impact_xval.model.inputs import GRAZING_THRESHOLD
 
 _PARAMETERS = ("cell", "arrangement", *COLUMN_LEGAL, "solver")
@@ -172,16 +170,15 @@ def column_corners(
     return Corners(velocities, np.array(reasons, dtype="U80")), marks
 
 
-def _solved(arranged: Arranged, laws: Sequence[str]) -> Iterator[tuple[Index, ColumnOutcome]]:
+def _solved(arranged: Arranged, laws: Sequence[str]) -> Iterator[tuple[Index, Outcome]]:
     """Solve the corners of a column one by one, but for the model."""
-    column, exponent = arranged.column(), arranged.exponent
+    column, weightless = Collisions.of([arranged.column()]), np.zeros(1)
     for positions, law in product((FREE, FROZEN), range(len(laws))):
         index = positions, law, WEIGHTLESS
         if index != MODEL:
-            frozen = positions == FROZEN
-            asked = {"exponent": exponent, "frozen": frozen, "max_steps": _MAX_STEPS}
-            outcome = solving.solve_column(column, laws[law], **asked)
-            yield index, mark_columns([outcome], [column], laws[law], **asked)[0]
+            solve = references.law_at(laws[law], frozen=positions == FROZEN, max_steps=_MAX_STEPS)
+            found = solve(column, weightless)
+            yield index, found.with_marks(marks.marks_of(solve, laws[law], column, found, weightless))[0]
 
 
 def _arranged(row: dict[str, Any]) -> Arranged:
@@ -190,7 +187,7 @@ def _arranged(row: dict[str, Any]) -> Arranged:
     return Arranged.model_validate({name: facts[name] for name in Arranged.model_fields})
 
 
-def _weights(column: Column) -> list[float]:
+def _weights(column: Collision) -> list[float]:
     """Masses over that of the balls that move at first."""
     moving = [m / column.masses[0] for m, v in zip(column.masses, column.velocities, strict=True) if v]
     return [m / column.masses[0] / sum(moving) for m in column.masses]

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
 from impact_xval.compliant_baselines.contract.solver import MappingName
 from impact_xval.experiments.config.configuration import REFERENCE
-from impact_xval.model.collision import RESULT_STATUSES
-from impact_xval.model.columns.column import Column, ColumnOutcome
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 from impact_xval.model.kinetic import column_norm
 
 
@@ -38,14 +37,14 @@ class ColumnMeasures:
 
 
 def measures_of(
-    column: Column, outcomes: Mapping[str, ColumnOutcome], mapping: MappingName = "calibrated"
+    column: Collision, outcomes: Mapping[str, Outcome], mapping: MappingName = "calibrated"
 ) -> dict[str, ColumnMeasures]:
     """Measure the outcomes of a column by several solvers; nothing of those without a result.
 
     Parameters
     ----------
-    column : Column
-    outcomes : mapping of str to ColumnOutcome
+    column : Collision
+    outcomes : mapping of str to Outcome
         By solver.
     mapping : str
         That engines were given.
@@ -79,13 +78,13 @@ def largest_difference(some: Sequence[float], others: Sequence[float]) -> float:
     return max(abs(a - b) for a, b in zip(some, others, strict=True))
 
 
-def column_divergence(column: Column, model: Sequence[float], other: Sequence[float]) -> float:
+def column_divergence(column: Collision, model: Sequence[float], other: Sequence[float]) -> float:
     """D of N balls: the kinetic norm of the difference of final velocities in m/s over that of the first ones."""
     differences = [b - a for a, b in zip(model, other, strict=True)]
     return column_norm(column.masses, differences) / column_norm(column.masses, column.velocities)
 
 
-def _limit(outcome: ColumnOutcome) -> list[float] | None:
+def _limit(outcome: Outcome) -> list[float] | None:
     """Velocities in the limit dt -> 0, in m/s; None from a solver that states none."""
     names = [f"v{i}_limit" for i in range(1, 1 + len(outcome.velocities))]
     stated = [outcome.diagnostics[name] for name in names if name in outcome.diagnostics]

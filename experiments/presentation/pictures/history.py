@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Collision, ImpulseCurve
+from impact_xval.model.collision import Collision, Path
 
 Floats = NDArray[np.float64]
 
@@ -96,13 +96,13 @@ def passed_at(time: Floats, impulses: Floats) -> float:
     return float(time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
 
 
-def history_of(collision: Collision, path: ImpulseCurve, gravity: float = 0.0) -> History | None:
+def history_of(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
     """Make a history of a path.
 
     Parameters
     ----------
     collision : Collision
-    path : ImpulseCurve
+    path : Path
         In the units of the collision.
     gravity : float
         In m/s^2: with it B2 begins in static equilibrium on its support.

@@ -16,7 +16,8 @@ from impact_xval.experiments.presentation.curve_figures import compression_lines
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing, save_as
-from impact_xval.model.collision import RESULT_STATUSES, Collision, ImpulseCurve, Outcome
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.collision import Path as Way
 
 #: What is written, by the suffix of the file.
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -46,7 +47,7 @@ def drawn_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[s
     return found
 
 
-def _scaled(collision: Collision, path: ImpulseCurve) -> Drawn:
+def _scaled(collision: Collision, path: Way) -> Drawn:
     unit = collision.units
     impulses = path.impulse1 / unit.impulse, path.impulse2 / unit.impulse
     return Drawn(*impulses, path.v1 / unit.velocity, path.v2 / unit.velocity)

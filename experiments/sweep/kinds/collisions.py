@@ -41,7 +41,7 @@ class Collisions(Kind):
 
     def failure(self, name: str, cell: GridCell, status: Status, reason: str) -> Outcome:
         """Record that a solver gave no result, and why."""
-        return Outcome.failure(name, status, reason)
+        return Outcome.failure(name, cell.collision, status, reason)
 
     def facts(
         self, config: Config, name: str, cell: GridCell, model: Outcome, outcome: Outcome

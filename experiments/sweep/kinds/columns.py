@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
-from itertools import groupby
 from typing import Any
 
 import pyarrow as pa
@@ -20,14 +19,13 @@ from impact_xval.experiments.measures.columns.measuring import exact_for, larges
 from impact_xval.experiments.sweep.kernels import Kernels, column_kernels_of
 from impact_xval.experiments.sweep.kinds.kind import Kind, marked, scaled_diagnostics, settings_of, whole
 from impact_xval.experiments.tables.schema import LINE_MEASURES, LINES
-from impact_xval.model.collision import RESULT_STATUSES, Status
-from impact_xval.model.columns.column import ColumnOutcome
+from impact_xval.model.collision import RESULT_STATUSES, Outcome, Status
 
 _STATED = ("limit_error", "order", "finest_step", "velocity_error")
 
 
 class Lines(Kind):
-    """Cells are `ColumnCell`, outcomes `ColumnOutcome`."""
+    """Cells are `ColumnCell`, outcomes `Outcome`."""
 
     layout, ladders = LINES, LINE_LADDERS
     bounded = (*LINE_MEASURES, *_STATED, "velocities_limit")
@@ -42,21 +40,17 @@ class Lines(Kind):
 
     def answer(
         self, solver: Solver, cells: Sequence[ColumnCell], config: Config, *, path: bool = False
-    ) -> list[ColumnOutcome]:
-        """Answer every column by a solver, in order, whatever it does; columns of one exponent at once."""
+    ) -> list[Outcome]:
+        """Answer every column by a solver, in order, whatever it does."""
         settings = dataclasses.replace(settings_of(config), record_path=path)
-        return [
-            outcome
-            for p, some in groupby(cells, key=lambda cell: cell.arranged.exponent)
-            for outcome in answer_columns(solver, [cell.column for cell in some], settings, p)
-        ]
+        return answer_columns(solver, [cell.column for cell in cells], settings)
 
-    def failure(self, name: str, cell: ColumnCell, status: Status, reason: str) -> ColumnOutcome:
+    def failure(self, name: str, cell: ColumnCell, status: Status, reason: str) -> Outcome:
         """Record that a solver gave no result, and why."""
-        return ColumnOutcome.failure(name, cell.column, status, reason)
+        return Outcome.failure(name, cell.column, status, reason)
 
     def facts(
-        self, config: Config, name: str, cell: ColumnCell, model: ColumnOutcome, outcome: ColumnOutcome
+        self, config: Config, name: str, cell: ColumnCell, model: Outcome, outcome: Outcome
     ) -> dict[str, Any]:
         """Give what a row holds without being measured."""
         arranged = cell.arranged
@@ -86,7 +80,7 @@ class Lines(Kind):
         }
 
     def measured(
-        self, config: Config, name: str, cell: ColumnCell, model: ColumnOutcome, outcome: ColumnOutcome
+        self, config: Config, name: str, cell: ColumnCell, model: Outcome, outcome: Outcome
     ) -> dict[str, Any]:
         """Give what else it holds: the divergence from the model, and the outcome."""
         row: dict[str, Any] = {}

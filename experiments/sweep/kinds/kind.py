@@ -16,7 +16,6 @@ from impact_xval.experiments.measures.ladder_table import Ladders
 from impact_xval.experiments.sweep.kernels import Kernels
 from impact_xval.experiments.tables.schema import Layout
 from impact_xval.model.collision import Outcome, Status
-from impact_xval.model.columns.column import ColumnOutcome
 
 #: Diagnostics in m/s; tables and JSON state them per abs(v0).
 _VELOCITY = re.compile(r"v\d+_limit|limit_error|velocity_error|regularisation|rest_speed")
@@ -113,7 +112,7 @@ def settings_of(config: Config) -> Settings:
     )
 
 
-def scaled_diagnostics(outcome: Outcome | ColumnOutcome, speed: float) -> dict[str, float]:
+def scaled_diagnostics(outcome: Outcome | Outcome, speed: float) -> dict[str, float]:
     """Return the diagnostics of an outcome with velocities per a speed in m/s; the others as they are, times in s."""
     return {
         name: value / speed if _VELOCITY.fullmatch(name) and value is not None else value
@@ -121,7 +120,7 @@ def scaled_diagnostics(outcome: Outcome | ColumnOutcome, speed: float) -> dict[s
     }
 
 
-def marked(model: Outcome | ColumnOutcome, outcome: Outcome | ColumnOutcome) -> str | None:
+def marked(model: Outcome | Outcome, outcome: Outcome | Outcome) -> str | None:
     """Say what a comparison of an outcome with the model's lies beside: a jump of either, or a cut-off."""
     both = (model, outcome) if outcome is not model else (model,)
     return "; ".join(f"{each.solver}: {each.marked}" for each in both if each.marked) or None

@@ -91,7 +91,7 @@ def test_restitution_outside_its_range_is_refused(function):
 
 
 def test_contacts_of_a_collision():
-    one, two = contacts(Collision(m1=2.0, m2=3.0, k1=5.0, k2=7.0, e1=0.6, e2=1.0))
+    one, two = contacts(Collision.two_balls(m1=2.0, m2=3.0, k1=5.0, k2=7.0, e1=0.6, e2=1.0))
     assert (one.mass, two.mass) == (pytest.approx(1.2), 3.0)
     assert (one.k, two.k, two.c) == (5.0, 7.0, 0.0)
     assert one.c == pytest.approx(2 * damping_ratio(0.6) * math.sqrt(5 * 1.2))

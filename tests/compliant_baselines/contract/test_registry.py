@@ -13,7 +13,7 @@ from impact_xval.compliant_baselines.contract.conformance import conform
 from impact_xval.compliant_baselines.contract.registry import origins
 from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.references.solver import ReferenceSolver
+from impact_xval.compliant_baselines.references import ReferenceSolver
 from impact_xval.experiments.commands.cli import main
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.third_party import GOOD, install
@@ -50,7 +50,7 @@ def test_solvers_are_told_of_without_importing_them_and_made_without_importing_e
     assert done.stdout.split() == ["[]", "[]"]
 
 
-CELL = Collision(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.9, e2=0.7)
+CELL = Collision.two_balls(m1=1.0, m2=1.0, k1=1e6, k2=1e6, e1=0.9, e2=0.7)
 RATIOS = ["--stiffness-ratio", "1", "--mass-ratio", "1", "--e1", "0.9", "--e2", "0.7"]
 
 
@@ -75,7 +75,7 @@ def test_an_installed_solver_is_found_used_and_conforms(site, capsys):
     exact = get_solver("kelvin-voigt").solve(CELL)
     assert tiny.solve(CELL, Settings(step_fraction=1e-4)).v1 == pytest.approx(exact.v1, abs=1e-3)
     with pytest.raises(SolverError, match="tiny: unrepresentable: e1 = 0"):
-        tiny.solve(Collision(1.0, 1.0, 1.0, 1.0, 0.0, 0.5))
+        tiny.solve(Collision.two_balls(1.0, 1.0, 1.0, 1.0, 0.0, 0.5))
     assert [(check.__name__, problem) for check, problem in conform(tiny.solver) if problem] == []
     assert main(["solve", *RATIOS, "--solver", "tiny", "--solver", "kelvin-voigt", "--json"]) == 0
     ours, exact, _ = json.loads(capsys.readouterr().out)  # and the model

@@ -83,14 +83,16 @@ def test_the_time_is_a_share_of_the_period_the_step_is_a_share_of():
         (1, math.inf, 0),
         (math.inf, 1, 0),
     ):
-        assert shorter_period(Collision(1.0, 3.0, k1, k2, 0.5, 0.5)) == pytest.approx(period, rel=1e-15)
+        assert shorter_period(Collision.two_balls(1.0, 3.0, k1, k2, 0.5, 0.5)) == pytest.approx(
+            period, rel=1e-15
+        )
 
 
 def collisions(n, seed, k1=1e8):
     rng = np.random.default_rng(seed)
     ratio, mass, e = 10 ** rng.uniform(-3, 3, n), 10 ** rng.uniform(-1, 1, n), rng.uniform(0.05, 1, (2, n))
     cells = np.transpose([mass, k1 * ratio, *e]).tolist()
-    return [Collision(1.0, m2, k1, k2, e1, e2, v0=-2.0) for m2, k2, e1, e2 in cells]
+    return [Collision.two_balls(1.0, m2, k1, k2, e1, e2, v0=-2.0) for m2, k2, e1, e2 in cells]
 
 
 def compared(outcome, collision, share=SHARE):
@@ -98,7 +100,7 @@ def compared(outcome, collision, share=SHARE):
 
 
 def test_exact_solvers_keep_their_states_and_are_compared_without_the_short_ones():
-    plastic_and_elastic = [Collision(1.0, 2.0, 1e8, 1e8, *e) for e in ((0, 0.5), (0.5, 0), (1, 1))]
+    plastic_and_elastic = [Collision.two_balls(1.0, 2.0, 1e8, 1e8, *e) for e in ((0, 0.5), (0.5, 0), (1, 1))]
     cells = collisions(60, seed=3) + plastic_and_elastic
     for name in EXACT:
         outcomes = get_solver(name).solve_many(cells, Settings(record_path=True))
@@ -123,7 +125,7 @@ def test_the_states_of_an_engine_are_those_it_is_compared_by(engine):
 
 def test_the_states_of_an_engine_do_not_depend_on_its_step():
     """S2 lasts for 5e-4 of a period: five steps of the shortest of these, and none of the longest."""
-    c = Collision(1.0, 0.5, 1e8, 1e8 * 10**1.5, 0.9, 0.5)
+    c = Collision.two_balls(1.0, 0.5, 1e8, 1e8 * 10**1.5, 0.9, 0.5)
     exact = get_solver("kelvin-voigt").solve(c, Settings(record_path=True))
     assert exact.states == ("S1", "S2", "S4")
     for fraction in (1e-3, 5e-4, 2.5e-4, 1e-4):

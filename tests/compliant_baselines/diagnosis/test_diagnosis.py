@@ -179,7 +179,7 @@ def test_a_trap_of_many_contacts_is_told_once_and_static_ones_not_at_all():
 
 
 def test_our_own_scenes_have_none():
-    c = Collision(m1=1.0, m2=0.5, k1=1e8, k2=1e5, e1=0.5, e2=1.0)
+    c = Collision.two_balls(m1=1.0, m2=0.5, k1=1e8, k2=1e5, e1=0.5, e2=1.0)
     for scenario in ("impact", "drop"):
         assert column_findings(column_of(c, Settings(scenario=scenario))) == []
     naive = traps(column_findings(column_of(c, Settings(mapping="naive"))))

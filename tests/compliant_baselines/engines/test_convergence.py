@@ -24,7 +24,7 @@ FRACTIONS = np.array([0.01, 0.005, 0.0025, 0.00125])
 
 
 def collision(ratio, e1, e2, k1=1e8):
-    return Collision(m1=1.0, m2=2 / 3**0.5, k1=k1, k2=k1 * ratio, e1=e1, e2=e2)
+    return Collision.two_balls(m1=1.0, m2=2 / 3**0.5, k1=k1, k2=k1 * ratio, e1=e1, e2=e2)
 
 
 def reference(c, **options):
@@ -94,7 +94,7 @@ def test_drop_follows_kelvin_voigt_with_gravity(engine, ratio):
 
 def test_b2_stays_settled_until_it_is_hit(engine):
     for ratio in (0.01, 1.0, 100.0):
-        c = Collision(m1=1.0, m2=1.5, k1=1e6, k2=1e6 * ratio, e1=1.0, e2=1.0)
+        c = Collision.two_balls(m1=1.0, m2=1.5, k1=1e6, k2=1e6 * ratio, e1=1.0, e2=1.0)
         column = column_of(c, Settings(scenario="drop"))
         column = replace(column, x1=2000 * abs(c.v0) * column.step, v1=c.v0)
         (run,) = engine.run_columns([column], max_steps=1000, record_path=True)
@@ -107,7 +107,7 @@ def test_b2_stays_settled_until_it_is_hit(engine):
 
 
 def test_b2_at_rest_on_the_table_is_reported_at_rest(engine):
-    c = Collision(m1=1.0, m2=2.0, k1=1e6, k2=1e9, e1=0.5, e2=0.5)
+    c = Collision.two_balls(m1=1.0, m2=2.0, k1=1e6, k2=1e9, e1=0.5, e2=0.5)
     o = engine.solve(c, Settings(scenario="drop"))
     assert o.v2 == 0
     assert abs(o.diagnostics["rest_speed"]) <= 9.81 / (c.k2 / c.m2) ** 0.5
@@ -121,7 +121,7 @@ def test_b2_at_rest_on_the_table_is_reported_at_rest(engine):
 
 
 def test_balls_that_never_part_end_at_rest(engine):
-    c = Collision(m1=1.0, m2=1.0, k1=10.0, k2=10.0, e1=0.3, e2=0.3)
+    c = Collision.two_balls(m1=1.0, m2=1.0, k1=10.0, k2=10.0, e1=0.3, e2=0.3)
     o = engine.solve(c, Settings(scenario="drop"))
     assert (o.v1, o.v2) == (0, 0)
     # between them the contacts carried the balls' weight and took B1's momentum

@@ -11,14 +11,14 @@ import pytest
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
 from impact_xval.compliant_baselines.contact.line import line_of
 from impact_xval.compliant_baselines.contract.solver import Convergence
-from impact_xval.model import Collision, Column
+from impact_xval.model import Collision
 
 needs_drake = pytest.mark.skipif(importlib.util.find_spec("pydrake") is None, reason="Drake is not installed")
 MU = 2 / 3**0.5
 ELASTIC = [1.0, 40.0, 1 / 40]
 CELLS = [(1.0, 0.9, 0.7), (40.0, 0.9, 0.7), (1 / 40, 0.9, 0.7)]
 
-CHAIN = Column((1, 2, 1, 0.5), (1e4, 3e4, 1e4), (0.9, 0.8, 0.95), (-1, 0, 0, 0))
+CHAIN = Collision((1, 2, 1, 0.5), (1e4, 3e4, 1e4), (0.9, 0.8, 0.95), (-1, 0, 0, 0))
 DROP = replace(
     CHAIN, stiffnesses=(1e4, 3e4, 1e4, 2e4), restitutions=(0.9, 0.8, 0.95, 0.7), gaps=(), table=True
 )
@@ -26,7 +26,9 @@ LAWS = {"drake": "kelvin-voigt", "drake-hunt-crossley": "hunt-crossley"}
 
 
 def collision(ratio, e1=1.0, e2=1.0, k1=1e6, **other):
-    return Collision(**({"m1": 1.0, "m2": MU, "k1": k1, "k2": k1 * ratio, "e1": e1, "e2": e2} | other))
+    return Collision.two_balls(
+        **({"m1": 1.0, "m2": MU, "k1": k1, "k2": k1 * ratio, "e1": e1, "e2": e2} | other)
+    )
 
 
 def gap(a, b, v0=-1.0):
@@ -140,7 +142,7 @@ def test_a_step_too_short_is_refused_and_not_run():
     assert "impulses below 1e-06 of the momentum" in run.problem()
     assert get_solver("drake-hunt-crossley").line_refusal(line) is None
     # impulses are neglected beside the momentum of all bodies, not of those that meet
-    drifting = line_of(Column((1, 1), (1e4,), (1,), (-1001, -1000)), Settings())
+    drifting = line_of(Collision((1, 1), (1e4,), (1,), (-1001, -1000)), Settings())
     assert "impulses below 1e-06" in get_solver("drake").line_refusal(drifting)
     assert get_solver("drake").line_refusal(replace(drifting, velocities=(-1.0, 0.0))) is None
 

@@ -19,11 +19,13 @@ COARSE = Settings(step_fraction=5e-3)
 def random_collisions(n, seed, k1=1e8):
     draw = np.random.default_rng(seed).uniform
     cells = [(10 ** draw(-0.5, 0.5), 10 ** draw(-2, 2), draw(0.3, 1), draw(0.3, 1)) for _ in range(n)]
-    return [Collision(1.0, m2, k1, k1 * ratio, e1, e2) for m2, ratio, e1, e2 in cells]
+    return [Collision.two_balls(1.0, m2, k1, k1 * ratio, e1, e2) for m2, ratio, e1, e2 in cells]
 
 
 def cell(**changes):
-    return Collision(**({"m1": 1.0, "m2": 1.0, "k1": 1e8, "k2": 1e8, "e1": 0.5, "e2": 0.5} | changes))
+    return Collision.two_balls(
+        **({"m1": 1.0, "m2": 1.0, "k1": 1e8, "k2": 1e8, "e1": 0.5, "e2": 0.5} | changes)
+    )
 
 
 def test_theorem_5_when_the_step_scales_along(engine):
@@ -31,7 +33,9 @@ def test_theorem_5_when_the_step_scales_along(engine):
     for k1, what, factor in product((1.0, 1e8), "kmv", factors):
         k, m, v = (factor if what == scaled else 1.0 for scaled in "kmv")
         cells = random_collisions(6, seed=5, k1=k1)
-        scaled = [Collision(c.m1 * m, c.m2 * m, c.k1 * k, c.k2 * k, c.e1, c.e2, c.v0 * v) for c in cells]
+        scaled = [
+            Collision.two_balls(c.m1 * m, c.m2 * m, c.k1 * k, c.k2 * k, c.e1, c.e2, c.v0 * v) for c in cells
+        ]
         both = (engine.solve_many(some, COARSE) for some in (cells, scaled))
         for a, b in zip(*both, strict=True):
             assert (a.status, b.status) == ("ok", "ok"), (k1, what, factor)
@@ -149,7 +153,7 @@ def test_pybullet_is_imported_without_a_word():
 
 @pytest.mark.parametrize("scenario", ["impact", "drop"])
 def test_a_path_ends_in_the_outcome_and_has_its_states(engine, scenario):
-    c = Collision(m1=1.0, m2=2 / 3**0.5, k1=1e8, k2=2.5e6, e1=0.9, e2=0.7)
+    c = Collision.two_balls(m1=1.0, m2=2 / 3**0.5, k1=1e8, k2=2.5e6, e1=0.9, e2=0.7)
     settings = Settings(scenario=scenario, record_path=True)
     o = engine.solve(c, settings)
     path = o.path

@@ -2,18 +2,17 @@
 
 import math
 import re
+from functools import partial
 
 import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, contacts
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
 from impact_xval.compliant_baselines.engines.convergence import limit_of
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
-from impact_xval.compliant_baselines.references.jumps import jumps
-from impact_xval.compliant_baselines.references.kelvin_voigt import kelvin_voigt_batch
-from impact_xval.model.collision import Collision
+from impact_xval.compliant_baselines.marks import jumps
+from impact_xval.model.collision import Collision, Collisions
 from tests.compliant_baselines.reference import kelvin_voigt
 
 H = 2.0 ** -np.arange(3)
@@ -88,7 +87,7 @@ CELLS = [
 
 def test_estimates_are_honest(engine):
     """Against Kelvin-Voigt, and the step part alone against the engine's own limit: MuJoCo's is regularised."""
-    collisions = [Collision(1.0, mass, 1e8, 1e8 * ratio, e1, e2) for ratio, mass, e1, e2 in CELLS]
+    collisions = [Collision.two_balls(1.0, mass, 1e8, 1e8 * ratio, e1, e2) for ratio, mass, e1, e2 in CELLS]
     outcomes = engine.solve_many(collisions, Settings(convergence=Convergence()))
     impedance = MUJOCO_IMPEDANCE if engine.name == "mujoco" else 0.0
     for c, outcome in zip(collisions, outcomes, strict=True):
@@ -110,7 +109,7 @@ def test_estimates_are_honest(engine):
 
 
 def test_a_limit_is_that_of_the_same_steps_asked_for_one_by_one_and_changes_no_outcome(engine):
-    c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e8, e1=0.8, e2=0.6)
+    c = Collision.two_balls(m1=1.0, m2=1.5, k1=1e8, k2=1e8, e1=0.8, e2=0.6)
     h = 1e-3
     before, last = (engine.solve(c, Settings(step_fraction=fraction)) for fraction in (2 * h, h))
     followed = engine.solve(c, Settings(step_fraction=h, convergence=Convergence()))
@@ -125,7 +124,7 @@ def test_a_limit_is_that_of_the_same_steps_asked_for_one_by_one_and_changes_no_o
 
 
 def test_what_is_not_known_to_the_tolerance_is_unconverged_and_keeps_its_numbers(engine):
-    c = Collision(m1=1.0, m2=1.5, k1=1e8, k2=1e7, e1=0.8, e2=0.6)
+    c = Collision.two_balls(m1=1.0, m2=1.5, k1=1e8, k2=1e7, e1=0.8, e2=0.6)
     settings = Settings(step_fraction=1e-3, convergence=Convergence(tolerance=1e-7, halvings=3))
     (outcome,) = engine.solve_many([c], settings)
     assert outcome.status == "unconverged"
@@ -140,7 +139,7 @@ def test_what_is_not_known_to_the_tolerance_is_unconverged_and_keeps_its_numbers
 
 def test_halving_stops_where_the_tolerance_is_met():
     pytest.importorskip("pybullet")
-    c, engine = Collision(m1=1.0, m2=0.5, k1=1e8, k2=1e6, e1=0.7, e2=0.5), get_solver("pybullet")
+    c, engine = Collision.two_balls(m1=1.0, m2=0.5, k1=1e8, k2=1e6, e1=0.7, e2=0.5), get_solver("pybullet")
     both = (Settings(step_fraction=4e-3, convergence=Convergence(t, 6)) for t in (0.05, 1e-3))
     loose, tight = (engine.solve(c, settings) for settings in both)
     assert loose.diagnostics["finest_step"] == loose.diagnostics["step"]
@@ -155,7 +154,7 @@ PARTING = [(0.108279, 0.523806, 0.627179, 0.902340), (1.177487, 1.213507, 0.9103
 
 
 def falling(kappa, mu, e1, e2, k1=1e8):
-    return Collision(1.0, mu, k1, k1 * kappa, e1, e2, -1.0)
+    return Collision.two_balls(1.0, mu, k1, k1 * kappa, e1, e2, -1.0)
 
 
 def default_box(n, seed):
@@ -190,7 +189,7 @@ def test_a_flight_of_any_length_ends_alike():
     kappa = PARTING[0][0] * (1 + np.linspace(-2e-3, 2e-3, 401))
     mu, e1, e2 = PARTING[0][1:]
     number = 9.81 / np.sqrt(1e8 * (1 + 1 / mu))
-    batch = kelvin_voigt_batch(kappa, mu, e1, e2, number)
+    batch = references.solve_batch("kelvin-voigt", kappa, mu, e1, e2, number)
     assert len(np.unique(batch.n_states)) > 1  # they meet again in some only
     assert np.abs(np.diff([batch.v1, batch.v2])).max() < 1e-4
 
@@ -199,15 +198,37 @@ def test_no_unmarked_cell_of_the_default_box_jumps():
     cells = default_box(4000, 11)
     number = 9.81 / np.sqrt(1e8 * (1 + 1 / cells[1]))
     rng = np.random.default_rng(12)
-    for batch in (kelvin_voigt_batch, bistiffness_batch):
-        marked = jumps(batch, *cells, number)[0] > 1
+    collisions, gravity = Collisions.from_ratios(*cells), number * np.sqrt(1 + 1 / cells[1])
+    for name in ("kelvin-voigt", "bistiffness"):
+        batch, law = partial(references.solve_batch, name), references.law_at(name)
+        base = law(collisions, gravity)
+        marked = jumps(law, collisions, base, gravity)[0] > 1
         assert np.mean(marked) < 5e-3
-        base = batch(*cells, number)
         for _ in range(3):  # in stiffnesses, by other amounts than those that are tried
             a, b = 1 + 1e-3 * rng.uniform(-1, 1, (2, 4000))
             other = batch(cells[0] * a, *cells[1:], number * b)
             away = np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2))
             assert np.max(away[~marked]) < 0.02
+
+
+@pytest.mark.parametrize("name", ["kelvin-voigt", "bistiffness"])
+@pytest.mark.parametrize("g", [0, 9.81])
+def test_trying_every_cell_finds_no_other_jump(name, g):
+    rng = np.random.default_rng(13)
+    kappa, mu = 10 ** rng.uniform((-3, -1), (3, 1), (1500, 2)).T
+    collisions, law = (
+        Collisions.from_ratios(kappa, mu, *rng.uniform(0.1, 1, (2, 1500))),
+        references.law_at(name),
+    )
+    gravity = np.full(1500, g / 1e4)  # of k1 = 1e8 N/m
+    exact = law(collisions, gravity)
+    found, which = jumps(law, collisions, exact, gravity)
+    excess, true = jumps(law, collisions, exact, gravity, everywhere=True)
+    marked = excess > 1
+    assert marked.any()
+    np.testing.assert_array_equal(found > 1, marked)
+    np.testing.assert_array_equal(found[marked], excess[marked])
+    np.testing.assert_array_equal(which[marked], true[marked])
 
 
 #: B1 comes down on B2 again, or B2 is at rest just before: the exact law leaves B1 at 0.0004 or near 0.95.

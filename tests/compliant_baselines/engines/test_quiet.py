@@ -23,7 +23,7 @@ def columns(scenario, k1, step_fraction, n, seed):
     rng, settings = np.random.default_rng(seed), Settings(scenario=scenario, step_fraction=step_fraction)
     masses, ratios = 10 ** rng.uniform(-0.5, 0.5, n), 10 ** rng.uniform(-2, 2, n)
     cells = zip(masses, k1 * ratios, *rng.choice([0.2, 0.5, 0.8, 1.0], (2, n)), strict=True)
-    return [column_of(Collision(1.0, m2, k1, k2, e1, e2), settings) for m2, k2, e1, e2 in cells]
+    return [column_of(Collision.two_balls(1.0, m2, k1, k2, e1, e2), settings) for m2, k2, e1, e2 in cells]
 
 
 def runs(some, record_path, monkeypatch, least):

@@ -8,21 +8,20 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.compliant_baselines.references.columns.rounding import MOVED, changed, mark_columns
-from impact_xval.compliant_baselines.references.columns.solving import LAWS, coefficients_of, solve_column
-from impact_xval.model import Column
-from impact_xval.model import solve_column as solve_by_the_model
+from impact_xval.compliant_baselines.marks import MOVED, changed
+from impact_xval.compliant_baselines.references import LAWS
+from impact_xval.model import Collision, Collisions, solve
 from tests.compliant_baselines.column_in_time import integrate
-from tests.compliant_baselines.reference_cells import BATCHES, DAMPING
+from tests.compliant_baselines.reference_cells import coefficients_of, in_time
 from tests.model.test_columns import random_column
 
-NAMES = {(1, 2): "S1", (2,): "S2", (1,): "S3", (): "S4"}
+COLUMN_LAWS = [law for law in LAWS if law != "kelvin-voigt-anchored"]
 
 
 def cradle(balls, struck, gap=0.0, e=1.0):
     velocities = [-1.0] * struck + [0.0] * (balls - struck)
     contacts = balls - 1
-    return Column((1,) * balls, (1,) * contacts, (e,) * contacts, velocities, gaps=(gap,) * contacts)
+    return Collision((1,) * balls, (1,) * contacts, (e,) * contacts, velocities, gaps=(gap,) * contacts)
 
 
 def with_gaps(rng, column):
@@ -30,34 +29,16 @@ def with_gaps(rng, column):
     return replace(column, gaps=tuple(10 ** rng.uniform(-4, 0, contacts) * rng.integers(2, size=contacts)))
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_two_balls_on_a_table_are_the_two_ball_references(law):
-    rng, count = np.random.default_rng(1), 60 if law == "hunt-crossley" else 200
-    cells = (*10 ** rng.uniform((-2, -1), (2, 1), (count, 2)).T, *rng.uniform(0.05, 1, (2, count)))
-    batch = BATCHES[law](*cells)
-    frozen = BATCHES[law](*cells, frozen=True) if law in DAMPING else None
-    for i, (k, m, e1, e2) in enumerate(zip(*cells, strict=True)):
-        # In SI units of no particular size.
-        column = Column((0.3, 0.3 * m), (2e4, 2e4 * k), (e1, e2), (-2.5, 0), table=True)
-        outcome = solve_column(column, law)
-        expected = 2.5 * batch.v1[i], 2.5 * batch.v2[i]
-        assert outcome.velocities == pytest.approx(expected, abs=1e-10, rel=0)
-        assert outcome.status == batch.status[i]
-        if frozen is not None:
-            assert tuple(NAMES[states] for states in outcome.states) == batch.states(i)
-            outcome = solve_column(Column((1, m), (1, k), (e1, e2), (-1, 0), table=True), law, frozen=True)
-            assert outcome.velocities == pytest.approx((frozen.v1[i], frozen.v2[i]), abs=1e-10, rel=0)
-            assert outcome.status == frozen.status[i]
-
-
 def test_the_bistiffness_law_with_frozen_positions_is_the_model():
     rng = np.random.default_rng(5)
     for exponent in [1] * 200 + [1.5] * 20:
         column = random_column(rng, int(rng.integers(2, 9)))
-        ours = solve_column(column, "bistiffness", exponent=exponent, frozen=True)
-        model = solve_by_the_model(column, exponent=exponent)
+        ours = in_time(column, "bistiffness", exponent=exponent, frozen=True)
+        model = solve(replace(column, exponent=exponent))
         assert ours.velocities == pytest.approx(model.velocities, abs=1e-10, rel=0)
-        assert (ours.states, ours.status) == (model.states, model.status)
+        assert ours.status == model.status
+        if model.status == "ok" or not column.falls_on_resting:  # whose closed forms come at other times
+            assert ours.states == model.states
 
 
 def compare(seed, count, law, exponent, most, frozen=False):
@@ -66,7 +47,7 @@ def compare(seed, count, law, exponent, most, frozen=False):
     while compared < count:
         column = random_column(rng, int(rng.integers(2, most + 1)), least=0.6)
         column = with_gaps(rng, column) if not frozen and rng.integers(2) else column
-        ours = solve_column(column, law, exponent=exponent, frozen=frozen)
+        ours = in_time(column, law, exponent=exponent, frozen=frozen)
         if ours.status == "limit" or (ours.grazing_margin or 1) < 1e-3:
             continue  # the integration follows no contact that becomes rigid, and nothing beside a jump
         compared += 1
@@ -98,12 +79,12 @@ def test_an_integration_in_time_agrees_where_positions_are_frozen():
         compare(6, 4, law, exponent, 6, frozen=True)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", COLUMN_LAWS)
 def test_momentum_energy_order_reversal_and_a_moving_observer(law):
     rng = np.random.default_rng(4)
     for exponent in [1] * 4 + [1.5] * 4:
         column = with_gaps(rng, random_column(rng, 4))
-        outcome = solve_column(column, law, exponent=exponent)
+        outcome = in_time(column, law, exponent=exponent)
         masses, v = np.array(column.masses), np.array(outcome.velocities)
         assert (np.diff(v) <= 1e-12).all()
         assert masses @ v**2 <= masses @ np.square(column.velocities) * (1 + 1e-12)
@@ -111,19 +92,17 @@ def test_momentum_energy_order_reversal_and_a_moving_observer(law):
             assert v[-1] >= -1e-12
             continue
         assert masses @ v == pytest.approx(masses @ column.velocities, abs=1e-12)
-        back = solve_column(column.reversed(), law, exponent=exponent)
+        back = in_time(column.reversed(), law, exponent=exponent)
         assert back.velocities == pytest.approx(-v[::-1], abs=1e-9)
-        moving = solve_column(
-            replace(column, velocities=np.array(column.velocities) + 3), law, exponent=exponent
-        )
+        moving = in_time(replace(column, velocities=np.array(column.velocities) + 3), law, exponent=exponent)
         assert moving.velocities == pytest.approx(v + 3, abs=1e-9)
 
 
 def test_a_pair_alone_has_its_restitution_at_any_speed():
     laws = "bistiffness", "kelvin-voigt", "hunt-crossley"
     for law, speed, exponent, e in product(laws, (0.01, 100), (1, 1.5, 2), (0.3, 0.9, 1)):
-        pair = Column((2, 3), (1e3,), (e,), (-speed, 0))
-        v1, v2 = solve_column(pair, law, exponent=exponent).velocities
+        pair = Collision((2, 3), (1e3,), (e,), (-speed, 0))
+        v1, v2 = in_time(pair, law, exponent=exponent).velocities
         assert (v1 - v2) / speed == pytest.approx(e, abs=1e-10), (law, speed, exponent)
 
 
@@ -132,18 +111,18 @@ def test_gaps_make_another_collision():
     mass, stiffness, diameter = 0.0638, 1.2165e10, 0.025  # Hertz contacts of steel balls of this diameter
     velocities = []
     for gap in (0, 1e-5 * diameter, 1e-2 * diameter):
-        column = Column((mass,) * 5, (stiffness,) * 4, (1,) * 4, (-1, 0, 0, 0, 0), gaps=(gap,) * 4)
-        velocities.append(solve_column(column, exponent=1.5).velocities)
+        column = Collision((mass,) * 5, (stiffness,) * 4, (1,) * 4, (-1, 0, 0, 0, 0), gaps=(gap,) * 4)
+        velocities.append(in_time(column, exponent=1.5).velocities)
     touching, close, apart = np.array(velocities)
     assert np.abs(touching - close).max() > 3e-3
     assert apart == pytest.approx([0, 0, 0, 0, -1], abs=1e-9)
 
 
 def test_a_touching_pair_beyond_a_gap_waits():
-    column = Column((1, 1, 1, 1), (1, 1, 1), (1, 1, 1), (-1, 0, 0, 0), gaps=(0, 3.0, 0))
-    outcome = solve_column(column, path=True)
+    column = Collision((1, 1, 1, 1), (1, 1, 1), (1, 1, 1), (-1, 0, 0, 0), gaps=(0, 3.0, 0))
+    outcome = in_time(column, path=True)
     # Ball 2 comes back, and sends ball 1 off again.
-    assert outcome.states == ((1,), (), (2, 3), (3,), (), (1,), ())
+    assert outcome.states == ("1", "-", "2+3", "3", "-", "1", "-")
     path = outcome.path
     assert path.velocities[-1] == pytest.approx(outcome.velocities)
     assert path.impulses[-1] == pytest.approx(outcome.impulses)
@@ -163,7 +142,7 @@ def in_time_without_events(column, law, duration):
         return np.concatenate([state[balls:], np.diff(np.concatenate([[0], force, [0]]))])
 
     start = np.concatenate([np.zeros(balls), column.velocities])
-    done = solve_ivp(motion, (0, duration), start, method="DOP853", rtol=1e-12, atol=1e-14, max_step=0.2)
+    done = solve_ivp(motion, (0, duration), start, method="DOP853", rtol=1e-12, atol=1e-14, max_step=0.1)
     assert done.success
     return done.y[balls:, -1]
 
@@ -178,7 +157,7 @@ def test_a_row_of_hertz_contacts_ends_as_in_time_without_events():
         ("hunt-crossley", 18, 0.95),
     ):
         column = cradle(balls, 1, e=e)
-        outcome = solve_column(column, law, exponent=1.5, max_steps=5000)
+        outcome = in_time(column, law, exponent=1.5, max_steps=5000)
         assert outcome.status == "ok"
         assert outcome.diagnostics["velocity_error"] < 1e-9
         assert sum(outcome.velocities) == pytest.approx(-1, abs=1e-12)
@@ -186,13 +165,13 @@ def test_a_row_of_hertz_contacts_ends_as_in_time_without_events():
         assert outcome.velocities == pytest.approx(expected, abs=1e-9, rel=0), (law, balls, e)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", COLUMN_LAWS)
 def test_long_rows_end_at_every_exponent(law):
     # The higher the exponent, the faster a load grows from nothing: cubics through the ends of a step are wrong by far.
     for exponent, (balls, e) in product((1.5, 2, 3), ((24, 0.95), (18, 0.05))):
         if law == "bistiffness":
             e = 1.0  # no contact becomes rigid
-        outcome = solve_column(cradle(balls, 2, e=e), law, exponent=exponent, max_steps=20_000)
+        outcome = in_time(cradle(balls, 2, e=e), law, exponent=exponent, max_steps=20_000)
         assert outcome.status == "ok", (exponent, balls)
         v = np.array(outcome.velocities)
         assert v.sum() == pytest.approx(-2, abs=1e-11)
@@ -201,31 +180,31 @@ def test_long_rows_end_at_every_exponent(law):
 
 
 def test_ratios_beyond_double_precision_end_with_a_status():
-    far = Column((1e74, 1, 1e-75), (1, 1), (0.9, 0.9), (-1, 0, 0))
-    for law in LAWS:
-        assert solve_column(far, law, exponent=1.5, max_steps=1000).status == "timeout"
-        refused = solve_column(Column((1e300, 1e-300), (1,), (0.9,), (-1, 0)), law, exponent=1.5)
+    far = Collision((1e74, 1, 1e-75), (1, 1), (0.9, 0.9), (-1, 0, 0))
+    for law in COLUMN_LAWS:
+        assert in_time(far, law, exponent=1.5, max_steps=1000).status == "timeout"
+        refused = in_time(Collision((1e300, 1e-300), (1,), (0.9,), (-1, 0)), law, exponent=1.5)
         assert refused.status == "unrepresentable"
-        assert "masses from 1e-300 to 1e+300: where one exceeds 1e+150 times another" in refused.reason
+        assert "where one mass or stiffness exceeds 1e+150 times another" in refused.reason
 
 
 def test_what_is_refused():
     column = cradle(3, 1)
     with pytest.raises(ValueError, match=r"law = 'hertz'; legal: bistiffness, kelvin-voigt"):
-        solve_column(column, "hertz")
+        in_time(column, "hertz")
     with pytest.raises(ValueError, match=r"exponent = 0\.5; legal: from 1"):
-        solve_column(column, exponent=0.5)
+        in_time(column, exponent=0.5)
     with pytest.raises(ValueError, match=r"gaps\[2\] = -1\.0; legal: finite numbers >= 0"):
         replace(column, gaps=(0, -1))
     with pytest.raises(ValueError, match=r"gaps: 1 values; legal: 2, for 3 balls without a table"):
         replace(column, gaps=(0,))
-    with pytest.raises(ValueError, match=r"gaps = \(0\.1, 0\.1\): the model has no positions; legal: 0"):
-        solve_by_the_model(cradle(3, 1, 0.1))
-    with pytest.raises(ValueError, match=r"gaps = \(0\.1, 0\.1\); legal where positions are frozen: none"):
-        solve_column(cradle(3, 1, 0.1), frozen=True)
-    plastic = solve_column(replace(column, restitutions=(1, 0)))
-    assert (plastic.status, plastic.reason[:24]) == ("unrepresentable", "restitutions[2] = 0.0: n")
-    assert solve_column(column, max_steps=1).status == "timeout"
+    with pytest.raises(ValueError, match=r"gaps of up to 0\.1 m: the model has no positions; legal: 0"):
+        solve(cradle(3, 1, 0.1))
+    with pytest.raises(ValueError, match=r"gaps: 0\.1; legal where positions are frozen: none"):
+        in_time(cradle(3, 1, 0.1), frozen=True)
+    plastic = in_time(replace(column, restitutions=(1, 0)))
+    assert (plastic.status, plastic.reason[:24]) == ("unrepresentable", "a restitution is 0: no f")
+    assert in_time(column, max_steps=1).status == "timeout"
 
 
 def test_a_solver_refuses_by_name_what_it_cannot_represent():
@@ -235,16 +214,16 @@ def test_a_solver_refuses_by_name_what_it_cannot_represent():
         ("mujoco", Settings(), 1.5, "exponent = 1.5: the contacts of an engine are linear"),
     ):
         with pytest.raises(SolverError, match=says):
-            get_solver(solver).solve_column(cradle(3, 1), settings, exponent)
+            get_solver(solver).solve_column(replace(cradle(3, 1), exponent=exponent), settings)
 
 
 #: All of 8 balls fall together, elastic: 585 events. By Taylor series in 40 and in 60 digits, which agree in these ten.
-STACK = Column(
+STACK = Collision(
     tuple(0.5**i for i in range(8)), tuple(3.0**i for i in range(8)), (1.0,) * 8, (-1.0,) * 8, table=True
 )
 TRUTH = (1.09328, 1.05188, 0.81421, 0.65294, 0.59658, 0.23538, 0.21022, 0.03787)
 
-TAME = Column((1.0, 0.5, 0.25), (1e5, 2e5, 4e5), (0.9, 0.8, 1.0), (-1.0, -1.0, -1.0), table=True)
+TAME = Collision((1.0, 0.5, 0.25), (1e5, 2e5, 4e5), (0.9, 0.8, 1.0), (-1.0, -1.0, -1.0), table=True)
 
 
 def test_what_rounding_decides_is_marked():
@@ -261,22 +240,21 @@ def test_what_it_does_not_decide_is_not():
     for law in ("bistiffness", "kelvin-voigt", "kelvin-voigt-textbook", "hunt-crossley"):
         (outcome,) = get_solver(law).solve_columns([TAME], Settings(scenario="impact"))
         assert (outcome.status, outcome.marked) == ("ok", ""), law
-        for other in changed(TAME):
+        for (other,) in changed(Collisions.of([TAME])):
             assert other.velocities == TAME.velocities
-            away = np.abs(np.subtract(solve_column(other, law).velocities, outcome.velocities)).max()
+            away = np.abs(np.subtract(in_time(other, law).velocities, outcome.velocities)).max()
             assert away < MOVED, law
 
 
 def test_an_error_that_is_stated_marks_too():
-    outcome = solve_column(STACK, "hunt-crossley", exponent=1.5)
+    (outcome,) = get_solver("hunt-crossley").solve_many([replace(STACK, exponent=1.5)], Settings())
     assert outcome.diagnostics["velocity_error"] > 1e-3
-    (marked,) = mark_columns([outcome], [STACK], "hunt-crossley", 1.5)
-    assert marked.marked.startswith("its own error moves")
+    assert outcome.marked.startswith("its own error moves")
 
 
 @pytest.mark.slow
 def test_an_engine_is_marked_where_its_exact_law_is():
-    column = Column(STACK.masses[:6], STACK.stiffnesses[:6], (1.0,) * 6, STACK.velocities[:6], table=True)
+    column = Collision(STACK.masses[:6], STACK.stiffnesses[:6], (1.0,) * 6, STACK.velocities[:6], table=True)
     settings = Settings(scenario="impact", step_fraction=0.05)
     (exact,) = get_solver("kelvin-voigt").solve_columns([column], settings)
     (engine,) = get_solver("mujoco").solve_columns([column], settings)

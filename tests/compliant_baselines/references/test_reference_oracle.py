@@ -5,11 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
-from impact_xval.compliant_baselines.references.kelvin_voigt import dampings, kelvin_voigt_batch
 from impact_xval.model import solve_batch
 from tests.compliant_baselines import column_oracle as oracle
-from tests.compliant_baselines.reference_cells import BATCHES, DAMPING, random_cells, random_gravity
+from tests.compliant_baselines.reference_cells import BATCHES, dampings, end_of, random_cells, random_gravity
 
 #: Segments beyond which a cell is left to the other tests: the oracle would take minutes.
 LONGEST = 1500
@@ -24,10 +22,10 @@ def compare(law, n, seed, drop, frozen=False):
     left_out = again = 0
     batch = BATCHES[law](kappa, mu, e1, e2, number, frozen=frozen)
     if law != "bistiffness":
-        _, c1, c2 = dampings(DAMPING[law], kappa, mu, e1, e2)
-    assert set(batch.status) <= {"ok", "limit"}
+        c1, c2 = dampings(law, kappa, mu, e1, e2)
+    assert set(batch.statuses) <= {"ok", "limit"}
     for i in range(n):
-        if batch.n_steps[i] > LONGEST and not frozen:
+        if batch.diagnostics["n_steps"][i] > LONGEST and not frozen:
             left_out += 1
             continue
         # The oracle can step over a pair of events where a force grazes zero. What remains at steps 25 times shorter
@@ -44,11 +42,11 @@ def compare(law, n, seed, drop, frozen=False):
         assert off < 1e-9, i
         if law != "bistiffness":
             again += len(answer.pushes) > 3
-            assert answer.end == batch.end[i]
+            assert answer.end == end_of(batch)[i]
             if answer.end == "stuck" and not frozen:  # certain before the energy has fallen so far
-                assert batch.duration[i] < answer.duration + 1e-7
+                assert batch.diagnostics["duration"][i] < answer.duration + 1e-7
             else:
-                assert answer.duration == pytest.approx(batch.duration[i], abs=1e-7)
+                assert answer.duration == pytest.approx(batch.diagnostics["duration"][i], abs=1e-7)
     return left_out, again
 
 
@@ -70,7 +68,7 @@ def test_five_hundred_random_cells(law, drop):
 
 def test_the_oracle_itself_sees_a_wrong_damping():
     kappa, mu, e1, e2 = random_cells(1, 3)
-    _, c1, c2 = dampings("pair", kappa, mu, e1, e2)
+    c1, c2 = dampings("kelvin-voigt", kappa, mu, e1, e2)
     right = oracle.dashpots(kappa[0], mu[0], c1[0], c2[0])
     wrong = oracle.dashpots(kappa[0], mu[0], c1[0] * (1 + 1e-6), c2[0])
     assert abs(right.v1 - wrong.v1) > 1e-8
@@ -92,9 +90,9 @@ def random_wide_cells(n, seed):
 def test_frozen_bistiffness_is_the_model(cells):
     model, frozen = (
         solve_batch(*cells, stiffness_ratio_cutoff=math.inf),
-        bistiffness_batch(*cells, frozen=True),
+        BATCHES["bistiffness"](*cells, frozen=True),
     )
-    free = bistiffness_batch(*cells)
+    free = BATCHES["bistiffness"](*cells)
     regular = model.grazing_margin >= 1e-5
     assert regular.mean() > 0.97
     off = np.hypot(frozen.v1 - model.v1, frozen.v2 - model.v2)
@@ -106,8 +104,8 @@ def test_frozen_bistiffness_is_the_model(cells):
 def test_what_is_left_of_a_penetration_is_forgotten():
     # The spent dashpot of contact 1 lets go while the balls overlap; a free contact is met again with that overlap.
     cell = 0.4082560357, 1.8824229592, 0.3276377521, 0.9236459750
-    _, c1, c2 = dampings("pair", *(np.array([x]) for x in cell))
-    frozen, free = (kelvin_voigt_batch(*cell, frozen=f) for f in (True, False))
+    c1, c2 = dampings("kelvin-voigt", *cell)
+    frozen, free = (BATCHES["kelvin-voigt"](*cell, frozen=f) for f in (True, False))
     for batch, is_frozen in ((frozen, True), (free, False)):
         answer = oracle.dashpots(*cell[:2], c1[0], c2[0], frozen=is_frozen)
         assert (batch.v1, batch.v2) == pytest.approx((answer.v1, answer.v2), abs=1e-10)

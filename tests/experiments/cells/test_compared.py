@@ -4,13 +4,14 @@ import base64
 import html
 import math
 import re
+from dataclasses import replace
 
 import pytest
 
-from impact_xval import Collision, Column, compare, solve, solve_column
+from impact_xval import Collision, compare, solve
 from impact_xval.experiments.cells.compared import Compared
 from impact_xval.model.collision import Outcome
-from impact_xval.model.columns.column import ColumnOutcome
+from tests.model.columns import solved
 
 HOSTILE = "<script>alert('&')</script> | **bold** <img src=x onerror=alert(1)>"
 
@@ -26,12 +27,15 @@ class Shown:
 
 
 def outcome(name, v1=0.5, v2=0.25, **more):
-    return Outcome(name, v1, v2, 1.5, 1.75, ("S1", "S4"), **more)
+    return Outcome(name, (v1, v2), (1.5, 1.75), ("S1", "S4"), **more)
+
+
+PLAIN = Collision.from_ratios(1, 1, 1, 1)
 
 
 @pytest.fixture(scope="module")
 def two_balls():
-    collision = Collision(m1=2.0, m2=3.0, k1=1e8, k2=4e9, e1=0.9, e2=0.7, v0=-4.0)
+    collision = Collision.two_balls(m1=2.0, m2=3.0, k1=1e8, k2=4e9, e1=0.9, e2=0.7, v0=-4.0)
     return collision, compare(collision, ["kelvin-voigt"])
 
 
@@ -60,19 +64,19 @@ def test_a_notebook_shows_a_table_and_a_picture(two_balls):
 
 
 def test_a_column_has_d_velocities_paths_and_a_picture():
-    column = Column((1.0, 2.0, 1.0), (1e8, 2e8), (0.9, 0.8), (-3.0, 0.0, 0.0))
+    column = Collision((1.0, 2.0, 1.0), (1e8, 2e8), (0.9, 0.8), (-3.0, 0.0, 0.0))
     compared = compare(column, ["kelvin-voigt"])
     model, other = (compared.velocities[name] for name in ("state-transition", "kelvin-voigt"))
-    assert model == pytest.approx(solve_column(column).velocities, abs=1e-15)
+    assert model == pytest.approx(solved(column).velocities, abs=1e-15)
     squares = sum(m * (b - a) ** 2 for m, a, b in zip(column.masses, model, other, strict=True))
     assert compared.divergences["kelvin-voigt"] == pytest.approx(math.sqrt(squares / 9), rel=1e-12)
-    assert compared.states["state-transition"][-1] == ()
+    assert compared.states["state-transition"][-1] == "-"
     shown = Shown(compared._repr_html_())
     assert f"{model[2] / 3:.6f}" in shown.cells
     assert len(shown.sources) == 1
     assert "v3" in str(compared)
-    hertz = compare(column, ["state-transition"], exponent=1.5).velocities["state-transition"]
-    assert hertz == pytest.approx(solve_column(column, exponent=1.5).velocities, abs=1e-12)
+    hertz = compare(replace(column, exponent=1.5), ["state-transition"]).velocities["state-transition"]
+    assert hertz == pytest.approx(solved(column, exponent=1.5).velocities, abs=1e-12)
     assert hertz != pytest.approx(model, abs=1e-3)
 
 
@@ -85,7 +89,7 @@ def test_who_refuses_has_a_status_and_no_d():
 
 def test_hostile_names_and_reasons_stay_text():
     collision = Collision.from_ratios(1.0, 1.0, 0.9, 0.9)
-    failed = Outcome.failure(HOSTILE, "crashed", HOSTILE)
+    failed = Outcome.failure(HOSTILE, PLAIN, "crashed", HOSTILE)
     outcomes = {"state-transition": solve(collision), HOSTILE: failed, HOSTILE + "2": outcome(HOSTILE + "2")}
     compared = Compared(collision, outcomes)
     shown = Shown(compared.fragment())
@@ -97,7 +101,7 @@ def test_hostile_names_and_reasons_stay_text():
 def test_without_any_result_there_is_a_table_and_no_picture():
     collision = Collision.from_ratios(1.0, 1.0, 0.9, 0.9)
     compared = Compared(
-        collision, {"state-transition": Outcome.failure("state-transition", "timeout", "late")}
+        collision, {"state-transition": Outcome.failure("state-transition", collision, "timeout", "late")}
     )
     assert "img" not in Shown(compared._repr_html_()).tags
     with pytest.raises(ValueError, match="no solver has a result"):
@@ -106,9 +110,8 @@ def test_without_any_result_there_is_a_table_and_no_picture():
 
 def test_what_is_illegal_is_named():
     for problem, options, error, says in (
-        ((1, 2), {}, TypeError, "was given tuple; legal: a Collision or a Column"),
+        ((1, 2), {}, TypeError, "was given tuple; legal: a Collision"),
         (Collision.from_ratios(1, 1, 1, 1), {"solvers": ["newton"]}, ValueError, "'newton' is not a solver"),
-        (Collision.from_ratios(1, 1, 1, 1), {"exponent": 1.5}, ValueError, "exponent = 1.5"),
         (Collision.from_ratios(1, 1, 1, 1), {"timeout": 0}, ValueError, "legal: greater than 0"),
     ):
         with pytest.raises(error, match=says):
@@ -119,9 +122,9 @@ def test_outcomes_show_themselves_and_any_text_stays_text():
     cells = Shown(outcome("mujoco")._repr_html_()).cells
     assert cells[:2] == ["status", "ok"]
     assert cells[cells.index("v1 (m/s)") + 1] == "0.5"
-    cells = Shown(ColumnOutcome("mujoco", (0.1, -0.2), (1.5,), ((1,), ()))._repr_html_()).cells
+    cells = Shown(Outcome("mujoco", (0.1, -0.2), (1.5,), ("1", "-"))._repr_html_()).cells
     assert cells[cells.index("v2 (m/s)") + 1] == "-0.2"
-    failed = Outcome.failure(HOSTILE, "crashed", HOSTILE), ColumnOutcome(HOSTILE, (), (), reason=HOSTILE)
+    failed = Outcome.failure(HOSTILE, PLAIN, "crashed", HOSTILE), Outcome(HOSTILE, (), (), reason=HOSTILE)
     for hostile in failed:
         shown = Shown(hostile._repr_html_())
         assert set(shown.tags) == {"table", "caption", "tbody", "tr", "th", "td"}

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from impact_xval import Collision, Column, solve
+from impact_xval import Collision, solve
 from impact_xval.experiments.cells.asked import asked
 from impact_xval.experiments.config.errors import UserError
 from tests.browser import opened, violations
@@ -52,7 +52,7 @@ def test_an_address_names_two_balls_or_a_column():
     assert asked("e1=0.5").problem.stiffness_ratio == 40
 
     cell = asked("kind=column&balls=3&strike=2&e=0.5&mass_taper=2").problem
-    assert cell == Column((1, 2, 4), (1e8, 1e8), (0.5, 0.5), (-1, -1, 0))
+    assert cell == Collision((1, 2, 4), (1e8, 1e8), (0.5, 0.5), (-1, -1, 0))
     assert asked("kind=column&arrangement=stack&balls=2&strike=7").problem.table
 
 

@@ -56,7 +56,7 @@ def test_gaps_are_refused_by_who_knows_none(capsys):
     found = _json(capsys, "--balls", "3", "--gap", "2e-4", "--e", "1", *_asked(*names))
     model, *others = found.values()
     assert (model["status"], model["velocities"]) == ("unrepresentable", [None] * 3)
-    assert "gaps = (0.0, 0.0002): the model has no positions" in model["reason"]
+    assert "gaps of up to 0.0002 m: the model has no positions" in model["reason"]
     # While a pair is in contact a ball at rest moves by pi/2 sqrt(M/k) v0 = 1.1e-4 m: the balls meet one by one.
     for other in others:
         assert other["velocities"] == pytest.approx([0, 0, -1], abs=1e-12)

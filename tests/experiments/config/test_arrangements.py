@@ -1,26 +1,32 @@
 """Arrangements are the columns that one would write by hand."""
 
 from impact_xval.experiments.config.arrangements import Arranged
-from impact_xval.model import Column
+from impact_xval.model import Collision
 
 UNIT = {"m": 1.0, "k": 1.0, "e": 0.9}
 
 
 def test_each_arrangement_is_the_column_written_by_hand():
-    cradle = Column((1,) * 5, (1,) * 4, (0.9,) * 4, (-1, -1, 0, 0, 0))
+    cradle = Collision((1,) * 5, (1,) * 4, (0.9,) * 4, (-1, -1, 0, 0, 0))
     for given, column in (
-        ({"arrangement": "chain", "balls": 3}, Column((1, 1, 1), (1, 1), (0.9, 0.9), (-1, 0, 0))),
-        ({"arrangement": "cradle", "balls": 3}, Column((1, 1, 1), (1, 1), (0.9, 0.9), (-1, 0, 0))),
+        (
+            {"arrangement": "chain", "balls": 3},
+            Collision((1, 1, 1), (1, 1), (0.9, 0.9), (-1, 0, 0)),
+        ),
+        (
+            {"arrangement": "cradle", "balls": 3},
+            Collision((1, 1, 1), (1, 1), (0.9, 0.9), (-1, 0, 0)),
+        ),
         ({"arrangement": "cradle", "balls": 5, "strike": 2}, cradle),
         (
             {"arrangement": "drop", "balls": 3},
-            Column((1, 1, 1), (1, 1, 1), (0.9,) * 3, (-1, 0, 0), table=True),
+            Collision((1, 1, 1), (1, 1, 1), (0.9,) * 3, (-1, 0, 0), table=True),
         ),
         (
             {"arrangement": "stack", "balls": 3},
-            Column((1, 1, 1), (1, 1, 1), (0.9,) * 3, (-1, -1, -1), table=True),
+            Collision((1, 1, 1), (1, 1, 1), (0.9,) * 3, (-1, -1, -1), table=True),
         ),
-        ({"arrangement": "stack", "balls": 1}, Column((1,), (1,), (0.9,), (-1,), table=True)),
+        ({"arrangement": "stack", "balls": 1}, Collision((1,), (1,), (0.9,), (-1,), table=True)),
     ):
         assert Arranged(**UNIT | given).column() == column, given
 
@@ -29,7 +35,7 @@ def test_masses_and_stiffnesses_taper_from_the_first():
     tapered = Arranged(
         arrangement="drop", balls=3, m=2.0, mass_taper=0.5, k=3.0, stiffness_taper=10, e=1, v0=-4.0
     )
-    assert tapered.column() == Column((2, 1, 0.5), (3, 30, 300), (1, 1, 1), (-4, 0, 0), table=True)
+    assert tapered.column() == Collision((2, 1, 0.5), (3, 30, 300), (1, 1, 1), (-4, 0, 0), table=True)
 
 
 def test_every_contact_but_the_struck_one_has_the_gap():

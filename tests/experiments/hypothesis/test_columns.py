@@ -22,8 +22,8 @@ from impact_xval.experiments.hypothesis.columns import (
 )
 from impact_xval.experiments.hypothesis.config import spaced
 from impact_xval.experiments.measures.columns.measuring import column_divergence
-from impact_xval.model.columns.column import Column
-from impact_xval.model.columns.solving import solve_column
+from impact_xval.model.collision import Collision
+from tests.model.columns import solved
 
 CONTRAST = np.logspace(1, 5, 17)
 
@@ -46,8 +46,8 @@ def test_a_welded_column_has_the_mass_and_the_momentum_of_all_but_what_is_part_o
 
 def test_of_two_balls_on_a_stiff_table_it_is_the_closed_form_of_the_supplement():
     point = point_of(BY_KEY["infinity"], 1.7, 0.8, 0.6, math.nan)
-    column = Column((1.0, 1.7), (1.0, 1.0), (0.8, 0.6), (-1.0, 0.0), table=True)
-    found = of_each_ball(solve_column(welded(column, 1)).velocities, 1, 2)
+    column = Collision((1.0, 1.7), (1.0, 1.0), (0.8, 0.6), (-1.0, 0.0), table=True)
+    found = of_each_ball(solved(welded(column, 1)).velocities, 1, 2)
     assert found == pytest.approx(closed_form(BY_KEY["infinity"], point), abs=1e-14)
 
 
@@ -71,13 +71,13 @@ def test_dashpots_beside_a_pair_stay_what_they_were():
 
 
 def test_no_dashpot_is_kept_of_what_has_none_or_cannot_be_mapped():
-    column = Column((1.0, 1e-4, 1e4), (1.0, 1.0), (1e-12, 0.9), (-1.0, 0.0, 0.0))
+    column = Collision((1.0, 1e-4, 1e4), (1.0, 1.0), (1e-12, 0.9), (-1.0, 0.0, 0.0))
     assert dashpots_kept(column, 1, "bistiffness") is None
     assert dashpots_kept(column, 1, "kelvin-voigt") is not None
-    heavy = Column((1.0, 1e4, 1e-4), (1.0, 1.0), (1e-12, 0.9), (-1.0, 0.0, 0.0))
+    heavy = Collision((1.0, 1e4, 1e-4), (1.0, 1.0), (1e-12, 0.9), (-1.0, 0.0, 0.0))
     assert dashpots_kept(heavy, 1, "kelvin-voigt-textbook") is not None
     assert dashpots_kept(heavy.reversed(), 0, "kelvin-voigt-textbook") is not None
-    light = Column((1.0, 1e4, 1e-4), (1.0, 1.0), (0.9, 1e-12), (-1.0, 0.0, 0.0))
+    light = Collision((1.0, 1e4, 1e-4), (1.0, 1.0), (0.9, 1e-12), (-1.0, 0.0, 0.0))
     assert dashpots_kept(light, 0, "kelvin-voigt-textbook").restitutions[0] == pytest.approx(1e-12, rel=1e-2)
 
 

@@ -33,7 +33,7 @@ def test_the_closed_form_is_where_the_model_goes():
     e1, e2 = np.transpose(RESTITUTIONS)
     kappa, mu, e1, e2 = np.broadcast_arrays(kappa, mu, e1, e2)
     model = solve_batch(kappa, mu, e1, e2, stiffness_ratio_cutoff=math.inf)
-    assert {*model.status.ravel()} <= {"ok", "limit"}
+    assert {*model.statuses.ravel()} <= {"ok", "limit"}
     v1, v2 = nearer_limit(kappa, mu, e1, e2)
     assert model.v1 == pytest.approx(v1, abs=1e-7)
     assert model.v2 == pytest.approx(v2, abs=1e-7)

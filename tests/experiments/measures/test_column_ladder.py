@@ -6,7 +6,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from impact_xval.compliant_baselines.references.columns.solving import coefficients_of
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.columns.ladder import column_ladder_rows
@@ -14,8 +13,9 @@ from impact_xval.experiments.measures.columns.measuring import column_divergence
 from impact_xval.experiments.measures.ladder import contributions_of
 from impact_xval.experiments.measures.ladder_table import NO_LIMIT, ladder_rows
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, LINES
-from impact_xval.model import solve_column
 from tests.compliant_baselines.column_in_time import integrate
+from tests.compliant_baselines.reference_cells import coefficients_of
+from tests.model.columns import solved
 
 NAMES = [c.name for c in contributions_of(gravity=False)]
 SPEED = 2.5
@@ -40,7 +40,7 @@ def cells_of(columns, **changed):
     rows = []
     for cell, a in enumerate(columns):
         column = a.column()
-        model = solve_column(column).velocities
+        model = solved(column).velocities
         facts = a.model_dump() | {"m1": a.m, "k1": a.k, "cell": cell, "strike": None, "status": "ok"}
         rows.append(facts | {"solver": REFERENCE, "velocities": list(model), "grazing_margin": 0.5})
         known = {

@@ -5,10 +5,10 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
 from impact_xval.experiments.measures.columns.measuring import measures_of
-from impact_xval.model import Collision, Column
+from impact_xval.model import Collision
 
-CELL = Collision(m1=2.0, m2=3.0, k1=1e8, k2=3e8, e1=0.9, e2=0.7, v0=-3.0)
-COLUMN = Column((2.0, 3.0), (1e8, 3e8), (0.9, 0.7), (-3.0, 0.0), table=True)
+CELL = Collision.two_balls(m1=2.0, m2=3.0, k1=1e8, k2=3e8, e1=0.9, e2=0.7, v0=-3.0)
+COLUMN = Collision((2.0, 3.0), (1e8, 3e8), (0.9, 0.7), (-3.0, 0.0), table=True)
 NAMES = ("state-transition", "bistiffness", "kelvin-voigt")
 
 
@@ -17,7 +17,7 @@ def _by(names, column, settings=Settings()):  # noqa: B008
 
 
 def test_a_pair_keeps_its_momentum_and_what_e_leaves_of_its_energy():
-    pair = Column((1.0, 3.0), (1e6,), (0.5,), (-2.0, 0.0))
+    pair = Collision((1.0, 3.0), (1e6,), (0.5,), (-2.0, 0.0))
     for measures in measures_of(pair, _by(NAMES, pair)).values():
         assert measures.retained_momentum == pytest.approx(1, abs=1e-12)
         assert measures.retained_energy == pytest.approx(0.25 + 0.75 * 0.25, abs=1e-12)
@@ -25,7 +25,7 @@ def test_a_pair_keeps_its_momentum_and_what_e_leaves_of_its_energy():
 
 
 def test_the_limit_of_an_engine_is_held_against_its_law():
-    chain = Column((1.0,) * 3, (1e8,) * 2, (0.9,) * 2, (-2.0, 0.0, 0.0))
+    chain = Collision((1.0,) * 3, (1e8,) * 2, (0.9,) * 2, (-2.0, 0.0, 0.0))
     outcomes = _by(("kelvin-voigt", "mujoco"), chain, Settings(convergence=Convergence()))
     found = measures_of(chain, outcomes)["mujoco"]
     assert 0 < found.limit_distance < 3 * found.limit_error < 3e-3

@@ -18,9 +18,9 @@ from impact_xval.experiments.measures.hausdorff import hausdorff
 from impact_xval.experiments.tables.schema import MEASURES
 from impact_xval.model import Collision, Outcome, solve
 
-C = Collision(m1=2.0, m2=8.0, k1=1.0, k2=1.0, e1=0.9, e2=0.7, v0=-5.0)
-MODEL = Outcome("a", 3.0, 0.5, 16.0, 20.0, ("S1", "S2", "S4"))
-OTHER = Outcome("b", 2.0, 1.0, 14.0, 22.0, ("S1", "S3", "S1", "S4"))
+C = Collision.two_balls(m1=2.0, m2=8.0, k1=1.0, k2=1.0, e1=0.9, e2=0.7, v0=-5.0)
+MODEL = Outcome("a", (3.0, 0.5), (16.0, 20.0), ("S1", "S2", "S4"))
+OTHER = Outcome("b", (2.0, 1.0), (14.0, 22.0), ("S1", "S3", "S1", "S4"))
 
 
 def test_measures_by_hand():
@@ -41,7 +41,7 @@ def test_measures_by_hand():
 
 
 def test_a_failure_has_no_measures():
-    failure = Outcome.failure("x", "timeout", "gave up")
+    failure = Outcome.failure("x", C, "timeout", "gave up")
     for pair in ((failure, OTHER), (MODEL, failure)):
         assert divergence(C, *pair, ((), ())) == dict.fromkeys(MEASURES)
 
@@ -114,7 +114,7 @@ def test_hausdorff_against_brute_force(seed, monotone, n, m):
 def test_curve_distance_is_per_impulse():
     outcome = solve(Collision.from_ratios(3.0, 1.0, 0.9, 0.7), path=True)
     assert outcome.path is not None
-    moved = dataclasses.replace(outcome.path, impulse2=outcome.path.impulse2 + 0.5)
+    moved = dataclasses.replace(outcome.path, impulses=outcome.path.impulses + np.array([0.0, 0.5]))
     # A curve shifted as a whole is no farther than the shift, and its end or its start is that far.
     assert 0.1 < curve_distance(outcome.path, moved, 2.0) <= 0.25 * (1 + 1e-12)
     assert curve_distance(None, moved, 2.0) is None

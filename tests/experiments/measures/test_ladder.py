@@ -9,9 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.compliant_baselines.references.bistiffness import bistiffness_batch
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.grid import CellGrid
@@ -84,7 +83,7 @@ def solved(c, law, settings=None):
     if settings and settings.scenario == "drop":
         number = settings.gravity / (abs(c.v0) * math.sqrt(c.k1 * (1 / c.m1 + 1 / c.m2)))
     cell = c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, number
-    o = bistiffness_batch(*cell, frozen=True) if name == "bistiffness" else LAWS[name](*cell, frozen=True)
+    o = references.solve_batch(name, *cell, frozen=True)
     return np.array([float(o.v1), float(o.v2)]) * abs(c.v0)
 
 

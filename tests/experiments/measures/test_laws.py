@@ -9,10 +9,9 @@ ROOT = Path(__file__).parents[3]
 
 
 def test_solvers_are_grouped_by_the_law_that_the_registry_says():
-    assert by_law(["mujoco", "bistiffness", "pybullet", "kelvin-voigt", "oracle"]) == {
+    assert by_law(["mujoco", "bistiffness", "pybullet", "kelvin-voigt"]) == {
         "kelvin-voigt": ["kelvin-voigt", "mujoco", "pybullet"],
         "bistiffness": ["bistiffness"],
-        "state-transition": ["oracle"],
     }
     names = solver_names(on_request=True)
     assert sorted(in_order_of_laws(names)) == sorted(names)

@@ -33,9 +33,11 @@ class Upgraded(fakes.Shifted):
             if c.e1 != 0.9:
                 outcomes.append(o)
             elif c.stiffness_ratio == 0.5:
-                outcomes.append(Outcome.failure(self.name, "crashed", "upgraded"))
+                outcomes.append(Outcome.failure(self.name, c, "crashed", "upgraded"))
             else:
-                outcomes.append(dataclasses.replace(o, v1=o.v1 + FASTER[c.stiffness_ratio] * abs(c.v0)))
+                outcomes.append(
+                    dataclasses.replace(o, velocities=(o.v1 + FASTER[c.stiffness_ratio] * abs(c.v0), o.v2))
+                )
         return outcomes
 
 

@@ -10,7 +10,7 @@ from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.experiments.presentation.pictures.history import history_of
 from impact_xval.model import Collision, solve
 
-ELASTIC = Collision(m1=2.0, m2=3.0, k1=1e6, k2=3e6, e1=1.0, e2=1.0, v0=-0.5)
+ELASTIC = Collision.two_balls(m1=2.0, m2=3.0, k1=1e6, k2=3e6, e1=1.0, e2=1.0, v0=-0.5)
 
 
 def of(name, collision, **settings):

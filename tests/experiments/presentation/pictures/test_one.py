@@ -18,11 +18,11 @@ V1, V2 = 0.88981120733190, 0.00016910787873
 
 
 def test_curves_end_at_the_published_numbers_whatever_the_units():
-    collision = Collision(m1=3.0, m2=3.0 * M2, k1=1e7, k2=40e7, e1=0.9, e2=0.7, v0=-2.0)
+    collision = Collision.two_balls(m1=3.0, m2=3.0 * M2, k1=1e7, k2=40e7, e1=0.9, e2=0.7, v0=-2.0)
     outcomes = {
         "state-transition": solve(collision, path=True),
         "kelvin-voigt": get_solver("kelvin-voigt").solve(collision, Settings(record_path=True)),
-        "mujoco": Outcome.failure("mujoco", "timeout", "too long"),
+        "mujoco": Outcome.failure("mujoco", collision, "timeout", "too long"),
     }
     figure = draw_collision(collision, drawn_paths(collision, outcomes))
     curve, upper, lower = figure.axes

@@ -9,7 +9,7 @@ import pytest
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.presentation.pictures.supplement import draw_supplement_figures
 from impact_xval.model import Collision
-from impact_xval.model.oracle import solve_oracle
+from tests.model.oracle import solve_oracle
 
 M2 = 2 / math.sqrt(3)
 

@@ -1,6 +1,6 @@
-"""The oracle: equations (13)-(15) integrated numerically in impulse space, for tests and for doubt.
+"""The oracle: equations (13)-(15) integrated numerically in impulse space.
 
-It shares nothing with the solver but `Collision` and `Outcome`: no closed-form motion, no time, no certified search.
+It shares nothing with the model but `Collision`: no closed-form motion, no time, no certified search.
 The equations are, while both contacts act,
 
     (13) dE1/dI1 = v2 - v1      (14) dE2/dI2 = -v2      (15) dI2/dI1 = sqrt(k2 E2/(k1 E1))
@@ -30,16 +30,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import Polynomial, chebyshev
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from impact_xval.model.collision import STATES, Collision, Outcome
-from impact_xval.model.inputs import SUPPLEMENT_CUTOFF
-
-NAME = "oracle"
+from impact_xval.model import SUPPLEMENT_CUTOFF, Collision
+from impact_xval.model.collision import STATES
 
 INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
 
@@ -53,8 +52,8 @@ SERIES_STEP = 1e-3
 #: The constant c of the parametrisation over the largest force of a two-ball impact, sqrt(M).
 SOFTENING = 0.05
 
-#: Absolute tolerance of impulses and of sqrt(E_i).
-ATOL = 1e-15
+#: Tolerances of impulses and of sqrt(E_i).
+RTOL, ATOL = 1e-12, 1e-15
 
 #: Segments shorter than this in s are two events at once: the state between them is not recorded.
 TIE = 1e-13
@@ -82,100 +81,47 @@ Vector = NDArray[np.float64]
 Slope = Callable[[float, Vector], list[float]]
 
 
+class Answer(NamedTuple):
+    v1: float
+    v2: float
+    states: tuple[str, ...]
+    status: str
+    n_events: int
+
+
 def solve_oracle(
-    collision: Collision,
-    *,
-    stiffness_ratio_cutoff: float = SUPPLEMENT_CUTOFF,
-    first_step: float | None = None,
-    rtol: float = 1e-12,
-    max_steps: int = MAX_STEPS,
-) -> Outcome:
-    r"""Integrate one collision in impulse space.
+    c: Collision, *, stiffness_ratio_cutoff: float = SUPPLEMENT_CUTOFF, first_step: float | None = None
+) -> Answer:
+    r"""Integrate one collision in impulse space: finite, positive k2/k1 within the cut-off; e1, e2 > 0.
 
     Parameters
     ----------
-    collision : Collision
-        Finite, positive k2/k1; e1, e2 > 0. Limits are not represented.
+    c : Collision
     stiffness_ratio_cutoff : float
         In S1, once the running k2/k1 exceeds this or falls below its inverse, the supplement's closed form (3.4)
-        finishes the collision. As for `model.solve`, whose default needs none; with infinity the cost of a cell grows
-        with the square root of the ratio it drifts to. The closed form is applied as it is printed; `model.solve` first
-        lets a stiff contact that still holds energy part its bodies, which for e below about 0.03 shows at the order of
-        1/stiffness_ratio_cutoff.
+        finishes the collision, as it is printed: status ``limit``. `model.solve` first lets a stiff contact that still
+        holds energy part its bodies, which for e below about 0.03 shows at the order of 1/stiffness_ratio_cutoff.
     first_step : float, optional
         The paper's finite first step instead of the series: the impulse I1 after it, per m1 \|v0\|.
-    rtol : float
-        Relative tolerance of the integration.
-    max_steps : int
-        Steps after which the collision is given up, with the status ``unconverged``.
-
-    Returns
-    -------
-    Outcome
-        Status ``ok``, ``limit`` (the cut-off was reached) or ``unconverged``. No path.
-
-    Raises
-    ------
-    ValueError
-        For a limit (k2/k1 = 0, infinity or beyond the cut-off from the start; e_i = 0), which has no differential
-        equation, and for an illegal option.
     """
-    c = collision
-    _refuse(c, stiffness_ratio_cutoff, first_step)
-    run = _Run(c.stiffness_ratio, c.mass_ratio, (c.e1, c.e2), rtol, max_steps)
+    run = _Run(c.stiffness_ratio, c.mass_ratio, (c.e1, c.e2))
     run.start(first_step)
     limit = False
-    while run.state != 4:
-        if run.state == 1:
-            ratio = run.k[1] / run.k[0]
-            limit = not 1 / stiffness_ratio_cutoff <= ratio <= stiffness_ratio_cutoff
-            if limit:
-                break
-        problem = run.advance()
-        if problem:
-            return Outcome.failure(NAME, "unconverged", problem)
+    while run.state != 4 and not limit:
+        ratio = run.k[1] / run.k[0]
+        limit = run.state == 1 and not 1 / stiffness_ratio_cutoff <= ratio <= stiffness_ratio_cutoff
+        if not limit:
+            run.advance()
     v1, v2 = run.closed_form() if limit else run.velocities()
-    mu, speed = c.mass_ratio, -c.v0
-    diagnostics: dict[str, float] = {"steps": run.n_steps}
-    if not limit:
-        diagnostics["energy_residual"] = 0.5 - run.loss - 0.5 * (v1 * v1 + mu * v2 * v2)
-    return Outcome(
-        solver=NAME,
-        v1=v1 * speed,
-        v2=v2 * speed,
-        impulse1=c.m1 * speed * (1 + v1),
-        impulse2=c.m1 * speed * (1 + v1 + mu * v2),
-        states=tuple(STATES[i] for i, _ in groupby([*run.visited, run.state, 4])),
-        status="limit" if limit else "ok",
-        reason=f"the running stiffness ratio left the cut-off {stiffness_ratio_cutoff:g}" if limit else "",
-        n_events=run.n_events,
-        diagnostics=diagnostics,
-    )
-
-
-def _refuse(c: Collision, cutoff: float, first_step: float | None) -> None:
-    ratio = c.stiffness_ratio
-    if not cutoff > 1:
-        raise ValueError(f"stiffness_ratio_cutoff = {cutoff!r}; legal: greater than 1, up to inf")
-    if ratio == 0 or math.isinf(ratio):
-        raise ValueError(f"k2/k1 = {ratio:g}: the oracle integrates finite, positive stiffness ratios only")
-    if not 1 / cutoff <= ratio <= cutoff:
-        raise ValueError(f"k2/k1 = {ratio:g} lies beyond the cut-off {cutoff:g} from the start: a limit")
-    for name in ("e1", "e2"):
-        if getattr(c, name) == 0:
-            raise ValueError(f"{name} = 0: the stiffness becomes infinite, which the oracle cannot integrate")
-    largest = 1 / (1 + 1 / c.mass_ratio)
-    if first_step is not None and not 0 < first_step < largest:
-        raise ValueError(
-            f"first_step = {first_step!r}; legal: greater than 0, below m2/(m1 + m2) = {largest:g}"
-        )
+    states = tuple(STATES[i] for i, _ in groupby([*run.visited, run.state, 4]))
+    return Answer(v1 * -c.v0, v2 * -c.v0, states, "limit" if limit else "ok", run.n_events)
 
 
 class _Run:
     """One collision under way: y = (I1, I2, x1, x2) at arc length s, phases, running stiffnesses."""
 
-    def __init__(self, kappa: float, mu: float, e: tuple[float, float], rtol: float, max_steps: int) -> None:
-        self.mu, self.e, self.rtol, self.max_steps = mu, e, rtol, max_steps
+    def __init__(self, kappa: float, mu: float, e: tuple[float, float]) -> None:
+        self.mu, self.e = mu, e
         self.k = [1.0, kappa]
         self.phase = [COMPRESSION, COMPRESSION]
         self.y: Vector = np.zeros(4)
@@ -185,7 +131,6 @@ class _Run:
         self.c2 = SOFTENING**2 * mu / (1 + mu)
         self.visited: list[int] = []
         self.n_events = self.n_steps = 0
-        self.loss = 0.0
 
     def start(self, first_step: float | None) -> None:
         """Place the start off the singular point: on the series, or after the paper's finite first step."""
@@ -219,26 +164,24 @@ class _Run:
         v = math.sqrt(2 * E1 + v1 * v1) * (self.e[0] if self.phase[0] == COMPRESSION else 1)
         return v, 0.0
 
-    def advance(self) -> str | None:
-        """Integrate to the next event and apply it; say what went wrong, if anything did."""
+    def advance(self) -> None:
+        """Integrate to the next event and apply it."""
         slope = self._slope()
         names, forms, offsets = self._watched()
-        integrator = DOP853(slope, 0.0, self.y, math.inf, rtol=self.rtol, atol=ATOL)
+        integrator = DOP853(slope, 0.0, self.y, math.inf, rtol=RTOL, atol=ATOL)
         while True:
-            if self.n_steps >= self.max_steps:
-                return f"not over after {self.max_steps} steps"
             self.n_steps += 1
+            assert self.n_steps < MAX_STEPS
             start, y_start = integrator.t, integrator.y
             problem = integrator.step()
-            if problem:
-                return problem
+            assert problem is None, problem
             h = integrator.t - start
             values = forms @ integrator.dense_output()(start + h * NODES) + offsets[:, None]
             root, which = first_fall(values, start == 0)
             if which >= 0:
                 break
         end = start + root * h
-        y = _reach(slope, start, y_start, end, self.rtol) if root > 0 else y_start
+        y = _reach(slope, start, y_start, end) if root > 0 else y_start
         # Newton's step along s takes what the dense output left over.
         dy = np.array(slope(end, y))
         fall = float(forms[which] @ dy)
@@ -250,7 +193,6 @@ class _Run:
         if end > TIE:
             self.visited.append(self.state)
         self._apply(*names[which])
-        return None
 
     def _slope(self) -> Slope:
         """Build dy/ds as a function of (s, y); a contact that does not act keeps I_i and x_i."""
@@ -286,7 +228,6 @@ class _Run:
         self.n_events += 1
         if kind == "end":
             self.phase[i] = RESTITUTION
-            self.loss += (1 - self.e[i] ** 2) * float(self.y[2 + i]) ** 2
             self.y[2 + i] *= self.e[i]
             self.k[i] /= self.e[i] ** 2
         elif kind == "spent":
@@ -296,9 +237,9 @@ class _Run:
             self.phase[i] = COMPRESSION
 
 
-def _reach(slope: Slope, s: float, y: Vector, end: float, rtol: float) -> Vector:
+def _reach(slope: Slope, s: float, y: Vector, end: float) -> Vector:
     """Repeat a step, up to `end`."""
-    integrator = DOP853(slope, s, y, end, rtol=rtol, atol=ATOL, first_step=end - s)
+    integrator = DOP853(slope, s, y, end, rtol=RTOL, atol=ATOL, first_step=end - s)
     while integrator.status == "running":
         integrator.step()
     return integrator.y

@@ -1,0 +1,273 @@
+"""Outcomes beside a jump of their exact law, found by changing the parameters of a collision a little: they are marked.
+
+**Two balls on a table.** The outcome of a law in time is a function of k2/k1, m2/m1, e1, e2 and, in a drop, of gravity.
+It has jumps:
+
+* bistiffness, where an end of compression nearly does not happen: it loses (1 - e^2) of an energy, or does not;
+* any law in a drop, where the first flight nearly does not happen, or a ball that has left comes down again just before
+  the other one is at rest. Without gravity a law of forces alone has none: its motion is continuous in all of them, and
+  so is what is left when its balls part; but it may be as steep, and is marked then too.
+
+Next to one an engine cannot be held to the exact outcome, since all that a finite step does moves it across. A cell is
+*marked* where a relative change of one parameter, either way, moves a velocity per abs(v0) by more than `JUMPS` says;
+smooth outcomes move by less than three times the change over the default box (`benchmarks/limits.py jumps`). The mark
+says which parameter and how far. A limit dt -> 0 is marked too where gravity ended in a first flight at its shortest
+step and does not under the exact law, or the other way round: by what gravity does in one contact of the balls, 1e-3
+|v0| or so, the two are then different collisions. So it is where B2 comes to rest on the table at that step, and leaves
+it under the exact law, or the other way round.
+
+**N balls** have hundreds of events, each of which amplifies what came before, up to the point at which the last digits
+of the inputs decide: two exact solvers of one law then differ by as much as two laws do. Where forces are linear,
+masses and stiffnesses are changed by a millionth; velocities are not, as those of balls that fall or strike together
+are equal by intent. Elsewhere the solver states an error of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_xval.model.collision import Collisions, Floats, Outcomes
+
+#: What solves collisions by a law, at a gravity in m/s^2 each, without their states.
+Law = Callable[[Collisions, Floats], Outcomes]
+
+#: Relative changes of a parameter that are tried, and the change of a velocity per abs(v0) from which on it is a jump.
+#: To a restitution an engine's finest step does more than a thousandth.
+JUMPS = {1e-3: 0.01, 4e-3: 0.02}
+
+#: What is changed, and how a reader knows it.
+CHANGED = ("k2/k1", "m2/m1", "e1", "e2", "gravity")
+
+#: Position in `CHANGED` and relative change of every try.
+TRIED = tuple((i, sign * size) for i in range(len(CHANGED)) for size in JUMPS for sign in (1, -1))
+
+#: Of N balls: relative change of masses and stiffnesses; the change of a velocity, over the largest speed before, from
+#: which on an outcome is marked, a hundred times as much; and how many changes are tried, each with its opposite.
+CHANGE, MOVED, _PAIRS = 1e-6, 1e-4, 2
+
+#: Relative changes of a screen: all parameters at once, in two patterns that are orthogonal but for gravity, and their
+#: opposites.
+_SCREENS = max(JUMPS) * np.array(
+    [(1, 1, 1, 1, 1), (-1, -1, -1, -1, -1), (1, -1, 1, -1, 1), (-1, 1, -1, 1, -1)]
+)
+
+#: Below a margin of `GRAZING` a bistiffness cell is screened, below `GRAZING_MORE` by both patterns. The largest margin
+#: of a marked cell was 0.11 in 28 000 cells without gravity, k2/k1 from 1e-3 to 1e3, m2/m1 and e from 0.1.
+GRAZING, GRAZING_MORE = 0.2, 0.03
+
+#: From this restitution on a margin does not see the end of compression that a change of e makes costly.
+ELASTIC = 0.999
+
+#: Laws of dashpots are continuous without gravity: steep is only what has contacts that return, more than the two
+#: events of contacts that close and open once. From `MANY` events on a cell is tried in full, unscreened.
+FEW, MANY = 3, 20
+
+#: A lower ball lighter than this share of the upper one, which takes up any speed, is screened whatever its events.
+LIGHT = 0.05
+
+#: What gravity must have done to a velocity per abs(v0) for its first flight to matter.
+FALLEN = 0.02
+
+#: What a screen must do for a cell to be tried in full: move a velocity by so much, a grazing margin by such a share.
+STIRRED, MARGIN_MOVED = 0.005, 0.25
+
+_LARGEST = float(np.finfo(float).max)
+
+
+def marks_of(
+    law: Law,
+    name: str,
+    collisions: Collisions,
+    exact: Outcomes,
+    gravity: Floats,
+    ends: Mapping[int, tuple[bool, bool]] | None = None,
+) -> NDArray[np.object_]:
+    """Say of each collision why its outcome means little, in one sentence; empty where it does not.
+
+    Parameters
+    ----------
+    law, name
+        The exact law of a solver, or that it was asked for, and its name.
+    collisions : Collisions
+    exact : Outcomes
+        By that law.
+    gravity : ndarray, shape (n,)
+        In m/s^2.
+    ends : dict, optional
+        Of drops by their position whether the engine's run that decides on them had a first flight, and whether B2 came
+        to rest on the table.
+    """
+    says = np.full(len(collisions), "", dtype=object)
+    if not len(collisions):
+        return says
+    if not collisions.falls_on_resting.all():
+        why, moved = rounding(law, collisions, exact)
+        for i in np.flatnonzero(~(moved <= MOVED) & exact.has_result):
+            says[i] = f"{why} moves the exact outcome of {name} by {moved[i]:.2g} |v0|"
+        return says
+    excess, which = jumps(law, collisions, exact, gravity)
+    for i in np.flatnonzero(excess > 1):
+        parameter, change = TRIED[which[i]]
+        far = excess[i] * JUMPS[abs(change)]
+        says[i] = (
+            f"a change of {change:g} in {CHANGED[parameter]} moves the exact outcome of {name} by {far:.2g} |v0|"
+        )
+    for i, own in (ends or {}).items():
+        exactly = tuple(
+            bool(np.isfinite(exact.diagnostics[key][i])) for key in ("first_flight", "rest_speed")
+        )
+        if not says[i] and own != exactly:
+            which_end = 0 if own[0] != exactly[0] else 1
+            both = f"exact {name}", "the engine"
+            one, other = both if exactly[which_end] else both[::-1]
+            says[i] = (
+                f"gravity ends in a first flight of {one}, and {other} has none",
+                f"by {one} the lower ball comes to rest on the table, and by {other} it leaves",
+            )[which_end]
+    return says
+
+
+def jumps(
+    law: Law, collisions: Collisions, exact: Outcomes, gravity: Floats, *, everywhere: bool = False
+) -> tuple[Floats, NDArray[np.intp]]:
+    """Change every parameter of two balls on a table a little and see how far the outcome moves.
+
+    That is tried where a jump may be near, which is decided in two stages: by the outcome itself (`_suspects`), and by
+    screens, which change all parameters at once (`_SCREENS`). The thresholds are measured: `benchmarks/limits.py
+    screens` counts the marks that are lost.
+
+    Parameters
+    ----------
+    law, collisions, exact, gravity
+        As for `marks_of`.
+    everywhere : bool
+        Whether every collision is tried, suspected or not.
+
+    Returns
+    -------
+    excess : ndarray, shape (n,)
+        The largest change of a velocity over what `JUMPS` says: above 1 it is a jump. Infinite if a change leaves no
+        result, NaN where the collision itself has none, 0 where no change was tried.
+    which : ndarray of int, shape (n,)
+        Which of `TRIED` gives it.
+    """
+    solved = exact.has_result  # one that was given up may have taken a second, and would at every try
+    once, twice, near = (solved & flags for flags in _suspects(collisions, exact, gravity))
+    near |= everywhere & solved
+    for some, changes in ((once, _SCREENS[:2]), (twice, _SCREENS[2:])):
+        asked = np.flatnonzero(some & ~near)
+        if asked.size:
+            near[asked] = _stirred(law, collisions[asked], exact, gravity[asked], asked, changes)
+    excess, which = np.where(solved, 0.0, np.nan), np.zeros(len(collisions), np.intp)
+    asked = np.flatnonzero(near)
+    tried = [(i, change) for i, change in TRIED if gravity[asked].any() or CHANGED[i] != "gravity"]
+    if asked.size:
+        place, change = (np.array(each) for each in zip(*tried, strict=True))
+        alone = np.eye(len(CHANGED))[place] * change[:, None]
+        _, away = _moved(law, collisions[asked], exact, gravity[asked], asked, alone)
+        over = (
+            np.where(np.isnan(away), np.inf, away)
+            / np.array([JUMPS[abs(size)] for _, size in tried])[:, None]
+        )
+        excess[asked], which[asked] = over.max(axis=0), np.argmax(over, axis=0)
+    return excess, which
+
+
+def _suspects(collisions: Collisions, exact: Outcomes, gravity: Floats) -> tuple[NDArray[np.bool_], ...]:
+    """Tell what is to be screened, what by the second pattern too, and what is tried in full unscreened."""
+    speed, light = collisions.units[1], collisions.mass_ratio < LIGHT
+    margin = _margin(exact)
+    v1, v2 = exact.v1 / speed, exact.v2 / speed
+    pulled, over = np.zeros(len(v1), bool), _end(exact) > 0
+    if gravity.any():
+        flight = exact.diagnostics["first_flight"]
+        fall = np.where(np.isnan(flight), exact.diagnostics["duration"], flight)
+        with np.errstate(over="ignore", invalid="ignore"):
+            fallen = gravity * fall / speed
+            pulled = (fallen > FALLEN) & (over | (np.minimum(v2, v1 - v2) < fallen))
+    dashpots = np.isinf(margin)
+    hidden = ~dashpots & (collisions.restitutions.max(axis=1) > ELASTIC)
+    apart = pulled | light
+    once = (margin < GRAZING) | hidden | (dashpots & (exact.n_events >= FEW)) | apart
+    # Dashpots bring a ball to rest at any instant, next to the one at which the other comes down again.
+    return once, apart | (margin < GRAZING_MORE), dashpots & ((exact.n_events >= MANY) | (pulled & over))
+
+
+def _stirred(
+    law: Law, some: Collisions, exact: Outcomes, gravity: Floats, asked: NDArray[np.intp], changes: Floats
+) -> NDArray[np.bool_]:
+    """Tell which of the collisions asked for a screen moves far enough to be tried in full."""
+    other, away = _moved(law, some, exact, gravity, asked, changes)
+    margin, then = _margin(exact)[asked], _margin(other).reshape(away.shape)
+    least = np.minimum(margin, then)
+    with np.errstate(invalid="ignore"):
+        grazes = (least < GRAZING) & (abs(then - margin) > MARGIN_MOVED * least)
+    counted = np.isinf(margin) | (some.mass_ratio < LIGHT)
+    chatters = counted & (other.n_events.reshape(away.shape) != exact.n_events[asked])
+    ends = _end(other).reshape(away.shape) != _end(exact)[asked]
+    return (~(away <= STIRRED) | grazes | chatters | ends).any(axis=0)
+
+
+def _moved(
+    law: Law, some: Collisions, exact: Outcomes, gravity: Floats, asked: NDArray[np.intp], changes: Floats
+) -> tuple[Outcomes, Floats]:
+    """Solve with parameters changed by relative amounts (m, 5): outcomes, and the largest move of a velocity (m, n).
+
+    The gravity number keeps its value where it is not changed itself.
+    """
+    m, n = len(changes), len(some)
+
+    def changed(array: Floats, relative: tuple[Any, Any], most: float) -> Floats:
+        factors = 1 + np.stack(np.broadcast_arrays(*relative), axis=-1)[:, None]
+        with np.errstate(over="ignore"):
+            return np.minimum(array * factors, most).reshape(m * n, 2)
+
+    masses = changed(some.masses, (0.0, changes[:, 1]), _LARGEST)
+    stiffnesses = changed(some.stiffnesses, (0.0, changes[:, 0]), _LARGEST)
+    restitutions = changed(some.restitutions, (changes[:, 2], changes[:, 3]), 1.0)
+    velocities, gaps = np.tile(some.velocities, (m, 1)), np.tile(some.gaps, (m, 1))
+    others = Collisions(masses, stiffnesses, restitutions, velocities, True, gaps)
+    lighter = np.sqrt((1 + 1 / others.mass_ratio) / (1 + 1 / np.tile(some.mass_ratio, m)))
+    found = law(others, lighter * (gravity * (1 + changes[:, 4:])).ravel())
+    away = np.abs(found.velocities.reshape(m, n, 2) - exact.velocities[asked]).max(axis=2) / some.units[1]
+    return found, away
+
+
+def _margin(outcomes: Outcomes) -> Floats:
+    """Grazing margins, infinite under laws that state none."""
+    return np.where(np.isnan(outcomes.grazing_margin), np.inf, outcomes.grazing_margin)
+
+
+def _end(outcomes: Outcomes) -> NDArray[np.int64]:
+    """How drops ended: 0 with both balls off the table, 1 with B2 at rest on it, 2 with both."""
+    rested = np.isfinite(outcomes.diagnostics.get("rest_speed", np.full(len(outcomes), np.nan)))
+    return np.where(rested, np.where(outcomes.v1 == 0, 2, 1), 0)
+
+
+def rounding(law: Law, collisions: Collisions, exact: Outcomes) -> tuple[str, Floats]:
+    """Say what was changed of N balls, and the largest change of a velocity over the largest speed before."""
+    speed, at_rest = np.abs(collisions.velocities).max(axis=1), np.zeros(len(collisions))
+    if "velocity_error" in exact.diagnostics:
+        return "its own error", exact.diagnostics["velocity_error"] / speed
+    moved = at_rest.copy()
+    for other in changed(collisions):
+        found = law(other, at_rest)
+        away = np.where(found.has_result[:, None], np.abs(found.velocities - exact.velocities), np.inf)
+        moved = np.maximum(moved, away.max(axis=1))
+    return f"a change of {CHANGE:g} in masses and stiffnesses", moved / speed
+
+
+def changed(collisions: Collisions) -> list[Collisions]:
+    """Change all masses and stiffnesses by a millionth, up or down at random, and the opposite."""
+    c, balls = collisions, collisions.masses.shape[1]
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (_PAIRS, balls + c.stiffnesses.shape[1]))
+    found: list[Any] = []
+    for some in (*signs, *-signs):
+        m, k = np.split(1 + CHANGE * some, [balls])
+        arrays = c.masses * m, c.stiffnesses * k, c.restitutions, c.velocities
+        found.append(Collisions(*arrays, c.table, c.gaps, c.exponent))
+    return found

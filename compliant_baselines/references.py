@@ -1,0 +1,403 @@
+r"""The laws of `model.chain` in time, with positions, as solvers; and the model itself.
+
+Contact i is F = max(0, k_i delta^p + c_i delta^((p - 1)/2) delta') while its bodies overlap, or one of two laws that
+have no dashpot or another one; `LAWS` lists them. What c_i is made from:
+
+| solver | c_1 of two balls on a table | c_2 |
+|---|---|---|
+| kelvin-voigt | 2 zeta sqrt(k1 M), M of the two bodies of the contact alone | 2 zeta sqrt(k2 m2) |
+| kelvin-voigt-anchored | 2 zeta sqrt(k1 m1): B2 as part of the table | 2 zeta sqrt(k2 m2) |
+| kelvin-voigt-textbook | as kelvin-voigt, zeta from the textbook | likewise |
+
+zeta is the damping ratio that gives e to a contact that ends at zero force (docs/theory.md, section 7) or the
+textbook's -ln e/sqrt(pi^2 + ln^2 e). Where p is not 1 the dashpot is that of Tsuji, Tanaka and Ishida (Powder
+Technology 71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is the linear contact, u du/dxi =
+-2 (k xi + c u)/(M (p + 1)), with the same e for every p, at any speed.
+
+**hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
+touch (`contact.restitution_laws`: the same A for every p). **bistiffness** is the model's own law in time: energetic
+restitution by a second, higher stiffness; a contact that has opened returns when its gap has closed, not when its
+bodies begin to approach. In a drop an end of compression takes 1 - e2^2 of all the strain energy of contact 2, that
+which carries the weight included: the permanent indentation is of the contact, whatever presses it.
+
+e = 0 has no finite damping or stiffness in time, and k2/k1 = 0 or infinity no two springs: refused.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from impact_xval.compliant_baselines import marks
+from impact_xval.compliant_baselines.contact.restitution_laws import (
+    damping_ratios,
+    hunt_crossley_coefficients,
+    textbook_damping_ratios,
+)
+from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, by_kind, no_gravity
+from impact_xval.model import solving
+from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of, too_far_apart
+from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY
+from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
+from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
+from impact_xval.model.chain.power_law import TOLERANCE
+from impact_xval.model.chain.rest import FREE, STUCK
+from impact_xval.model.collision import STATUSES, Collision, Collisions, Floats, Outcome, Outcomes
+from impact_xval.model.inputs import Legal, broadcast_inputs
+from impact_xval.model.solving import reasons_of
+
+#: Laws by name, as codes of the kernel.
+LAWS = {
+    "bistiffness": BISTIFFNESS,
+    "kelvin-voigt": KELVIN_VOIGT,
+    "kelvin-voigt-anchored": KELVIN_VOIGT,
+    "kelvin-voigt-textbook": KELVIN_VOIGT,
+    "hunt-crossley": HUNT_CROSSLEY,
+}
+
+#: Times `TOLERANCE`, the tolerance of the second run from which the error of the first is known.
+LOOSER = 100.0
+
+GRAVITY_NUMBER = Legal(
+    "gravity_number", 0.0, float(np.finfo(float).max), "a finite number >= 0 (g/(|v0| omega1))"
+)
+
+_HAPPENED = {
+    RUNAWAY: "a contact became rigid: its bodies are one from there on",
+    COLLAPSE: "bodies come to rest together after infinitely many events",
+}
+_PLASTIC = (
+    "a restitution is 0: no finite stiffness or damping in time makes a contact perfectly plastic; take a small "
+    "positive one, or the state-transition model, which knows the limit"
+)
+_LIMITS = (
+    "a stiffness is 0 or infinite: a contact in time needs a finite one > 0; take a large or small k2/k1, or the "
+    "state-transition model, which knows the limit"
+)
+_OK, _LIMIT, _TIMEOUT, _UNREPRESENTABLE = map(STATUSES.index, ("ok", "limit", "timeout", "unrepresentable"))
+
+
+def solve(
+    collisions: Collisions,
+    law: str,
+    *,
+    frozen: bool = False,
+    gravity: ArrayLike = 0.0,
+    states: bool = True,
+    paths: bool = False,
+    max_steps: int = MAX_PIECES,
+) -> Outcomes:
+    """Solve collisions by a law in time.
+
+    Parameters
+    ----------
+    collisions : Collisions
+        With their gaps, if any.
+    law : str
+        One of `LAWS`.
+    frozen : bool
+        Whether positions are frozen, as in the model: a contact that has opened returns where its bodies begin to
+        approach. Such collisions have no gaps.
+    gravity : array_like, shape (n,) or ()
+        In m/s^2; above 0 is a drop, of two balls on a table, the lower one settled (`chain.rest`).
+    states, paths : bool
+        Whether outcomes carry their states and paths; the latter one by one.
+    max_steps : int
+        Pieces of segments after which a collision is given up.
+
+    Returns
+    -------
+    Outcomes
+        Status ``ok``, ``limit`` (bistiffness: bodies were united or brought to rest by a closed form), ``timeout``
+        after `max_steps`, or ``unrepresentable`` for e_i = 0, stiffnesses of 0 or infinity, masses or stiffnesses too
+        far apart. Exact to rounding where the forces are linear; else ``velocity_error`` estimates the error of
+        velocities in m/s, by how much a run at 100 times the tolerance differs. Of drops, ``first_flight`` is when
+        gravity ended, in s, and ``rest_speed`` the velocity in m/s that a B2 at rest on the table still had; it and
+        impulses count as without. ``duration`` is in s.
+
+    Raises
+    ------
+    ValueError
+        For an unknown law, or gaps where positions are frozen.
+    """
+    if law not in LAWS:
+        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
+    if frozen and collisions.gaps.any():
+        raise ValueError(f"gaps: {float(collisions.gaps.max())!r}; legal where positions are frozen: none")
+    n, g = len(collisions), np.broadcast_to(np.asarray(gravity, float), len(collisions))
+
+    def problem(some: Collisions, weight: Floats) -> Problem:
+        return Problem(some, LAWS[law], dampings(some, law), frozen, weight, max_pieces=max_steps)
+
+    whole = problem(collisions, g)
+    went = whole.follow(states=states)
+    plastic = (collisions.restitutions == 0).any(axis=1)
+    limits = ~(np.isfinite(collisions.stiffnesses) & (collisions.stiffnesses > 0)).all(axis=1)
+    lost = plastic | limits | too_far_apart(collisions)
+    none = lost | went.given_up
+    reason, reasons = reasons_of(went.numbers["code"], _HAPPENED)
+    last = len(reasons)
+    status = np.select([lost, none, reason > 0], [_UNREPRESENTABLE, _TIMEOUT, _LIMIT], _OK)
+    reason = np.select([limits, plastic, lost, none], [last, last + 1, last + 2, last + 3], reason)
+    found = {name: np.where(none, np.nan, each) for name, each in went.numbers.items()}
+    end, fall = found["end"], found["fall"]
+    velocities = np.where(none[:, None], np.nan, went.velocities)
+    diagnostics = {"duration": found["time"], "n_steps": found["pieces"]}
+    falls, fallen = g > 0, np.zeros(n)
+    if falls.any():
+        speed, reduced = collisions.units[1], 1 / (1 / collisions.masses).sum(axis=1)
+        diagnostics["gravity_number"] = g / (speed * np.sqrt(collisions.stiffnesses[:, 0] / reduced))
+        diagnostics["first_flight"] = np.where(fall < found["time"], fall, np.nan)
+        diagnostics["rest_speed"] = np.where(end == FREE, np.nan, velocities[:, 1])
+        for name in ("gravity_number", "first_flight", "rest_speed"):
+            diagnostics[name][~falls | none] = np.nan
+        velocities[falls & (end != FREE), 1] = 0.0
+        velocities[falls & (end == STUCK), 0] = 0.0
+        with np.errstate(over="ignore", invalid="ignore"):
+            fallen = np.where(falls, g * fall, 0.0)
+    if collisions.exponent != 1:
+        looser = replace(whole, tolerance=LOOSER * TOLERANCE).follow(states=False)
+        moved = np.abs(looser.velocities - went.velocities).max(axis=1)
+        diagnostics["velocity_error"] = np.where(none | looser.given_up, np.nan, moved)
+    drawn = None
+    if paths:
+        places = [slice(i, i + 1) for i in range(n)]
+        drawn = [None if none[at.start] else problem(collisions[at], g[at]).path() for at in places]
+    grazes = law == "bistiffness"
+    return Outcomes(
+        solver=law,
+        velocities=velocities,
+        impulses=impulses_of(collisions, velocities, fallen),
+        table=collisions.table,
+        status=status.astype(np.uint8),
+        reason=reason,
+        reasons=(
+            *reasons,
+            _LIMITS,
+            _PLASTIC,
+            solving.TOO_FAR_APART,
+            f"not over after max_steps = {max_steps} segments",
+        ),
+        mark=np.zeros(n, np.int32),
+        marks=("",),
+        n_states=np.where(none, 0, went.numbers["n_states"]).astype(np.int64),
+        n_events=np.where(none, 0, went.numbers["events"]).astype(np.int64),
+        states=went.states,
+        grazing_margin=found["margin"] if grazes else np.full(n, np.nan),
+        diagnostics=diagnostics,
+        paths=drawn,
+    )
+
+
+def dampings(collisions: Collisions, law: str) -> Floats:
+    """Give c or a of each contact in the units of its collision, shape (n, C); 0 of bistiffness, NaN where e is 0.
+
+    The unit of c is sqrt(m1 k1) where contacts are linear, that of a the inverse of a velocity.
+    """
+    c, flat = collisions, collisions.restitutions.ravel()
+    if law == "bistiffness":
+        return np.where(c.restitutions > 0, 0.0, np.nan)
+    if law == "hunt-crossley":
+        rates = c.compression_rates
+        largest = np.abs(rates).max(axis=1) / rates.max(axis=1)
+        return hunt_crossley_coefficients(flat).reshape(rates.shape) * largest[:, None]
+    ratios = textbook_damping_ratios if law == "kelvin-voigt-textbook" else damping_ratios
+    with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
+        below = [np.full(len(c), np.inf)] if c.table else []
+        inverse = c.masses[:, :1] / np.column_stack([c.masses, *below])
+        mass = 1 / (inverse[:, 1:] + inverse[:, :-1])
+        if law == "kelvin-voigt-anchored":
+            mass[:, 0] = 1.0
+        root = np.sqrt(c.stiffnesses / c.stiffnesses[:, :1]) * np.sqrt(mass)
+        return 2 * ratios(flat).reshape(root.shape) * np.sqrt(0.5 * (c.exponent + 1)) * root
+
+
+def solve_batch(
+    law: str,
+    stiffness_ratio: ArrayLike,
+    mass_ratio: ArrayLike,
+    e1: ArrayLike,
+    e2: ArrayLike,
+    gravity_number: ArrayLike = 0.0,
+    **how: Any,
+) -> Outcomes:
+    r"""Solve many collisions of two balls on a table by a law, m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
+
+    Parameters
+    ----------
+    law : str
+        One of `LAWS`.
+    stiffness_ratio, mass_ratio, e1, e2 : array_like
+        k2/k1, m2/m1 and the coefficients of restitution; they broadcast.
+    gravity_number : array_like
+        g/(\|v0\| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 is the scenario `impact`, above it is a `drop`.
+    **how
+        As for `solve`; states are not kept by default.
+
+    Returns
+    -------
+    Outcomes
+        Arrays of the shape that the inputs broadcast to.
+
+    Raises
+    ------
+    ValueError
+        If any value is illegal; the message names the parameter, the first such value and the legal range.
+    """
+    more = GRAVITY_NUMBER, gravity_number
+    shape, (*cells, number) = broadcast_inputs(stiffness_ratio, mass_ratio, e1, e2, more)
+    g = number * np.sqrt(1 + 1 / cells[1])
+    how = {"states": False, **how}
+    return solve(Collisions.from_ratios(*cells), law, gravity=g, **how).shaped(shape)
+
+
+def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_PIECES) -> marks.Law:
+    """Return what solves collisions by a law for their marks."""
+    return lambda some, g: solve(some, law, frozen=frozen, gravity=g, states=False, max_steps=max_steps)
+
+
+def marked(
+    outcomes: Sequence[Outcome],
+    collisions: Sequence[Collision],
+    law: str,
+    settings: Settings,
+    ends: Mapping[int, tuple[bool, bool]] | None = None,
+) -> list[Outcome]:
+    """Mark the outcomes of an engine by the exact law that it was asked for.
+
+    Parameters
+    ----------
+    outcomes, collisions : sequence
+        What has no numbers stays as it is; with `ends`, of one kind.
+    law : str
+        One of `LAWS`.
+    settings : Settings
+        Under which they were solved.
+    ends : dict, optional
+        As for `marks.marks_of`, by position.
+    """
+    there = [i for i, outcome in enumerate(outcomes) if np.isfinite(outcome.velocities).all()]
+    g = settings.gravity if settings.scenario == "drop" else 0.0
+    known = {n: ends[i] for n, i in enumerate(there) if i in ends} if ends and g else None
+    solved = law_at(law, max_steps=settings.max_steps)
+
+    def why(some: Collisions) -> list[str]:
+        gravity = np.full(len(some), g)
+        return marks.marks_of(solved, law, some, solved(some, gravity), gravity, known).tolist()
+
+    found = list(outcomes)
+    if settings.mark:
+        for i, mark in zip(there, by_kind([collisions[i] for i in there], why), strict=True):
+            found[i] = replace(found[i], marked=mark) if mark else found[i]
+    return found
+
+
+class ExactSolver(SolverBase):
+    """A solver that answers arrays of collisions."""
+
+    def version(self) -> str:
+        """Version of this project: what is exact is its own."""
+        return version("impact-xval")
+
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
+        """Answer every collision, in order."""
+        return by_kind(collisions, lambda some: self.solve_alike(some, settings))
+
+    def solve_columns(self, columns: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
+        """Answer every column of N balls, in order."""
+        return self.solve_many(columns, settings)
+
+    @abstractmethod
+    def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
+        """Answer collisions of one kind."""
+
+
+class ReferenceSolver(ExactSolver):
+    """A law in time as a solver; `step_fraction`, `shortest_state` and `mapping` do not concern it."""
+
+    def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
+        """Answer collisions of one kind."""
+        two, n = bool(collisions.falls_on_resting.all()), len(collisions)
+        reason = None if two else no_gravity(settings)
+        if self.name == "kelvin-voigt-anchored" and not two:
+            reason = f"{self.name} is a law of two balls on a table"
+        if reason is not None:
+            return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
+        gravity = np.full(n, settings.gravity if settings.scenario == "drop" else 0.0)
+        how: dict[str, Any] = {"paths": settings.record_path, "max_steps": settings.max_steps}
+        outcomes = solve(collisions, self.name, gravity=gravity, **how)
+        if not settings.mark:
+            return outcomes
+        law = law_at(self.name, max_steps=settings.max_steps)
+        return outcomes.with_marks(marks.marks_of(law, self.name, collisions, outcomes, gravity))
+
+
+class BistiffnessSolver(ReferenceSolver):
+    """The bistiffness law."""
+
+    name = "bistiffness"
+
+
+class KelvinVoigtSolver(ReferenceSolver):
+    """Kelvin-Voigt contacts, c_i from the reduced mass of the pair."""
+
+    name = "kelvin-voigt"
+
+
+class AnchoredKelvinVoigtSolver(ReferenceSolver):
+    """Kelvin-Voigt contacts, c_1 from the mass of the upper ball alone."""
+
+    name = "kelvin-voigt-anchored"
+
+
+class TextbookKelvinVoigtSolver(ReferenceSolver):
+    """Kelvin-Voigt contacts, c_i from the textbook's zeta, which is that of a contact that may pull."""
+
+    name = "kelvin-voigt-textbook"
+
+
+class HuntCrossleySolver(ReferenceSolver):
+    """Hunt-Crossley contacts, F = max(0, k delta^p (1 + a delta'))."""
+
+    name = "hunt-crossley"
+
+
+class StateTransitionSolver(ExactSolver):
+    """The state-transition model; of the settings it knows the cut-off, the threshold of marks and the path only.
+
+    It has no gravity and no step: `impact` and `drop` are the same collision to it.
+    """
+
+    name = "state-transition"
+    impact_law = "jia-mason-erdmann"
+
+    def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
+        """Answer collisions of one kind; gaps are ``unrepresentable``."""
+        if collisions.gaps.any():
+            reason = solving.no_positions(collisions)
+            return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
+        outcomes = solving.solve_many(
+            collisions,
+            law=self.impact_law,
+            stiffness_ratio_cutoff=settings.stiffness_ratio_cutoff,
+            grazing_threshold=settings.grazing_threshold,
+            paths=settings.record_path,
+        )
+        return replace(outcomes, solver=self.name)
+
+
+class LiuZhaoBrogliatoSolver(StateTransitionSolver):
+    """The impact law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the same diagram.
+
+    Bistiffness with energetic restitution, positions frozen, as in the primary model; but every compression runs at the
+    original stiffness (`pair.law`). It equals the primary model exactly until a contact compresses a second time.
+    `limit` also where the bodies come to rest together after infinitely many events.
+    """
+
+    name = impact_law = "liu-zhao-brogliato"

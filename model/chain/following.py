@@ -1,0 +1,193 @@
+"""Collisions through the kernel of chains, as arrays: scaled to ratios, shared out to threads, and back in SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_xval.model.chain.kernel import ACTS, GOING, UNITED, Followed, collide_all
+from impact_xval.model.chain.power_law import TOLERANCE
+from impact_xval.model.collision import Collisions, Floats, Path, States
+from impact_xval.model.compiled import in_threads
+from impact_xval.model.inputs import MASS_PRECISION
+
+#: Pieces of segments after which a collision is given up.
+MAX_PIECES = 1_000_000
+
+#: Points of a path in each piece of a segment, as long as its log has no more numbers than this: 64 MB.
+POINTS, LOG_NUMBERS = 9, 2**23
+
+#: Rows of the first try at a log, and states of a collision for which there is room at first; others run once more.
+LOG_ROWS, FEW_STATES = 1024, 32
+
+#: Collisions that a thread is given at once: some ten milliseconds of work.
+SHARE = 512
+
+
+class Went(NamedTuple):
+    """How collisions went.
+
+    Attributes
+    ----------
+    velocities : ndarray, shape (n, N)
+        In m/s; NaN where a collision was left out.
+    numbers : dict of str to ndarray, shape (n,)
+        What `chain.kernel.Followed` says; `time` and `fall` in s; NaN where a collision was left out.
+    states : States or None
+    """
+
+    velocities: Floats
+    numbers: dict[str, Floats]
+    states: States | None
+
+    @property
+    def given_up(self) -> NDArray[np.bool_]:
+        """Which collisions did not end."""
+        return self.numbers["end"] == GOING
+
+    def happened(self, bits: int) -> NDArray[np.bool_]:
+        """Where some of these bits of `code` are set."""
+        return (np.nan_to_num(self.numbers["code"]).astype(int) & bits) != 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """Collisions under a law.
+
+    Attributes
+    ----------
+    collisions : Collisions
+    law : int
+        One of `chain.laws`.
+    dampings : ndarray, shape (n, C)
+        What the law has of each contact, in the units of the collision; a collision with one that is not finite is left
+        out, as one of `too_far_apart`.
+    frozen : bool
+        Whether positions are frozen.
+    gravity : ndarray, shape (n,)
+        In m/s^2; above 0 only for two balls on a table.
+    tolerance : float
+        Error of a step, where steps are taken.
+    max_pieces : int
+        Pieces of segments after which a collision is given up.
+    """
+
+    collisions: Collisions
+    law: int
+    dampings: Floats
+    frozen: bool
+    gravity: Floats
+    tolerance: float = TOLERANCE
+    max_pieces: int = MAX_PIECES
+
+    def follow(self, *, states: bool = True) -> Went:
+        """Follow all of them to their ends."""
+        c, cells, names = self.collisions, self._scaled(), list(Followed._fields)
+        n, contacts = c.stiffnesses.shape
+        velocities = np.full(c.velocities.shape, np.nan)
+        numbers = np.full((n, len(names)), np.nan)
+        words, no_log = max(1, -(-contacts // 64)), np.empty((0, 0))
+
+        def follow(share: slice) -> tuple[NDArray[np.uint64], Floats]:
+            some, room = [each[share] for each in cells], FEW_STATES * len(velocities[share]) if states else 0
+            while True:
+                sets, starts = np.empty((room, words), np.uint64), np.empty(room)
+                out = velocities[share], numbers[share], sets, starts
+                self._collide(some, 1, no_log, out)
+                used = int(np.nansum(numbers[share, names.index("n_states")]))
+                if used <= room or not states:
+                    return sets[:used], starts[:used]
+                room = used
+
+        parts = in_threads(follow, n, SHARE)
+        time, speed = c.units
+        found = dict(zip(names, numbers.T, strict=True))
+        with np.errstate(over="ignore", invalid="ignore"):  # no fall has an end where nothing falls
+            found |= {name: found[name] * time for name in ("time", "fall")}
+        logged = None
+        if states:
+            offsets = np.concatenate([[0], np.cumsum(np.nan_to_num(found["n_states"]))]).astype(np.int64)
+            sets, starts = (np.concatenate(each) for each in zip(*parts, strict=True))
+            logged = States(offsets, sets, starts * np.repeat(time, np.diff(offsets)))
+        return Went(velocities * speed[:, None], found, logged)
+
+    def path(self) -> Path:
+        """Path of the only collision."""
+        c, cells = self.collisions, self._scaled()
+        n, balls, contacts = *c.masses.shape, c.stiffnesses.shape[1]
+        assert n == 1
+        rows, width, points = LOG_ROWS, 1 + 2 * balls + contacts, POINTS
+        while True:
+            log = np.empty((rows, width))
+            numbers, none = np.empty((1, len(Followed._fields))), (np.empty((0, 1), np.uint64), np.empty(0))
+            self._collide(cells, points, log, (np.empty((1, balls)), numbers, *none))
+            went = Followed(*numbers[0])
+            if went.rows <= rows:
+                break
+            pieces = (int(went.rows) - 1) // points
+            points = max(1, min(points, LOG_NUMBERS // (pieces * width + 1)))
+            rows = pieces * points + 1
+        log = log[: int(went.rows)]
+        (time,), (speed,) = c.units
+        flags = log[:, 1 + 2 * balls :]
+        acting = (flags == ACTS) | ((flags == UNITED) & (flags == ACTS).any(axis=1, keepdims=True))
+        acting[-1] = False
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # what leaves double precision is said of the outcome
+            fallen = (
+                self.gravity * np.minimum(log[:, 0], went.fall) * time
+                if self.gravity[0]
+                else np.zeros(len(log))
+            )
+            aloft = (went.fall < went.time) & (log[:, 0] >= went.fall)
+            velocities, weight = log[:, 1 : 1 + balls] * speed, np.where(aloft, 0.0, self.gravity)
+            changes = velocities - c.velocities + fallen[:, None]
+            pushes = log[:, 1 + balls : 1 + 2 * balls] * (speed / time) + weight[:, None]
+            impulses, forces = (
+                np.cumsum(c.masses * each, axis=1)[:, :contacts] for each in (changes, pushes)
+            )
+        return Path(log[:, 0] * time, velocities, impulses, forces, acting)
+
+    def _scaled(self) -> list[Any]:
+        """Arguments of the kernel for each collision, in its units."""
+        c, (time, speed) = self.collisions, self.collisions.units
+        with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
+            masses, stiffnesses = (x / x[:, :1] for x in (c.masses, c.stiffnesses))
+            drift = np.zeros(len(c))
+            if not c.table:
+                drift = (masses * c.velocities).sum(axis=1) / masses.sum(axis=1) / speed
+            gaps, gravity = c.gaps / (speed * time)[:, None], self.gravity * time / speed
+        masses[too_far_apart(c) | ~np.isfinite(self.dampings).all(axis=1)] = np.nan
+        rates = c.compression_rates / speed[:, None]
+        return [masses, stiffnesses, c.restitutions, self.dampings, rates, drift, gaps, gravity]
+
+    def _collide(self, cells: list[Any], points: int, log: Floats, out: tuple[Any, ...]) -> None:
+        how = self.law, self.collisions.exponent, self.frozen, *cells, self.tolerance, self.max_pieces
+        arguments: list[Any] = [*how, points, log, *out]
+        collide_all(*arguments)
+
+
+def too_far_apart(collisions: Collisions) -> NDArray[np.bool_]:
+    """Whether masses or stiffnesses of a collision lie further apart than `MASS_PRECISION`."""
+    found = np.zeros(len(collisions), bool)
+    for values in (collisions.masses, collisions.stiffnesses):
+        with np.errstate(over="ignore", invalid="ignore"):
+            found |= ~(values.max(axis=1) <= MASS_PRECISION * values.min(axis=1))
+            found |= ~np.isfinite(values).all(axis=1)
+    return found
+
+
+def impulses_of(collisions: Collisions, velocities: Floats, fallen: Any = 0.0) -> Floats:
+    """Impulses of the contacts that have given the balls these velocities: (n, N) to (n, C), in N s.
+
+    Parameters
+    ----------
+    fallen : ndarray, shape (n,), or 0
+        What gravity has added to the velocities of free balls, in m/s.
+    """
+    changes = collisions.masses * (velocities - collisions.velocities + np.reshape(fallen, (-1, 1)))
+    return np.cumsum(changes, axis=1)[:, : collisions.stiffnesses.shape[1]]
