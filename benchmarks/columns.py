@@ -14,15 +14,19 @@ import argparse
 import sys
 import time
 
-import numba
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks.state_transition import machine
-from impact_xval.model import Collision, solve_column, solve_columns
-from impact_xval.model.pair.law import IMPACT_LAWS
+from impact_xval.compliant_baselines import Settings, get_solver
+from impact_xval.model import Collision
+from impact_xval.model.solving import LAWS
 from tests.model.column_reference import integrate
+from tests.model.columns import solved
+
+#: Solvers by law.
+SOLVERS = dict(zip(LAWS, ("state-transition", "liu-zhao-brogliato"), strict=True))
 
 #: Balls, and columns of that many.
 SIZES = {2: 20_000, 5: 4000, 10: 1000, 20: 400, 50: 40, 100: 10}
@@ -56,12 +60,12 @@ def best_time(call, repeats: int) -> float:
 
 
 def speed(console: Console, options: argparse.Namespace) -> None:
-    for law in IMPACT_LAWS:
+    for law in LAWS:
         table = Table(
             "balls",
             "columns/s",
             "events",
-            "us an event, one thread",
+            "us an event",
             "solve_ivp, columns/s",
             "ratio",
             title=law,
@@ -69,27 +73,24 @@ def speed(console: Console, options: argparse.Namespace) -> None:
         for balls, count in SIZES.items():
             rng = np.random.default_rng(options.seed)
             columns = [random_column(rng, balls) for _ in range(count)]
-            solve_columns(columns[:2], law=law)
-            numba.set_num_threads(1)
-            alone = best_time(lambda columns=columns, law=law: solve_columns(columns, law=law), 1)
-            numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
-            both = best_time(
-                lambda columns=columns, law=law: solve_columns(columns, law=law), options.repeats
+            solver = get_solver(SOLVERS[law])
+            events = [outcome.n_events for outcome in solver.solve_many(columns, Settings())]
+            spent = best_time(
+                lambda solver=solver, columns=columns: solver.solve_many(columns, Settings()), options.repeats
             )
-            events = [outcome.n_events for outcome in solve_columns(columns, law=law)]
             slow, ratio = "", ""
             if balls <= options.slow:
                 some = columns[:10]
-                spent = best_time(
+                plain = best_time(
                     lambda some=some, law=law: [integrate(c, 1.0, law == "jia-mason-erdmann") for c in some],
                     1,
                 )
-                slow, ratio = f"{len(some) / spent:.2f}", f"{count / both * spent / len(some):,.0f}"
+                slow, ratio = f"{len(some) / plain:.2f}", f"{count / spent * plain / len(some):,.0f}"
             table.add_row(
                 str(balls),
-                f"{count / both:,.0f}",
+                f"{count / spent:,.0f}",
                 f"{np.mean(events):.0f}",
-                f"{1e6 * alone / np.sum(events):.1f}",
+                f"{1e6 * spent / np.sum(events):.1f}",
                 slow,
                 ratio,
             )
@@ -98,11 +99,11 @@ def speed(console: Console, options: argparse.Namespace) -> None:
 
 def compare(console: Console, count: int, exponent: float, law: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    stiffens = IMPACT_LAWS[law].stiffens
+    stiffens = law == "jia-mason-erdmann"
     worst, again, beyond, compared = 0.0, 0, 0, 0
     for i in range(count):
         column = random_column(rng, int(rng.integers(2, 11)))
-        ours = solve_column(column, law=law, exponent=exponent)
+        ours = solved(column, law=law, exponent=exponent)
         if "infinitely many" in ours.reason:
             continue
         compared += 1
@@ -140,9 +141,7 @@ def main() -> int:
     parser.add_argument(
         "--exponent", type=float, default=1.0, help="of the comparison (default: %(default)s)"
     )
-    parser.add_argument(
-        "--law", choices=list(IMPACT_LAWS), default="jia-mason-erdmann", help="of the comparison"
-    )
+    parser.add_argument("--law", choices=list(LAWS), default="jia-mason-erdmann", help="of the comparison")
     options = parser.parse_args()
     console = Console(width=max(110, Console().width))
     console.print(machine(), highlight=False)

@@ -142,7 +142,7 @@ def main() -> None:
     console = Console(width=110)
     console.print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}")
     cells = random_cells(arguments.cells, arguments.seed)
-    most = numba.get_num_threads()
+    most = numba.config.NUMBA_NUM_THREADS
 
     table = Table(
         "reference", "scenario", "threads", "cells/s", "against solve_ivp", "solve_ivp off by > 1e-5"
@@ -163,11 +163,11 @@ def main() -> None:
             off = f"{np.count_nonzero(~(wrong < 1e-5))} of {n}"
         for scenario, number in (("impact", 0.0), ("drop", GRAVITY_NUMBER)):
             for threads in sorted({1, min(2, most)}):
-                numba.set_num_threads(threads)
+                numba.config.NUMBA_NUM_THREADS = threads
                 rate = arguments.cells / best_time(lambda r=reference, g=number: r(*cells, g), 3)
                 ratio = f"{rate / against:,.0f} x" if scenario == "impact" and against == against else ""
                 table.add_row(name, scenario, str(threads), f"{rate:,.0f}", ratio, off if ratio else "")
-    numba.set_num_threads(most)
+    numba.config.NUMBA_NUM_THREADS = most
     console.print(table)
 
     if arguments.side:

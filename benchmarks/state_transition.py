@@ -43,6 +43,9 @@ from impact_xval.model import (
 from impact_xval.model.pair.kernel import EXACT
 from impact_xval.model.solving import MAX_EVENTS, _diagrams
 
+#: What numba has from its environment, and what a batch takes.
+THREADS = numba.config.NUMBA_NUM_THREADS
+
 #: Decades of k2/k1 and of m2/m1, and the least e: the box of all the rest, that of the default run, and a wide one, in
 #: which cut-offs are compared.
 BOXES = {
@@ -154,9 +157,9 @@ def compare(console: Console, options: argparse.Namespace) -> None:
         "way", "cells", "collisions/s", "solve_batch is faster by", "off by, median", "off by > 1e-6"
     )
     rates: dict[tuple[str, int], float] = {}
-    threads = range(1, min(2, numba.get_num_threads()) + 1)
+    threads = range(1, min(2, THREADS) + 1)
     for n in threads:
-        numba.set_num_threads(n)
+        numba.config.NUMBA_NUM_THREADS = n
         rates["solve_batch", n] = options.cells / best_time(lambda: solve_batch(*cells), options.repeats)
         rates["the kernel alone", n] = options.cells / best_time(
             lambda: _kernel_only(cells, "exact"), options.repeats
@@ -204,7 +207,7 @@ def compare(console: Console, options: argparse.Namespace) -> None:
 
 def compare_cutoffs(console: Console, options: argparse.Namespace) -> None:
     """Print what each cut-off costs and changes, in three boxes; processor time of one thread, counted in turns."""
-    numba.set_num_threads(1)
+    numba.config.NUMBA_NUM_THREADS = 1
     table = Table(
         "box", "cut-off", "collisions/s", "per that of 1e5", "events", "off by > 1e-9", "off, largest"
     )
@@ -230,7 +233,7 @@ def compare_cutoffs(console: Console, options: argparse.Namespace) -> None:
                 f"{off.max():.1e}",
             )
     console.print(table)
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    numba.config.NUMBA_NUM_THREADS = THREADS
 
 
 def _kernel_only(cells: np.ndarray, cutoff: Cutoff) -> None:
@@ -242,7 +245,7 @@ def grow(console: Console, options: argparse.Namespace) -> None:
     """Print the time over the number of cells, and over the number of events."""
     table = Table(
         *("cells", "time in s", "collisions/s", "memory of inputs and outputs, MB"),
-        title=f"{numba.get_num_threads()} threads",
+        title=f"{THREADS} threads",
     )
     for power in range(2, int(math.log10(options.largest)) + 1):
         n = 10**power
@@ -255,7 +258,7 @@ def grow(console: Console, options: argparse.Namespace) -> None:
         del cells, outcome
     console.print(table)
 
-    numba.set_num_threads(1)
+    numba.config.NUMBA_NUM_THREADS = 1
     cells = random_cells(options.cells, options.seed)
     events = solve_batch(*cells).n_events
     table = Table(

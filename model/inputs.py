@@ -76,13 +76,6 @@ def legal_cutoff(value: object) -> bool:
     return value == "exact" if isinstance(value, str) else isinstance(value, Real) and float(value) > 1
 
 
-def beyond_precision(name: str, ratio: float) -> str:
-    """Say that a ratio lies beyond `MASS_PRECISION`, in one sentence; empty if not."""
-    if 1 / MASS_PRECISION <= ratio <= MASS_PRECISION:
-        return ""
-    return f"{name} = {ratio:g}: beyond {1 / MASS_PRECISION:g} to {MASS_PRECISION:g} squares of velocities are lost"
-
-
 def broadcast_inputs(
     stiffness_ratio: ArrayLike,
     mass_ratio: ArrayLike,

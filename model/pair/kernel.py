@@ -289,7 +289,9 @@ def collide_all(
     max_events : int
         Events after which a collision is given up.
     stiffens : bool
-        As of `pair.law.ImpactLaw`.
+        Whether a repeated compression runs at the stiffness that the ends of compression left, else at the original
+        one (`pair.law`). If so, the ratio k2/k1 may run away (`pair.limits.runaway`), and outcomes jump where a
+        compression nearly ends (`pair.grazing`). If not, some collisions repeat one cycle of states for ever.
     points : int
         Points of the path per half period of the fastest oscillation of a segment; 0 or 1: starts of segments only.
     log : ndarray, shape (rows, 6)

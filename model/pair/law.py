@@ -18,26 +18,8 @@ from typing import NamedTuple
 
 from impact_xval.model.compiled import inlined
 
-#: Phases of a contact; `model.collision.PHASES` has their names.
+#: Phases of a contact.
 INACTIVE, COMPRESSION, RESTITUTION = 0, 1, 2
-
-
-class ImpactLaw(NamedTuple):
-    """What tells one law from another.
-
-    Attributes
-    ----------
-    stiffens : bool
-        Whether a repeated compression runs at the stiffness that the ends of compression left, else at the original
-        one. If so, the ratio k2/k1 may run away (`pair.limits.runaway`), and outcomes jump where a compression nearly
-        ends (`pair.grazing`). If not, some collisions repeat one cycle of states for ever.
-    """
-
-    stiffens: bool
-
-
-#: Impact laws by name.
-IMPACT_LAWS = {"jia-mason-erdmann": ImpactLaw(stiffens=True), "liu-zhao-brogliato": ImpactLaw(stiffens=False)}
 
 
 class Contact(NamedTuple):

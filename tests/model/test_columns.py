@@ -58,6 +58,7 @@ def two_ball_cells(count, seed):
 @pytest.mark.parametrize("count", [1000, pytest.param(10_000, marks=pytest.mark.nightly)])
 def test_two_balls_by_the_kernel_of_chains_are_those_by_their_own(count):
     cells = two_ball_cells(count, seed=count)
+    cells[2:, :60] = np.repeat([(0, 0.7), (0.7, 0), (0, 0)], 20, axis=0).T  # plastic contacts
     nothing = np.zeros((count, 2))
     for law, code in LAWS.items():
         fast = solve_batch(*cells, law=law, states=True)
@@ -106,16 +107,6 @@ def test_random_columns_are_those_of_the_integration(law):
 )
 def test_more_random_columns_are_those_of_the_integration(law, exponent, count):
     assert compare(22, count, law, exponent, 1e-9) <= 2
-
-
-def test_a_plastic_contact_is_that_of_two_balls():
-    plastics = [(0.0, 0.7), (0.7, 0.0), (0.0, 0.0), (0.0, 1.0)]
-    for law, plastic, (ratio, mass) in product(LAWS, plastics, [(0.1, 3.0), (1.0, 1.0), (7.0, 0.3)]):
-        one = solve(Collision.from_ratios(ratio, mass, *plastic), law=law)
-        other = solved(two_balls(ratio, mass, *plastic), law=law)
-        assert other.velocities == pytest.approx((one.v1, one.v2), abs=1e-12), (law, plastic, ratio)
-        assert other.status == "limit"
-        assert "closed form of e" in other.reason
 
 
 @pytest.mark.parametrize("law", LAWS)

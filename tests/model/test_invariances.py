@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from impact_xval.model import Collision, solve
 from impact_xval.model.pair.kernel import collide_all
-from impact_xval.model.pair.law import IMPACT_LAWS
 from impact_xval.model.pair.path import POINTS
 
 pytestmark = pytest.mark.smoke
@@ -67,11 +66,10 @@ def path_of(kappa, mu, e1, e2, points=POINTS):
 
     A contact that acts ends compression where its rate ceases to be positive, and is stiffer by 1/e^2 from there on.
     """
-    law = IMPACT_LAWS["jia-mason-erdmann"]
     cells = [np.array([x], dtype=float) for x in (kappa, mu, e1, e2)]
     log, n = np.empty((100_000, 6)), np.empty((1, 6))
     no_states = np.empty((0, 1), np.uint64), np.empty(0)
-    collide_all(*cells, math.inf, 10_000, law.stiffens, points, log, *no_states, np.empty((1, 2)), n)
+    collide_all(*cells, math.inf, 10_000, True, points, log, *no_states, np.empty((1, 2)), n)
     log = log[: int(n[0, 3])].T
     state, time, v1, v2, *forces = log
     middle = np.append(np.diff(time), 1.0) > 0  # not the last point of a piece

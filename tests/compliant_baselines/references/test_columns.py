@@ -29,18 +29,6 @@ def with_gaps(rng, column):
     return replace(column, gaps=tuple(10 ** rng.uniform(-4, 0, contacts) * rng.integers(2, size=contacts)))
 
 
-def test_the_bistiffness_law_with_frozen_positions_is_the_model():
-    rng = np.random.default_rng(5)
-    for exponent in [1] * 200 + [1.5] * 20:
-        column = random_column(rng, int(rng.integers(2, 9)))
-        ours = in_time(column, "bistiffness", exponent=exponent, frozen=True)
-        model = solve(replace(column, exponent=exponent))
-        assert ours.velocities == pytest.approx(model.velocities, abs=1e-10, rel=0)
-        assert ours.status == model.status
-        if model.status == "ok" or not column.falls_on_resting:  # whose closed forms come at other times
-            assert ours.states == model.states
-
-
 def compare(seed, count, law, exponent, most, frozen=False):
     rng = np.random.default_rng(seed)
     compared = 0
