@@ -430,7 +430,8 @@ class Path:
         In m/s.
     impulses, forces : ndarray, shape (p, C)
         Accumulated impulses in N s, and forces in N; of a contact that has become rigid, what it passes on. Forces of
-        an engine are means since the point before.
+        an engine are means since the point before. Where the model completes the impact of a stiff contact by a closed
+        form, the soft one stands still meanwhile, at a force that velocities do not feel (supplement, 3.4).
     acting : ndarray of bool, shape (p, C)
         Which contacts act from here on; one that has become rigid does while another does.
     """
