@@ -42,7 +42,7 @@ from impact_xval.compliant_baselines.contact.restitution_laws import (
 )
 from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, by_kind, no_gravity
 from impact_xval.model import solving
-from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of, too_far_apart
+from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of
 from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY
 from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
 from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
@@ -139,7 +139,7 @@ def solve(
     went = whole.follow(states=states)
     plastic = (collisions.restitutions == 0).any(axis=1)
     limits = ~(np.isfinite(collisions.stiffnesses) & (collisions.stiffnesses > 0)).all(axis=1)
-    lost = plastic | limits | too_far_apart(collisions)
+    lost = went.left_out
     none = lost | went.given_up
     reason, reasons = reasons_of(went.numbers["code"], _HAPPENED)
     last = len(reasons)

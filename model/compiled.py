@@ -1,4 +1,4 @@
-"""Numba options shared by all kernels, and arrays shared out to threads."""
+"""Numba options shared by all kernels, and collisions shared out to threads."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
+import numpy as np
 from numba import config, njit
+from numpy.typing import NDArray
 
 #: Options of every kernel. A product and a sum may be fused and a division become a multiplication by a reciprocal,
 #: each to within a rounding; nothing that assumes numbers to be finite, for zero and infinity are legal values here.
@@ -35,20 +37,45 @@ merged = _compile(inline="always", **_INNER)
 #: A kernel of these, which Python calls: it holds no lock, so that threads can be given parts of arrays.
 entry = _compile(nogil=True, **_UNCOUNTED)
 
-_Found = TypeVar("_Found")
 
-
-def in_threads(function: Callable[[slice], _Found], n: int, share: int) -> list[_Found]:
-    """Call a function with the slices of n items, `share` items each, in as many threads as numba would take.
+def in_shares(
+    follow: Callable[..., int], n: int, share: int, few: int, words: int
+) -> tuple[NDArray[np.uint64], NDArray[np.float64]]:
+    """Follow n collisions, `share` of them at once, in as many threads as numba would take, with a log of their states.
 
     A kernel that holds no lock of Python is compiled once so; a loop that numba shares out takes four times as long.
+
+    Parameters
+    ----------
+    follow : callable
+        Given a slice of the collisions, and arrays for sets and their starts; returns the number of states.
+    n, share : int
+    few : int
+        States of a collision for which there is room at first, those with more are followed once more; 0 for no log.
+    words : int
+        Of a set.
+
+    Returns
+    -------
+    sets : ndarray, shape (entries, words)
+    starts : ndarray, shape (entries,)
     """
-    parts = [slice(start, start + share) for start in range(0, max(n, 1), share)]
-    if len(parts) == 1:
-        return [function(parts[0])]
+
+    def logged(start: int) -> tuple[NDArray[np.uint64], NDArray[np.float64]]:
+        part, room = slice(start, min(start + share, n)), few * (min(start + share, n) - start)
+        while True:
+            log = np.empty((room, words), np.uint64), np.empty(room)
+            used = follow(part, *log)
+            if used <= room or not few:
+                return log[0][:used], log[1][:used]
+            room = used
+
+    starts = range(0, max(n, 1), share)
     count: int = vars(config)["NUMBA_NUM_THREADS"]  # numba sets it from the environment
     with ThreadPoolExecutor(count) as threads:
-        return list(threads.map(function, parts))
+        parts = [logged(0)] if len(starts) == 1 else list(threads.map(logged, starts))
+    sets, times = zip(*parts, strict=True)
+    return np.concatenate(sets), np.concatenate(times)
 
 
 def cache_folder(kernel: Any) -> Path:

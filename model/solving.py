@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of, too_far_apart
+from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of
 from impact_xval.model.chain.kernel import COLLAPSE, PLASTIC, RUNAWAY
 from impact_xval.model.chain.laws import LIU_ZHAO_BROGLIATO, STATE_TRANSITION
 from impact_xval.model.collision import (
@@ -28,7 +28,7 @@ from impact_xval.model.collision import (
     States,
     in_unit,
 )
-from impact_xval.model.compiled import in_threads
+from impact_xval.model.compiled import in_shares
 from impact_xval.model.inputs import (
     GRAZING_THRESHOLD,
     LEGAL_CUTOFF,
@@ -41,6 +41,7 @@ from impact_xval.model.pair import kernel
 from impact_xval.model.pair.events import MOST_WINDOWS
 from impact_xval.model.pair.grazing import MARKS, mark_codes
 from impact_xval.model.pair.limits import BOUND
+from impact_xval.model.pair.path import LOG_COLUMNS
 
 NAME = "state-transition"
 
@@ -57,8 +58,9 @@ POINTS, LOG_ROWS = 48, 4096
 #: Collisions that a thread is given at once, and states of one for which there is room at first.
 SHARE, FEW_STATES = 8192, 16
 
-#: Columns of what `pair.kernel.collide_all` says of each collision; of a row of its log.
-NUMBERS, LOG_WIDTH = ("code", "n_states", "n_events", "rows", "margin", "residual"), 6
+#: Columns of what `pair.kernel.collide_all` says of each collision; their number in a row of its log.
+NUMBERS = ("code", "n_states", "n_events", "rows", "margin", "residual")
+LOG_WIDTH = len(LOG_COLUMNS)
 
 _OK, _LIMIT, _UNCONVERGED, _UNREPRESENTABLE = map(
     STATUSES.index, ("ok", "limit", "unconverged", "unrepresentable")
@@ -201,7 +203,7 @@ def _by_chain(collisions: Collisions, law: int, max_pieces: int, states: bool, p
         return Problem(some, law, nothing, True, no_gravity, max_pieces=max_pieces)
 
     went = problem(collisions).follow(states=states)
-    lost, given_up = too_far_apart(collisions), went.given_up
+    lost, given_up = went.left_out, went.given_up
     reason, reasons = reasons_of(went.numbers["code"], _HAPPENED)
     status = np.select([lost, given_up, reason > 0], [_UNREPRESENTABLE, _UNCONVERGED, _LIMIT], _OK)
     reason = np.select([lost, given_up], [len(reasons), len(reasons) + 1], reason)
@@ -286,20 +288,13 @@ def _diagrams(
     n, no_log = len(cells[0]), np.empty((0, LOG_WIDTH))
     velocities, numbers = np.empty((n, 2)), np.empty((n, len(NUMBERS)))
 
-    def follow(share: slice) -> tuple[NDArray[np.uint64], Floats]:
-        room = FEW_STATES * len(velocities[share]) if states else 0
-        while True:
-            sets, starts = np.empty((room, 1), np.uint64), np.empty(room)
-            arguments: list[Any] = [*(each[share] for each in cells), cutoff, max_events, stiffens, 1, no_log]
-            arguments += [sets, starts, velocities[share], numbers[share]]
-            kernel.collide_all(*arguments)
-            used = int(numbers[share, NUMBERS.index("n_states")].sum())
-            if used <= room or not states:
-                return sets[:used], starts[:used]
-            room = used
+    def follow(share: slice, *log: Any) -> int:
+        arguments: list[Any] = [*(each[share] for each in cells), cutoff, max_events, stiffens, 1, no_log]
+        arguments += [*log, velocities[share], numbers[share]]
+        kernel.collide_all(*arguments)
+        return int(numbers[share, NUMBERS.index("n_states")].sum())
 
-    sets, starts = (np.concatenate(each) for each in zip(*in_threads(follow, n, SHARE), strict=True))
-    return velocities, numbers, sets, starts
+    return velocities, numbers, *in_shares(follow, n, SHARE, FEW_STATES if states else 0, 1)
 
 
 def _diagram_path(collision: Collisions, cutoff: float, max_events: int, stiffens: bool) -> Path:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from impact_xval.model.chain.kernel import ACTS, GOING, UNITED, Followed, collide_all
 from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.collision import Collisions, Floats, Path, States
-from impact_xval.model.compiled import in_threads
+from impact_xval.model.compiled import in_shares
 from impact_xval.model.inputs import MASS_PRECISION
 
 #: Pieces of segments after which a collision is given up.
@@ -48,9 +48,10 @@ class Went(NamedTuple):
         """Which collisions did not end."""
         return self.numbers["end"] == GOING
 
-    def happened(self, bits: int) -> NDArray[np.bool_]:
-        """Where some of these bits of `code` are set."""
-        return (np.nan_to_num(self.numbers["code"]).astype(int) & bits) != 0
+    @property
+    def left_out(self) -> NDArray[np.bool_]:
+        """Which collisions were not followed."""
+        return np.isnan(self.numbers["end"])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,18 +92,12 @@ class Problem:
         numbers = np.full((n, len(names)), np.nan)
         words, no_log = max(1, -(-contacts // 64)), np.empty((0, 0))
 
-        def follow(share: slice) -> tuple[NDArray[np.uint64], Floats]:
-            some, room = [each[share] for each in cells], FEW_STATES * len(velocities[share]) if states else 0
-            while True:
-                sets, starts = np.empty((room, words), np.uint64), np.empty(room)
-                out = velocities[share], numbers[share], sets, starts
-                self._collide(some, 1, no_log, out)
-                used = int(np.nansum(numbers[share, names.index("n_states")]))
-                if used <= room or not states:
-                    return sets[:used], starts[:used]
-                room = used
+        def follow(share: slice, *log: Any) -> int:
+            out = velocities[share], numbers[share], *log
+            self._collide([each[share] for each in cells], 1, no_log, out)
+            return int(np.nansum(numbers[share, names.index("n_states")]))
 
-        parts = in_threads(follow, n, SHARE)
+        sets, starts = in_shares(follow, n, SHARE, FEW_STATES if states else 0, words)
         time, speed = c.units
         found = dict(zip(names, numbers.T, strict=True))
         with np.errstate(over="ignore", invalid="ignore"):  # no fall has an end where nothing falls
@@ -110,7 +105,6 @@ class Problem:
         logged = None
         if states:
             offsets = np.concatenate([[0], np.cumsum(np.nan_to_num(found["n_states"]))]).astype(np.int64)
-            sets, starts = (np.concatenate(each) for each in zip(*parts, strict=True))
             logged = States(offsets, sets, starts * np.repeat(time, np.diff(offsets)))
         return Went(velocities * speed[:, None], found, logged)
 
@@ -135,14 +129,9 @@ class Problem:
         flags = log[:, 1 + 2 * balls :]
         acting = (flags == ACTS) | ((flags == UNITED) & (flags == ACTS).any(axis=1, keepdims=True))
         acting[-1] = False
-        with np.errstate(
-            over="ignore", invalid="ignore"
-        ):  # what leaves double precision is said of the outcome
-            fallen = (
-                self.gravity * np.minimum(log[:, 0], went.fall) * time
-                if self.gravity[0]
-                else np.zeros(len(log))
-            )
+        # What leaves double precision is said of the outcome; without gravity a fall has no end.
+        with np.errstate(over="ignore", invalid="ignore"):
+            fallen = self.gravity * time * np.minimum(log[:, 0], went.fall)
             aloft = (went.fall < went.time) & (log[:, 0] >= went.fall)
             velocities, weight = log[:, 1 : 1 + balls] * speed, np.where(aloft, 0.0, self.gravity)
             changes = velocities - c.velocities + fallen[:, None]
