@@ -47,7 +47,7 @@ from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY
 from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
 from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
 from impact_xval.model.chain.power_law import TOLERANCE
-from impact_xval.model.chain.rest import FREE, STUCK
+from impact_xval.model.chain.rest import REST, STUCK
 from impact_xval.model.collision import STATUSES, Collision, Collisions, Floats, Outcome, Outcomes
 from impact_xval.model.inputs import Legal, broadcast_inputs
 from impact_xval.model.solving import reasons_of
@@ -146,21 +146,12 @@ def solve(
     status = np.select([lost, none, reason > 0], [_UNREPRESENTABLE, _TIMEOUT, _LIMIT], _OK)
     reason = np.select([limits, plastic, lost, none], [last, last + 1, last + 2, last + 3], reason)
     found = {name: np.where(none, np.nan, each) for name, each in went.numbers.items()}
-    end, fall = found["end"], found["fall"]
     velocities = np.where(none[:, None], np.nan, went.velocities)
     diagnostics = {"duration": found["time"], "n_steps": found["pieces"]}
-    falls, fallen = g > 0, np.zeros(n)
-    if falls.any():
-        speed, reduced = collisions.units[1], 1 / (1 / collisions.masses).sum(axis=1)
-        diagnostics["gravity_number"] = g / (speed * np.sqrt(collisions.stiffnesses[:, 0] / reduced))
-        diagnostics["first_flight"] = np.where(fall < found["time"], fall, np.nan)
-        diagnostics["rest_speed"] = np.where(end == FREE, np.nan, velocities[:, 1])
-        for name in ("gravity_number", "first_flight", "rest_speed"):
-            diagnostics[name][~falls | none] = np.nan
-        velocities[falls & (end != FREE), 1] = 0.0
-        velocities[falls & (end == STUCK), 0] = 0.0
-        with np.errstate(over="ignore", invalid="ignore"):
-            fallen = np.where(falls, g * fall, 0.0)
+    fallen = 0.0
+    if g.any():
+        velocities, fallen, more = _of_drops(collisions, g, found, velocities)
+        diagnostics |= more
     if collisions.exponent != 1:
         looser = replace(whole, tolerance=LOOSER * TOLERANCE).follow(states=False)
         moved = np.abs(looser.velocities - went.velocities).max(axis=1)
@@ -169,7 +160,6 @@ def solve(
     if paths:
         places = [slice(i, i + 1) for i in range(n)]
         drawn = [None if none[at.start] else problem(collisions[at], g[at]).path() for at in places]
-    grazes = law == "bistiffness"
     return Outcomes(
         solver=law,
         velocities=velocities,
@@ -189,10 +179,29 @@ def solve(
         n_states=np.where(none, 0, went.numbers["n_states"]).astype(np.int64),
         n_events=np.where(none, 0, went.numbers["events"]).astype(np.int64),
         states=went.states,
-        grazing_margin=found["margin"] if grazes else np.full(n, np.nan),
+        grazing_margin=found["margin"] if law == "bistiffness" else np.full(n, np.nan),
         diagnostics=diagnostics,
         paths=drawn,
     )
+
+
+def _of_drops(
+    collisions: Collisions, g: Floats, found: dict[str, Floats], velocities: Floats
+) -> tuple[Floats, Floats, dict[str, Floats]]:
+    """Velocities with balls at rest at 0, what gravity has added to those of free balls (m/s), and diagnostics."""
+    end, fall, falls = found["end"], found["fall"], g > 0
+    rests = np.column_stack([falls & (end == STUCK), falls & ((end == REST) | (end == STUCK))])
+    speed, reduced = collisions.units[1], 1 / (1 / collisions.masses).sum(axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        stated = {
+            "gravity_number": g / (speed * np.sqrt(collisions.stiffnesses[:, 0] / reduced)),
+            "first_flight": np.where(fall < found["time"], fall, np.nan),
+            "rest_speed": np.where(rests[:, 1], velocities[:, 1], np.nan),
+        }
+        fallen = np.where(falls, g * fall, 0.0)
+    there = falls & ~np.isnan(end)
+    stated = {name: np.where(there, values, np.nan) for name, values in stated.items()}
+    return np.where(rests, 0.0, velocities), fallen, stated
 
 
 def dampings(collisions: Collisions, law: str) -> Floats:
