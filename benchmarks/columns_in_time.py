@@ -22,8 +22,8 @@ from rich.table import Table
 from benchmarks.columns import random_column
 from benchmarks.state_transition import machine
 from impact_xval.compliant_baselines import Settings, get_solver
-from impact_xval.compliant_baselines.contract.registry import law_of
-from impact_xval.compliant_baselines.contract.solver import Convergence
+from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.model import Collision
 from tests.compliant_baselines.column_in_time import integrate
 from tests.compliant_baselines.reference_cells import coefficients_of, in_time

@@ -32,9 +32,9 @@ from rich.console import Console
 from rich.table import Table
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contact.column import Column, column_of
-from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
+from impact_xval.compliant_baselines.engines.column import Column, column_of
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.grid import CellGrid
 from impact_xval.model.collision import Collision

@@ -23,7 +23,7 @@ from functools import partial
 import numpy as np
 
 from impact_xval.compliant_baselines import get_solver, marks, references
-from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
+from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.config.axes import Sample
 from impact_xval.model.collision import Collision, Collisions, Outcomes
 

@@ -15,10 +15,10 @@ from rich.console import Console
 from rich.table import Table
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.calibration.pair import Pair, columns
-from impact_xval.compliant_baselines.contact.mapping import Contact
-from impact_xval.compliant_baselines.contract.registry import engine_names
 from impact_xval.compliant_baselines.engines.convergence import extrapolated
+from impact_xval.compliant_baselines.mapping import Contact
+from impact_xval.compliant_baselines.registry import engine_names
+from impact_xval.compliant_baselines.single_contact import Pair, columns
 
 RESTITUTIONS = np.arange(2, 11) / 10
 STIFFNESSES = 10.0 ** np.arange(2, 9)

@@ -19,8 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.registry import law_of
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.grid import CellGrid
 from impact_xval.experiments.tables.numbers import number

@@ -15,7 +15,7 @@ Technology 71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is
 -2 (k xi + c u)/(M (p + 1)), with the same e for every p, at any speed.
 
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
-touch (`contact.restitution_laws`: the same A for every p). **bistiffness** is the model's own law in time: energetic
+touch (`restitution`: the same A for every p). **bistiffness** is the model's own law in time: energetic
 restitution by a second, higher stiffness; a contact that has opened returns when its gap has closed, not when its
 bodies begin to approach. In a drop an end of compression takes 1 - e2^2 of all the strain energy of contact 2, that
 which carries the weight included: the permanent indentation is of the contact, whatever presses it.
@@ -35,12 +35,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from impact_xval.compliant_baselines import marks
-from impact_xval.compliant_baselines.contact.restitution_laws import (
+from impact_xval.compliant_baselines.restitution import (
     damping_ratios,
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
-from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, by_kind, no_gravity
+from impact_xval.compliant_baselines.solver import Settings, SolverBase, by_kind, no_gravity
 from impact_xval.model import solving
 from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of
 from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY

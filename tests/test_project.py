@@ -9,7 +9,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from impact_xval.compliant_baselines.contact.mapping import (
+from impact_xval.compliant_baselines.mapping import (
     contacts,
     damping_ratio,
     drake_geometries,

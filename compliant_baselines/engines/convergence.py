@@ -62,13 +62,13 @@ from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contact.column import Column
-from impact_xval.compliant_baselines.contact.line import Line
-from impact_xval.compliant_baselines.contract.solver import Convergence
-from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
-from impact_xval.compliant_baselines.contract.trajectory import GOING, REST, STUCK, Floats
+from impact_xval.compliant_baselines.engines.column import Column
+from impact_xval.compliant_baselines.engines.line import Line
 from impact_xval.compliant_baselines.engines.lines import LineRun
 from impact_xval.compliant_baselines.engines.recording import Run
+from impact_xval.compliant_baselines.engines.trajectory import GOING, REST, STUCK, Floats
+from impact_xval.compliant_baselines.solver import Convergence
+from impact_xval.compliant_baselines.states import SHORTEST_STATE
 
 #: Share of the last correction that is doubted whatever the differences say.
 DOUBT = 0.1

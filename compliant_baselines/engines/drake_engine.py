@@ -28,7 +28,7 @@ geometries (the engine's page "Modeling Dissipation"): with one of them rigid, d
 * For e = 1 the dissipation is zero and the column is that of two springs, which every reference here agrees
   on: with its own integrator, the best third-party oracle there is.
 * For e < 1 it is another law than the dashpot's, to be compared with `hunt-crossley`: d = A/|v0| with A from
-  equation (*) of `contact.restitution_laws`, both contacts for the approach speed |v0|. Not a Kelvin-Voigt engine; it
+  equation (*) of `restitution`, both contacts for the approach speed |v0|. Not a Kelvin-Voigt engine; it
   runs where it is asked for by name.
 * The integrator is the simulator's default, the error-controlled Runge-Kutta of third order. Contact onset and
   end are kinks: at the same accuracy the fifth-order scheme is off by a hundred times as much, since what it
@@ -48,10 +48,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from impact_xval.compliant_baselines.contact.column import Column, radius_of
-from impact_xval.compliant_baselines.contact.line import Line
-from impact_xval.compliant_baselines.contact.mapping import PYBULLET_RIGID, drake_geometries
-from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING
+from impact_xval.compliant_baselines.engines.column import Column, radius_of
 from impact_xval.compliant_baselines.engines.drake_lines import naive_line, run_line, shortest_of_line
 from impact_xval.compliant_baselines.engines.drake_setup import (
     WINDOW,
@@ -67,9 +64,12 @@ from impact_xval.compliant_baselines.engines.drake_setup import (
     too_short,
 )
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.line import Line
 from impact_xval.compliant_baselines.engines.lines import LineRun
 from impact_xval.compliant_baselines.engines.packages import why_not
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
+from impact_xval.compliant_baselines.engines.trajectory import FLIGHT, GOING
+from impact_xval.compliant_baselines.mapping import PYBULLET_RIGID, drake_geometries
 
 
 class DrakeSolver(EngineSolver):

@@ -17,10 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contact.column import radius_of
-from impact_xval.compliant_baselines.contact.line import Line
-from impact_xval.compliant_baselines.contact.mapping import PYBULLET_RIGID, DrakeGeometry
-from impact_xval.compliant_baselines.contract.trajectory import GOING
+from impact_xval.compliant_baselines.engines.column import radius_of
 from impact_xval.compliant_baselines.engines.drake_setup import (
     WINDOW,
     add_ball,
@@ -33,7 +30,10 @@ from impact_xval.compliant_baselines.engines.drake_setup import (
     simulator_of,
     too_short,
 )
+from impact_xval.compliant_baselines.engines.line import Line
 from impact_xval.compliant_baselines.engines.lines import LineRecorder, LineRun
+from impact_xval.compliant_baselines.engines.trajectory import GOING
+from impact_xval.compliant_baselines.mapping import PYBULLET_RIGID, DrakeGeometry
 
 #: Steps of flight from which on the engine is spared them.
 LEAST_FLIGHT = 16

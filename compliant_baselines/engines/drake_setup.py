@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contact.mapping import Contact, DrakeGeometry
-from impact_xval.compliant_baselines.contact.restitution_laws import hunt_crossley_coefficients
+from impact_xval.compliant_baselines.mapping import Contact, DrakeGeometry
+from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 
 #: Steps between two looks at whether the collision is over.
 WINDOW = 512

@@ -8,16 +8,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from impact_xval.compliant_baselines.contact.column import BEYOND, Column, column_of, unrepresentable
-from impact_xval.compliant_baselines.contact.line import Line, line_of, unrepresentable_column
-from impact_xval.compliant_baselines.contract import registry
-from impact_xval.compliant_baselines.contract.solver import Settings, SolverBase, by_kind, no_gravity
-from impact_xval.compliant_baselines.contract.trajectory import REST, STUCK
+from impact_xval.compliant_baselines import registry
+from impact_xval.compliant_baselines.engines.column import BEYOND, Column, column_of, unrepresentable
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
+from impact_xval.compliant_baselines.engines.line import Line, line_of, unrepresentable_column
 from impact_xval.compliant_baselines.engines.lines import LineRun, outcome_of_line
 from impact_xval.compliant_baselines.engines.packages import version_of
 from impact_xval.compliant_baselines.engines.recording import Run, states_of
+from impact_xval.compliant_baselines.engines.trajectory import REST, STUCK
 from impact_xval.compliant_baselines.references import marked
+from impact_xval.compliant_baselines.solver import Settings, SolverBase, by_kind, no_gravity
 from impact_xval.model.collision import Collision, Collisions, Outcome
 
 

@@ -1,6 +1,6 @@
 """N balls in a line followed through the steps an engine takes, and what came of it; without gravity.
 
-What holds of two balls holds here (`contract.trajectory`, `contract.state_runs`): impulses come from the balance of
+What holds of two balls holds here (`engines.trajectory`, `states`): impulses come from the balance of
 momentum, a contact carries force in a step if its impulse exceeds what rounding can make of it, and the collision is
 over at the end of the first step in which none does and no bodies approach. A state is the set of contacts that carry
 force. In sequences of states a contact that is closed at the start counts as if it carried force until it first does,
@@ -21,11 +21,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contact.line import Line
-from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.compliant_baselines.contract.state_runs import Runs
-from impact_xval.compliant_baselines.contract.trajectory import ALOFT, BROKEN, EPSILON, FREE, GOING, ROUNDING
+from impact_xval.compliant_baselines.engines.line import Line
 from impact_xval.compliant_baselines.engines.recording import Ended
+from impact_xval.compliant_baselines.engines.trajectory import ALOFT, BROKEN, EPSILON, FREE, GOING, ROUNDING
+from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.compliant_baselines.states import Runs
 from impact_xval.model.collision import Collision, Outcome, Path, name_of_set
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ class LineRun(Ended):
     column : Line
         What it was asked.
     end : int
-        How it ended, of the constants of `contract.trajectory`; `GOING` if it ran out of steps.
+        How it ended, of the constants of `engines.trajectory`; `GOING` if it ran out of steps.
     reported : tuple of float
         Velocities at the end in m/s.
     raw : Runs
@@ -147,7 +147,7 @@ def scan(v, x, before, masses, table, h, left, codes, memory):  # pragma: no cov
     Returns
     -------
     steps, end : int
-        As of `contract.trajectory.scan`: `GOING`, `FREE`, `ALOFT` or `BROKEN`.
+        As of `engines.trajectory.scan`: `GOING`, `FREE`, `ALOFT` or `BROKEN`.
     """
     sets, again = memory
     balls = masses.size

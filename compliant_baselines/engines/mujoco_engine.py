@@ -29,14 +29,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contact.column import BEYOND, Column, radius_of
-from impact_xval.compliant_baselines.contact.line import Line
-from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, MujocoContact, mujoco_contact
-from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING
+from impact_xval.compliant_baselines.engines.column import BEYOND, Column, radius_of
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.line import Line
 from impact_xval.compliant_baselines.engines.lines import LineRecorder, LineRun
 from impact_xval.compliant_baselines.engines.packages import why_not
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
+from impact_xval.compliant_baselines.engines.trajectory import FLIGHT, GOING
+from impact_xval.compliant_baselines.mapping import MUJOCO_IMPEDANCE, MujocoContact, mujoco_contact
 
 if TYPE_CHECKING:
     from mujoco.batch import Batch

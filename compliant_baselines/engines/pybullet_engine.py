@@ -36,11 +36,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contact.column import Column, radius_of
-from impact_xval.compliant_baselines.contact.line import Line
-from impact_xval.compliant_baselines.contact.mapping import PybulletBody, pybullet_bodies
-from impact_xval.compliant_baselines.contract.trajectory import FLIGHT, GOING, Floats
+from impact_xval.compliant_baselines.engines.column import Column, radius_of
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.line import Line
 from impact_xval.compliant_baselines.engines.lines import LineRun
 from impact_xval.compliant_baselines.engines.packages import import_pybullet, why_not
 from impact_xval.compliant_baselines.engines.pybullet_lines import depth_of_line, run_line
@@ -54,6 +52,8 @@ from impact_xval.compliant_baselines.engines.pybullet_setup import (
 )
 from impact_xval.compliant_baselines.engines.quiet import EngineContacts
 from impact_xval.compliant_baselines.engines.recording import Recorder, Run
+from impact_xval.compliant_baselines.engines.trajectory import FLIGHT, GOING, Floats
+from impact_xval.compliant_baselines.mapping import PybulletBody, pybullet_bodies
 
 #: Single steps between two looks at what comes next: the first time, and most.
 SHORT_WINDOW, WINDOW = 8, 256

@@ -18,10 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contact.column import radius_of
-from impact_xval.compliant_baselines.contact.line import Line
-from impact_xval.compliant_baselines.contact.mapping import PYBULLET_RIGID
-from impact_xval.compliant_baselines.contract.trajectory import GOING
+from impact_xval.compliant_baselines.engines.column import radius_of
+from impact_xval.compliant_baselines.engines.line import Line
 from impact_xval.compliant_baselines.engines.lines import LineRecorder, LineRun
 from impact_xval.compliant_baselines.engines.packages import import_pybullet
 from impact_xval.compliant_baselines.engines.pybullet_setup import (
@@ -31,6 +29,8 @@ from impact_xval.compliant_baselines.engines.pybullet_setup import (
     exact,
     exact_contacts,
 )
+from impact_xval.compliant_baselines.engines.trajectory import GOING
+from impact_xval.compliant_baselines.mapping import PYBULLET_RIGID
 
 #: Steps between two looks at whether the collision is over.
 WINDOW = 256

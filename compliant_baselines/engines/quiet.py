@@ -19,7 +19,7 @@ before it is cut off at zero.
    |g_i'| t + A t^2/2 < |g_i|; a rate that leads away from zero counts as none.
 3. While neither contact carries force the collision cannot become over (its velocities only fall together).
    While B2 alone is carried, only by coming to rest, and while both are, only by being stuck: both take an
-   energy (`contract.trajectory`) that within s does not fall to a sixteenth.
+   energy (`engines.trajectory`) that within s does not fall to a sixteenth.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from impact_xval.compliant_baselines.contract.trajectory import ScanParameters
+from impact_xval.compliant_baselines.engines.trajectory import ScanParameters
 
 
 class EngineContacts(NamedTuple):

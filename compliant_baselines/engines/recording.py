@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contact.column import Column
-from impact_xval.compliant_baselines.contract.state_runs import Runs, merge_runs
-from impact_xval.compliant_baselines.contract.trajectory import (
+from impact_xval.compliant_baselines.engines.column import Column
+from impact_xval.compliant_baselines.engines.quiet import EngineContacts, between, quiet_steps
+from impact_xval.compliant_baselines.engines.trajectory import (
     ALOFT,
     BROKEN,
     FLIGHT,
@@ -25,7 +25,7 @@ from impact_xval.compliant_baselines.contract.trajectory import (
     new_memory,
     scan,
 )
-from impact_xval.compliant_baselines.engines.quiet import EngineContacts, between, quiet_steps
+from impact_xval.compliant_baselines.states import Runs, merge_runs
 from impact_xval.model.collision import Path, Status
 
 #: A recorded path has about as many points as this between the borders of its states.
@@ -100,7 +100,7 @@ class Run(Ended):
     column : Column
         What it was asked.
     end : int
-        How it ended, of the constants of `contract.trajectory`; `GOING` if it ran out of steps.
+        How it ended, of the constants of `engines.trajectory`; `GOING` if it ran out of steps.
     v1, v2, x1, x2 : float
         Velocities in m/s and heights in m at the end.
     x1_start, x2_start : float
@@ -156,7 +156,7 @@ class Run(Ended):
         return impulse1, impulse1 + c.m2 * (v2 - c.v2 + fallen)
 
     def state_names(self, shortest_state: float) -> tuple[str, ...]:
-        """State sequence as an outcome lists it; `shortest_state` as in `contract.solver.Settings`."""
+        """State sequence as an outcome lists it; `shortest_state` as in `solver.Settings`."""
         return states_of(self, shortest_state).names
 
     def energy_gain(self) -> float:
@@ -200,7 +200,7 @@ class Run(Ended):
 
 
 def states_of(run: Run, shortest_state: float) -> Runs:
-    """State sequence of a run, in steps; `shortest_state` as in `contract.solver.Settings`."""
+    """State sequence of a run, in steps; `shortest_state` as in `solver.Settings`."""
     return merge_runs(run.raw, shortest_state * run.column.period / run.column.step)
 
 

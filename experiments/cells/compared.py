@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from impact_xval.compliant_baselines.contract.registry import law_of
-from impact_xval.compliant_baselines.contract.solver import MappingName
+from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.columns.measuring import ColumnMeasures, measures_of
 from impact_xval.experiments.measures.divergence import velocity_divergence
@@ -213,7 +213,7 @@ def compare(
     ValueError
         For names that are no solvers, or an illegal time; the message says what is legal.
     """
-    from impact_xval.compliant_baselines.contract.registry import get_solver, solver_names
+    from impact_xval.compliant_baselines.registry import get_solver, solver_names
     from impact_xval.experiments.config.configuration import parse_config, solvers_problem
     from impact_xval.experiments.config.errors import UserError
     from impact_xval.experiments.sweep.single import solvers_apart

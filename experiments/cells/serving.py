@@ -31,7 +31,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 
 from impact_xval.compliant_baselines import get_solver, solver_names
-from impact_xval.compliant_baselines.contract.registry import kind_of
+from impact_xval.compliant_baselines.registry import kind_of
 from impact_xval.experiments.cells.asked import CONTROLS, Asked, asked
 from impact_xval.experiments.cells.compared import Compared
 from impact_xval.experiments.cells.figures import Charts, compression_lines, drawn, lines_of

@@ -94,7 +94,7 @@ def solve(
     if plot is not None:
         file_to_write("--plot", plot, (".png", ".svg", ".pdf"))
     with solvers_apart(solver or ()) as apart:
-        from impact_xval.compliant_baselines.contract.registry import get_solver
+        from impact_xval.compliant_baselines.registry import get_solver
         from impact_xval.experiments.config.configuration import REFERENCE
         from impact_xval.experiments.config.grid import collision_of
 
@@ -134,7 +134,7 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
 
     The model comes last where it was not asked for: the objects of ``--json`` begin with those that were.
     """
-    from impact_xval.compliant_baselines.contract.registry import solver_names
+    from impact_xval.compliant_baselines.registry import solver_names
     from impact_xval.experiments.config.configuration import REFERENCE, solvers_problem
 
     names = solvers or list(solver_names())
@@ -213,7 +213,7 @@ def cradle(
     from impact_xval.experiments.sweep.single import solvers_apart
 
     with solvers_apart(solver or (), columns=True) as apart:
-        from impact_xval.compliant_baselines.contract.registry import get_solver
+        from impact_xval.compliant_baselines.registry import get_solver
         from impact_xval.experiments.measures.columns.measuring import measures_of
 
         arranged, config = one_column(context.params)
@@ -324,7 +324,7 @@ def export_scene(
 def _exportable(solvers: list[str] | None, of_run: list[str] | None = None) -> list[str]:
     """Check the names of engines; without any, those of a run or else those that are installed."""
     from impact_xval.compliant_baselines import get_solver
-    from impact_xval.compliant_baselines.contract.registry import exportable_names
+    from impact_xval.compliant_baselines.registry import exportable_names
 
     legal = exportable_names()
     if not solvers:
@@ -384,8 +384,8 @@ def _export(
 def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Any, Outcome, dict[str, str]]:
     """Run a collision by an engine: the run, its outcome, and the files to run it without this package."""
     from impact_xval.compliant_baselines import get_solver
-    from impact_xval.compliant_baselines.calibration.scene_text import scene_files
     from impact_xval.compliant_baselines.engines.engine import EngineSolver, outcome_of
+    from impact_xval.compliant_baselines.paste import scene_files
 
     solver = get_solver(name)
     assert isinstance(solver, EngineSolver)

@@ -12,8 +12,8 @@ from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import SolverError
-    from impact_xval.compliant_baselines.calibration.pair import Drops, Pair
     from impact_xval.compliant_baselines.engines.engine import EngineSolver
+    from impact_xval.compliant_baselines.single_contact import Drops, Pair
 
 #: What is tried; beyond, the positions or velocities of a drop drown in rounding, or its end is never reached.
 LEAST_MASS, LARGEST_MASS, LARGEST_RATIO = 1e-15, 1e15, 1e12
@@ -50,9 +50,9 @@ def contact(
     from json import dumps
 
     from impact_xval.compliant_baselines import SolverError, get_solver
-    from impact_xval.compliant_baselines.calibration.pair import drops, largest_step
-    from impact_xval.compliant_baselines.calibration.scene_text import ENGINES, paste
     from impact_xval.compliant_baselines.engines.engine import EngineSolver
+    from impact_xval.compliant_baselines.paste import ENGINES, paste
+    from impact_xval.compliant_baselines.single_contact import drops, largest_step
     from impact_xval.experiments.presentation.terminal import at_work, error_line
 
     if engine not in ENGINES:
@@ -87,7 +87,7 @@ def contact(
 
 
 def _pair(masses: tuple[str, str], given: dict[str, str | None]) -> Pair:
-    from impact_xval.compliant_baselines.calibration.pair import Pair
+    from impact_xval.compliant_baselines.single_contact import Pair
 
     numbers: dict[str, Any] = {"masses": tuple(number("--masses", text) for text in masses)}
     numbers |= {name: number(f"--{name}", text) for name, text in given.items() if text is not None}
@@ -128,7 +128,7 @@ def _beyond(pair: Pair) -> str | None:
 
 def _why(solver: EngineSolver, pair: Pair, error: SolverError) -> str:
     """Say why an engine does not do a pair; a duration out of its range with the range."""
-    from impact_xval.compliant_baselines.calibration.pair import durations_taken
+    from impact_xval.compliant_baselines.single_contact import durations_taken
 
     problem = f"--engine {solver.name}: {error.status}: {error.reason}"
     if error.status != "unrepresentable":
@@ -148,7 +148,7 @@ def _why(solver: EngineSolver, pair: Pair, error: SolverError) -> str:
 def _under_gravity(solver: EngineSolver, pair: Pair, step: float, g: float) -> dict[str, Any]:
     """Drop onto the fixed body under gravity: what came back, or why nothing did."""
     from impact_xval.compliant_baselines import SolverError
-    from impact_xval.compliant_baselines.calibration.pair import drops
+    from impact_xval.compliant_baselines.single_contact import drops
 
     try:
         found = drops(solver, pair, step, [0.0], g)

@@ -52,7 +52,7 @@ def _show_run(folder: RunFolder) -> None:
 def _show_cell(folder: RunFolder, cell: int) -> None:
     import pyarrow.parquet as pq
 
-    from impact_xval.compliant_baselines.contract.registry import kind_of
+    from impact_xval.compliant_baselines.registry import kind_of
     from impact_xval.experiments.config.arrangements import COLUMN_AXES
     from impact_xval.experiments.config.axes import AXES
     from impact_xval.experiments.measures.ladder_table import LADDER

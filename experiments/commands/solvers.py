@@ -11,7 +11,7 @@ import typer
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
-    from impact_xval.compliant_baselines.contract.conformance import Check, Law
+    from impact_xval.compliant_baselines.conformance import Check, Law
 
 #: Seconds that a check of a solver may take.
 _LONGEST = 300.0
@@ -19,8 +19,8 @@ _LONGEST = 300.0
 
 def solvers() -> None:
     """List the solvers: what each is, its version, where it comes from, and why one cannot run here."""
-    from impact_xval.compliant_baselines.contract.answers import stated_version, why_unavailable
-    from impact_xval.compliant_baselines.contract.registry import description_of, get_solver, law_of, origins
+    from impact_xval.compliant_baselines.answers import stated_version, why_unavailable
+    from impact_xval.compliant_baselines.registry import description_of, get_solver, law_of, origins
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import at_work, make_console, show
     from impact_xval.experiments.sweep.third_party import contained
@@ -46,9 +46,9 @@ def conform(
     ] = "kelvin-voigt",
 ) -> None:
     """Check whether a solver keeps the contract; for authors of adapters. Exit code 1 if it does not."""
-    from impact_xval.compliant_baselines.contract import conformance
-    from impact_xval.compliant_baselines.contract.answers import why_unavailable
-    from impact_xval.compliant_baselines.contract.registry import get_solver
+    from impact_xval.compliant_baselines import conformance
+    from impact_xval.compliant_baselines.answers import why_unavailable
+    from impact_xval.compliant_baselines.registry import get_solver
     from impact_xval.experiments.config.configuration import solvers_problem
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.sweep.third_party import contained
@@ -69,14 +69,14 @@ def conform(
         words = check.__name__.replace("_", " ")
         print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
     if failed:
-        contract = "compliant_baselines/contract/solver.py"
+        contract = "compliant_baselines/solver.py"
         print_line(console, f"{failed} of the checks failed; the contract is in {contract}")
         raise typer.Exit(1)
 
 
 def _checked(name: str, law: Law) -> Iterator[tuple[Check, str]]:
     """Check a solver in a process of its own; each check, and what it found."""
-    from impact_xval.compliant_baselines.contract.conformance import checks
+    from impact_xval.compliant_baselines.conformance import checks
     from impact_xval.experiments.presentation.terminal import at_work
     from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
 
@@ -92,14 +92,14 @@ def _checked(name: str, law: Law) -> Iterator[tuple[Check, str]]:
 
 def _ready(context: tuple[str, Law]) -> None:
     """Import what checks need."""
-    from impact_xval.compliant_baselines.contract import conformance  # noqa: F401
+    from impact_xval.compliant_baselines import conformance  # noqa: F401
 
 
 def _found(context: tuple[str, Law], number: int) -> str:
     """Say what a check finds of a solver; of another distribution's, not of what keeps it from doing harm."""
-    from impact_xval.compliant_baselines.contract.conformance import checks, problem_of
-    from impact_xval.compliant_baselines.contract.plugins import ThirdPartySolver
-    from impact_xval.compliant_baselines.contract.registry import get_solver
+    from impact_xval.compliant_baselines.conformance import checks, problem_of
+    from impact_xval.compliant_baselines.plugins import ThirdPartySolver
+    from impact_xval.compliant_baselines.registry import get_solver
 
     name, law = context
     solver: Any = get_solver(name)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, field_validator, model_validator
 
-from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
+from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged, ColumnTable
 from impact_xval.experiments.config.axes import (
     LEGAL,

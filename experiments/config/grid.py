@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.registry import kind_of
+from impact_xval.compliant_baselines.registry import kind_of
 from impact_xval.experiments.config.configuration import Cell, Config
 from impact_xval.model.collision import Collision
 

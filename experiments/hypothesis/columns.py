@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contact.mapping import damping_ratio, textbook_damping_ratio
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.mapping import damping_ratio, textbook_damping_ratio
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.experiments.hypothesis.judging import Judgement, judge
 from impact_xval.experiments.hypothesis.predictions import dashpot_restitution

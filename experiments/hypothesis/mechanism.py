@@ -41,9 +41,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.answers import answer, said
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.answers import answer, said
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.hypothesis.cases import BY_KEY, Case, Point, distance
 from impact_xval.experiments.hypothesis.solvers import MAX_STEPS, model_batch
 from impact_xval.experiments.sweep.solving import Resolve

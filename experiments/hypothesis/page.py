@@ -14,8 +14,8 @@ from typing import Any
 import pandas as pd
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.answers import stated_version
-from impact_xval.compliant_baselines.contract.registry import engine_free_names, kind_of
+from impact_xval.compliant_baselines.answers import stated_version
+from impact_xval.compliant_baselines.registry import engine_free_names, kind_of
 from impact_xval.experiments.hypothesis import (
     cases,
     columns,

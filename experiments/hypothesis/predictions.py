@@ -41,8 +41,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from impact_xval.compliant_baselines.contact.mapping import damping_ratio, restitution, textbook_damping_ratio
-from impact_xval.compliant_baselines.contact.restitution_laws import hunt_crossley_coefficients
+from impact_xval.compliant_baselines.mapping import damping_ratio, restitution, textbook_damping_ratio
+from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 from impact_xval.experiments.hypothesis.cases import Case, Point, after_first_impact
 
 #: Families with a law to predict from.

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.answers import why_unavailable
+from impact_xval.compliant_baselines.answers import why_unavailable
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, Case, Point, distance, draw
 from impact_xval.experiments.hypothesis.columns import PLACES, ColumnResult, columns_solvers, examine_columns
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced

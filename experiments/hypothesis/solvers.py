@@ -23,12 +23,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.compliant_baselines import get_solver, references, solver_names
-from impact_xval.compliant_baselines.contract import registry
-from impact_xval.compliant_baselines.contract.answers import answer
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines import get_solver, references, registry, solver_names
+from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.engines.convergence import extrapolated
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Resolve
 from impact_xval.model import Collision, solve_batch
@@ -45,7 +44,7 @@ MAX_EVENTS = 300_000
 MAX_STEPS = 50_000_000
 
 #: Least error of an engine's outcome, per abs(v0), however short the step: MuJoCo's smallest impedance makes its
-#: contacts differ by so much from springs and dashpots (`contact.mapping`).
+#: contacts differ by so much from springs and dashpots (`mapping`).
 LEAST_ERROR = 1e-4
 
 #: Rounding of an exact solver's velocities, per abs(v0).

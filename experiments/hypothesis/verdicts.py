@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.hypothesis.cases import Case, Point, closed_form, distance, pair_class
 from impact_xval.experiments.hypothesis.judging import Judgement, Verdict, judge
 from impact_xval.experiments.hypothesis.predictions import Prediction, predict

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.dataset as ds
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.levels import Levels, grid_levels, levels_of

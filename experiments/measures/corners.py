@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import references
-from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT
 from impact_xval.compliant_baselines.marks import JUMPS, jumps
+from impact_xval.compliant_baselines.registry import KELVIN_VOIGT
 from impact_xval.model.collision import Collisions, Outcomes
 
 Floats = NDArray[np.float64]

@@ -25,7 +25,7 @@ def divergence(
     model, other : Outcome
         Differences are other minus model.
     paths : tuple of two sequences of str
-        State paths of the model and of the other, through one filter (`contract.state_runs`).
+        State paths of the model and of the other, through one filter (`states`).
 
     Returns
     -------

@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
 
-from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
-from impact_xval.compliant_baselines.contract.solver import MappingName
+from impact_xval.compliant_baselines.registry import is_naive, law_of
+from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.tables.streams import selected
 from impact_xval.model.collision import RESULT_STATUSES
 

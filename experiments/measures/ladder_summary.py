@@ -17,7 +17,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.registry import kind_of
+from impact_xval.compliant_baselines.registry import kind_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import Config

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.registry import engine_free_names, law_of
+from impact_xval.compliant_baselines.registry import engine_free_names, law_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.corners import Corners, corner_marks, corner_names, corners

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.compliant_baselines.registry import law_of
 
 
 def by_law(names: Iterable[str]) -> dict[str, list[str]]:

@@ -6,7 +6,7 @@ import math
 from functools import lru_cache
 from typing import Any
 
-from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
+from impact_xval.compliant_baselines.registry import is_naive, law_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.estimates import HONEST

@@ -7,11 +7,11 @@ from importlib import import_module
 from typing import Any
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.calibration.scene_text import mjcf
-from impact_xval.compliant_baselines.contact.column import Column
 from impact_xval.compliant_baselines.diagnosis.diagnose_mujoco import diagnose_mujoco
 from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding
+from impact_xval.compliant_baselines.engines.column import Column
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import Cells

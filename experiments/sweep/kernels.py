@@ -11,9 +11,9 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.registry import engine_names, is_ours, kind_of
-from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines.quiet import between
+from impact_xval.compliant_baselines.registry import engine_names, is_ours, kind_of
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.measures.hausdorff import directed, hausdorff
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.collision import ORDINARY, Collision

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from impact_xval.compliant_baselines.contract.registry import is_ours
+from impact_xval.compliant_baselines.registry import is_ours
 from impact_xval.experiments.config.configuration import Config, parse_config
 from impact_xval.experiments.config.grid import collision_of
 from impact_xval.experiments.sweep.executors import open_executor
@@ -165,7 +165,7 @@ def solvers_apart(names: Sequence[str], *, columns: bool = False) -> Iterator[So
 
 def _import(asked: tuple[Sequence[str], bool]) -> bool:
     """Import solvers; return whether the kernels are compiled."""
-    from impact_xval.compliant_baselines.contract.registry import get_solver
+    from impact_xval.compliant_baselines.registry import get_solver
     from impact_xval.experiments.sweep import solving  # noqa: F401
     from impact_xval.model.compiled import is_compiled
 
@@ -175,7 +175,7 @@ def _import(asked: tuple[Sequence[str], bool]) -> bool:
 
 
 def _legal(asked: tuple[Sequence[str], bool]) -> Sequence[str]:
-    from impact_xval.compliant_baselines.contract.registry import solver_names
+    from impact_xval.compliant_baselines.registry import solver_names
 
     return [name for name in solver_names(on_request=True) if name in asked[0]] or solver_names()
 
@@ -224,7 +224,7 @@ def _within(
 def _answer(
     context: object, name: str, config: Config, resolve: Any, collision: Collision
 ) -> Solved[Outcome]:
-    from impact_xval.compliant_baselines.contract.answers import answer
+    from impact_xval.compliant_baselines.answers import answer
     from impact_xval.experiments.sweep.kinds.kind import scaled_diagnostics, settings_of
 
     solver = contained(resolve, config.cell_timeout)(name)
@@ -240,7 +240,7 @@ def _answer_column(
     column: Collision,
     points: int | None,
 ) -> Solved[Outcome]:
-    from impact_xval.compliant_baselines.contract.answers import answer_columns
+    from impact_xval.compliant_baselines.answers import answer_columns
     from impact_xval.experiments.sweep.kinds.kind import scaled_diagnostics, settings_of
 
     solver = contained(resolve, config.cell_timeout)(name)

@@ -17,9 +17,9 @@ import numpy as np
 import pyarrow as pa
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.answers import stated_version, why_unavailable
-from impact_xval.compliant_baselines.contract.registry import kind_of
-from impact_xval.compliant_baselines.contract.solver import Solver
+from impact_xval.compliant_baselines.answers import stated_version, why_unavailable
+from impact_xval.compliant_baselines.registry import kind_of
+from impact_xval.compliant_baselines.solver import Solver
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.sweep.executors import in_flight, in_this_process
 from impact_xval.experiments.sweep.kernels import compile_once

@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.measures.aggregates import reasons_of

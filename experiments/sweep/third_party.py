@@ -3,7 +3,7 @@
 Their sandboxes are started by the process that calls them, when one is first called, and end with it. That process is a
 sandbox itself, for what a solver does to its caller: of a run, or one for the question what the solver is. What such a
 process answers is read as plain outcomes only, and is checked by its caller
-(`contract.answers`): nothing is left to an interpreter that a solver may have changed.
+(`answers`): nothing is left to an interpreter that a solver may have changed.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from impact_xval.compliant_baselines.contract.answers import (
+from impact_xval.compliant_baselines.answers import (
     answer,
     answer_columns,
     stated_version,
     why_unavailable,
 )
-from impact_xval.compliant_baselines.contract.registry import is_ours
-from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
+from impact_xval.compliant_baselines.registry import is_ours
+from impact_xval.compliant_baselines.solver import Settings, Solver, SolverBase
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves, is_sandbox
 from impact_xval.model.collision import Collision, Outcome
 

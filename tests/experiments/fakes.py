@@ -3,7 +3,7 @@
 import dataclasses
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.solver import SolverBase
+from impact_xval.compliant_baselines.solver import SolverBase
 from impact_xval.model import Outcome, solve
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model import Collision
 from impact_xval.model.chain import kernel, rest
 from impact_xval.model.chain.rest import GOING, REST, STUCK

@@ -78,7 +78,7 @@ def animate(
     if len(names) < 2:
         raise UserError(f"--solver = {solver!r}; legal: another solver than the model, which is beside it")
     with solvers_apart(names) as apart:
-        from impact_xval.compliant_baselines.contract.registry import get_solver
+        from impact_xval.compliant_baselines.registry import get_solver
         from impact_xval.experiments.config.configuration import REFERENCE
         from impact_xval.experiments.config.grid import collision_of
 

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from impact_xval.compliant_baselines import marks, references
-from impact_xval.compliant_baselines.contract.registry import KELVIN_VOIGT, law_of
+from impact_xval.compliant_baselines.registry import KELVIN_VOIGT, law_of
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures import corners

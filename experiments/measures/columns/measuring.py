@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from impact_xval.compliant_baselines.contract.registry import is_naive, law_of
-from impact_xval.compliant_baselines.contract.solver import MappingName
+from impact_xval.compliant_baselines.registry import is_naive, law_of
+from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 from impact_xval.model.kinetic import column_norm

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame, reasons_of

@@ -14,9 +14,9 @@ import numpy as np
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
-from impact_xval.compliant_baselines.calibration.scene_text import mjcf
-from impact_xval.compliant_baselines.contract.registry import engine_free_names, get_solver, is_costly
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.paste import mjcf
+from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_costly
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS

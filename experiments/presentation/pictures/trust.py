@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.registry import kind_of
+from impact_xval.compliant_baselines.registry import kind_of
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, Contribution
 from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA

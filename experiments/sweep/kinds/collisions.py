@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from impact_xval.compliant_baselines.contact.column import shorter_period
-from impact_xval.compliant_baselines.contract.answers import answer
-from impact_xval.compliant_baselines.contract.solver import Solver
-from impact_xval.compliant_baselines.contract.state_runs import compared_states
+from impact_xval.compliant_baselines.answers import answer
+from impact_xval.compliant_baselines.engines.column import shorter_period
+from impact_xval.compliant_baselines.solver import Solver
+from impact_xval.compliant_baselines.states import compared_states
 from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.divergence import divergence

@@ -9,8 +9,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from impact_xval.compliant_baselines.contract.answers import answer_columns
-from impact_xval.compliant_baselines.contract.solver import Solver
+from impact_xval.compliant_baselines.answers import answer_columns
+from impact_xval.compliant_baselines.solver import Solver
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.columns import ColumnCell
 from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config

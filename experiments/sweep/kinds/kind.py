@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 import pyarrow as pa
 
-from impact_xval.compliant_baselines.contract.answers import said
-from impact_xval.compliant_baselines.contract.solver import Convergence, Settings, Solver
+from impact_xval.compliant_baselines.answers import said
+from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.measures.ladder_table import Ladders
 from impact_xval.experiments.sweep.kernels import Kernels

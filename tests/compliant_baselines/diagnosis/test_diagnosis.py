@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines.contact.column import column_of
-from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.diagnosis.diagnose_mujoco import diagnose_mujoco
+from impact_xval.compliant_baselines.engines.column import column_of
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.sweep.examination import column_findings
 from impact_xval.model.collision import Collision
 

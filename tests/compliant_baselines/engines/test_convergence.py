@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import Settings, get_solver
-from impact_xval.compliant_baselines.contact.column import column_of
-from impact_xval.compliant_baselines.contact.mapping import (
+from impact_xval.compliant_baselines.engines.column import column_of
+from impact_xval.compliant_baselines.mapping import (
     contacts,
     damping_ratio,
     restitution,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.compliant_baselines.contact.line import line_of
-from impact_xval.compliant_baselines.contract.solver import Convergence
+from impact_xval.compliant_baselines.engines.line import line_of
+from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.model import Collision
 
 needs_drake = pytest.mark.skipif(importlib.util.find_spec("pydrake") is None, reason="Drake is not installed")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import SolverError, get_solver
-from impact_xval.compliant_baselines.contract.solver import Settings
 from impact_xval.compliant_baselines.engines.recording import PATH_POINTS
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 
 COARSE = Settings(step_fraction=5e-3)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import get_solver, references
-from impact_xval.compliant_baselines.contact.mapping import MUJOCO_IMPEDANCE, contacts
-from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
 from impact_xval.compliant_baselines.engines.convergence import limit_of
+from impact_xval.compliant_baselines.mapping import MUJOCO_IMPEDANCE, contacts
 from impact_xval.compliant_baselines.marks import jumps
+from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.model.collision import Collision, Collisions
 from tests.compliant_baselines.reference import kelvin_voigt
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.compliant_baselines.contract.solver import Convergence
+from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.model import Collision
 from tests.model.test_columns import random_column
 

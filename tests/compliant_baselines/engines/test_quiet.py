@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines.contact.column import column_of
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.engines.column import column_of
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 
 pw = pytest.importorskip("impact_xval.compliant_baselines.engines.pybullet_engine")

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import SolverError, get_solver
-from impact_xval.compliant_baselines.contact.mapping import damping_ratio
-from impact_xval.compliant_baselines.contact.restitution_laws import (
+from impact_xval.compliant_baselines.mapping import damping_ratio
+from impact_xval.compliant_baselines.restitution import (
     damping_ratios,
     hunt_crossley_coefficients,
 )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import BATCHES, random_cells
 

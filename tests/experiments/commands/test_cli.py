@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from impact_xval.compliant_baselines import solver_names
-from impact_xval.compliant_baselines.contract import registry
+from impact_xval.compliant_baselines import registry, solver_names
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.sweep import single
 from tests.experiments import fakes, faulty

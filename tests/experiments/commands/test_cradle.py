@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from impact_xval.compliant_baselines.contract import registry
+from impact_xval.compliant_baselines import registry
 from impact_xval.experiments.commands.cli import main
 from tests.experiments import faulty
 

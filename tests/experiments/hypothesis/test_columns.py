@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contact.mapping import damping_ratio, textbook_damping_ratio
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.mapping import damping_ratio, textbook_damping_ratio
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.hypothesis.cases import BY_KEY, closed_form, point_of
 from impact_xval.experiments.hypothesis.columns import (
     PLACES,

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import misses
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, MARGIN, Point, closed_form, draw
 from impact_xval.experiments.hypothesis.config import parse
 from impact_xval.experiments.hypothesis.mechanism import (

@@ -3,7 +3,7 @@
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.solver import Convergence, Settings
+from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.measures.columns.measuring import measures_of
 from impact_xval.model import Collision
 

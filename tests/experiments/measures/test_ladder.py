@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.compliant_baselines import get_solver, references
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.grid import CellGrid

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from impact_xval.compliant_baselines.contract.registry import law_of, solver_names
+from impact_xval.compliant_baselines.registry import law_of, solver_names
 from impact_xval.experiments.measures.laws import by_law, in_order_of_laws, voters
 
 ROOT = Path(__file__).parents[3]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.presentation.pictures.history import history_of
 from impact_xval.model import Collision, solve
 

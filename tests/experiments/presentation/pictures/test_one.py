@@ -6,7 +6,7 @@ import math
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.presentation.pictures.one import draw_collision, drawn_paths
 from impact_xval.model import Collision, Outcome, solve

@@ -5,13 +5,13 @@ import dataclasses
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contract.conformance import LAWS, NonConformingError, checks, conform
-from impact_xval.compliant_baselines.contract.registry import law_of
+from impact_xval.compliant_baselines.conformance import LAWS, NonConformingError, checks, conform
 from impact_xval.compliant_baselines.references import (
     HuntCrossleySolver,
     KelvinVoigtSolver,
     TextbookKelvinVoigtSolver,
 )
+from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.model import Collision
 
 pytestmark = pytest.mark.smoke

@@ -6,14 +6,13 @@ import sys
 
 import pytest
 
-from impact_xval.compliant_baselines import SolverError, get_solver, solver_names
-from impact_xval.compliant_baselines.contract import registry
-from impact_xval.compliant_baselines.contract.answers import answer
-from impact_xval.compliant_baselines.contract.conformance import conform
-from impact_xval.compliant_baselines.contract.registry import origins
-from impact_xval.compliant_baselines.contract.solver import Settings
+from impact_xval.compliant_baselines import SolverError, get_solver, registry, solver_names
+from impact_xval.compliant_baselines.answers import answer
+from impact_xval.compliant_baselines.conformance import conform
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.references import ReferenceSolver
+from impact_xval.compliant_baselines.registry import origins
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.third_party import GOOD, install
@@ -38,7 +37,7 @@ def test_kinds_and_laws_are_those_of_the_classes_and_laws_are_exact_solvers():
 
 def test_solvers_are_told_of_without_importing_them_and_made_without_importing_engines():
     code = (
-        "import sys; from impact_xval.compliant_baselines.contract import registry as r\n"
+        "import sys; from impact_xval.compliant_baselines import registry as r\n"
         "import impact_xval.experiments.commands.cli\n"
         "engines = ('mujoco', 'pydrake', 'pybullet')\n"
         "def there(*parts): return [m for m in sys.modules if m.startswith(engines) or any(p in m for p in parts)]\n"

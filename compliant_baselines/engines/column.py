@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from impact_xval.compliant_baselines.contact.mapping import Contact, contacts
-from impact_xval.compliant_baselines.contract.solver import MappingName, Settings
+from impact_xval.compliant_baselines.mapping import Contact, contacts
+from impact_xval.compliant_baselines.solver import MappingName, Settings
 from impact_xval.model.collision import Collision
 
 #: Least radius of the balls over the depth to which they may go. Large enough that no ball comes near to
@@ -85,7 +85,7 @@ class Column:
 
     @property
     def table(self) -> bool:
-        """Whether there is a table; as of `contact.line.Line`."""
+        """Whether there is a table; as of `engines.line.Line`."""
         return True
 
     @property

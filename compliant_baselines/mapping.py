@@ -4,7 +4,7 @@ The chain has three links, each a closed form of its own:
 
 1. e -> zeta, the damping ratio of a Kelvin-Voigt contact that may push but not pull (docs/theory.md, section 7;
    Schwager and Poeschel, Granular Matter 9:465, 2007, their equations for the contact that ends when its
-   force is zero), in `contact.restitution_laws`;
+   force is zero), in `restitution`;
 2. zeta -> c = 2 zeta sqrt(k M), with M the reduced mass of the *pair*, as if no third body took part;
 3. (k, c) -> the engine's own numbers.
 
@@ -28,14 +28,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from impact_xval.compliant_baselines.contact.restitution_laws import (
+from impact_xval.compliant_baselines.restitution import (
     contact_time,
     damping_ratio,
     restitution,
     root_between,
     textbook_damping_ratio,
 )
-from impact_xval.compliant_baselines.contract.solver import MappingName
+from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.model.collision import Collision
 
 #: MuJoCo's smallest constraint impedance (mjMINIMP of mjmodel.h): the nearest it comes to a force-level

@@ -5,7 +5,7 @@ A distribution adds a solver by naming a class in its `pyproject.toml`:
     [project.entry-points."impact_xval.solvers"]
     my-engine = "my_package.adapter:MyEngineSolver"
 
-The class keeps `contract.solver`; `contract.conformance` says whether it does. Nothing of a
+The class keeps `solver`; `conformance` says whether it does. Nothing of a
 distribution is imported before its solver is asked for, and nothing that is wrong with one can break a command: a
 solver that cannot be loaded is ``unavailable``, with the reason.
 """
@@ -16,7 +16,7 @@ import contextlib
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint, distributions, entry_points
 
-from impact_xval.compliant_baselines.contract.answers import (
+from impact_xval.compliant_baselines.answers import (
     answer,
     answer_columns,
     raise_ctrl_c,
@@ -25,7 +25,7 @@ from impact_xval.compliant_baselines.contract.answers import (
     undisturbed,
     why_unavailable,
 )
-from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverBase
+from impact_xval.compliant_baselines.solver import Settings, Solver, SolverBase
 from impact_xval.model.collision import Collision, Outcome
 
 GROUP = "impact_xval.solvers"

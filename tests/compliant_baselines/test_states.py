@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.contact.column import column_of, shorter_period
-from impact_xval.compliant_baselines.contract.solver import Settings
-from impact_xval.compliant_baselines.contract.state_runs import Runs, compared_states, merge_runs
+from impact_xval.compliant_baselines.engines.column import column_of, shorter_period
 from impact_xval.compliant_baselines.engines.recording import states_of
+from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.compliant_baselines.states import Runs, compared_states, merge_runs
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.designs import cells_of
 from impact_xval.model import Collision

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import SolverError, get_solver
-from impact_xval.compliant_baselines.calibration.pair import Pair, durations_taken, largest_step
-from impact_xval.compliant_baselines.calibration.scene_text import ENGINES, paste
-from impact_xval.compliant_baselines.contact.mapping import Contact, contact_time, damping_ratio
+from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
+from impact_xval.compliant_baselines.paste import ENGINES, paste
+from impact_xval.compliant_baselines.single_contact import Pair, durations_taken, largest_step
 from tests.compliant_baselines import hand_scenes
 
 

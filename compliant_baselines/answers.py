@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contract.solver import Settings, Solver, no_columns
-from impact_xval.compliant_baselines.contract.visible import visible
+from impact_xval.compliant_baselines.solver import Settings, Solver, no_columns
+from impact_xval.compliant_baselines.visible import visible
 from impact_xval.model.collision import (
     RESULT_STATUSES,
     STATES,

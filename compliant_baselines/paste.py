@@ -18,19 +18,19 @@ from xml.etree import ElementTree
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from impact_xval.compliant_baselines.contact.column import Column
-from impact_xval.compliant_baselines.contact.mapping import (
+from impact_xval.compliant_baselines.engines import mujoco_engine
+from impact_xval.compliant_baselines.engines.column import Column
+from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.packages import standing_in
+from impact_xval.compliant_baselines.engines.recording import Run
+from impact_xval.compliant_baselines.mapping import (
     Contact,
     drake_geometries,
     mujoco_contact,
     pybullet_bodies,
 )
-from impact_xval.compliant_baselines.contract.registry import engine_names, exportable_names
-from impact_xval.compliant_baselines.contract.solver import SolverError
-from impact_xval.compliant_baselines.engines import mujoco_engine
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.packages import standing_in
-from impact_xval.compliant_baselines.engines.recording import Run
+from impact_xval.compliant_baselines.registry import engine_names, exportable_names
+from impact_xval.compliant_baselines.solver import SolverError
 
 #: Engines whose contact parameters are known here, and those whose scenes can be exported.
 ENGINES, EXPORTABLE = engine_names(), exportable_names()
@@ -39,7 +39,7 @@ ENGINES, EXPORTABLE = engine_names(), exportable_names()
 @functools.cache
 def _environment() -> Environment:
     environment = Environment(
-        loader=PackageLoader("impact_xval.compliant_baselines.calibration"),
+        loader=PackageLoader("impact_xval.compliant_baselines"),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -3,7 +3,7 @@
 From the command line, for a solver that is installed: ``impact-xval conform NAME``. In the author's own tests:
 
     import pytest
-    from impact_xval.compliant_baselines.contract.conformance import checks
+    from impact_xval.compliant_baselines.conformance import checks
     from my_package.adapter import MyEngineSolver
 
     @pytest.mark.parametrize("check", checks("kelvin-voigt"), ids=lambda check: check.__name__)
@@ -11,7 +11,7 @@ From the command line, for a solver that is installed: ``impact-xval conform NAM
         check(MyEngineSolver())
 
 A check raises `NonConformingError`, whose message says what was found and what the contract demands (rule numbers
-are those of `contract.solver`). Numbers are held against the exact references of this package, never
+are those of `solver`). Numbers are held against the exact references of this package, never
 against the solver's own.
 """
 
@@ -27,14 +27,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contract.answers import (
+from impact_xval.compliant_baselines.answers import (
     IllegalOutcomeError,
     raise_ctrl_c,
     said,
     validated,
 )
-from impact_xval.compliant_baselines.contract.registry import get_solver
-from impact_xval.compliant_baselines.contract.solver import Settings, Solver, SolverError
+from impact_xval.compliant_baselines.registry import get_solver
+from impact_xval.compliant_baselines.solver import Settings, Solver, SolverError
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 #: Laws a solver may say it has, and the reference it is then held against.

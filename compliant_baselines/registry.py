@@ -2,7 +2,7 @@
 
 A solver's module is imported when it is first asked for, so that an engine that is missing, or slow to
 import, costs nothing to a caller who does not use it. Other distributions add solvers by entry points
-(`contract.plugins`); a name that is taken here stays what it is.
+(`plugins`); a name that is taken here stays what it is.
 
 What a solver is, is said here once, and known without importing it. About the solver of another distribution nothing
 can be known: it counts as an engine whose contacts are meant as those of `KELVIN_VOIGT`. So does a name in the table
@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Literal
 
-from impact_xval.compliant_baselines.contract import plugins
-from impact_xval.compliant_baselines.contract.solver import SolverBase
+from impact_xval.compliant_baselines import plugins
+from impact_xval.compliant_baselines.solver import SolverBase
 
 Kind = Literal["model", "reference", "engine"]
 
@@ -188,7 +188,7 @@ def engine_free_names() -> tuple[str, ...]:
 
 
 def exportable_names() -> tuple[str, ...]:
-    """Names of the engines whose scene can be written down (`calibration.scene_text`)."""
+    """Names of the engines whose scene can be written down (`paste`)."""
     return tuple(name for name, entry in _ENTRIES.items() if entry.exportable)
 
 

@@ -10,7 +10,7 @@ magnitude above that, and lies, at a step of 1/1000 of a period, eleven orders b
 fully loaded contact.
 
 **States** follow step by step from which contacts carry force; the sequence they make is read by the rules of
-`contract.state_runs`.
+`states`.
 
 **In flight the bodies do not fall** (drop only). From the first instant at which no contact is closed, read as the end
 of the first step in which none carries force and at whose end both gaps are open, gravity is off, for good: what is

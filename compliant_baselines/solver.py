@@ -11,14 +11,14 @@ Implementer's rules:
    `SolverError`.
 4. A solver refuses, by name and with the reason, what it cannot represent (status ``unrepresentable``). It
    never replaces a parameter silently.
-5. Contact i is F = max(0, k_i delta + c_i delta'), c_i from `contact.mapping`, for every solver
+5. Contact i is F = max(0, k_i delta + c_i delta'), c_i from `mapping`, for every solver
    whose law is Kelvin-Voigt; another law is said in the docstring of the solver's module.
 6. A solver is a function of its explicit inputs: no global state that a later call could see, no hidden seed,
    the same bits whatever else was asked in the same call.
 7. Velocities are in m/s, impulses in N s, times in s; all are those of the collision as given, never
    rescaled.
-8. The collision is over by the rule of `contract.trajectory`; so are impulses and contacts that carry
-   force read from velocities, and states from those by `contract.state_runs`.
+8. The collision is over by the rule of `engines.trajectory`; so are impulses and contacts that carry
+   force read from velocities, and states from those by `states`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeVar, runtime_checkable
 
-from impact_xval.compliant_baselines.contract.state_runs import SHORTEST_STATE
+from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Collisions, Outcome, Status
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
 
@@ -101,7 +101,7 @@ class Settings:
     shortest_state : float
         A state that an engine holds for less than this share of the shorter contact period takes the state before it;
         in [0, 0.1]. The states of an exact solver are all there, until they are compared
-        (`contract.state_runs`).
+        (`states`).
     record_path : bool
         Whether outcomes carry the path.
     stiffness_ratio_cutoff : float or "exact"

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import Settings, get_solver
-from impact_xval.compliant_baselines.contract.answers import (
+from impact_xval.compliant_baselines.answers import (
     IllegalOutcomeError,
     answer,
     answer_columns,
     validated,
 )
-from impact_xval.compliant_baselines.contract.solver import SolverBase
+from impact_xval.compliant_baselines.solver import SolverBase
 from impact_xval.model.collision import Collision, Outcome
 
 CELL = Collision.two_balls(m1=1.0, m2=1.5, k1=1e6, k2=2e6, e1=0.9, e2=0.7)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from impact_xval.compliant_baselines.contact.mapping import (
+from impact_xval.compliant_baselines.mapping import (
     Contact,
     contact_time,
     contacts,

@@ -13,7 +13,7 @@ three rules:
 
 S4 can occur on the way as well: both contacts open, the balls not yet apart for good.
 
-**The time** of rule 2 is a share of the shorter contact period (`contact.column.shorter_period`),
+**The time** of rule 2 is a share of the shorter contact period (`engines.column.shorter_period`),
 whatever the step. At a step h a state held for a time L shows in the whole number of steps below or above L/h. The
 default share, `SHORTEST_STATE`, is two and a half of the default steps: three steps count and two do not, rounding
 decides nothing, and only a state held for two to three steps can count in one solver and not in another that agrees

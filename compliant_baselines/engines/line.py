@@ -13,8 +13,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.contact.mapping import Contact
-from impact_xval.compliant_baselines.contract.solver import MappingName, Settings
+from impact_xval.compliant_baselines.mapping import Contact
+from impact_xval.compliant_baselines.solver import MappingName, Settings
 from impact_xval.model.collision import Collision
 
 #: Most contacts of a column that an engine runs: the states of a run are sets of them, kept as bits.

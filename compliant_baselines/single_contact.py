@@ -24,12 +24,12 @@ from numbers import Real
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contact.column import Column
-from impact_xval.compliant_baselines.contact.mapping import Contact, contact_time, damping_ratio
-from impact_xval.compliant_baselines.contract.solver import SolverError
-from impact_xval.compliant_baselines.contract.trajectory import FREE
+from impact_xval.compliant_baselines.engines.column import Column
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.engines.recording import Run
+from impact_xval.compliant_baselines.engines.trajectory import FREE
+from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
+from impact_xval.compliant_baselines.solver import SolverError
 
 #: Places within a step at which the touch is tried: many to certify a step, few to look for one.
 PHASES, FEW_PHASES = 32, 6
