@@ -114,7 +114,7 @@ class DrakeSolver(EngineSolver):
 class DrakeHuntCrossleySolver(DrakeSolver):
     """Drake, continuous time, Hunt-Crossley contacts; elastic ones are linear springs."""
 
-    name = "drake-hunt-crossley"
+    name, law = "drake-hunt-crossley", "hunt-crossley"
 
     def own_refusal(self, column: Column) -> str | None:
         """Why a column cannot be taken: there is no naive mapping to this law. No step is too short."""

@@ -17,11 +17,11 @@ from impact_xval.compliant_baselines.engines.packages import version_of
 from impact_xval.compliant_baselines.engines.recording import Run, states_of
 from impact_xval.compliant_baselines.engines.trajectory import REST, STUCK
 from impact_xval.compliant_baselines.references import marked
-from impact_xval.compliant_baselines.solver import Settings, SolverBase, by_kind, no_gravity
+from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind, no_gravity
 from impact_xval.model.collision import Collision, Collisions, Outcome
 
 
-class EngineSolver(SolverBase):
+class EngineSolver(Solver):
     """An engine behind the contract: a subclass says how to run columns.
 
     Statuses beside `ok`: `unavailable` (the engine cannot be imported), `unrepresentable` (e_i = 0, k_i = 0 or
@@ -61,8 +61,7 @@ class EngineSolver(SolverBase):
         """Why this engine cannot take a line of N balls, in one sentence; None if it can."""
         return f"{self.name} has no adapter for columns of N balls"
 
-    def solve_columns(self, columns: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Answer every column of N balls, in order; failures are outcomes with a status."""
+    def _solve_columns(self, columns: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         if registry.is_naive(self.name):
             settings = replace(settings, mapping="naive")
         missing = self.unavailable()
@@ -85,9 +84,9 @@ class EngineSolver(SolverBase):
         outcomes |= {i: outcome_of_line(self.name, columns[i], run, settings) for i, run in runs.items()}
         self._add_limits(outcomes, self.run_lines, runs, settings)
         answered = [outcomes[i] for i in range(len(columns))]
-        if settings.mapping == "naive" or not settings.mark or not runs:
+        if settings.mapping == "naive" or self.law is None or not runs:
             return answered  # its contacts are not those of the law
-        return marked(answered, columns, registry.law_of(self.name), replace(settings, scenario="impact"))
+        return marked(answered, columns, self.law, settings)
 
     def column_or_refusal(self, collision: Collision, settings: Settings) -> Column | str:
         """Set a collision up as a column that this engine takes, or say in one sentence why it takes none."""
@@ -108,7 +107,7 @@ class EngineSolver(SolverBase):
         def solve(some: Collisions) -> Sequence[Outcome]:
             if some.falls_on_resting.all():
                 return self._solve_two_balls(list(some), settings)
-            return self.solve_columns(list(some), settings)
+            return self._solve_columns(list(some), settings)
 
         return by_kind(collisions, solve)
 
@@ -131,9 +130,9 @@ class EngineSolver(SolverBase):
         outcomes |= {i: outcome_of(self.name, collisions[i], run, settings) for i, run in runs.items()}
         ends = self._add_limits(outcomes, self.run_columns, runs, settings)
         answered = [outcomes[i] for i in range(len(collisions))]
-        if settings.mapping == "naive":
+        if settings.mapping == "naive" or self.law is None:
             return answered  # its contacts are not those of the law
-        return marked(answered, collisions, registry.law_of(self.name), settings, ends)
+        return marked(answered, collisions, self.law, settings, ends)
 
     def _add_limits(
         self,
