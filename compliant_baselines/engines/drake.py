@@ -99,6 +99,7 @@ class DrakeHuntCrossley(Drake):
     """Drake, continuous time, Hunt-Crossley contacts; elastic ones are linear springs."""
 
     name = "drake-hunt-crossley"
+    law = "hunt-crossley"
     discrete = False
 
 

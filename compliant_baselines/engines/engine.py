@@ -16,12 +16,12 @@ from impact_xval.compliant_baselines.engines.scene import BEYOND, Scene, reduced
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
 from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.references import marked
-from impact_xval.compliant_baselines.solver import Settings, SolverBase
+from impact_xval.compliant_baselines.solver import Settings, Solver
 from impact_xval.model.chain.rest import REST, STUCK
 from impact_xval.model.collision import Collision, Outcome
 
 
-class Engine(SolverBase):
+class Engine(Solver):
     """An engine behind the contract: an adapter says what it refuses and how to set a scene up.
 
     Statuses beside `ok`: `unavailable` (the engine cannot be imported), `unrepresentable` (k_i = 0 or infinite, e_i = 0
@@ -29,8 +29,6 @@ class Engine(SolverBase):
     are not finite, or the engine's own complaint), `unconverged` (over, but with more energy than it began with, or
     with a limit dt -> 0 that is not known to the tolerance asked for: the outcome keeps its numbers).
     """
-
-    kind = "compliant"
 
     #: The engine as its makers spell it, the name of its package as distributed, the module that is imported, and what
     #: to run where that fails.
@@ -104,9 +102,9 @@ class Engine(SolverBase):
             for i, each in enumerate(collisions)
         ]
         ends = self._add_limits(outcomes, runs, settings)
-        law = registry.law_of(self.name)
-        # The contacts of a naive mapping are not those of the law.
-        return outcomes if settings.mapping == "naive" else marked(outcomes, collisions, law, settings, ends)
+        if settings.mapping == "naive" or self.law is None:
+            return outcomes  # its contacts are not those of the law
+        return marked(outcomes, collisions, self.law, settings, ends)
 
     def _add_limits(
         self, outcomes: list[Outcome], runs: Mapping[int, Run], settings: Settings
