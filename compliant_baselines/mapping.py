@@ -32,7 +32,6 @@ from impact_xval.compliant_baselines.restitution import (
     contact_time,
     damping_ratio,
     restitution,
-    root_between,
     textbook_damping_ratio,
 )
 from impact_xval.compliant_baselines.solver import MappingName
@@ -166,15 +165,17 @@ class MujocoContact:
                 y = 1 - (1 - x) ** power / (1 - midpoint) ** (power - 1)
             return dmin + y * (dmax - dmin)
 
-        def excess(r: float) -> float:
-            d = impedance(r)
-            return stiffness * r * (d / dmax) ** 2 - (1 - d) * acceleration
-
         if dmin == dmax:
             return (1 - dmin) * acceleration / stiffness
         # d lies between dmin and dmax, and with it the root between the two rests of constant impedance.
-        high = (1 - dmin) * acceleration / (stiffness * (dmin / dmax) ** 2)
-        return root_between(excess, 0.0, 2 * high)
+        low, high = 0.0, 2 * (1 - dmin) * acceleration / (stiffness * (dmin / dmax) ** 2)
+        while low < (r := 0.5 * (low + high)) < high:
+            d = impedance(r)
+            if stiffness * r * (d / dmax) ** 2 < (1 - d) * acceleration:
+                low = r
+            else:
+                high = r
+        return high
 
 
 def mujoco_contact(
