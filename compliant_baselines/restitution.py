@@ -1,22 +1,17 @@
 """From a coefficient of restitution to a damping and back.
 
 The contact of Kelvin and Voigt, F = k p + c p', may push but not pull: it ends when its force is zero (docs/theory.md,
-section 7; Schwager and Poeschel, Granular Matter 9:465, 2007). The naive mapping takes the textbook's contact instead,
-which ends at p = 0 and pulls before. The product law F = k p (1 + a p') is Hunt and Crossley's.
+section 7; Schwager and Poeschel, Granular Matter 9:465, 2007). The textbook's, of the naive mapping, ends at p = 0.
 
-**Hunt and Crossley, exactly.** For a pair of reduced mass M that meets with u0, with u = p' as a function of p,
+**Hunt and Crossley, exactly.** F = k p (1 + a p'). For a pair of reduced mass M that meets with u0, with u = p' as a
+function of p, M u du/dp = -k p (1 + a u), so that u du/(1 + a u) = -(k/M) p dp. p is zero at both ends, where u is u0
+and -e u0: the integral of u/(1 + a u) from -e u0 to u0 vanishes. With A = a u0 that is
 
-    M u du/dp = -k p (1 + a u),    so    u du/(1 + a u) = -(k/M) p dp.
-
-p is zero at both ends, where u is u0 and -e u0: the integral of u/(1 + a u) from -e u0 to u0 vanishes. With A = a u0
-that is
-
-    A (1 + e) = ln((1 + A)/(1 - e A)),                                                    (*)
+    A (1 + e) = ln((1 + A)/(1 - e A)),    0 < A < 1/e,                                    (*)
 
 whatever the mass, the stiffness or the exponent of the spring (Hunt and Crossley, J. Applied Mechanics 42:440, 1975,
-give A = 3 (1 - e)/2, the first term as e goes to 1; (*) is exact, with 0 < A < 1/e). A third body on the contact does
-not change its restitution, but the speed u0 does: a is fixed, and e depends on the speed of approach. Both contacts
-take u0 = |v0|, the only speed a collision names.
+give A = 3 (1 - e)/2, the first term as e goes to 1). A third body on the contact does not change its restitution, but
+the speed u0 does, for a is fixed. Both contacts take u0 = |v0|, the only speed a collision names.
 """
 
 from __future__ import annotations
@@ -34,14 +29,8 @@ Floats = NDArray[np.float64]
 def contact_time(zeta):
     """Duration of a Kelvin-Voigt contact that ends at zero force, times omega = sqrt(k/M); dimensionless.
 
-    With w = sqrt(abs(1 - zeta^2)): 2 atan2(w, zeta)/w below zeta = 1, 2 there, and 2 asinh(w)/w above. These are
-    theory's atan2(2 zeta w, 2 zeta^2 - 1)/w and ln((zeta + w)/(zeta - w))/w by the double-angle formulas; written so,
-    nothing cancels near zeta = 1.
-
-    Parameters
-    ----------
-    zeta : float
-        Damping ratio, >= 0.
+    For a damping ratio zeta >= 0. These are the formulas of docs/theory.md, atan2(2 zeta w, 2 zeta^2 - 1)/w and
+    ln((zeta + w)/(zeta - w))/w with w = sqrt(abs(1 - zeta^2)), in half the angle: nothing cancels near zeta = 1.
     """
     # Factored, 1 - zeta^2 keeps its digits near zeta = 1; two roots, so that a huge zeta does not overflow.
     w = sqrt(abs(1 - zeta)) * sqrt(1 + zeta)
@@ -56,24 +45,12 @@ def restitution(zeta: float) -> float:
 
 
 def damping_ratio(e: float) -> float:
-    """Damping ratio that gives the restitution e at zero force: `restitution` inverted, to rounding.
-
-    Raises
-    ------
-    ValueError
-        For e outside (0, 1]: no finite damping makes a contact perfectly plastic.
-    """
+    """Damping ratio that gives the restitution e: `restitution` inverted, to rounding; ValueError outside (0, 1]."""
     return _damping_ratio(_legal(e))
 
 
 def textbook_damping_ratio(e: float) -> float:
-    """Give the damping ratio -ln e/sqrt(pi^2 + ln^2 e) of a contact that may pull (the naive mapping's).
-
-    Raises
-    ------
-    ValueError
-        For e outside (0, 1].
-    """
+    """Damping ratio that gives the restitution e to a contact that may pull; ValueError outside (0, 1]."""
     return float(textbook_damping_ratios(np.array(_legal(e))))
 
 
