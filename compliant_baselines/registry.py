@@ -61,7 +61,7 @@ class Entry:
 
 
 _EXACT = "references"
-_MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}_engine" for name in ("mujoco", "pybullet", "drake"))
+_MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}" for name in ("mujoco", "pybullet", "drake"))
 
 # In the order in which tables list the solvers; those on request after all others.
 _ENTRIES: dict[str, Entry] = {
@@ -87,19 +87,19 @@ _ENTRIES: dict[str, Entry] = {
     ),
     "mujoco": Entry(
         _MUJOCO,
-        "MujocoSolver",
+        "Mujoco",
         exportable=True,
         description="MuJoCo, its contacts mapped to spring and dashpot",
     ),
     "pybullet": Entry(
         _PYBULLET,
-        "PybulletSolver",
+        "Pybullet",
         exportable=True,
         description="PyBullet, its contacts mapped to spring and dashpot",
     ),
     "drake": Entry(
         _DRAKE,
-        "DrakeSolver",
+        "Drake",
         costly=True,
         description="Drake in discrete time, its contacts mapped to spring and dashpot",
     ),
@@ -137,21 +137,21 @@ _ENTRIES: dict[str, Entry] = {
     ),
     "mujoco-naive": Entry(
         _MUJOCO,
-        "NaiveMujocoSolver",
+        "NaiveMujoco",
         on_request=True,
         naive=True,
         description="MuJoCo with stiffness and damping written into its solref as they are",
     ),
     "pybullet-naive": Entry(
         _PYBULLET,
-        "NaivePybulletSolver",
+        "NaivePybullet",
         on_request=True,
         naive=True,
         description="PyBullet with one stiffness and damping on both balls",
     ),
     "drake-hunt-crossley": Entry(
         _DRAKE,
-        "DrakeHuntCrossleySolver",
+        "DrakeHuntCrossley",
         law="hunt-crossley",
         on_request=True,
         description="Drake in continuous time, with Hunt and Crossley's contacts",

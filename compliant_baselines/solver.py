@@ -17,7 +17,7 @@ Implementer's rules:
    the same bits whatever else was asked in the same call.
 7. Velocities are in m/s, impulses in N s, times in s; all are those of the collision as given, never
    rescaled.
-8. The collision is over by the rule of `engines.trajectory`; so are impulses and contacts that carry
+8. The collision is over by the rule of `engines.stepping`; so are impulses and contacts that carry
    force read from velocities, and states from those by `states`.
 """
 

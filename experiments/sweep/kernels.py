@@ -12,6 +12,7 @@ from filelock import FileLock, Timeout
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.quiet import between
+from impact_xval.compliant_baselines.engines.stepping import scan
 from impact_xval.compliant_baselines.registry import engine_names, is_ours, kind_of
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.measures.hausdorff import directed, hausdorff
@@ -66,7 +67,7 @@ def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     line = [[0.0, 0.0], [1.0, 1.0]]
     return [
         Kernels(
-            "chain", follow_chains, lambda: get_solver("kelvin-voigt").solve_columns([ORDINARY], Settings())
+            "chain", follow_chains, lambda: get_solver("kelvin-voigt").solve_many([ORDINARY], Settings())
         ),
         Kernels("model", collide_pairs, lambda: solve_by(["state-transition"], settings)),
         Kernels("distance", directed, lambda: hausdorff(line, line)),
@@ -76,18 +77,16 @@ def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
 
 def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     """List the kernels that columns of N balls need with some solvers."""
-    from impact_xval.compliant_baselines.engines.lines import scan
-
     parts: dict[str, tuple[str, Any]] = {
         "model": ("chain", follow_chains),
         "reference": ("chain", follow_chains),
-        "engine": ("lines", scan),
+        "engine": ("scan", scan),
     }
 
     def solve_by(names: Iterable[str]) -> None:
         for solver in map(get_solver, names):
             if solver.unavailable() is None:
-                solver.solve_columns([ORDINARY], Settings())
+                solver.solve_many([ORDINARY], Settings())
 
     ours = [name for name in solvers if is_ours(name)]
     by_kind = {kind: [name for name in ours if kind_of(name) == kind] for kind in parts}

@@ -9,7 +9,7 @@ import pytest
 from impact_xval.compliant_baselines import SolverError, get_solver, registry, solver_names
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.conformance import conform
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.references import ReferenceSolver
 from impact_xval.compliant_baselines.registry import origins
 from impact_xval.compliant_baselines.solver import Settings
@@ -26,7 +26,7 @@ def test_an_unknown_name_is_told_the_known_ones_in_the_order_of_the_tables():
 
 
 def test_kinds_and_laws_are_those_of_the_classes_and_laws_are_exact_solvers():
-    kinds = {EngineSolver: "engine", ReferenceSolver: "reference"}
+    kinds = {Engine: "engine", ReferenceSolver: "reference"}
     for name in ALL:
         solver, kind, law = get_solver(name), registry.kind_of(name), registry.law_of(name)
         assert kind == next((k for cls, k in kinds.items() if isinstance(solver, cls)), "model"), name

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.compliant_baselines.engines.line import line_of
+from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.model import Collision
 
@@ -95,11 +95,11 @@ def test_a_drop_differs_by_what_gravity_does_between_two_samples():
 @needs_drake
 def test_the_naive_mapping_is_that_of_two_balls_in_discrete_time():
     naive = Settings(mapping="naive")
-    with pytest.raises(SolverError, match=r"unrepresentable: mapping = 'naive': .* take 'calibrated'"):
+    with pytest.raises(SolverError, match=r"unrepresentable: mapping = 'naive': .* legal: 'calibrated'"):
         get_solver("drake-hunt-crossley").solve(collision(1.0), naive)
     for name in LAWS:
         with pytest.raises(SolverError, match=r"mapping = 'naive': Drake's is that of two balls"):
-            get_solver(name).solve_column(CHAIN, naive)
+            get_solver(name).solve(CHAIN, naive)
 
 
 def limits(outcome):
@@ -109,8 +109,8 @@ def limits(outcome):
 @needs_drake
 @pytest.mark.parametrize("column", [CHAIN, DROP], ids=["chain", "drop"])
 def test_four_balls_have_the_limit_of_kelvin_voigt(column):
-    exact = get_solver("kelvin-voigt").solve_column(column)
-    outcome = get_solver("drake").solve_column(column, Settings(convergence=Convergence()))
+    exact = get_solver("kelvin-voigt").solve(column)
+    outcome = get_solver("drake").solve(column, Settings(convergence=Convergence()))
     off = np.abs(np.subtract(limits(outcome), exact.velocities)).max()
     assert off < outcome.diagnostics["limit_error"] < 1e-3
     assert off < 2e-4
@@ -124,10 +124,10 @@ def test_four_balls_have_the_limit_of_kelvin_voigt(column):
 @pytest.mark.parametrize("column", [CHAIN, replace(DROP, velocities=(-1, 0, -3, 0))], ids=["chain", "drop"])
 def test_four_balls_in_continuous_time_are_those_of_hunt_crossley(column):
     """The coefficient goes with the largest rate of compression at first touch, here 1 and 3 m/s."""
-    exact = get_solver("hunt-crossley").solve_column(column)
-    outcome = get_solver("drake-hunt-crossley").solve_column(column, Settings(step_fraction=5e-3))
+    exact = get_solver("hunt-crossley").solve(column)
+    outcome = get_solver("drake-hunt-crossley").solve(column, Settings(step_fraction=5e-3))
     assert outcome.velocities == pytest.approx(exact.velocities, abs=2e-9 * max(np.abs(column.velocities)))
-    dashpots = get_solver("kelvin-voigt").solve_column(column)
+    dashpots = get_solver("kelvin-voigt").solve(column)
     assert np.abs(np.subtract(outcome.velocities, dashpots.velocities)).max() > 1e-3
 
 
@@ -135,16 +135,16 @@ def test_four_balls_in_continuous_time_are_those_of_hunt_crossley(column):
 def test_a_step_too_short_is_refused_and_not_run():
     settings = Settings(step_fraction=1e-6)
     with pytest.raises(SolverError, match=r"impulses below 1e-06 of the momentum, .* is needed"):
-        get_solver("drake").solve_column(CHAIN, settings)
-    line = line_of(CHAIN, settings)
-    (run,) = get_solver("drake").run_lines([line], 100)
-    assert (run.status, run.raw.n_steps) == ("crashed", 0)
+        get_solver("drake").solve(CHAIN, settings)
+    scene = Scene.of(CHAIN, settings)
+    (run,) = get_solver("drake").run([scene], 100)
+    assert (run.status, run.n_steps) == ("crashed", 0)
     assert "impulses below 1e-06 of the momentum" in run.problem()
-    assert get_solver("drake-hunt-crossley").line_refusal(line) is None
+    assert get_solver("drake-hunt-crossley").refusal(scene) is None
     # impulses are neglected beside the momentum of all bodies, not of those that meet
-    drifting = line_of(Collision((1, 1), (1e4,), (1,), (-1001, -1000)), Settings())
-    assert "impulses below 1e-06" in get_solver("drake").line_refusal(drifting)
-    assert get_solver("drake").line_refusal(replace(drifting, velocities=(-1.0, 0.0))) is None
+    drifting = Scene.of(Collision((1, 1), (1e4,), (1,), (-1001, -1000)), Settings())
+    assert "impulses below 1e-06" in get_solver("drake").refusal(drifting)
+    assert get_solver("drake").refusal(replace(drifting, velocities=(-1.0, 0.0))) is None
 
 
 def test_without_drake_the_way_out_is_said(monkeypatch):

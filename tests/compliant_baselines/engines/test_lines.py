@@ -24,7 +24,7 @@ def test_two_balls_on_a_table_are_those_of_the_two_ball_adapter(engine):
     for k2, m2, e1, e2 in ((1, 2, 0.9, 0.7), (40, 0.5, 1, 0.8), (0.05, 1.2, 0.6, 1)):
         one = engine.solve(Collision.two_balls(1, m2, 1e4, k2 * 1e4, e1, e2, -3), settings)
         column = Collision((1, m2), (1e4, k2 * 1e4), (e1, e2), (-3, 0), table=True)
-        other = engine.solve_column(column, settings)
+        other = engine.solve(column, settings)
         # PyBullet's multibodies are solved by another code of the engine.
         assert other.velocities == pytest.approx((one.v1, one.v2), abs=1e-9)
         assert other.impulses == pytest.approx((one.impulse1, one.impulse2), abs=1e-9)
@@ -32,8 +32,8 @@ def test_two_balls_on_a_table_are_those_of_the_two_ball_adapter(engine):
 
 
 def test_a_chain_has_the_limit_of_kelvin_voigt(engine):
-    exact = get_solver("kelvin-voigt").solve_column(CHAIN)
-    outcome = engine.solve_column(CHAIN, SETTINGS)
+    exact = get_solver("kelvin-voigt").solve(CHAIN)
+    outcome = engine.solve(CHAIN, SETTINGS)
     assert limits(outcome) == pytest.approx(exact.velocities, abs=outcome.diagnostics["limit_error"])
     assert outcome.diagnostics["limit_error"] < 1e-3
     assert outcome.states == exact.states
@@ -42,15 +42,15 @@ def test_a_chain_has_the_limit_of_kelvin_voigt(engine):
 
 def test_a_column_alone_is_the_column_among_others(engine):
     columns = [CHAIN, Collision((1, 2), (1,), (0.5,), (-1, 0)), CHAIN.reversed()]
-    for column, among in zip(columns, engine.solve_columns(columns, Settings()), strict=True):
-        assert engine.solve_column(column).velocities == among.velocities
+    for column, among in zip(columns, engine.solve_many(columns, Settings()), strict=True):
+        assert engine.solve(column).velocities == among.velocities
 
 
 def test_gaps_and_speeds_beyond_a_hundred(engine):
     """Balls that are apart meet one after the other; PyBullet's multibodies are capped at 100 m/s by default."""
     column = Collision((1, 1, 1), (1e4, 1e4), (1, 0.8), (-500, 0, 0), gaps=(0, 40.0))
-    exact = get_solver("kelvin-voigt").solve_column(column)
-    outcome = engine.solve_column(column, SETTINGS)
+    exact = get_solver("kelvin-voigt").solve(column)
+    outcome = engine.solve(column, SETTINGS)
     assert exact.velocities == pytest.approx([0, -50, -450], abs=1e-9)
     assert outcome.states == exact.states == ("1", "-", "2", "-")
     assert limits(outcome) == pytest.approx(exact.velocities, abs=3 * outcome.diagnostics["limit_error"])
@@ -61,8 +61,8 @@ def test_random_columns_have_the_limit_of_kelvin_voigt(engine):
     rng = np.random.default_rng(22)
     columns = [random_column(rng, balls, least=0.6) for balls in (3, 4, 5, 6)]
     settings = Settings(convergence=Convergence())
-    exact = get_solver("kelvin-voigt").solve_columns(columns, settings)
-    for ours, theirs in zip(engine.solve_columns(columns, settings), exact, strict=True):
+    exact = get_solver("kelvin-voigt").solve_many(columns, settings)
+    for ours, theirs in zip(engine.solve_many(columns, settings), exact, strict=True):
         assert ours.status == "ok", ours.reason
         off = np.abs(np.subtract(limits(ours), theirs.velocities)).max()
         assert off < 2e-3
@@ -74,7 +74,7 @@ def test_what_an_engine_refuses(engine):
         (
             "mujoco",
             Collision((1, 1), (1,), (0,), (-1, 0)),
-            r"restitutions\[1\] = 0\.0: no finite damping",
+            "e1 = 0: no finite damping",
         ),
         (
             "mujoco",
@@ -87,17 +87,17 @@ def test_what_an_engine_refuses(engine):
     ):
         if solver.startswith(engine.name):
             with pytest.raises(SolverError, match=says):
-                get_solver(solver).solve_column(column)
+                get_solver(solver).solve(column)
 
 
 def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(engine):
     column = replace(CHAIN, restitutions=(0.8, 0.9))
-    exact = get_solver("kelvin-voigt").solve_column(column, Settings(record_path=True)).path
+    exact = get_solver("kelvin-voigt").solve(column, Settings(record_path=True)).path
     errors = []
     for fraction in (4e-3, 2e-3, 1e-3):
-        outcome = engine.solve_column(column, Settings(step_fraction=fraction, record_path=True))
+        outcome = engine.solve(column, Settings(step_fraction=fraction, record_path=True))
         path, step = outcome.path, outcome.diagnostics["step"]
-        assert len(path.time) == outcome.diagnostics["n_steps"] + 1
+        assert len(np.unique(path.time)) == outcome.diagnostics["n_steps"] + 1
         assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
         assert path.impulses[-1] == pytest.approx(outcome.impulses, rel=1e-14)
         assert np.diff(path.time) @ path.forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)
