@@ -6,8 +6,9 @@ from collections import Counter
 from importlib import import_module
 from typing import Any
 
-from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.column import Column
+
+from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
 from impact_xval.compliant_baselines.inspect_mujoco import Finding, inspect_model
 from impact_xval.compliant_baselines.paste import mjcf

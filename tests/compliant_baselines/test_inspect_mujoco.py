@@ -5,8 +5,8 @@ import math
 import mujoco
 import numpy as np
 import pytest
-
 from impact_xval.compliant_baselines.engines.column import column_of
+
 from impact_xval.compliant_baselines.inspect_mujoco import inspect_model
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.sweep.examination import column_findings
