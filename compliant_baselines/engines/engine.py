@@ -54,7 +54,7 @@ class Engine(Solver):
 
     @abstractmethod
     def world(self, scene: Scene) -> World:
-        """Set a scene up."""
+        """Set a scene up; the world before it is done with."""
 
     @contextmanager
     def running(self) -> Iterator[None]:
