@@ -166,7 +166,7 @@ class Scene:
 
     def places(self, radius: float) -> Floats:
         """Give the centres of the balls above the table where all only just touch, in m, shape (N,)."""
-        return radius * np.arange(2 * len(self.masses) - 1, 0, -2)
+        return radius * np.arange(2 * len(self.masses) - 1, 0, -2, dtype=np.float64)
 
 
 def reduced_masses(of: Collision | Scene) -> tuple[float, ...]:
