@@ -170,6 +170,6 @@ def test_two_distributions_with_one_name_are_told(site):
 
 def test_a_name_that_is_taken_stays_what_it_is(site):
     install(site, "rival", {"mujoco": "rival:Engine"})
-    assert type(get_solver("mujoco")).__module__ == "impact_xval.compliant_baselines.engines.mujoco_engine"
+    assert type(get_solver("mujoco")).__module__ == "impact_xval.compliant_baselines.engines.mujoco"
     assert solver_names().count("mujoco") == 1
     assert origins()["mujoco"] == "impact-xval (rival 1.2 ignored: the name is taken)"
