@@ -56,23 +56,23 @@ class Entry:
 
 _EXACT, _HUNT = "references", "hunt-crossley"
 _ANCHORED, _TEXTBOOK, _LIU = "kelvin-voigt-anchored", "kelvin-voigt-textbook", "liu-zhao-brogliato"
-_MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}_engine" for name in ("mujoco", "pybullet", "drake"))
+_MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}" for name in ("mujoco", "pybullet", "drake"))
 
 # In the order in which tables list the solvers; those on request after all others.
 _ENTRIES: dict[str, Entry] = {
     "state-transition": Entry(_EXACT, "StateTransitionSolver", "model", "state-transition"),
     "bistiffness": Entry(_EXACT, "BistiffnessSolver", "reference", "bistiffness"),
     KELVIN_VOIGT: Entry(_EXACT, "KelvinVoigtSolver", "reference"),
-    "mujoco": Entry(_MUJOCO, "MujocoSolver", exportable=True),
-    "pybullet": Entry(_PYBULLET, "PybulletSolver", exportable=True),
-    "drake": Entry(_DRAKE, "DrakeSolver", costly=True),
+    "mujoco": Entry(_MUJOCO, "Mujoco", exportable=True),
+    "pybullet": Entry(_PYBULLET, "Pybullet", exportable=True),
+    "drake": Entry(_DRAKE, "Drake", costly=True),
     _ANCHORED: Entry(_EXACT, "AnchoredKelvinVoigtSolver", "reference", _ANCHORED, on_request=True),
     _TEXTBOOK: Entry(_EXACT, "TextbookKelvinVoigtSolver", "reference", _TEXTBOOK, on_request=True),
     _HUNT: Entry(_EXACT, "HuntCrossleySolver", "reference", _HUNT, on_request=True),
     _LIU: Entry(_EXACT, "LiuZhaoBrogliatoSolver", "model", _LIU, on_request=True),
-    "mujoco-naive": Entry(_MUJOCO, "NaiveMujocoSolver", on_request=True, naive=True),
-    "pybullet-naive": Entry(_PYBULLET, "NaivePybulletSolver", on_request=True, naive=True),
-    "drake-hunt-crossley": Entry(_DRAKE, "DrakeHuntCrossleySolver", law=_HUNT, on_request=True),
+    "mujoco-naive": Entry(_MUJOCO, "NaiveMujoco", on_request=True, naive=True),
+    "pybullet-naive": Entry(_PYBULLET, "NaivePybullet", on_request=True, naive=True),
+    "drake-hunt-crossley": Entry(_DRAKE, "DrakeHuntCrossley", law=_HUNT, on_request=True),
 }
 
 _DESCRIPTIONS = {

@@ -58,17 +58,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.engines.column import Column
-from impact_xval.compliant_baselines.engines.line import Line
-from impact_xval.compliant_baselines.engines.lines import LineRun
-from impact_xval.compliant_baselines.engines.recording import Run
-from impact_xval.compliant_baselines.engines.trajectory import GOING, REST, STUCK, Floats
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene
+from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
+from impact_xval.model.chain.rest import GOING, REST, STUCK
 
 #: Share of the last correction that is doubted whatever the differences say.
 DOUBT = 0.1
@@ -231,45 +228,61 @@ def fitted_order(errors: Floats) -> float:
 
 @dataclass(slots=True)
 class _Case:
-    """A column on its way to its limit: its runs, from the longest step to the shortest."""
+    """A scene on its way to its limit: its runs, from the longest step to the shortest."""
 
     #: At the step h.
-    column: Column | Line
-    runs: list[Any]
-    halvings: int
+    scene: Scene
+    runs: list[Run]
+    convergence: Convergence
     #: Steps that a run at the step h may take.
     max_steps: int
-    #: Largest error, in m/s.
-    tolerance: float
-    #: Whether what its regularisation does is to be measured.
-    probed: bool
+    #: How many times as much regularisation shows what that of the engine does; 1 where there is none to see.
+    factor: float
     #: What regularisation was seen to do, in m/s, at ever shorter steps.
     regularisation: list[float] = field(default_factory=list)
     failure: str = ""
+    #: Steps that the run at the step h took: those that one at a longer step may take.
+    longest: int = field(init=False)
 
-    def at(self, times: float) -> Column | Line:
-        """Return the column at a multiple of the step h."""
-        return replace(self.column, step=self.column.step * times)
+    def __post_init__(self) -> None:
+        self.longest = self.runs[-1].n_steps
+
+    def at(self, times: float, regularisation: float = 1.0) -> Scene:
+        """Return the scene at a multiple of the step h."""
+        return replace(self.scene, step=self.scene.step * times, regularisation=regularisation)
 
     @property
-    def halved(self) -> int:
-        """How often h was halved."""
-        return round(math.log2(self.column.step / self.runs[-1].column.step))
+    def tolerance(self) -> float:
+        """Largest error, in m/s."""
+        return self.convergence.tolerance * self.scene.speed
+
+    @property
+    def shortest(self) -> float:
+        """Shortest step over h."""
+        return self.runs[-1].scene.step / self.scene.step
+
+    @property
+    def most(self) -> int:
+        """Steps that the run at the next shorter step may take."""
+        return round(min(self.max_steps, PATIENCE * self.longest) * 2 / self.shortest)
 
     def limit(self) -> Limit | None:
+        """Extrapolate, where there are three runs."""
         if len(self.runs) < 3:
             return None
         last = self.runs[-1]
-        paths = {(run.state_names(SHORTEST_STATE), run.fall is None, run.end) for run in self.runs[-2:]}
+        paths = {
+            (run.states(SHORTEST_STATE).names(False), run.fall is None, run.end) for run in self.runs[-2:]
+        }
         limit = limit_of(
             np.array([run.reported for run in self.runs]),
             last.starts,
-            last.column.step,
-            self.column.weights,
+            last.scene.step,
+            self.scene.weights,
             *self.regularisation[-1:],
-            table=self.column.table,
+            table=self.scene.table,
             alike=len(paths) == 1,
-            gravity_doubt=max(self.flight_doubt(), self.column.gravity * last.column.step),
+            gravity_doubt=max(self.flight_doubt(), self.scene.gravity * last.scene.step),
         )
         return replace(limit, flight=last.fall is not None, rest=last.end in (REST, STUCK))
 
@@ -279,50 +292,43 @@ class _Case:
         Its lead is extrapolated as velocities are. Where it changes its sign on the way to a step of zero, or is too
         short to tell, the flight is in doubt, and gravity acts in the contact that decides on it or does not.
         """
-        if not isinstance(self.column, Column) or not self.column.gravity:
-            return 0.0
         (before, _), (now, contact) = (run.lead for run in self.runs[-2:])
-        if not math.isfinite(now):
+        if not self.scene.gravity or not math.isfinite(now):
             return 0.0
-        (limit,) = extrapolated(np.array([before, now]))
-        if now * before > 0 and now * limit > 0 and abs(now) > 2 * self.runs[-1].column.step:
+        limit = 2 * now - before
+        if now * before > 0 and now * limit > 0 and abs(now) > 2 * self.runs[-1].scene.step:
             return 0.0
-        return self.column.gravity * 0.5 * (self.column.contact1, self.column.contact2)[contact - 1].period
+        return self.scene.gravity * 0.5 * self.scene.periods[contact]
 
-    #: Steps that the run at the step h took: those that one at a longer step may take.
-    longest: int = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.longest = self.runs[-1].raw.n_steps
-
-    @property
-    def most(self) -> int:
-        """Steps that the run at the next shorter step may take."""
-        return min(self.max_steps, PATIENCE * self.longest) * 2 ** (self.halved + 1)
-
-    def precede(self, run: Run | LineRun) -> None:
+    def precede(self, run: Run) -> None:
         """Put the run at the next longer step before the others, if there is none longer that was left out."""
-        if run.over and run.raw.n_steps <= self.longest and run.column.step == 2 * self.runs[0].column.step:
+        if run.over and run.n_steps <= self.longest and run.scene.step == 2 * self.runs[0].scene.step:
             self.runs.insert(0, run)
 
-    def take(self, run: Run | LineRun) -> None:
+    def take(self, run: Run) -> None:
         """Take the run at the next shorter step; one that came to no end in its time ends the halving."""
         most = self.most
-        if run.over and run.raw.n_steps <= most:
+        if run.over and run.n_steps <= most:
             self.runs.append(run)
         else:
             end = GOING if run.over else run.end  # what others of the call were given does not count
             problem = replace(run, end=end, max_steps=most).problem()
-            self.failure = f"at a step of {run.column.step:.3g} s: {problem}"
+            self.failure = f"at a step of {run.scene.step:.3g} s: {problem}"
 
-    def probe(self, run: Run | LineRun, own: Run | LineRun, factor: float) -> None:
+    def probe(self, run: Run, own: Run) -> None:
         """Take a run with more regularisation, if there is one of the same step with the engine's own."""
-        if run.over and run.column.step == own.column.step:
+        if run.over and run.scene.step == own.scene.step:
             moved = np.abs(np.subtract(run.reported, own.reported)).max()
-            self.regularisation.append(float(moved) / (factor - 1))
+            self.regularisation.append(float(moved) / (self.factor - 1))
+
+    @property
+    def probed(self) -> bool:
+        """Whether what its regularisation does is measured."""
+        return self.factor > 1
 
     def wants_more(self) -> bool:
-        if self.failure or self.halved >= self.halvings:
+        """Whether a shorter step is to be run."""
+        if self.failure or self.shortest <= 2.0**-self.convergence.halvings:
             return False
         limit = self.limit()
         if limit is None or (self.probed and not self.regularisation):
@@ -342,7 +348,7 @@ class _Case:
 
     def problem(self) -> str:
         """Why the limit does not satisfy; nothing if it does."""
-        limit, speed = self.limit(), self.column.speed
+        limit, speed = self.limit(), self.scene.speed
         if limit is None:
             why = self.failure or "runs at longer steps take more of them than that at h, or come to no end"
             return f"no limit dt -> 0: {why}"
@@ -361,18 +367,18 @@ class _Case:
 
 
 def estimate_limits(
-    run_columns: Callable[[Sequence[Any], int], Sequence[Any]],
+    run: Callable[[Sequence[Scene], int], Sequence[Run]],
     probe: float | None,
-    runs: Sequence[Run | LineRun],
+    runs: Sequence[Run],
     convergence: Convergence,
     max_steps: int,
 ) -> list[tuple[Limit | None, str]]:
-    """Find the limits of columns that have been run at the longest step.
+    """Find the limits of scenes that have been run at the longest step.
 
     Parameters
     ----------
-    run_columns : callable
-        The engine's, of `engines.engine.EngineSolver`; its `run_lines` where the runs are those of lines.
+    run : callable
+        The engine's, of `engines.engine.Engine`.
     probe : float or None
         Its `regularisation_probe`.
     runs : sequence of Run
@@ -388,40 +394,36 @@ def estimate_limits(
     list of (Limit or None, str)
         None where shorter steps did not come to an end; and why the limit is not converged, empty if it is.
     """
-    factor = probe or 1.0
     cases = [
         _Case(
-            run.column,
-            [run],
-            convergence.halvings,
+            each.scene,
+            [each],
+            convergence,
             max_steps,
-            convergence.tolerance * run.column.speed,
-            probe is not None and run.column.mapping == "calibrated",
+            probe if probe and each.scene.mapping == "calibrated" else 1.0,
         )
-        for run in runs
+        for each in runs
     ]
-    probed = [case for case in cases if case.probed]
-    longer = [case.at(times) for case in cases for times in (2, 4)]
-    probes = [replace(case.at(4), regularisation=factor) for case in probed]
-    # One call for all of them: an engine shares out what it is given. What takes more steps than at h is left out one
+    # One call for many: an engine may share out what it is given. What takes more steps than at h is left out one
     # by one, so that no limit depends on the others of the call.
-    answers = iter(run_columns([*longer, *probes], max((case.longest for case in cases), default=0)))
-    for case in cases:
-        case.precede(next(answers))
-        case.precede(next(answers))
-    for case in probed:
-        if (run := next(answers)).raw.n_steps <= case.longest:
-            case.probe(run, case.runs[0], factor)
+    longest = max((case.longest for case in cases), default=0)
+    for times in (2, 4):
+        for case, found in zip(cases, run([case.at(times) for case in cases], longest), strict=True):
+            case.precede(found)
+    probed = [case for case in cases if case.probed]
+    for case, found in zip(probed, run([case.at(4, case.factor) for case in probed], longest), strict=True):
+        if found.n_steps <= case.longest:
+            case.probe(found, case.runs[0])
     while going := [case for case in cases if case.wants_more()]:
-        # As above, what takes too many of them is left out one by one.
         longest = max(case.most for case in going)
         # Beside a grazing a probe at a long step may show what is the step's: seen again at the shortest.
         again = [case for case in going if case.doubtful()]
-        finest = [replace(case.runs[-1].column, regularisation=factor) for case in again]
-        for case, run in zip(again, run_columns(finest, longest), strict=True):
-            case.probe(run, case.runs[-1], factor)
+        finest = [case.at(case.shortest, case.factor) for case in again]
+        for case, found in zip(again, run(finest, longest), strict=True):
+            case.probe(found, case.runs[-1])
         going = [case for case in going if case.wants_more()]
-        finer = [case.at(2.0 ** -(case.halved + 1)) for case in going]
-        for case, run in zip(going, run_columns(finer, longest), strict=True):
-            case.take(run)
+        for case, found in zip(
+            going, run([case.at(case.shortest / 2) for case in going], longest), strict=True
+        ):
+            case.take(found)
     return [(case.limit(), case.problem()) for case in cases]

@@ -1,34 +1,32 @@
-"""What every engine adapter shares: refusing, setting up, and saying what came of it."""
+"""What every engine adapter shares: refusing, setting up, running, and saying what came of it."""
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from math import inf
 
 from impact_xval.compliant_baselines import registry
-from impact_xval.compliant_baselines.engines.column import BEYOND, Column, column_of, unrepresentable
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
-from impact_xval.compliant_baselines.engines.line import Line, line_of, unrepresentable_column
-from impact_xval.compliant_baselines.engines.lines import LineRun, outcome_of_line
 from impact_xval.compliant_baselines.engines.packages import version_of
-from impact_xval.compliant_baselines.engines.recording import Run, states_of
-from impact_xval.compliant_baselines.engines.trajectory import REST, STUCK
+from impact_xval.compliant_baselines.engines.scene import BEYOND, Scene, reduced_masses, unrepresentable
+from impact_xval.compliant_baselines.engines.stepping import Run, follow
+from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.references import marked
-from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind, no_gravity
-from impact_xval.model.collision import Collision, Collisions, Outcome
+from impact_xval.compliant_baselines.solver import Settings, Solver
+from impact_xval.model.chain.rest import REST, STUCK
+from impact_xval.model.collision import Collision, Outcome
 
 
-class EngineSolver(Solver):
-    """An engine behind the contract: a subclass says how to run columns.
+class Engine(Solver):
+    """An engine behind the contract: an adapter says what it refuses and how to set a scene up.
 
-    Statuses beside `ok`: `unavailable` (the engine cannot be imported), `unrepresentable` (e_i = 0, k_i = 0 or
-    infinite, or what the engine itself cannot take), `timeout` (not over after `max_steps`), `crashed`
-    (numbers that are not finite, or the engine's own complaint), `unconverged` (over, but with more energy
-    than it began with, or with a limit dt -> 0 that is not known to the tolerance asked for: the
-    outcome keeps its numbers).
+    Statuses beside `ok`: `unavailable` (the engine cannot be imported), `unrepresentable` (k_i = 0 or infinite, e_i = 0
+    of dashpots, or what the engine itself cannot take), `timeout` (not over after `max_steps`), `crashed` (numbers that
+    are not finite, or the engine's own complaint), `unconverged` (over, but with more energy than it began with, or
+    with a limit dt -> 0 that is not known to the tolerance asked for: the outcome keeps its numbers).
     """
 
     #: Name of the package that is the engine, as distributed.
@@ -41,131 +39,80 @@ class EngineSolver(Solver):
         """Version of the engine's package, or ``""`` if it is not installed."""
         return version_of(self.distribution)
 
-    @abstractmethod
-    def run_columns(self, columns: Sequence[Column], max_steps: int, record_path: bool = False) -> list[Run]:
-        """Run every column until its collision is over or `max_steps` steps are taken; in order."""
-
-    def refusal(self, column: Column) -> str | None:
-        """Why this engine cannot take a column, in one sentence; None if it can."""
-        return _too_shallow(column) or self.own_refusal(column)
-
-    def own_refusal(self, column: Column) -> str | None:
-        """Why this engine in particular cannot, as `refusal`."""
+    def refusal(self, scene: Scene) -> str | None:
+        """Why this engine cannot take a scene, in one sentence; None if it can."""
         return None
 
-    def run_lines(self, lines: Sequence[Line], max_steps: int, record_path: bool = False) -> list[LineRun]:
-        """Run every line of N balls until its collision is over or `max_steps` steps are taken; in order."""
-        return []
+    @abstractmethod
+    def world(self, scene: Scene) -> World:
+        """Set a scene up."""
 
-    def line_refusal(self, line: Line) -> str | None:
-        """Why this engine cannot take a line of N balls, in one sentence; None if it can."""
-        return f"{self.name} has no adapter for columns of N balls"
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Hold what is needed while scenes are set up and run: a connection, silence."""
+        yield
 
-    def _solve_columns(self, columns: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        if registry.is_naive(self.name):
-            settings = replace(settings, mapping="naive")
-        missing = self.unavailable()
-        outcomes: dict[int, Outcome] = {}
-        lines: dict[int, Line] = {}
-        for i, column in enumerate(columns):
-            refused = no_gravity(settings) or unrepresentable_column(column)
-            if not missing and not refused:
-                try:
-                    lines[i] = line_of(column, settings)
-                    refused = _too_shallow(lines[i]) or self.line_refusal(lines[i])
-                except ArithmeticError:
-                    refused = BEYOND
-            if missing or refused:
-                lines.pop(i, None)
-                status = "unavailable" if missing else "unrepresentable"
-                outcomes[i] = Outcome.failure(self.name, column, status, missing or refused or "")
-        done = self.run_lines(list(lines.values()), settings.max_steps, settings.record_path) if lines else []
-        runs = dict(zip(lines, done, strict=True))
-        outcomes |= {i: outcome_of_line(self.name, columns[i], run, settings) for i, run in runs.items()}
-        self._add_limits(outcomes, self.run_lines, runs, settings)
-        answered = [outcomes[i] for i in range(len(columns))]
-        if settings.mapping == "naive" or self.law is None or not runs:
-            return answered  # its contacts are not those of the law
-        return marked(answered, columns, self.law, settings)
+    def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
+        """Run every scene until its collision is over or `max_steps` steps are taken; in order."""
+        with self.running():
+            return [follow(scene, self.world(scene), max_steps, record_path) for scene in scenes]
 
-    def column_or_refusal(self, collision: Collision, settings: Settings) -> Column | str:
-        """Set a collision up as a column that this engine takes, or say in one sentence why it takes none."""
-        refused = unrepresentable(collision)
+    def scene_or_refusal(self, collision: Collision, settings: Settings) -> Scene | str:
+        """Set a collision up as a scene that this engine takes, or say in one sentence why it takes none."""
+        refused = unrepresentable(collision, settings, dashpots=self.kind == "compliant")
         if refused is not None:
             return refused
         try:
-            column = column_of(collision, settings)
-            # Energies are told over that at the start.
-            refused = None if 0 < column.m1 * column.v1 * column.v1 < math.inf else BEYOND
-            return refused or self.refusal(column) or column
+            scene = Scene.of(collision, settings)
+            energy = sum(m * v * v for m, v in zip(scene.masses, scene.velocities, strict=True))
+            # Energies are told over that at the start, and radii follow from how deep contacts go.
+            if not (0 < energy < inf and 0 < scene.step < inf and scene.depth(scene.stiffnesses) > 0):
+                return BEYOND
+            return self.refusal(scene) or scene
         except ArithmeticError:
             return BEYOND
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         """Answer every collision, in order; failures are outcomes with a status."""
-
-        def solve(some: Collisions) -> Sequence[Outcome]:
-            if some.falls_on_resting.all():
-                return self._solve_two_balls(list(some), settings)
-            return self._solve_columns(list(some), settings)
-
-        return by_kind(collisions, solve)
-
-    def _solve_two_balls(self, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
         if registry.is_naive(self.name):
             settings = replace(settings, mapping="naive")
-        reason = self.unavailable()
-        if reason is not None:
-            return [Outcome.failure(self.name, each, "unavailable", reason) for each in collisions]
-        outcomes: dict[int, Outcome] = {}
-        columns: dict[int, Column] = {}
-        for i, collision in enumerate(collisions):
-            column = self.column_or_refusal(collision, settings)
-            if isinstance(column, str):
-                outcomes[i] = Outcome.failure(self.name, collision, "unrepresentable", column)
-            else:
-                columns[i] = column
-        done = self.run_columns(list(columns.values()), settings.max_steps, settings.record_path)
-        runs = dict(zip(columns, done, strict=True))
-        outcomes |= {i: outcome_of(self.name, collisions[i], run, settings) for i, run in runs.items()}
-        ends = self._add_limits(outcomes, self.run_columns, runs, settings)
-        answered = [outcomes[i] for i in range(len(collisions))]
+        missing = self.unavailable()
+        if missing is not None:
+            return [Outcome.failure(self.name, each, "unavailable", missing) for each in collisions]
+        found = [self.scene_or_refusal(each, settings) for each in collisions]
+        scenes = {i: each for i, each in enumerate(found) if isinstance(each, Scene)}
+        runs = dict(
+            zip(
+                scenes, self.run(list(scenes.values()), settings.max_steps, settings.record_path), strict=True
+            )
+        )
+        outcomes = [
+            outcome_of(self.name, each, runs[i], settings)
+            if i in runs
+            else Outcome.failure(self.name, each, "unrepresentable", str(found[i]))
+            for i, each in enumerate(collisions)
+        ]
+        ends = self._add_limits(outcomes, runs, settings)
         if settings.mapping == "naive" or self.law is None:
-            return answered  # its contacts are not those of the law
-        return marked(answered, collisions, self.law, settings, ends)
+            return outcomes  # whose contacts are not those of a law
+        return marked(outcomes, collisions, self.law, settings, ends)
 
     def _add_limits(
-        self,
-        outcomes: dict[int, Outcome],
-        run_again: Callable[[Sequence[Any], int], Sequence[Any]],
-        runs: Mapping[int, Run] | Mapping[int, LineRun],
-        settings: Settings,
+        self, outcomes: list[Outcome], runs: Mapping[int, Run], settings: Settings
     ) -> dict[int, tuple[bool, bool]]:
         """Add the limits dt -> 0 to outcomes, if they are asked for; how they ended, where known, as for `mark`."""
         over = {i: run for i, run in runs.items() if run.over}
         if settings.convergence is None or not over:
             return {}
         limits = estimate_limits(
-            run_again,
-            self.regularisation_probe,
-            list(over.values()),
-            settings.convergence,
-            settings.max_steps,
+            self.run, self.regularisation_probe, list(over.values()), settings.convergence, settings.max_steps
         )
+        ends = {}
         for i, (limit, reason) in zip(over, limits, strict=True):
             outcomes[i] = with_limit(outcomes[i], limit, reason)
-        return {
-            i: (limit.flight, limit.rest)
-            for i, (limit, _) in zip(over, limits, strict=True)
-            if limit is not None
-        }
-
-
-def _too_shallow(column: Column | Line) -> str | None:
-    """Why no ball of any engine has these contacts, if none has: its radius follows from how deep they go."""
-    if column.depth(*(contact.k for contact in column.contacts)) > 0:
-        return None
-    return BEYOND
+            if limit is not None:
+                ends[i] = limit.flight, limit.rest
+        return ends
 
 
 def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:
@@ -177,35 +124,36 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
     those of the contacts, support of B2's weight included, and go with the velocities reported: for a B2 at rest
     without what it still had.
     """
-    column = run.column
+    c = run.scene
     if not run.over:
         advice = "; a smaller step may help" if run.status == "crashed" else ""
         return Outcome.failure(solver, collision, run.status, run.problem() + advice)
-    runs = states_of(run, settings.shortest_state)
+    states = run.states(settings.shortest_state)
+    names = states.names(c.table and len(c.masses) == 2)
     diagnostics = {
-        "step": column.step,
-        "n_steps": float(run.raw.n_steps),
+        "step": c.step,
+        "n_steps": float(run.n_steps),
         "duration": run.duration,
         "energy_gain": run.energy_gain(),
     }
-    if column.gravity:
-        diagnostics["gravity_number"] = column.gravity / (abs(column.v1) * column.contact1.omega)
+    if c.gravity:
+        omega = (c.stiffnesses[0] / reduced_masses(c)[0]) ** 0.5
+        diagnostics["gravity_number"] = c.gravity / (c.speed * omega)
     if run.fall is not None:
-        diagnostics["first_flight"] = run.fall[0] * column.step
-    v1, v2 = run.reported
+        diagnostics["first_flight"] = run.fall[0] * c.step
     if run.end in (REST, STUCK):
-        diagnostics["rest_speed"] = run.v2
+        diagnostics["rest_speed"] = float(run.velocities[1])
     reason = run.too_much_energy()
     return Outcome(
         solver=solver,
-        velocities=(v1, v2),
-        impulses=tuple(map(float, run.impulses(v1, v2, run.duration))),
-        states=runs.names,
+        velocities=run.reported,
+        impulses=tuple(run.impulses(run.reported, run.duration).tolist()),
+        states=names,
         status="unconverged" if reason else "ok",
         reason=reason,
-        n_events=len(runs.names) - 1,
+        n_events=len(names) - 1,
         diagnostics=diagnostics,
-        path=run.path(runs) if run.points is not None else None,
+        path=run.path(states) if run.points is not None else None,
     )
 
 

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.answers import answer, said
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.hypothesis.cases import BY_KEY, Case, Point, distance
 from impact_xval.experiments.hypothesis.solvers import MAX_STEPS, model_batch
@@ -243,7 +243,7 @@ def observe(
     collision = Collision.from_ratios(*POINTS[case_key].ratios(case, contrast))
     solver = resolve(solver_name)
     settings = Settings(record_path=True, stiffness_ratio_cutoff=math.inf, mark=False, max_steps=MAX_STEPS)
-    if isinstance(solver, EngineSolver):
+    if isinstance(solver, Engine):
         settings = replace(settings, step_fraction=1 / ENGINE_STEPS)
     outcome = answer(solver, [collision], settings)[0]
     if outcome.path is None:

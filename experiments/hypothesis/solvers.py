@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from impact_xval.compliant_baselines import get_solver, references, registry, solver_names
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.engines.convergence import extrapolated
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import Resolve
@@ -212,7 +212,7 @@ def under_test(name: str, steps: int, resolve: Resolve = get_solver) -> SolverUn
         step_fraction=fraction, stiffness_ratio_cutoff=math.inf, mark=False, max_steps=MAX_STEPS
     )
     solver = resolve(name)
-    if isinstance(solver, EngineSolver):
+    if isinstance(solver, Engine):
         family = "kelvin-voigt" if name in solver_names() else "none"
         return SolverUnderTest(name, "stepped", partial(at_no_step, resolve, name, settings), family, costly)
     return SolverUnderTest(name, "single", partial(one_by_one, resolve, name, settings), name)

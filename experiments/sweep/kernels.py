@@ -12,6 +12,7 @@ from filelock import FileLock, Timeout
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.quiet import between
+from impact_xval.compliant_baselines.engines.stepping import scan
 from impact_xval.compliant_baselines.registry import engine_names, is_engine, is_ours, kind_of
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.measures.hausdorff import directed, hausdorff
@@ -76,12 +77,10 @@ def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
 
 def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     """List the kernels that columns of N balls need with some solvers."""
-    from impact_xval.compliant_baselines.engines.lines import scan
-
     parts: dict[str, tuple[str, Any]] = {
         "model": ("chain", follow_chains),
         "reference": ("chain", follow_chains),
-        "engine": ("lines", scan),
+        "engine": ("scan", scan),
     }
 
     def solve_by(names: Iterable[str]) -> None:

@@ -10,7 +10,7 @@ import pytest
 from impact_xval.compliant_baselines import SolverError, get_solver, registry, solver_names
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.conformance import conform
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.registry import origins
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
@@ -31,7 +31,7 @@ def test_kinds_and_laws_are_those_of_the_classes_and_laws_are_exact_solvers():
     for name in ALL:
         solver, kind, law = get_solver(name), registry.kind_of(name), registry.law_of(name)
         assert (solver.name, solver.kind, solver.law) == (name, kind, law)
-        assert registry.is_engine(name) == isinstance(solver, EngineSolver)
+        assert registry.is_engine(name) == isinstance(solver, Engine)
         assert registry.description_of(name)
         assert law in registry.engine_free_names(), name
         assert registry.law_of(law) == law
@@ -170,6 +170,6 @@ def test_two_distributions_with_one_name_are_told(site):
 
 def test_a_name_that_is_taken_stays_what_it_is(site):
     install(site, "rival", {"mujoco": "rival:Engine"})
-    assert type(get_solver("mujoco")).__module__ == "impact_xval.compliant_baselines.engines.mujoco_engine"
+    assert type(get_solver("mujoco")).__module__ == "impact_xval.compliant_baselines.engines.mujoco"
     assert solver_names().count("mujoco") == 1
     assert origins()["mujoco"] == "impact-xval (rival 1.2 ignored: the name is taken)"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from impact_xval.compliant_baselines.answers import answer
-from impact_xval.compliant_baselines.engines.column import shorter_period
+from impact_xval.compliant_baselines.engines.scene import periods
 from impact_xval.compliant_baselines.solver import Solver
 from impact_xval.compliant_baselines.states import compared_states
 from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
@@ -73,7 +73,7 @@ class Collisions(Kind):
     ) -> dict[str, Any]:
         """Give what else it holds: the divergence from the model, and the outcome."""
         c = cell.collision
-        shortest = config.shortest_state * shorter_period(c)
+        shortest = config.shortest_state * min(periods(c))
         paths = compared_states(model, shortest), compared_states(outcome, shortest)
         row: dict[str, Any] = {"model_states_compared": " ".join(paths[0]) or None}
         if name != REFERENCE:  # the model's divergence from itself is in no table

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
-from impact_xval.compliant_baselines.engines.line import line_of
+from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.model import Collision
 
@@ -95,7 +95,7 @@ def test_a_drop_differs_by_what_gravity_does_between_two_samples():
 @needs_drake
 def test_the_naive_mapping_is_that_of_two_balls_in_discrete_time():
     naive = Settings(mapping="naive")
-    with pytest.raises(SolverError, match=r"unrepresentable: mapping = 'naive': .* take 'calibrated'"):
+    with pytest.raises(SolverError, match=r"unrepresentable: mapping = 'naive': .* legal: 'calibrated'"):
         get_solver("drake-hunt-crossley").solve(collision(1.0), naive)
     for name in LAWS:
         with pytest.raises(SolverError, match=r"mapping = 'naive': Drake's is that of two balls"):
@@ -136,15 +136,15 @@ def test_a_step_too_short_is_refused_and_not_run():
     settings = Settings(step_fraction=1e-6)
     with pytest.raises(SolverError, match=r"impulses below 1e-06 of the momentum, .* is needed"):
         get_solver("drake").solve(CHAIN, settings)
-    line = line_of(CHAIN, settings)
-    (run,) = get_solver("drake").run_lines([line], 100)
-    assert (run.status, run.raw.n_steps) == ("crashed", 0)
+    scene = Scene.of(CHAIN, settings)
+    (run,) = get_solver("drake").run([scene], 100)
+    assert (run.status, run.n_steps) == ("crashed", 0)
     assert "impulses below 1e-06 of the momentum" in run.problem()
-    assert get_solver("drake-hunt-crossley").line_refusal(line) is None
+    assert get_solver("drake-hunt-crossley").refusal(scene) is None
     # impulses are neglected beside the momentum of all bodies, not of those that meet
-    drifting = line_of(Collision((1, 1), (1e4,), (1,), (-1001, -1000)), Settings())
-    assert "impulses below 1e-06" in get_solver("drake").line_refusal(drifting)
-    assert get_solver("drake").line_refusal(replace(drifting, velocities=(-1.0, 0.0))) is None
+    drifting = Scene.of(Collision((1, 1), (1e4,), (1,), (-1001, -1000)), Settings())
+    assert "impulses below 1e-06" in get_solver("drake").refusal(drifting)
+    assert get_solver("drake").refusal(replace(drifting, velocities=(-1.0, 0.0))) is None
 
 
 def test_without_drake_the_way_out_is_said(monkeypatch):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import SolverError, get_solver
-from impact_xval.compliant_baselines.engines.recording import PATH_POINTS
+from impact_xval.compliant_baselines.engines.stepping import PATH_POINTS
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 
@@ -116,12 +116,12 @@ def test_a_step_too_long_for_the_damping_is_no_answer(tmp_path, monkeypatch):
 def test_mujoco_s_complaint_becomes_a_crash_and_leaves_no_trace(tmp_path, monkeypatch, capfd):
     import mujoco
 
-    from impact_xval.compliant_baselines.engines.mujoco_engine import MujocoSolver
+    from impact_xval.compliant_baselines.engines.mujoco import Mujoco
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(MujocoSolver, "refusal", lambda *_: None)
+    monkeypatch.setattr(Mujoco, "refusal", lambda *_: None)
     before = mujoco.get_mju_user_warning()
-    outcome = MujocoSolver().solve_many([cell(k1=1e24, k2=1e24)], COARSE)[0]
+    outcome = Mujoco().solve_many([cell(k1=1e24, k2=1e24)], COARSE)[0]
     assert outcome.status == "crashed"
     assert "beyond 1e+10" in outcome.reason
     assert mujoco.get_mju_user_warning() is before

@@ -74,7 +74,7 @@ def test_what_an_engine_refuses(engine):
         (
             "mujoco",
             Collision((1, 1), (1,), (0,), (-1, 0)),
-            r"restitutions\[1\] = 0\.0: no finite damping",
+            "e1 = 0: no finite damping",
         ),
         (
             "mujoco",
@@ -97,7 +97,7 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
     for fraction in (4e-3, 2e-3, 1e-3):
         outcome = engine.solve(column, Settings(step_fraction=fraction, record_path=True))
         path, step = outcome.path, outcome.diagnostics["step"]
-        assert len(path.time) == outcome.diagnostics["n_steps"] + 1
+        assert len(np.unique(path.time)) == outcome.diagnostics["n_steps"] + 1
         assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
         assert path.impulses[-1] == pytest.approx(outcome.impulses, rel=1e-14)
         assert np.diff(path.time) @ path.forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)

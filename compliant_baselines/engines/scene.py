@@ -1,0 +1,228 @@
+"""What an engine is asked to run: N balls in a line, in the numbers an engine needs.
+
+Heights are counted from touching: that of ball i above the place where it and all balls below it only just touch, the
+last one the table, if there is one. Contact i has the gap x_i - x_{i+1}, and the last one on a table x_N.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from impact_xval.compliant_baselines.mapping import Contact
+from impact_xval.compliant_baselines.solver import MappingName, Settings
+from impact_xval.model.collision import Collision
+
+Floats = NDArray[np.float64]
+
+#: Least radius of the balls over the depth to which they may go. Large enough that no ball comes near to passing
+#: through another; no larger, since a penetration is the difference of positions of that size and loses as many digits.
+RADIUS_OVER_DEPTH = 4.0
+
+#: Most contacts of a scene: the states of a run are sets of them, kept as bits.
+MOST_CONTACTS = 60
+
+#: Why an engine cannot take what double precision has no numbers for.
+BEYOND = (
+    "periods, penetrations or energies beyond double precision; scale stiffnesses, masses or v0 (Theorem 5)"
+)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """N balls in a line, ball 1 on top.
+
+    Attributes
+    ----------
+    masses, velocities, heights : tuple of float, length N
+        In kg; in m/s and, counted as the module says, in m at t = 0.
+    stiffnesses, restitutions : tuple of float, one a contact
+        Of the contacts asked for, in N/m and dimensionless; the last one is with the table, if there is one.
+    table : bool
+        Whether there is a table.
+    step : float
+        Time step in s.
+    gravity : float
+        Downwards, in m/s^2; above 0 for two balls on a table only.
+    settled : bool
+        Whether the lowest ball starts in static equilibrium on the table (each engine knows its own); heights then
+        count from there. Asked for by a drop.
+    mapping : {"calibrated", "naive"}
+        How contacts become the engine's own parameters.
+    regularisation : float
+        How many times the engine's least regularisation of contacts, where it has any.
+    """
+
+    masses: tuple[float, ...]
+    velocities: tuple[float, ...]
+    heights: tuple[float, ...]
+    stiffnesses: tuple[float, ...]
+    restitutions: tuple[float, ...]
+    table: bool
+    step: float
+    gravity: float = 0.0
+    settled: bool = False
+    mapping: MappingName = "calibrated"
+    regularisation: float = 1.0
+
+    @classmethod
+    def of(cls, collision: Collision, settings: Settings) -> Scene:
+        """Set a collision up in the scenario of the settings, at their share of its shortest contact period.
+
+        Raises
+        ------
+        ArithmeticError
+            Where double precision has no number for a period.
+        """
+        c, drop = collision, settings.scenario == "drop"
+        below = [*c.gaps, *([] if c.table else [0.0])]
+        return cls(
+            c.masses,
+            c.velocities,
+            tuple(np.cumsum(below[::-1])[::-1].tolist()),
+            c.stiffnesses,
+            c.restitutions,
+            c.table,
+            step=float(settings.step_fraction * min(periods(c))),
+            gravity=settings.gravity if drop else 0.0,
+            settled=drop,
+            mapping=settings.mapping,
+        )
+
+    @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """What is asked of each contact as a spring and a dashpot.
+
+        Raises
+        ------
+        ValueError
+            For a restitution of 0, of which only an engine of dashpots need know.
+        """
+        asked = zip(self.stiffnesses, self.restitutions, reduced_masses(self), strict=True)
+        return tuple(Contact.from_restitution(k, e, mass, self.mapping) for k, e, mass in asked)
+
+    @property
+    def requested(self) -> dict[str, tuple[float, ...]]:
+        """What an engine may be held to under the names of `World.effective`."""
+        asked = {"restitution": self.restitutions, "step": (self.step,)}
+        if min(self.restitutions) > 0:
+            asked["stiffness"] = tuple(contact.k for contact in self.contacts)
+            asked["damping"] = tuple(contact.c for contact in self.contacts)
+        return asked
+
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """Periods 2 pi sqrt(M_i/k_i) of the contacts asked for, in s."""
+        return periods(self)
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Masses over that of the first ball."""
+        return tuple(m / self.masses[0] for m in self.masses)
+
+    @property
+    def rates(self) -> Floats:
+        """Compression rates at t = 0, in m/s, shape (C,)."""
+        return np.diff([*self.velocities, *([0.0] if self.table else [])])
+
+    @property
+    def speed(self) -> float:
+        """Largest compression rate at t = 0, in m/s: what errors are relative to."""
+        return float(self.rates.max())
+
+    @property
+    def fastest(self) -> float:
+        """Largest speed at t = 0, in m/s."""
+        return max(map(abs, self.velocities))
+
+    def depth(self, stiffnesses: Sequence[float]) -> float:
+        """Bound the penetrations in m, given the stiffnesses in N/m as the engine has them.
+
+        Of two balls on a table what a spring needs to stop the masses above it from the highest speed, and what their
+        weight presses it in by; else all energy in the softest contact.
+        """
+        m, v = np.array(self.masses), np.array(self.velocities)
+        if self.table and len(m) == 2:
+            k1, k2 = stiffnesses
+            above = self.masses[0] + self.masses[1]
+            dynamic = self.fastest * (math.sqrt(reduced_masses(self)[0] / k1) + math.sqrt(above / k2))
+            return dynamic + self.gravity * (self.masses[0] / k1 + above / k2)
+        mean = 0.0 if self.table else float(m @ v / m.sum())
+        return math.sqrt(float(m @ (v - mean) ** 2) / min(stiffnesses))
+
+    def start(self, radius: float, rest: float = 0.0) -> Floats:
+        """Give the heights at t = 0 in m, shape (N,), for how deep a settled lowest ball rests in m.
+
+        Rounded so that adding up to 2 N radii rounds nothing away: gaps are then exact, see `radius_of`.
+        """
+        far = 2.0 ** math.ceil(math.log2(2 * len(self.masses) * radius))
+        heights: Floats = (np.array(self.heights) - rest + far) - far
+        return heights
+
+    def places(self, radius: float) -> Floats:
+        """Give the centres of the balls above the table where all only just touch, in m, shape (N,)."""
+        return radius * np.arange(2 * len(self.masses) - 1, 0, -2)
+
+
+def reduced_masses(of: Collision | Scene) -> tuple[float, ...]:
+    """Reduced mass of the two bodies of each contact, in kg; at the table that of the ball."""
+    pairs = zip(of.masses, of.masses[1:], strict=False)
+    between = (m / (1 + m / below) if m / below < math.inf else below for m, below in pairs)
+    return (*between, *(of.masses[-1:] if of.table else ()))
+
+
+def periods(of: Collision | Scene) -> tuple[float, ...]:
+    """Periods 2 pi sqrt(M_i/k_i) of the contacts asked for in s: 0 of a rigid one, infinite without stiffness."""
+    pairs = zip(of.stiffnesses, reduced_masses(of), strict=True)
+    return tuple(2 * math.pi / math.sqrt(k / mass) if k / mass > 0 else math.inf for k, mass in pairs)
+
+
+def radius_of(depth: float) -> float:
+    """Choose the radius in m of balls that go this deep: a power of two, `RADIUS_OVER_DEPTH` fold or more.
+
+    A power of two, so that the places at which the balls only just touch are exact: whether a contact shows in the
+    first step is then the same at any scale, and not rounding's to say.
+    """
+    return 2.0 ** math.ceil(math.log2(RADIUS_OVER_DEPTH * depth))
+
+
+def unrepresentable(collision: Collision, settings: Settings, *, dashpots: bool) -> str | None:
+    """Why no engine represents a collision, or none whose contacts are dashpots, in one sentence; None if one may."""
+    c = collision
+    if settings.scenario == "drop" and not c.falls_on_resting:
+        return f"scenario = {settings.scenario!r}: only two balls on a table are dropped; legal: 'impact'"
+    if c.exponent != 1:
+        return (
+            f"exponent = {c.exponent!r}: the contacts of an engine are linear springs and dashpots; legal: 1 "
+            "(the references kelvin-voigt, hunt-crossley and bistiffness have others)"
+        )
+    if len(c.stiffnesses) > MOST_CONTACTS:
+        return f"{len(c.stiffnesses)} contacts: engines run up to {MOST_CONTACTS}"
+    limit = "or the state-transition model, which knows the limit"
+    for i, (k, e) in enumerate(zip(c.stiffnesses, c.restitutions, strict=True), 1):
+        if k == 0 or math.isinf(k):
+            return f"k{i} = {k!r} N/m: an engine needs a finite stiffness > 0; take a large or small k2/k1, {limit}"
+        if e == 0 and dashpots:
+            return f"e{i} = 0: no finite damping makes a dashpot perfectly plastic; take a small positive e, {limit}"
+    return None
+
+
+def differences(requested: Mapping[str, Sequence[float]], effective: Mapping[str, Sequence[float]]) -> str:
+    """Say what an engine uses instead of what it was asked for, beyond rounding; empty if nothing."""
+    found = []
+    for name in sorted(requested.keys() & effective.keys()):
+        pairs = zip(requested[name], effective[name], strict=True)
+        for i, (asked, used) in enumerate(pairs, 1):
+            if not math.isclose(asked, used, rel_tol=ROUNDING, abs_tol=0.0):
+                which = f"{name} {i}" if len(requested[name]) > 1 else name
+                found.append(f"{which} is {used:.6g}, {asked:.6g} was asked for")
+    return "; ".join(found)
+
+
+#: Relative difference of two numbers that are the same but for the arithmetic of an engine.
+ROUNDING = 1e-9

@@ -1,0 +1,505 @@
+"""A scene followed through the steps an engine takes, and what they say: impulses, states, and when it is over.
+
+**Impulses** come from the balance of momentum, with gravity put back, for a step of length h:
+dI_i = dI_{i-1} + m_i (dv_i + g h). No engine's own account of its contact forces is used.
+
+**A contact carries force** in a step if its impulse exceeds what rounding alone can make of it: `ROUNDING`
+units in the last place of the momenta the balance is made of. An engine updates a velocity by one or two
+additions, each good to half a unit, and makes the increment from a handful of products; 64 leaves an order of
+magnitude above that, and lies, at a step of 1/1000 of a period, eleven orders below the impulse per step of a
+fully loaded contact.
+
+**In flight the bodies do not fall** (drop only). From the first instant at which no contact is closed, read as the end
+of the first step in which none carries force and at whose end both gaps are open, gravity is off, for good: what is
+still to meet meets as in an impact. B2 on the table with its weight is a contact, and so is a contact whose bodies
+overlap without force. Otherwise the outcome would be that of the flight: two balls that part with B2 faster by 1e-4
+|v0| would fall for many times the length of the contact and then meet at whatever speed they have come to. Engines
+and references keep this one rule.
+
+**The collision is over** at the end of the first step in which no contact carries force and no bodies approach. With
+gravity that is not enough, since B2 may sink back or stop B1 again. A drop is over when both gaps are open as well, or
+
+* B2 is *at rest*, B1 clear of it and rising: an elastic B2 never stops vibrating on its support. It is at rest when it
+  cannot lift off any more: its energy about equilibrium, (m2 v2^2 + k2 (x2 - x2_eq)^2)/2, does not exceed the
+  (m2 g)^2/(2 k2) it takes to unload the contact; in other words the amplitude of its velocity is at most g/omega2. Its
+  velocity after the collision is then reported as 0: that is the mean over its vibration, it depends on no
+  phase, and it joins smoothly to the lift-off velocity, which goes to 0 at that same energy. What v2 was is
+  `rest_speed`.
+* both are *stuck*: likewise, if the energy of both balls about their common equilibrium cannot unload
+  either contact, (m1 g)^2/(2 k1) and ((m1 + m2) g)^2/(2 k2), B1 never leaves B2. Both velocities are then 0.
+
+**Given up early** is a flight that outlasts the steps that are left.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from impact_xval.compliant_baselines.engines.quiet import between, quiet_steps
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, reduced_masses
+from impact_xval.compliant_baselines.engines.world import World
+from impact_xval.compliant_baselines.states import Runs, merge_runs
+from impact_xval.model.chain.rest import FREE, GOING, REST, STUCK
+from impact_xval.model.collision import Path, Status
+
+#: Units in the last place of the momenta below which an impulse per step counts as none.
+ROUNDING = 64.0
+EPSILON = float(np.finfo(np.float64).eps)
+
+#: How a scan ended, beside `GOING`, `FREE`, `REST` and `STUCK`.
+BROKEN, ALOFT, FLIGHT = 4, 5, 6
+
+#: A recorded path has about as many points as this between the borders of its states.
+PATH_POINTS = 2000
+
+#: Energy an engine may create, over that at the start, before its answer counts as `unconverged`. Contacts of springs
+#: and dashpots create none; an explicit step of 1/1000 of a period creates 1e-4 of it at most.
+ENERGY_GAIN_ALLOWED = 0.01
+
+#: Steps read before the next look at what comes, those of an engine that leaps the first time, and its shortest leap.
+WINDOW, SHORT_WINDOW, SHORTEST_LEAP = 256, 8, 8
+
+#: Longest leap of a run that records its path: within it velocities are interpolated, to 6e-5 of |v0|.
+PATH_LEAP = 32
+
+#: What `scan` remembers from one call to the next:
+#:
+#: * n_steps: number of steps so far;
+#: * again: what contacts that were met at a speed did in their first step, summed as changes of the relative velocity
+#:   of their pair in m/s; loaded, met: the contacts that carry force, and those that are met at a speed if they begin
+#:   to, as they have ceased to or were open at first; as bits;
+#: * lead, lead_contact: by how many steps the first flight of a drop began or did not, and which contact decided on
+#:   that: after so many of flight it closed, or, negative, it had closed so many before the other one opened. The
+#:   nearest such event; infinite without one. For them: whether the gap of a contact is closed, and the step at which
+#:   it last closed; the step at which the first flight began (-1 before it, -2 once a gap has closed again).
+MEMORY = np.dtype(
+    [("loaded", "i8"), ("met", "i8")]
+    + [(name, "f8") for name in ("n_steps", "again", "lead", "lead_contact", "flight")]
+    + [(name, "f8", 2) for name in ("closed", "closed_at")]
+)
+
+
+@numba.njit(cache=True)
+def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
+    """Note by how much time the first flight begins or not."""
+    now = memory.n_steps
+    for contact in range(2):
+        closed, other = (closed1, closed2) if contact == 0 else (closed2, closed1)
+        was, lead, met = memory.closed[contact] > 0, np.inf, contact
+        if closed and not was:
+            memory.closed_at[contact] = now
+            if memory.flight >= 0:
+                lead, memory.flight = now - memory.flight, -2.0
+        elif was and not closed and other:
+            lead, met = memory.closed_at[1 - contact] - now, 1 - contact
+        if abs(lead) < abs(memory.lead):
+            memory.lead, memory.lead_contact = lead, met
+    memory.closed[0], memory.closed[1] = 1.0 if closed1 else 0.0, 1.0 if closed2 else 0.0
+    if memory.flight == -1 and not (closed1 or closed2):
+        memory.flight = now
+
+
+@numba.njit(cache=True)
+def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
+    """How a drop of two balls ends after this step, if it does."""
+    v1, v2, x1, x2, m1, m2 = v[0], v[1], x[0], x[1], masses[0], masses[1]
+    g, k1, k2, rest = weight[0], weight[1], weight[2], weight[3]
+    if not code & 1 and x1 >= x2 and v1 >= v2:
+        if not code & 2 and x2 >= 0 and v2 >= 0:
+            return FREE
+        if v1 >= 0 and m2 * v2 * v2 + k2 * (x2 + rest) ** 2 <= (m2 * g) ** 2 / k2:
+            return REST
+    if code == 0 and x1 >= x2 >= 0:
+        return FLIGHT
+    if code == 3:
+        energy = m1 * v1 * v1 + m2 * v2 * v2
+        energy += k1 * (x2 - x1 - m1 * g / k1) ** 2 + k2 * (x2 + rest + m1 * g / k2) ** 2
+        if energy <= g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2):
+            return STUCK
+    return GOING
+
+
+@numba.njit(cache=True)
+def scan(v, x, before, masses, contacts, weight, h, left, codes, memory):  # pragma: no cover (compiled)
+    """Go through a window of steps until the collision is over.
+
+    Parameters
+    ----------
+    v, x : ndarray, shape (n, N)
+        Velocities in m/s and heights in m after each step.
+    before, masses : ndarray, shape (N,)
+        Velocities before the first step, and masses in kg.
+    contacts : int
+        N with a table, N - 1 without.
+    weight : ndarray, shape (4,)
+        Of a drop g in m/s^2, k1 and k2 in N/m, and how deep a settled B2 rests, in m; else zeros.
+    h : float
+        Length of a step in s.
+    left : int
+        Number of steps that may still be taken after these.
+    codes : ndarray of int64, shape (n,)
+        Filled with the state of each step, as bits.
+    memory : ndarray of `MEMORY`, shape (1,)
+
+    Returns
+    -------
+    steps, end : int
+        Number of steps gone through, and `GOING` or how it ended after the last of them: `FREE`, `REST`, `STUCK`,
+        `ALOFT` (given up), `FLIGHT` (from here on without gravity: the steps that follow are not those of this
+        collision), or `BROKEN` (a number that is not finite).
+    """
+    seen, balls, g = memory[0], masses.size, weight[0]
+    for i in range(v.shape[0]):
+        impulse, noise, code = 0.0, 0.0, 0
+        apart, meet = True, np.inf
+        for j in range(balls):
+            old = before[j] if i == 0 else v[i - 1, j]
+            if not (math.isfinite(v[i, j]) and math.isfinite(x[i, j])):
+                return i, BROKEN
+            impulse += masses[j] * (v[i, j] - old + g * h)
+            noise += ROUNDING * EPSILON * masses[j] * (abs(v[i, j]) + abs(old) + g * h)
+            if j == contacts:
+                break
+            inverse, rate, gap = 1 / masses[j], -v[i, j], x[i, j]
+            if j + 1 < balls:
+                inverse += 1 / masses[j + 1]
+                rate, gap = v[i, j + 1] - v[i, j], x[i, j] - x[i, j + 1]
+            bit = 1 << j
+            if impulse > noise:
+                code |= bit
+                if seen.met & bit and not seen.loaded & bit:
+                    seen.again += impulse * inverse
+            elif seen.loaded & bit:
+                seen.met |= bit
+            if rate > 0:
+                apart = False
+                meet = min(meet, max(gap, 0.0) / rate)
+        seen.loaded = codes[i] = code
+        seen.n_steps += 1
+        if g > 0 or seen.flight >= 0:
+            _follow_gaps(seen, x[i, 0] < x[i, 1], x[i, 1] < 0)
+        end = GOING
+        if g > 0:
+            end = _end_of_drop(code, v[i], x[i], masses, weight)
+        elif code == 0 and apart:
+            end = FREE
+        elif code == 0 and meet > (v.shape[0] - i + left) * h:
+            end = ALOFT
+        if end != GOING:
+            return i + 1, end
+    return v.shape[0], GOING
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What an engine made of a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+        What it was asked.
+    end : int
+        How it ended, as `scan` says; `GOING` if it ran out of steps.
+    velocities, heights : ndarray, shape (N,)
+        In m/s and m, at the end.
+    start : ndarray, shape (N,)
+        Heights in m at the start, as the engine had them.
+    raw : Runs
+        States step by step, nothing merged.
+    points : ndarray, shape (n, 1 + N), or None
+        Number of the step (0 is the start) and velocities after it, in m/s; the borders between raw states are among
+        them.
+    effective : mapping
+        As of `World`.
+    failure : str
+        What the engine itself complained of, if it did.
+    starts : float
+        What contacts that were met at a speed did in their first steps, in m/s. The time at which a contact is met
+        within a step is arbitrary: by so much the outcome depends on it.
+    max_steps : int
+        Steps it was allowed.
+    fall : tuple of int and ndarray, or None
+        Where its first flight began, from which on the bodies no longer fall: number of steps, heights in m; None
+        if it had none, or no gravity.
+    lead : tuple of float and int
+        Time in s by which its first flight began, or, negative, did not, and the contact, from 0, that decided on it.
+    """
+
+    scene: Scene
+    end: int
+    velocities: Floats
+    heights: Floats
+    start: Floats
+    raw: Runs
+    points: Floats | None
+    effective: dict[str, tuple[float, ...]]
+    failure: str
+    starts: float
+    max_steps: int
+    fall: tuple[int, Floats] | None
+    lead: tuple[float, int]
+
+    @property
+    def n_steps(self) -> int:
+        """Steps it took."""
+        return int(self.raw.end)
+
+    @property
+    def duration(self) -> float:
+        """Time it took, in s."""
+        return self.n_steps * self.scene.step
+
+    @property
+    def over(self) -> bool:
+        """Whether the collision came to its end."""
+        return self.end in (FREE, REST, STUCK)
+
+    @property
+    def status(self) -> Status:
+        """``ok`` if the collision came to its end; ``crashed`` if the engine broke; else ``timeout``."""
+        return "ok" if self.over else "crashed" if self.end == BROKEN else "timeout"
+
+    @property
+    def reported(self) -> tuple[float, ...]:
+        """Velocities in m/s as an outcome states them: those of balls at rest are 0."""
+        v = self.velocities.tolist()
+        return tuple([0.0, 0.0] if self.end == STUCK else [v[0], 0.0] if self.end == REST else v)
+
+    def problem(self) -> str:
+        """Why the collision is not over, in words; empty if it is."""
+        if self.over:
+            return ""
+        if self.end == BROKEN:
+            why = self.failure or "velocities are no longer finite"
+            return f"after {self.n_steps} steps of {self.scene.step:.3g} s: {why}"
+        reason = f"not over after max_steps = {self.max_steps} steps of {self.scene.step:.3g} s"
+        if self.end == ALOFT:
+            reason += f" (after {self.n_steps} all balls are in flight, and meet again only after the last)"
+        return reason
+
+    def impulses(self, velocities: ArrayLike, time: Floats | float) -> Floats:
+        """Impulses in N s up to a time in s, from the velocities then; gravity, until the first flight, put back."""
+        c = self.scene
+        falling = time if self.fall is None else np.minimum(time, self.fall[0] * c.step)
+        changes = np.array(velocities) - np.array(c.velocities) + c.gravity * np.expand_dims(falling, -1)
+        return np.cumsum(np.array(c.masses) * changes, axis=-1)[..., : len(c.stiffnesses)]
+
+    def states(self, shortest_state: float) -> Runs:
+        """State sequence, in steps; `shortest_state` as in `solver.Settings`."""
+        c = self.scene
+        closed = (np.diff([*c.heights, *([0.0] if c.table else [])]) == 0) @ (
+            1 << np.arange(len(c.stiffnesses))
+        )
+        return merge_runs(self.raw, shortest_state * min(c.periods) / c.step, closed)
+
+    def energy_gain(self) -> float:
+        """Give the energy gained over the kinetic energy at the start, without what springs hold at the end.
+
+        Kinetic energy, without a table that about the centre of mass, and, as long as the bodies fall, height count,
+        and so does what the support of a settled B2 holds at the start. Dissipation and springs left loaded only make
+        it smaller: a positive value is the engine's doing.
+        """
+        c, m = self.scene, np.array(self.scene.masses)
+
+        def kinetic(v: Floats) -> float:
+            return 0.5 * float(m @ (v if c.table else v - m @ v / m.sum()) ** 2)
+
+        # A linear support that carries m2 g at the penetration -x2 holds half their product.
+        held = -0.5 * c.masses[-1] * c.gravity * float(self.start[-1]) if c.settled else 0.0
+        fallen = c.gravity * float(m @ ((self.heights if self.fall is None else self.fall[1]) - self.start))
+        before = kinetic(np.array(c.velocities))
+        return (kinetic(self.velocities) + fallen - before - held) / before
+
+    def too_much_energy(self) -> str:
+        """Why the result is not converged, if it gained so much energy; else empty."""
+        gain = self.energy_gain()
+        if gain <= ENERGY_GAIN_ALLOWED:
+            return ""
+        return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
+
+    def path(self, runs: Runs) -> Path:
+        """Give the recorded path under a (merged) state sequence."""
+        assert self.points is not None
+        step = self.points[:, 0].astype(np.int64)
+        # Step n ends at point n. The state of a point is that of the step before it; at a border the point is
+        # given again, with the state of the step after it.
+        at = np.searchsorted(runs.start, np.maximum(step - 1, 0), side="right") - 1
+        again = np.flatnonzero(np.isin(step, runs.start[1:]))
+        order = np.sort(np.concatenate([np.arange(step.size), again]), kind="stable")
+        index = at[order]
+        index[1:] += (order[1:] == order[:-1]).astype(index.dtype)
+        velocities, time = self.points[order, 1:], np.asarray(step[order] * self.scene.step, np.float64)
+        impulses = self.impulses(velocities, time)
+        between = np.diff(time)[:, None]  # of a point that is given twice none, and the force before it
+        means = np.diff(impulses, axis=0) / np.where(between > 0, between, 1.0)
+        forces = np.vstack([means[:1], np.where(between > 0, means, np.roll(means, 1, axis=0))])
+        acting = (runs.state[index][:, None] >> np.arange(impulses.shape[1]) & 1).astype(np.bool_)
+        return Path(time, velocities, impulses, forces, acting)
+
+
+@dataclass(slots=True)
+class _Points:
+    """Points of a path: number of the step, velocities; every `stride`-th, the borders between states and the ends."""
+
+    kept: list[Floats]
+    stride: int = 1
+    size: int = 0
+
+    def add(self, points: Floats, borders: NDArray[np.int64]) -> None:
+        """Add points; thin them out where they have become many."""
+        self.kept.append(points)
+        self.size += len(points)
+        if self.size > 4 * PATH_POINTS:
+            self.thinned(borders)
+
+    def thinned(self, borders: NDArray[np.int64]) -> Floats:
+        """Double the stride until the points between borders are at most `PATH_POINTS`."""
+        points = np.concatenate(self.kept)
+        number = points[:, 0].astype(np.int64)
+        border = np.isin(number, borders)
+        border[[0, -1]] = True
+        keep = np.ones(len(number), bool)
+        while np.count_nonzero(keep & ~border) > PATH_POINTS:
+            self.stride *= 2
+            keep = border | (number % self.stride == 0)
+        self.kept, self.size = [points[keep]], int(keep.sum())
+        return self.kept[0]
+
+
+class Record:
+    """Takes the steps of one scene as an engine delivers them, in blocks, until the collision is over."""
+
+    def __init__(self, scene: Scene, world: World, max_steps: int, record_path: bool) -> None:
+        self.scene, self._max_steps, self.end, self.n_steps = scene, max_steps, GOING, 0
+        self.velocities, self.heights = np.array(scene.velocities, float), np.array(world.heights, float)
+        self._masses, self._start, self._effective = (
+            np.array(scene.masses),
+            self.heights,
+            dict(world.effective),
+        )
+        self._weight = np.zeros(4)
+        if scene.gravity:
+            m2, (k1, k2) = scene.masses[1], scene.stiffnesses
+            self._weight[:] = (
+                scene.gravity,
+                k1,
+                m2 * scene.gravity / world.rest if world.rest else k2,
+                world.rest,
+            )
+        if world.longest_leap:
+            law = self._effective["stiffness"], self._effective["damping"], reduced_masses(scene)
+            self._law = np.array(law)
+        self._code, self._fall = -1, None
+        self._memory = np.zeros(1, MEMORY)
+        self._memory["lead"], self._memory["flight"] = np.inf, -1
+        self._memory["closed"], self._memory["closed_at"] = 1, -np.inf  # as far back as there was a past
+        gaps = -np.diff([*scene.heights, *([0.0] if scene.table else [])])
+        self._memory["met"] = (gaps > 0) @ (1 << np.arange(gaps.size))
+        self._starts: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+        self._states: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+        self._points = _Points([np.array([[0.0, *scene.velocities]])]) if record_path else None
+
+    def feed(self, v: Floats, x: Floats) -> int:
+        """Take the next steps, up to the one after which the collision is over, given up or in its first flight.
+
+        Velocities in m/s and heights in m after each step, shape (n, N). Gives how it ended, `GOING`, or `FLIGHT` if
+        the engine has to go on from the state of this record without gravity.
+        """
+        codes = np.empty(len(v), np.int64)
+        left, contacts = self._max_steps - self.n_steps - len(v), len(self.scene.stiffnesses)
+        how = self._masses, contacts, self._weight, self.scene.step, left, codes, self._memory
+        n, self.end = scan(v, x, self.velocities, *how)
+        if n:
+            changes = np.flatnonzero(np.diff(codes[:n], prepend=self._code))
+            self._starts.append(changes + self.n_steps)
+            self._states.append(codes[changes])
+            if self._points:
+                number = self.n_steps + 1 + np.arange(n)
+                wanted = number % self._points.stride == 0
+                wanted[-1] = True
+                wanted[changes[changes > 0] - 1] = True
+                self._points.add(
+                    np.column_stack([number[wanted].astype(float), v[:n][wanted]]), self._borders
+                )
+            self.velocities, self.heights, self._code = v[n - 1].copy(), x[n - 1].copy(), int(codes[n - 1])
+            self.n_steps += n
+        if self.end != FLIGHT:
+            return self.end
+        self._fall = self.n_steps, self.heights
+        self._weight, self.end = np.zeros(4), GOING
+        return FLIGHT
+
+    @property
+    def _borders(self) -> NDArray[np.int64]:
+        return np.concatenate(self._starts)
+
+    def quiet_steps(self) -> int:
+        """Count the next steps in which nothing will happen (`engines.quiet`)."""
+        state = self._code, self.velocities, self.heights, self._masses
+        return quiet_steps(*state, self._law, self._weight, self.scene.step)
+
+    def skip(self, n: int, v: Floats, x: Floats) -> None:
+        """Take n steps together in which nothing happened; velocities and heights after the last, shape (N,) each.
+
+        Points of the path in between lie on the cubics through the velocities and accelerations at both ends,
+        the accelerations from the law. That is of fourth order in the time of the n steps, and of first in their own.
+        """
+        if self._points:
+            stride = self._points.stride
+            number = np.arange((self.n_steps // stride + 1) * stride, self.n_steps + n, stride)
+            number = np.append(number, self.n_steps + n).astype(np.float64)
+            ends = self.velocities, self.heights, v, x
+            how = (number - self.n_steps) / n, n * self.scene.step, self._masses, self._law, self._weight[0]
+            inner = between(self._code, *ends, *how)
+            self._points.add(np.column_stack([number, inner]), self._borders)
+        self.velocities, self.heights = v, x
+        self.n_steps += n
+        self._memory["n_steps"] += n
+
+    def finish(self, failure: str = "") -> Run:
+        """Close the record; `failure` is what the engine complained of, if it did."""
+        (memory,) = self._memory
+        return Run(
+            self.scene,
+            BROKEN if failure else self.end,
+            self.velocities,
+            self.heights,
+            self._start,
+            Runs(self._borders, np.concatenate(self._states), self.n_steps),
+            self._points.thinned(self._borders) if self._points else None,
+            self._effective,
+            failure,
+            float(memory["again"]),
+            self._max_steps,
+            self._fall,
+            (float(memory["lead"]) * self.scene.step, int(memory["lead_contact"])),
+        )
+
+
+def follow(scene: Scene, world: World, max_steps: int, record_path: bool = False) -> Run:
+    """Run a scene until its collision is over or `max_steps` steps are taken.
+
+    What an engine raises as RuntimeError ends the run and is its failure.
+    """
+    record = Record(scene, world, max_steps, record_path)
+    longest = min(world.longest_leap, PATH_LEAP) if record_path else world.longest_leap
+    window = SHORT_WINDOW if longest else WINDOW
+    while record.end == GOING and (left := max_steps - record.n_steps) > 0:
+        try:
+            n = min(record.quiet_steps(), left, longest) if longest else 0
+            if n >= SHORTEST_LEAP:
+                record.skip(*world.leap(n))
+                window = SHORT_WINDOW
+                continue
+            end = record.feed(*world.advance(min(window, left)))
+        except RuntimeError as error:
+            return record.finish(" ".join(str(error).split()))
+        window = min(2 * window, WINDOW)
+        if end == FLIGHT:
+            world.weightless(record.velocities, record.heights)
+    return record.finish()

@@ -1,0 +1,49 @@
+"""A scene as an engine has set it up: what an adapter gives, and `stepping` follows."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+from impact_xval.compliant_baselines.engines.scene import Floats
+
+
+class World(ABC):
+    """One scene in an engine, at t = 0.
+
+    Attributes
+    ----------
+    heights : ndarray, shape (N,)
+        At t = 0, in m, as the engine has them, counted as those of a scene.
+    effective : mapping of str to sequence of float
+        What the engine says it will use, read back after setting it: ``"stiffness"`` (N/m), ``"damping"`` (N s/m),
+        ``"restitution"``, one a contact; ``"step"`` (s), ``"threshold"`` (the speed of approach in m/s below which it
+        drops restitution), one number. What is not said is not compared with what was asked for.
+    rest : float
+        How deep a settled lowest ball rests, in m; 0 if nothing is settled, or on a rigid support.
+    longest_leap : int
+        Steps that `leap` takes at most; 0 for an engine that is read after every step.
+    """
+
+    heights: Floats
+    effective: Mapping[str, tuple[float, ...]]
+    rest: float = 0.0
+    longest_leap: int = 0
+
+    @abstractmethod
+    def advance(self, n: int) -> tuple[Floats, Floats]:
+        """Take up to n steps, at least one; velocities in m/s and heights in m after each, shape (steps, N).
+
+        Raises
+        ------
+        RuntimeError
+            If the engine breaks; the message is the reason.
+        """
+
+    @abstractmethod
+    def weightless(self, velocities: Floats, heights: Floats) -> None:
+        """Go on without gravity from the state after a step that was given, shape (N,) each."""
+
+    def leap(self, n: int) -> tuple[int, Floats, Floats]:
+        """Take up to n steps that nobody reads: how many, and velocities and heights after the last, shape (N,)."""
+        raise NotImplementedError
