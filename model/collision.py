@@ -485,6 +485,9 @@ class Outcome:
         Further numbers a solver wishes to state (its time step, its number of steps, an energy residual).
     path : Path or None
         The way there, if asked for.
+    requested, effective : mapping of str to tuple of float
+        What an engine was asked for, and what it says it uses, one number a contact or one in all: ``"stiffness"``
+        (N/m), ``"damping"`` (N s/m), ``"restitution"``, ``"step"`` (s).
 
     Raises
     ------
@@ -504,6 +507,8 @@ class Outcome:
     n_events: int = 0
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     path: Path | None = None
+    requested: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    effective: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         balls, contacts = len(self.velocities), len(self.impulses)
@@ -544,6 +549,18 @@ class Outcome:
                 ("marked", self.marked),
             ),
         )
+
+    @property
+    def differences(self) -> str:
+        """What an engine uses instead of what it was asked for, beyond rounding; empty if nothing."""
+        found = []
+        for name in sorted(self.requested.keys() & self.effective.keys()):
+            both = self.requested[name], self.effective[name]
+            for i, (asked, used) in enumerate(zip(*both, strict=True), 1):
+                if not math.isclose(asked, used, rel_tol=1e-9):
+                    which = f"{name} {i}" if len(both[0]) > 1 else name
+                    found.append(f"{which} is {used:.6g}, {asked:.6g} was asked for")
+        return "; ".join(found)
 
     def retained_energy(self, collision: Collision) -> float:
         """Kinetic energy after the collision over that before it, dimensionless."""

@@ -6,11 +6,12 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from math import inf
 
 from impact_xval.compliant_baselines import registry
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
-from impact_xval.compliant_baselines.engines.packages import version_of
+from impact_xval.compliant_baselines.engines.packages import import_quietly, version_of, why_not
 from impact_xval.compliant_baselines.engines.scene import BEYOND, Scene, reduced_masses, unrepresentable
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
 from impact_xval.compliant_baselines.engines.world import World
@@ -29,8 +30,12 @@ class Engine(Solver):
     with a limit dt -> 0 that is not known to the tolerance asked for: the outcome keeps its numbers).
     """
 
-    #: Name of the package that is the engine, as distributed.
+    #: The engine as its makers spell it, the name of its package as distributed, the module that is imported, and what
+    #: to run where that fails.
+    title: str
     distribution: str
+    module: str
+    way_out: str
 
     #: How many times as much regularisation of contacts shows what that of the engine does; None: it has none.
     regularisation_probe: float | None = None
@@ -38,6 +43,10 @@ class Engine(Solver):
     def version(self) -> str:
         """Version of the engine's package, or ``""`` if it is not installed."""
         return version_of(self.distribution)
+
+    def unavailable(self) -> str | None:
+        """Why the engine cannot run here and the way out; None if it can."""
+        return why_not(self.title, self.distribution, partial(import_quietly, self.module), self.way_out)
 
     def refusal(self, scene: Scene) -> str | None:
         """Why this engine cannot take a scene, in one sentence; None if it can."""
@@ -154,6 +163,8 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
         n_events=len(names) - 1,
         diagnostics=diagnostics,
         path=run.path(states) if run.points is not None else None,
+        requested=c.requested,
+        effective=run.effective,
     )
 
 

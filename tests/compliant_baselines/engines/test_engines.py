@@ -138,15 +138,11 @@ def test_without_an_engine_the_way_out_is_said(monkeypatch):
         outcome = get_solver(name).solve_many(random_collisions(1, seed=1), COARSE)[0]
         assert outcome.status == "unavailable"
         assert advice in outcome.reason
-    monkeypatch.setattr(sys, "version_info", (3, 12, 0))
-    assert "no wheels beyond CPython 3.11: run with Python 3.11, or build it from source" in str(
-        get_solver("pybullet").unavailable()
-    )
 
 
 def test_pybullet_is_imported_without_a_word():
     pytest.importorskip("pybullet")
-    code = "from impact_xval.compliant_baselines.engines import packages; packages.import_pybullet()"
+    code = "from impact_xval.compliant_baselines.engines import packages; packages.import_quietly('pybullet')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", "")
 
