@@ -78,7 +78,7 @@ class Mujoco(Engine):
 
     def world(self, scene: Scene) -> MujocoWorld:
         """Set a scene up."""
-        return MujocoWorld(scene)
+        return MujocoWorld(scene, self._batches)
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -86,6 +86,7 @@ class Mujoco(Engine):
         mujoco: Any = import_module("mujoco")
         before = mujoco.get_mju_user_warning()
         mujoco.set_mju_user_warning(lambda _message: None)
+        self._batches: dict[tuple[int, bool], Any] = {}
         try:
             yield
         finally:
@@ -101,11 +102,15 @@ class NaiveMujoco(Mujoco):
 class MujocoWorld(World):
     """A scene as a batch of one."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, batches: dict[tuple[int, bool], Any]) -> None:
         from mujoco.batch import Batch
 
-        model, where = _compiled(len(scene.masses), scene.table)
-        self.batch: Any = Batch(model, 1, 1)
+        kind = len(scene.masses), scene.table
+        model, where = _compiled(*kind)
+        if kind not in batches:
+            batches[kind] = Batch(model, 1, 1)
+        self.batch = batches[kind]
+        self.batch.reset(stage=0)  # nothing is computed before the numbers are written
         balls, (pairs, depth, acceleration) = slice(1, 1 + len(scene.masses)), mapped(scene)
         radius = radius_of(depth)
         for name, at, value in (

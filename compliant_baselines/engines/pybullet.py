@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ import numpy as np
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, radius_of, reduced_masses
+from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.mapping import PYBULLET_RIGID, PybulletBody, pybullet_bodies
 
@@ -49,6 +51,9 @@ ZERO = ("restitution", "lateralFriction", "spinningFriction", "rollingFriction")
 ZERO += ("linearDamping", "angularDamping", "contactProcessingThreshold")
 FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 
+#: Of a body, what meets the body below and what meets the body above, as body and part.
+Sides = tuple[tuple[int, int], tuple[int, int]]
+
 #: Part of a ball: the base meets the ball below, the link the ball above. A link is fixed and massless.
 BASE, LINK = -1, 0
 FIXED = {
@@ -70,7 +75,6 @@ class Pybullet(Engine):
         "run pip install 'pybullet>=3.2.7' (it has no wheels beyond CPython 3.11: run with Python 3.11, or build it "
         "from source)"
     )
-    _client = -1
 
     def refusal(self, scene: Scene) -> str | None:
         """Why PyBullet cannot take a scene: one of its absolute numbers would replace what was asked."""
@@ -83,23 +87,28 @@ class Pybullet(Engine):
         largest = scene.fastest * sum(scene.masses)
         if largest > LARGEST_IMPULSE:
             return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
-        depth = scene.depth([pair.stiffness for pair in _pairs(scene)])
-        if 2 * math.sqrt(3) * radius_of(depth) <= LARGEST_BODY:
+        if 2 * math.sqrt(3) * _radius(scene) <= LARGEST_BODY:
             return None
         return (
-            f"penetrations of up to {depth:.3g} m ask for balls of radius {radius_of(depth):.3g} m: "
+            f"penetrations ask for balls of radius {_radius(scene):.3g} m: "
             f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; scale stiffnesses, masses or v0 (Theorem 5)"
         )
 
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""
-        return PybulletWorld(self._client, scene)
+        return PybulletWorld(self._client, scene, self._made)
+
+    def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
+        """As `Engine.run`; balls of one size one after the other, for only another size takes new bodies."""
+        order = sorted(range(len(scenes)), key=lambda i: _radius(scenes[i]))
+        runs = super().run([scenes[i] for i in order], max_steps, record_path)
+        return [run for _, run in sorted(zip(order, runs, strict=True), key=itemgetter(0))]
 
     @contextmanager
     def running(self) -> Iterator[None]:
         """Connect a client; one that was kept would be client 0 to whoever else uses PyBullet and names none."""
         p: Any = import_quietly("pybullet")
-        self._client = p.connect(p.DIRECT)
+        self._client, self._made = p.connect(p.DIRECT), {}
         if self._client < 0:
             raise RuntimeError("PyBullet gave no client: more than 1024 are connected in this process")
         try:
@@ -119,29 +128,35 @@ class PybulletWorld(World):
 
     longest_leap = STRIDE
 
-    def __init__(self, client: int, scene: Scene) -> None:
+    def __init__(self, client: int, scene: Scene, made: dict[Any, list[Sides]]) -> None:
         p = self._p = import_quietly("pybullet")
         self._client, self._step, self._stride, self._falls = client, scene.step, 0, scene.gravity > 0
-        pairs, on = _pairs(scene), {"physicsClientId": client}
-        radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
+        pairs, on, radius = _pairs(scene), {"physicsClientId": client}, _radius(scene)
         self._places = scene.places(radius)
         self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness if scene.settled else 0.0
         self.heights = self._x = scene.start(radius, self.rest)
-        p.resetSimulation(**on)
-        p.setPhysicsEngineParameter(
-            fixedTimeStep=scene.step,
-            numSubSteps=0,
-            numSolverIterations=_iterations(scene, pairs),
-            contactBreakingThreshold=BREAKING_OVER_RADIUS * radius,
-            **EXACT,
-            **on,
-        )
-        p.setGravity(0, 0, -scene.gravity, **on)
-        sides = self._make(scene, radius)
+        kind = len(scene.masses), scene.table, radius
+        if kind not in made:
+            made.clear()
+            made[kind] = self._make(scene, radius)
+        sides = made[kind]
         self.balls = [below[0] for below, _ in sides[: len(scene.masses)]]
+        p.setPhysicsEngineParameter(
+            fixedTimeStep=scene.step, numSubSteps=0, numSolverIterations=_iterations(scene, pairs), **on
+        )
+        for ball, mass in zip(self.balls, scene.masses, strict=True):
+            p.changeDynamics(ball, BASE, mass=mass, **on)
+        for side, own in _properties(scene, sides).items():
+            p.changeDynamics(*side, contactStiffness=own.stiffness, contactDamping=own.damping, **on)
+        # Apart for a step, in which the engine forgets contact points and what it warm-starts from.
+        p.setGravity(0, 0, 0, **on)
+        self._place(10 * self._places, [0.0] * len(self.balls))
+        p.stepSimulation(client)
+        p.setGravity(0, 0, -scene.gravity, **on)
+        self._place(self._places + self._x, scene.velocities)
         if _linked(scene):  # of bodies in maximal coordinates it says nothing
             said = [
-                [PybulletBody(*p.getDynamicsInfo(*side, client)[9:7:-1]) for side in both] for both in sides
+                [PybulletBody(*p.getDynamicsInfo(*each, client)[9:7:-1]) for each in both] for both in sides
             ]
             pairs = [below.against(above) for (below, _), (_, above) in pairwise(said)]
         self.effective = {
@@ -150,28 +165,23 @@ class PybulletWorld(World):
             "step": (p.getPhysicsEngineParameters(client)["fixedTimeStep"],),
         }
 
-    def _make(self, scene: Scene, radius: float) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-        """Make table and balls; for each body, the upper ball first, what meets the body below, and the body above."""
+    def _make(self, scene: Scene, radius: float) -> list[Sides]:
+        """Empty the client and make table and balls; their sides, those of the upper ball first."""
         p, on, linked = self._p, {"physicsClientId": self._client}, _linked(scene)
-        plane, sphere = (
-            p.createCollisionShape(p.GEOM_PLANE, **on),
-            p.createCollisionShape(p.GEOM_SPHERE, radius, **on),
-        )
+        p.resetSimulation(**on)
+        p.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING_OVER_RADIUS * radius, **EXACT, **on)
+        plane = p.createCollisionShape(p.GEOM_PLANE, **on)
+        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius, **on)
         how: dict[str, Any] = {"useMaximalCoordinates": int(not linked)}
         table = p.createMultiBody(0, plane, **how, **on)
         if linked:
             how = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
         sides = [((table, BASE), (table, BASE))] if scene.table else []
-        states = zip(scene.masses, self._places + self._x, scene.velocities, strict=True)
-        for mass, z, v in reversed(list(states)):
-            ball = p.createMultiBody(mass, sphere, basePosition=(0, 0, z), **how, **on)
-            p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0), **on)
+        for z in 10 * self._places[::-1]:
+            ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **how, **on)
             sides.insert(0, ((ball, BASE), (ball, LINK if linked else BASE)))
-        for (body, part), own in _properties(scene, sides).items():
-            awake = p.ACTIVATION_STATE_DISABLE_SLEEPING
-            p.changeDynamics(body, part, activationState=awake, **FREE, **on)
-            # In a call of its own: with the above it is ignored for multibodies.
-            p.changeDynamics(body, part, contactStiffness=own.stiffness, contactDamping=own.damping, **on)
+        for body, part in {side for both in sides for side in both}:
+            p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE, **on)
             if linked:
                 p.setCollisionFilterGroupMask(body, part, 0, 0, **on)
         if linked:
@@ -179,20 +189,30 @@ class PybulletWorld(World):
                 p.setCollisionFilterPair(upper, lower, below, above, 1, **on)
         return sides
 
+    def _place(self, heights: Floats, velocities: Sequence[float]) -> None:
+        for ball, z, v in zip(self.balls, heights.tolist(), velocities, strict=True):
+            self._p.resetBasePositionAndOrientation(
+                ball, (0, 0, z), (0, 0, 0, 1), physicsClientId=self._client
+            )
+            self._p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0), physicsClientId=self._client)
+
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, or, while bodies fall, fewer: up to the first after which all gaps are open."""
         self._set_stride(0)
         step, read, client, h = self._p.stepSimulation, self._p.getBaseVelocity, self._client, self._step
-        x, velocities, heights = self._x.tolist(), [], []
+        balls, velocities, upper, lower = self.balls, [], *self._x[:2].tolist()
         for _ in range(n):
             step(client)
-            velocities.append([read(ball, client)[0][2] for ball in self.balls])
-            x = [height + h * speed for height, speed in zip(x, velocities[-1], strict=True)]
-            heights.append(x)
-            if self._falls and x[0] >= x[1] >= 0:
-                break
-        self._x = np.array(x)
-        return np.array(velocities), np.array(heights)
+            v = [read(ball, client)[0][2] for ball in balls]
+            velocities.append(v)
+            if self._falls:
+                upper, lower = upper + h * v[0], lower + h * v[1]
+                if upper >= lower >= 0:
+                    break
+        taken = np.array(velocities)
+        heights = np.cumsum(np.vstack([self._x, h * taken]), axis=0)[1:]
+        self._x = heights[-1]
+        return taken, heights
 
     def leap(self, n: int) -> tuple[int, Floats, Floats]:
         """Take up to n steps in one call: as many as the engine makes of their time as they are meant.
@@ -243,6 +263,10 @@ def _pairs(scene: Scene) -> list[PybulletBody]:
         return [PybulletBody(contact.k, contact.c) for contact in scene.contacts]
     upper, lower, table = pybullet_bodies(scene.contacts[0], scene.contacts[1], scene.mapping)
     return [upper.against(lower), lower.against(table)]
+
+
+def _radius(scene: Scene) -> float:
+    return radius_of(scene.depth([pair.stiffness for pair in _pairs(scene)]))
 
 
 def _iterations(scene: Scene, pairs: list[PybulletBody]) -> int:

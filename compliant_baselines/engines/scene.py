@@ -162,11 +162,11 @@ class Scene:
         Rounded so that adding up to 2 N radii rounds nothing away: gaps are then exact, see `radius_of`.
         """
         far = 2.0 ** math.ceil(math.log2(2 * len(self.masses) * radius))
-        return np.asarray((np.array(self.heights, float) - rest + far) - far, float)
+        return np.asarray((np.array(self.heights) - rest + far) - far, np.float64)
 
     def places(self, radius: float) -> Floats:
         """Give the centres of the balls above the table where all only just touch, in m, shape (N,)."""
-        return radius * np.arange(2 * len(self.masses) - 1, 0, -2)
+        return radius * np.arange(2 * len(self.masses) - 1, 0, -2, dtype=np.float64)
 
 
 def reduced_masses(of: Collision | Scene) -> tuple[float, ...]:

@@ -13,7 +13,7 @@ from impact_xval.experiments.commands.options import path
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
-    from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding
+    from impact_xval.compliant_baselines.inspect_mujoco import Finding
 
 #: Seconds for a scene to be loaded and examined.
 _LONGEST = 40.0
@@ -128,7 +128,7 @@ def _examined(_: None, path: Path) -> list[Finding] | str:
 def _mjcf(path: Path) -> list[Finding]:
     from importlib import import_module
 
-    from impact_xval.compliant_baselines.diagnosis.diagnose_mujoco import diagnose_mujoco
+    from impact_xval.compliant_baselines.inspect_mujoco import inspect_model
 
     mujoco: Any = import_module("mujoco")
     load = mujoco.MjModel.from_binary_path if path.suffix == ".mjb" else mujoco.MjModel.from_xml_path
@@ -136,4 +136,4 @@ def _mjcf(path: Path) -> list[Finding]:
         model = load(str(path))
     except ValueError as error:
         raise UserError(f"{path}: MuJoCo does not compile it: {error}") from None
-    return diagnose_mujoco(model)
+    return inspect_model(model)

@@ -6,11 +6,11 @@ from collections import Counter
 from importlib import import_module
 from typing import Any
 
-from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.diagnosis.diagnose_mujoco import diagnose_mujoco
-from impact_xval.compliant_baselines.diagnosis.diagnosis import Finding
 from impact_xval.compliant_baselines.engines.column import Column
+
+from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.inspect_mujoco import Finding, inspect_model
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.config.errors import UserError
@@ -99,4 +99,4 @@ def failed_note(reason: str) -> dict[str, Any]:
 def column_findings(column: Column) -> list[Finding]:
     """Examine the scene of one collision."""
     mujoco: Any = import_module("mujoco")
-    return diagnose_mujoco(mujoco.MjModel.from_xml_string(mjcf(column)))
+    return inspect_model(mujoco.MjModel.from_xml_string(mjcf(column)))

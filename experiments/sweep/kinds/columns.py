@@ -68,6 +68,7 @@ class Lines(Kind):
             "solver": name,
             "status": outcome.status,
             "reason": outcome.reason or None,
+            "differences": outcome.differences or None,
             "marked": marked(model, outcome),
             "grazing_margin": outcome.grazing_margin,
             "step": diagnostics.get("step"),

@@ -180,3 +180,17 @@ def test_pybullet_client_is_given_back():
     finally:
         p.disconnect(taken)
     assert beside == solver.solve(cell(), COARSE)
+
+
+def test_an_engine_says_where_it_uses_other_numbers_than_were_asked_for(engine):
+    pair, line = cell(k2=3e8), Collision((1, 2, 1), (1e8, 2e8), (0.5, 1.0), (-1, 0, 0))
+    for collision in (pair, line):
+        outcome = engine.solve(collision, COARSE)
+        assert outcome.differences == ""
+        assert outcome.effective["stiffness"] == pytest.approx(collision.stiffnesses, rel=1e-9)
+        assert outcome.effective["step"] == (outcome.diagnostics["step"],)
+    naive = get_solver(f"{engine.name}-naive").solve(pair, COARSE)
+    # MuJoCo reads N/m as 1/s^2: k M (0.9/0.95)^2. In PyBullet two balls of k are k/2 in series.
+    alone = 1e8 * 0.5 * ((0.9 / 0.95) ** 2 if engine.name == "mujoco" else 1)
+    assert naive.effective["stiffness"][0] == pytest.approx(alone, rel=1e-9)
+    assert f"stiffness 1 is {alone:.6g}, 1e+08 was asked for" in naive.differences

@@ -7,9 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from impact_xval.compliant_baselines import SolverError, get_solver
-from impact_xval.compliant_baselines.mapping import damping_ratio
 from impact_xval.compliant_baselines.restitution import (
-    damping_ratios,
     hunt_crossley_coefficients,
 )
 from impact_xval.model import Collision
@@ -29,11 +27,6 @@ def test_known_numbers():
         assert outcome.status == "ok"
     elastic = BATCHES["kelvin-voigt"](1.0, MU, 1.0, 1.0)
     assert (elastic.v1, elastic.v2) == pytest.approx((0.954509, 0.277489), abs=6e-7)
-
-
-def test_damping_ratios_are_those_of_the_mapping():
-    e = np.concatenate([10.0 ** np.linspace(-6, -0.01, 200), 1 - 10.0 ** np.linspace(-12, -1, 50), [1.0]])
-    np.testing.assert_allclose(damping_ratios(e), [damping_ratio(x) for x in e], rtol=1e-12)
 
 
 def test_hunt_crossley_gives_the_restitution_it_was_asked_for():
