@@ -17,6 +17,9 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.measures.ladder_table import engines_of
 from impact_xval.experiments.measures.laws import voters
+from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.presentation.summary_page import summary_facts
+from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.third_party import ANVIL, TOY, TOY_FILE, install
 
@@ -116,7 +119,8 @@ def test_a_run_uses_it_in_worker_processes_and_writes_its_version(site, tmp_path
     assert manifest["versions"]["toy"] == "1.0"
     assert manifest["statuses"]["toy"] == {"ok": 2}, manifest["statuses"]
     assert pq.read_table(tmp_path / "run" / "ladder.parquet").num_rows == 0  # it was asked for no law
-    assert main(["table", str(tmp_path / "run")]) == 0
+    facts = summary_facts(summarise(RunFolder(tmp_path / "run")))
+    assert [row[:2] for row in facts["short"]] == [("kelvin-voigt", "kelvin-voigt"), ("-", "toy")]
 
 
 BROKEN = {
