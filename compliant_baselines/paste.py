@@ -1,60 +1,112 @@
-"""One contact to paste into a scene, and a whole column as files that an engine runs without this package.
+"""One contact to paste into a scene, and a whole scene as files that an engine runs without this package.
 
-What stands beside the numbers of a contact is what an engine must not do to it on its own account (the adapters'
-modules say why). No scene is written a second time here. MuJoCo's is read off the batch that the adapter has loaded:
-the numbers that stand in it, written into the adapter's own MJCF. PyBullet's is the adapter's own calls, recorded
-while it makes them. The runners step as often as the adapter did and compare with what it got.
+Beside the numbers of a contact stands what an engine must not do to it on its own account (the adapters' modules say
+why). No scene is written a second time here: MuJoCo's is the adapter's MJCF with the numbers that stand in the batch it
+has loaded, PyBullet's are the adapter's own calls. The runners step as often as the adapter did and compare.
 """
 
 from __future__ import annotations
 
-import contextlib
-import functools
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import astuple
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from impact_xval.compliant_baselines.engines import mujoco_engine
-from impact_xval.compliant_baselines.engines.column import Column
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.packages import standing_in
-from impact_xval.compliant_baselines.engines.recording import Run
+from impact_xval.compliant_baselines.engines import mujoco
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.packages import import_quietly, standing_in
+from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import (
     Contact,
     drake_geometries,
     mujoco_contact,
     pybullet_bodies,
 )
-from impact_xval.compliant_baselines.registry import engine_names, exportable_names
 from impact_xval.compliant_baselines.solver import SolverError
 
-#: Engines whose contact parameters are known here, and those whose scenes can be exported.
-ENGINES, EXPORTABLE = engine_names(), exportable_names()
+#: What to paste, by engine. The first body carries the contact, the second is rigid and undamped, wherever an engine's
+#: parameters belong to bodies and not to pairs.
+TEXTS = {
+    "mujoco": """\
+<!-- A and B: names of the two geoms. Free bodies and slides: the numbers hold for a sum of the bodies' inverse
+     weights (body_invweight0[b, 0]) of {inverse} 1/kg. -->
+<option timestep="{step}" integrator="Euler" solver="Newton"/>
+<contact>
+  <pair geom1="A" geom2="B" condim="1" margin="0" gap="0"
+        solref="{solref[0]} {solref[1]}" solimp="{solimp[0]} {solimp[1]} {solimp[2]} {solimp[3]} {solimp[4]}"/>
+</contact>
+""",
+    "pybullet": """\
+# p: the module pybullet; a and b: ids of the two bodies, base links. Stiffness combines in series, damping adds.
+p.setPhysicsEngineParameter(
+    fixedTimeStep={step}, numSubSteps=0, contactSlop=0, useSplitImpulse=0,
+    restitutionVelocityThreshold=0, solverResidualThreshold=0,
+)
+for body, stiffness, damping in (
+    (a, {a[contactStiffness]}, {a[contactDamping]}),
+    (b, {b[contactStiffness]}, {b[contactDamping]}),
+):
+    p.changeDynamics(body, -1, contactStiffness=stiffness, contactDamping=damping,
+                     restitution=0, linearDamping=0, angularDamping=0)
+""",
+    "drake": """\
+# Proximity properties of the geometries of the two bodies, for RegisterCollisionGeometry. Stiffness
+# combines in series, relaxation times add; kSap ignores a Hunt-Crossley dissipation.
+properties_a, properties_b = ProximityProperties(), ProximityProperties()
+for properties, stiffness, relaxation_time in (
+    (properties_a, {a[point_contact_stiffness]}, {a[relaxation_time]}),
+    (properties_b, {b[point_contact_stiffness]}, {b[relaxation_time]}),
+):
+    AddContactMaterial(properties=properties, point_stiffness=stiffness, friction=CoulombFriction(0.0, 0.0))
+    properties.AddProperty("material", "relaxation_time", relaxation_time)
+plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step={step})
+plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+plant.set_sap_near_rigid_threshold(0.0)
+""",
+}
 
+ENGINES = tuple(TEXTS)
 
-@functools.cache
-def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("impact_xval.compliant_baselines"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    # 12 digits, and always a float: Drake tells 0 from 0.0.
-    environment.filters |= {"repr": repr, "digits": lambda value: repr(float(f"{value:.12g}"))}
-    return environment
+#: The parts of a script that differ by engine, of MuJoCo.
+MUJOCO = {
+    "setup": """\
+model = mujoco.MjModel.from_xml_path(__file__.replace("run.py", "scene.xml"))
+data = mujoco.MjData(model)
+mujoco.mj_resetDataKeyframe(model, data, 0)""",
+    "weightless": "model.opt.gravity[:] = 0",
+    "advance": "mujoco.mj_step(model, data)",
+    "read": "data.qvel.tolist()",
+}
+
+#: A script that runs a scene; doubled braces are its own.
+SCRIPT = '''"""Runs the collision in {engine} alone and compares with the table: python run.py"""
+
+import sys
+
+import {engine}
+
+# {balls} balls in a line, ball 1 on top; SI units, up is positive; gravity {gravity}, a step of {step}. Contacts:
+{contacts}
+STEPS, FLIGHT = {steps}, {flight}  # until the collision is over; until no contact is closed: no gravity from then on
+TABLE = {velocities}  # what {engine} {version} gave in the table, in m/s
+
+{setup}
+for i in range(STEPS):
+    if i == FLIGHT:
+        {weightless}
+    {advance}
+for i, (v, there) in enumerate(zip({read}, TABLE), 1):
+    print(f"v{{i}} = {{v!r}} m/s, in the table {{there!r}}, difference {{v - there:.1e}}")
+    if abs(v - there) > 1e-12 * {speed}:
+        sys.exit("not the same: another version of the engine?")
+'''
 
 
 def paste(engine: str, contact: Contact, step: float) -> tuple[Mapping[str, Any], str]:
     """Give an engine's parameters of a contact and the text to paste.
-
-    The first body carries the contact, the second is rigid and undamped, wherever an engine's parameters belong to
-    bodies and not to pairs.
 
     Parameters
     ----------
@@ -82,8 +134,7 @@ def paste(engine: str, contact: Contact, step: float) -> tuple[Mapping[str, Any]
     if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
     parameters = _parameters(engine, contact)
-    template = _environment().get_template("paste.j2")
-    text = template.render(engine=engine, contact=contact, step=step, **parameters)
+    text = TEXTS[engine].format(step=_digits(step), inverse=_digits(1 / contact.mass), **_digits(parameters))
     if "inf" in text or "nan" in text:
         raise SolverError(engine, "unrepresentable", f"a parameter of {contact} leaves double precision")
     return parameters, text
@@ -92,32 +143,32 @@ def paste(engine: str, contact: Contact, step: float) -> tuple[Mapping[str, Any]
 def _parameters(engine: str, contact: Contact) -> dict[str, Any]:
     if engine == "mujoco":
         pair = mujoco_contact(contact)
-        return {
-            "solref": list(pair.solref),
-            "solimp": list(pair.solimp),
-            "condim": 1,
-            "integrator": "Euler",
-        }
-    if engine == "pybullet":
-        bodies = pybullet_bodies(contact, contact)[:2]
-        each = [{"contactStiffness": body.stiffness, "contactDamping": body.damping} for body in bodies]
-    else:
-        geometries = drake_geometries(contact, contact)[:2]
-        each = [
-            {"point_contact_stiffness": geometry.stiffness, "relaxation_time": geometry.relaxation_time}
-            for geometry in geometries
-        ]
-    return dict(zip("ab", each, strict=True))
+        return {"solref": pair.solref, "solimp": pair.solimp, "condim": 1, "integrator": "Euler"}
+    bodies, names = pybullet_bodies(contact, contact), ("contactStiffness", "contactDamping")
+    if engine == "drake":
+        bodies, names = drake_geometries(contact, contact), ("point_contact_stiffness", "relaxation_time")
+    return {
+        name: dict(zip(names, astuple(body), strict=True)) for name, body in zip("ab", bodies, strict=False)
+    }
 
 
-def scene_files(solver: EngineSolver, column: Column, max_steps: int) -> tuple[Run, dict[str, str]]:
-    """Run a column, and write down how to run it without this package.
+def _digits(value: Any) -> Any:
+    """Numbers as texts of 12 digits, always those of a float: Drake tells 0 from 0.0."""
+    if isinstance(value, dict):
+        return {key: _digits(each) for key, each in value.items()}
+    if isinstance(value, tuple):
+        return [_digits(each) for each in value]
+    return value if isinstance(value, str) else repr(float(f"{value:.12g}"))
+
+
+def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict[str, str]]:
+    """Run a scene, and write down how to run it without this package.
 
     Parameters
     ----------
-    solver : EngineSolver
-        One of `EXPORTABLE`, available.
-    column : Column
+    engine : Engine
+        MuJoCo or PyBullet, available.
+    scene : Scene
         What to run.
     max_steps : int
         Steps after which it is given up.
@@ -129,138 +180,112 @@ def scene_files(solver: EngineSolver, column: Column, max_steps: int) -> tuple[R
     files : dict
         Names and contents.
     """
-    with _recorded() if solver.name == "pybullet" else contextlib.nullcontext([]) as calls:
-        (run,) = solver.run_columns([column], max_steps)
-    template = _environment().get_template("run.py.j2")
-    script = template.render(engine=solver.name, version=solver.version(), run=run, calls=_setting_up(calls))
-    files = {"scene.xml": mjcf(column)} if solver.name == "mujoco" else {}
+    (run,) = engine.run([scene], max_steps)
+    files = {"scene.xml": mjcf(scene)} if engine.name == "mujoco" else {}
+    parts = MUJOCO if files else _pybullet(engine, scene)
+    script = SCRIPT.format(
+        engine=engine.name,
+        version=engine.version(),
+        balls=len(scene.masses),
+        gravity=f"{scene.gravity!r} m/s^2",
+        step=f"{scene.step!r} s",
+        contacts="\n".join(
+            f"# {i}: F = max(0, k d + c d'), k = {c.k!r} N/m, c = {c.c!r} N s/m"
+            for i, c in enumerate(scene.contacts, 1)
+        ),
+        steps=run.n_steps,
+        flight=run.fall and run.fall[0],
+        velocities=run.velocities.tolist(),
+        speed=repr(scene.fastest),
+        **parts,
+    )
     return run, files | {"run.py": script}
 
 
-def mjcf(column: Column) -> str:
-    """Write the scene MuJoCo runs for a column, its initial state as the keyframe ``start``."""
-    from mujoco.batch import Batch
+def mjcf(scene: Scene) -> str:
+    """Write the scene that MuJoCo runs, its initial state as the keyframe ``start``."""
+    batch = mujoco.MujocoWorld(scene, {}).batch
+    model = batch.model
+    root = ElementTree.fromstring(mujoco.mjcf(len(scene.masses), scene.table))
 
-    batch: Any = Batch(mujoco_engine.scene_model(), 1, 1)
-    mujoco_engine.load(batch, [column], 1, False)
-    model, root = batch.model, ElementTree.fromstring(mujoco_engine.scene())
+    def loaded(field: str, row: Any = ...) -> str:
+        return " ".join(repr(float(value)) for value in np.ravel(batch.expanded(field)[0][row]))
 
-    def loaded(field: str, row: int | None = None) -> Any:
-        values = batch.expanded(field)[0]
-        return values if row is None else values[row]
-
-    def element(path: str) -> ElementTree.Element:
-        found = root.find(path)
-        assert found is not None, path
-        return found
-
-    for name in ("timestep", "tolerance", "gravity"):
-        element("option").set(name, _words(loaded(f"opt.{name}")))
-    for name in ("B1", "B2"):
-        body, geom = model.body(name).id, model.geom(name).id
-        placed = element(f".//body[@name='{name}']")
-        placed.set("pos", _words(loaded("body_pos", body)))
+    for option in root.iter("option"):
+        for name in ("timestep", "tolerance", "gravity"):
+            option.set(name, loaded(f"opt.{name}"))
+    for body in root.iter("body"):
+        i, geom = model.body(body.get("name")).id, body.find("geom")
+        assert geom is not None
+        body.set("pos", loaded("body_pos", i))
         # As in the batch, where masses and sizes are written after compiling: the inertia, which nothing turns on a
         # slide, is the template's, and no compiler finds that of a small ball too small.
-        inertial = {"pos": "0 0 0", "mass": _words(loaded("body_mass", body)), "diaginertia": "1 1 1"}
-        placed.insert(0, ElementTree.Element("inertial", inertial))
-        shape = element(f".//geom[@name='{name}']")
-        shape.set("size", _words(loaded("geom_size", geom)[0]))
-        del shape.attrib["mass"]
-    for name in ("ball-ball", "ball-table"):
-        pair = element(f".//pair[@name='{name}']")
+        inertial = {"pos": "0 0 0", "mass": loaded("body_mass", i), "diaginertia": "1 1 1"}
+        body.insert(0, ElementTree.Element("inertial", inertial))
+        geom.set("size", loaded("geom_size", (model.geom(geom.get("name")).id, 0)))
+        del geom.attrib["mass"]
+    for pair in root.iter("pair"):
         for field in ("solref", "solimp"):
-            pair.set(field, _words(loaded(f"pair_{field}", model.pair(name).id)))
-    start = ElementTree.SubElement(ElementTree.SubElement(root, "keyframe"), "key", name="start")
-    start.set("qpos", _words(batch.qpos[0]))
-    start.set("qvel", _words(batch.qvel[0]))
+            pair.set(field, loaded(f"pair_{field}", model.pair(pair.get("name")).id))
+    start = {"qpos": batch.qpos[0], "qvel": batch.qvel[0]}
+    texts = {name: " ".join(map(repr, values.tolist())) for name, values in start.items()}
+    ElementTree.SubElement(ElementTree.SubElement(root, "keyframe"), "key", {"name": "start"} | texts)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _words(values: Any) -> str:
-    return " ".join(repr(float(value)) for value in np.ravel(values))
+def _pybullet(engine: Engine, scene: Scene) -> dict[str, str]:
+    """Record the calls with which the adapter sets a scene up, and name the rest of the script."""
+    recorder = _Recorder(import_quietly("pybullet"))
+    with standing_in("pybullet", recorder), engine.running():
+        world: Any = engine.world(scene)
+    return {
+        "setup": "\n".join(["pybullet.connect(pybullet.DIRECT)", *recorder.calls]),
+        "weightless": "pybullet.setGravity(0, 0, 0)",
+        "advance": "pybullet.stepSimulation()",
+        "read": f"[pybullet.getBaseVelocity(ball)[0][2] for ball in {world.balls}]",
+    }
 
 
-class _Named(int):
-    """A number that stands in a script under a name."""
-
-    name: str
-
-    def __new__(cls, value: int, name: str) -> _Named:
-        named = super().__new__(cls, value)
-        named.name = name
-        return named
-
-    def __repr__(self) -> str:
-        return self.name
-
-
-#: Calls that advance a world: those after the last other one are the run itself, and no part of its setting up.
-_STEPPING = ("stepSimulation", "setPhysicsEngineParameter")
-
-
-class _RecordingModule:
+class _Recorder:
     """The module pybullet, writing down the calls that set a world up."""
 
     def __init__(self, module: Any) -> None:
         self._module = module
-        self._counts: Counter[str] = Counter()
-        self._stepping: list[tuple[str, int]] = []
         self.calls: list[str] = []
 
     def __getattr__(self, name: str) -> Any:
         value = getattr(self._module, name)
-        if not callable(value):
-            return _Named(value, f"p.{name}") if type(value) is int else value
-        return value if name.startswith("get") or name == "disconnect" else self._recording(name, value)
+        if type(value) is int:
+            return _named(value, f"pybullet.{name}")
+        if not name.startswith(("create", "set", "reset", "change")):
+            return value
 
-    def _recording(self, name: str, function: Any) -> Any:
         def call(*args: Any, **kwargs: Any) -> Any:
-            result = function(*args, **kwargs)
-            text = _call(f"p.{name}", args, kwargs)
-            if name in _STEPPING:
-                times = self._stepping.pop()[1] if self._stepping and self._stepping[-1][0] == text else 0
-                self._stepping.append((text, times + 1))
-                return result
-            if name == "connect" or name.startswith("create"):
-                kind = {"connect": "client", "createMultiBody": "body"}.get(name, "shape")
-                self._counts[kind] += 1
-                variable = kind if kind == "client" else f"{kind}{self._counts[kind]}"
-                result, text = _Named(result, variable), f"{variable} = {text}"
-            self.calls += [
-                f"for _ in range({n}):\n    {each}" if n > 1 else each for each, n in self._stepping
-            ]
+            result = value(*args, **kwargs)
+            given = {key: each for key, each in kwargs.items() if key != "physicsClientId"}
+            words = [*map(_literal, args), *(f"{key}={_literal(each)}" for key, each in given.items())]
+            inside = ", ".join(words)
+            if len(inside) > 80:
+                inside = "\n    " + ",\n    ".join(words) + ",\n"
+            text = f"pybullet.{name}({inside})"
+            if name.startswith("create"):
+                kind = "body" if name == "createMultiBody" else "shape"
+                number = 1 + sum(call.startswith(kind) for call in self.calls)
+                result = _named(result, f"{kind}{number}")
+                text = f"{result!r} = {text}"
             self.calls.append(text)
-            self._stepping.clear()
             return result
 
         return call
 
 
-def _call(name: str, args: Sequence[Any], kwargs: dict[str, Any]) -> str:
-    words = [*map(_literal, args), *(f"{key}={_literal(value)}" for key, value in kwargs.items())]
-    line = f"{name}({', '.join(words)})"
-    return line if len(line) <= 100 else f"{name}(\n    " + ",\n    ".join(words) + ",\n)"
+def _named(value: int, name: str) -> int:
+    """Give a number that stands in a script under a name."""
+    return type("Named", (int,), {"__repr__": lambda _: name})(value)
 
 
 def _literal(value: Any) -> str:
     if isinstance(value, tuple | list):
-        return "(" + ", ".join(map(_literal, value)) + ("," if len(value) == 1 else "") + ")"
+        return f"[{', '.join(map(_literal, value))}]"
     return repr(value if isinstance(value, bool | int | str) else float(value))
-
-
-@contextlib.contextmanager
-def _recorded() -> Iterator[list[str]]:
-    """Record the calls into pybullet that are made meanwhile; the adapter imports the module where it uses it."""
-    import pybullet
-
-    recording = _RecordingModule(pybullet)
-    with standing_in("pybullet", recording):
-        yield recording.calls
-
-
-def _setting_up(calls: Sequence[str]) -> Sequence[str]:
-    """Give the calls before the run itself, in which gravity may be switched off: up to the last placing of a ball."""
-    placing = [i for i, call in enumerate(calls) if call.startswith("p.resetBaseVelocity")]
-    return calls[: 1 + max(placing, default=-1)]

@@ -1,18 +1,16 @@
-"""Two bodies and the contact requested between them; the largest step at which an engine reproduces it.
+"""Two bodies and the contact asked for between them; the largest step at which an engine gives it.
 
-The contact is Kelvin and Voigt's, F = max(0, k delta + c delta'), between two bodies of which nothing else acts
-on either while it lasts. Then (docs/theory.md, section 7; Schwager and Poeschel, Granular Matter 9:465, 2007), with M
-the reduced mass, omega = sqrt(k/M) and zeta the damping ratio that gives e,
+The contact is Kelvin and Voigt's, F = max(0, k delta + c delta'), between two bodies on which nothing else acts while
+it lasts. With M the reduced mass, omega = sqrt(k/M) and zeta the damping ratio that gives e (docs/theory.md, section 7;
+Schwager and Poeschel, Granular Matter 9:465, 2007),
 
 * it lasts T = contact_time(zeta)/omega, so that k = M (contact_time(zeta)/T)^2 for a duration asked for;
 * it goes in by |v| sqrt(e)/omega at most: delta peaks after exactly half of T, and decays by sqrt(e) until then.
 
-Neither restitution nor duration depends on the speed.
-
-In an engine they depend on the step, and on where within a step the bodies touch: the restitution, since the first
-force comes late, and the duration, counted in whole steps as a user counts it. A step counts as good only if
-restitution and duration are within the tolerance wherever within the step the touch falls; so do all shorter ones that
-are tried.
+Neither restitution nor duration depends on the speed. In an engine they depend on the step and on where within a step
+the bodies touch: the restitution, since the first force comes late, and the duration, counted in whole steps as a user
+counts it. A step is good if both are within the tolerance wherever within the step the touch falls, and if the shorter
+steps tried are good too.
 """
 
 from __future__ import annotations
@@ -24,24 +22,26 @@ from numbers import Real
 
 import numpy as np
 
-from impact_xval.compliant_baselines.engines.column import Column
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
-from impact_xval.compliant_baselines.engines.recording import Run
-from impact_xval.compliant_baselines.engines.trajectory import FREE
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.solver import SolverError
+from impact_xval.model.chain.rest import FREE
 
-#: Places within a step at which the touch is tried: many to certify a step, few to look for one.
-PHASES, FEW_PHASES = 32, 6
+#: Places within a step at which the touch is tried: evenly spaced from its start, and just before its end; few of them
+#: to look for a step.
+PLACES = (*np.linspace(0, 1, 31, endpoint=False).tolist(), 0.999)
+FEW_PLACES = (*PLACES[:-1:7], PLACES[-1])
 
-#: Steps in a contact: the longest step tried, and the shortest.
+#: Steps in a contact: fewest and most that are tried.
 FEWEST, MOST = 5, 200_000
 
-#: Shares of a step at which it is tried again.
-SHORTER = (0.93, 0.83, 0.7, 0.5)
+#: The steps that are tried: these times a power of ten (R10 of the preferred numbers, in two digits).
+DIGITS = (10, 12, 15, 20, 25, 30, 40, 50, 60, 80)
 
-#: Ratio of a bad step to a good one at which the search between them ends.
-CLOSE = 1.04
+#: Shorter steps that have to be good too, down to 0.4 of the one that is named.
+SHORTER = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +80,8 @@ class Pair:
             _require("masses", mass, mass > 0, "numbers > 0 (kg), one of them inf for a fixed body")
         if all(map(math.isinf, self.masses)):
             raise ValueError("masses = inf inf: two fixed bodies do not collide; legal: at most one inf")
-        e, why = self.restitution, ""
-        if e == 0:
-            why = " (no finite damping gives 0)"
-        elif e > 1:
-            why = " (a contact of spring and dashpot creates no energy)"
-        _require("restitution", e, 0 < e <= 1, "greater than 0, at most 1" + why)
+        legal = "greater than 0, at most 1 (no finite damping gives 0)"
+        _require("restitution", self.restitution, 0 < self.restitution <= 1, legal)
         _require("speed", self.speed, 0 < self.speed < math.inf, "a finite number > 0 (m/s)")
         if (self.stiffness is None) == (self.duration is None):
             given = "neither" if self.stiffness is None else "both"
@@ -168,20 +164,18 @@ class Drops:
         return max(map(abs, errors))
 
 
-def drops(
-    solver: EngineSolver, pair: Pair, step: float, phases: Sequence[float], gravity: float = 0.0
-) -> Drops:
+def drops(engine: Engine, pair: Pair, step: float, places: Sequence[float], gravity: float = 0.0) -> Drops:
     """Let an engine do the contact once for every place of the touch within a step.
 
     Parameters
     ----------
-    solver : EngineSolver
-        An engine.
+    engine : Engine
+        Available here.
     pair : Pair
         What is asked. A fixed body is the table, two free ones are the balls.
     step : float
         Time step in s.
-    phases : sequence of float
+    places : sequence of float
         Where in a step the bodies touch, from 0 (at its start) to 1.
     gravity : float
         In m/s^2; only for a fixed body.
@@ -191,74 +185,70 @@ def drops(
     SolverError
         If the engine refuses, or a contact does not end.
     """
-    some = columns(pair, step, phases, gravity)
-    refused = solver.refusal(some[0])
+    some = scenes(pair, step, places, gravity)
+    refused = engine.refusal(some[0])
     if refused is not None:
-        raise SolverError(solver.name, "unrepresentable", refused)
+        raise SolverError(engine.name, "unrepresentable", refused)
     most = 10 * math.ceil(pair.contact.duration / step) + 100
-    runs = solver.run_columns(some, most)
-    measured = np.array([_measure(solver.name, pair, run) for run in runs])
+    measured = np.array([_measured(engine.name, pair, run) for run in engine.run(some, most)])
     (e_low, T_low), (e_high, T_high) = measured.min(axis=0).tolist(), measured.max(axis=0).tolist()
     return Drops(step, (e_low, e_high), (T_low, T_high), len(some))
 
 
-def columns(pair: Pair, step: float, phases: Sequence[float], gravity: float = 0.0) -> list[Column]:
-    """Set up a column for each place of the touch within a step; only the contact of the pair takes part.
+def scenes(pair: Pair, step: float, places: Sequence[float], gravity: float = 0.0) -> list[Scene]:
+    """Set two balls on a table up for each place of the touch within a step; only the contact of the pair takes part.
 
-    The column of a collision is used, so that what is tested is what is run. The other contact is kept out of the way
-    by how the balls start: where one body is fixed, B2 meets the table while B1 leaves upwards at twice the speed; of
-    two free bodies B1 meets B2 in a frame that rises at twice the speed, high above the table.
+    It is the scene of a collision, so that what is tested is what is run. The other contact is kept out of the way by
+    how the balls start: where one body is fixed, B2 meets the table while B1 leaves upwards at twice the speed; of two
+    free bodies B1 meets B2 in a frame that rises at twice the speed, high above the table.
     """
-    light, heavy = pair.masses if not math.isinf(pair.masses[0]) else pair.masses[::-1]
+    light, heavy = sorted(pair.masses)
     contact, speed = pair.contact, pair.speed
     # Out of reach for the contact's whole duration, with room to spare.
     far = 10 * speed * contact.period
-    column = Column(
-        m1=light,
-        m2=light if pair.fixed else heavy,
-        contact1=contact,
-        contact2=contact,
-        mapping="calibrated",
-        gravity=gravity,
-        settled=False,
-        x1=far,
-        x2=0.0 if pair.fixed else far,
-        # The idle ball stays the faster one, whatever gravity takes from it meanwhile: else the run would go on.
-        v1=(2 * speed if pair.fixed else speed) + 20 * gravity * contact.duration,
-        v2=-speed if pair.fixed else 2 * speed,
-        step=step,
-    )
-    which = "x2" if pair.fixed else "x1"
+    # The idle ball stays the faster one, whatever gravity takes from it meanwhile: else the run would go on.
+    upwards = (2 * speed if pair.fixed else speed) + 20 * gravity * contact.duration
+    gaps = [place * speed * step for place in places]
     return [
-        replace(column, **{which: getattr(column, which) + phase * pair.speed * step}) for phase in phases
+        Scene(
+            masses=(light, light if pair.fixed else heavy),
+            velocities=(upwards, -speed if pair.fixed else 2 * speed),
+            heights=(far, gap) if pair.fixed else (far + gap, far),
+            stiffnesses=(contact.k, contact.k),
+            restitutions=(pair.restitution, pair.restitution),
+            table=True,
+            step=step,
+            gravity=gravity,
+        )
+        for gap in gaps
     ]
 
 
-def _measure(name: str, pair: Pair, run: Run) -> tuple[float, float]:
+def _measured(name: str, pair: Pair, run: Run) -> tuple[float, float]:
+    """Restitution, and duration in s."""
     if run.end != FREE:
         if run.status == "crashed":
             raise SolverError(name, "crashed", run.problem())
         # A collision may be over with both bodies at rest on each other: their contact is not.
-        raise SolverError(name, "timeout", f"not over after {run.raw.n_steps} steps, {run.duration:.3g} s")
-    after = run.v2 if pair.fixed else run.v1 - run.v2
-    loaded = np.flatnonzero(np.isin(run.raw.state, (1, 2) if pair.fixed else (1, 3)))
+        raise SolverError(name, "timeout", f"not over after {run.n_steps} steps, {run.duration:.3g} s")
+    upper, lower = run.velocities.tolist()
+    loaded = np.flatnonzero(run.raw.state & (2 if pair.fixed else 1))
     if not loaded.size:
         raise SolverError(name, "unconverged", "no step with force: the bodies passed through each other")
-    ends = np.append(run.raw.start[1:], run.raw.n_steps)
+    ends = np.append(run.raw.start[1:], run.n_steps)
     steps = int(ends[loaded[-1]] - run.raw.start[loaded[0]])
-    return after / pair.speed, steps * run.column.step
+    return (lower if pair.fixed else upper - lower) / pair.speed, steps * run.scene.step
 
 
-def largest_step(solver: EngineSolver, pair: Pair, tolerance: float = 0.01) -> Drops:
-    """Find the largest step, to two digits, at which the contact is the one asked for.
+def largest_step(engine: Engine, pair: Pair, tolerance: float = 0.01) -> Drops:
+    """Find the largest of some steps at which the contact is the one asked for, and at shorter ones tried as well.
 
-    Steps are tried from the longest down until one passes, then bisected towards the last that did not, then
-    named in two digits. All of it is the engine's own answers; nothing about its integrator is assumed.
+    Nothing about the engine's integrator is assumed: all of it is the engine's own answers.
 
     Parameters
     ----------
-    solver : EngineSolver
-        An engine.
+    engine : Engine
+        Any.
     pair : Pair
         What is asked.
     tolerance : float
@@ -267,7 +257,7 @@ def largest_step(solver: EngineSolver, pair: Pair, tolerance: float = 0.01) -> D
     Returns
     -------
     Drops
-        At that step, `PHASES` of them.
+        At that step, one a place of `PLACES`.
 
     Raises
     ------
@@ -278,104 +268,58 @@ def largest_step(solver: EngineSolver, pair: Pair, tolerance: float = 0.01) -> D
     """
     if not 0 < tolerance <= 0.5:
         raise ValueError(f"tolerance = {tolerance!r}; legal: greater than 0, at most 0.5")
-    reason = solver.unavailable()
+    reason = engine.unavailable()
     if reason is not None:
-        raise SolverError(solver.name, "unavailable", reason)
-    bad, good = _bracket(solver, pair, tolerance)
-    while bad / good > CLOSE:
-        middle = math.sqrt(bad * good)
-        if _try(solver, pair, middle)[0] <= tolerance:
-            good = middle
-        else:
-            bad = middle
-    shortest = pair.contact.duration / MOST
-    for step in _downwards(good):
-        if step < shortest:
-            break
-        # Shorter steps must do as well: a step does not pass by luck.
-        if any(_try(solver, pair, share * step)[0] > tolerance for share in SHORTER):
-            continue
+        raise SolverError(engine.name, "unavailable", reason)
+    # A count of whole steps is off by up to one: a step longer than the tolerance allows would be good by luck.
+    longest, shortest = pair.contact.duration * min(tolerance, 1 / FEWEST), pair.contact.duration / MOST
+    why = f"{MOST} steps tell no duration as exactly as that"
+    good: list[float] = []  # one after the other, the largest first
+    for step in _downwards(longest, shortest):
         try:
-            found = drops(solver, pair, step, _places(PHASES))
-        except SolverError:
-            continue
-        if found.error(pair) <= tolerance:
-            return found
-    raise _no_step(solver, shortest, tolerance, "it holds at none reliably")
+            _good_drops(engine, pair, step, FEW_PLACES, tolerance)
+            good.append(step)
+            if len(good) > SHORTER:
+                return _good_drops(engine, pair, good.pop(0), PLACES, tolerance)
+        except SolverError as failed:
+            if failed.status == "unrepresentable":
+                raise
+            why = failed.reason
+            if step not in good:
+                good.clear()
+    reason = f"no step from {longest:.2g} s to {shortest:.2g} s gives restitution and duration within {tolerance:g}"
+    raise SolverError(engine.name, "unconverged", f"{reason}: {why}")
 
 
-def _bracket(solver: EngineSolver, pair: Pair, tolerance: float) -> tuple[float, float]:
-    """Find a step that is too long and a shorter one that is not, from the longest down."""
-    step = pair.contact.duration / FEWEST
-    shortest = pair.contact.duration / MOST
-    bad, why = 2 * step, ""
-    while step >= shortest:
-        error, why = _try(solver, pair, step)
-        if error <= tolerance:
-            return bad, step
-        bad = step
-        # An error of first order, r times too large, asks for a step r times as short: go nearly there.
-        step /= min(16.0, max(1.3, 0.7 * error / tolerance)) if math.isfinite(error) else 1.5
-    raise _no_step(solver, shortest, tolerance, why)
+def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float], tolerance: float) -> Drops:
+    """Give drops that are within the tolerance; else raise a SolverError."""
+    for some in (places[:1], places):  # a bad step mostly shows at the first place
+        found = drops(engine, pair, step, some)
+        if (error := found.error(pair)) > tolerance:
+            reason = f"at the last step tried one of them is off by {error:.2g}"
+            raise SolverError(engine.name, "unconverged", reason)
+    return found
 
 
-def _try(solver: EngineSolver, pair: Pair, step: float) -> tuple[float, str]:
-    """Error at a step and how to say it; infinite if the engine could not do it at all."""
-    try:
-        error = drops(solver, pair, step, _places(FEW_PHASES)).error(pair)
-    except SolverError as failed:
-        if failed.status == "unrepresentable":
-            raise
-        return math.inf, failed.reason
-    return error, f"at the last step tried one of them is off by {error:.2g}"
+def _downwards(longest: float, shortest: float) -> Iterator[float]:
+    """Yield the steps that are tried, from the longest down."""
+    for exponent in range(math.floor(math.log10(longest)), math.floor(math.log10(shortest)) - 1, -1):
+        steps = (float(f"{digits}e{exponent - 1}") for digits in reversed(DIGITS))
+        yield from (step for step in steps if shortest <= step <= longest)
 
 
-def _no_step(solver: EngineSolver, shortest: float, tolerance: float, why: str) -> SolverError:
-    reason = (
-        f"no step from a fifth of the contact down to {shortest:.2g} s gives restitution and duration within "
-        f"{tolerance:g}: {why}"
-    )
-    return SolverError(solver.name, "unconverged", reason)
+def durations_taken(engine: Engine, pair: Pair) -> tuple[float, float] | None:
+    """Give the shortest and longest duration in s that an engine takes, to a tenth of a decade; None if it takes none.
 
-
-def _places(n: int) -> list[float]:
-    """Places within a step: evenly spaced from its start, and just before its end."""
-    return [*np.linspace(0, 1, n - 1, endpoint=False).tolist(), 0.999]
-
-
-def _downwards(start: float) -> Iterator[float]:
-    """Yield the numbers of two digits from `start` down."""
-    exponent = math.floor(math.log10(start)) - 1
-    digits = math.floor(start / 10.0**exponent * (1 + 1e-12))
-    while True:
-        yield float(f"{digits}e{exponent}")
-        digits -= 1
-        if digits < 10:
-            digits, exponent = 99, exponent - 1
-
-
-def durations_taken(solver: EngineSolver, pair: Pair) -> tuple[float, float] | None:
-    """Shortest and longest duration in s that an engine does not refuse; None if it refuses all.
-
-    Found by asking it, by decades and then by bisection; the masses, the restitution and the speed stay.
+    The masses, the restitution and the speed stay.
     """
 
-    def taken(exponent: float) -> bool:
+    def taken(duration: float) -> bool:
         try:
-            asked = replace(pair, stiffness=None, duration=10.0**exponent)
-        except ValueError:
+            asked = replace(pair, stiffness=None, duration=duration)
+            return engine.refusal(scenes(asked, 1e-3 * duration, [0.0])[0]) is None
+        except (ValueError, ArithmeticError):  # beyond double precision
             return False
-        (column,) = columns(asked, 1e-3 * asked.contact.duration, [0.0])
-        return solver.refusal(column) is None
 
-    decades = [d for d in range(-100, 101) if taken(d)]
-    if not decades:
-        return None
-
-    def edge(inside: float, outside: float) -> float:
-        for _ in range(40):
-            middle = 0.5 * (inside + outside)
-            inside, outside = (middle, outside) if taken(middle) else (inside, middle)
-        return 10.0**inside
-
-    return edge(decades[0], decades[0] - 1), edge(decades[-1], decades[-1] + 1)
+    found = [duration for duration in (10.0 ** np.arange(-100, 100, 0.1)).tolist() if taken(duration)]
+    return (found[0], found[-1]) if found else None

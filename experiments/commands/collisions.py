@@ -362,11 +362,10 @@ def _export(
     lines: list[str] = []
     for name in names:
         run, outcome, files = _run_alone(name, collision, settings)
-        lines.append(f"{name}: v1 = {outcome.v1!r} m/s, v2 = {outcome.v2!r} m/s, {run.raw.n_steps} steps")
-        if (outcome.v1, outcome.v2) != (run.v1, run.v2):
-            lines.append(
-                f"  at rest on the table when the collision was over: the script gives {run.v1!r}, {run.v2!r}"
-            )
+        lines.append(f"{name}: v1 = {outcome.v1!r} m/s, v2 = {outcome.v2!r} m/s, {run.n_steps} steps")
+        if outcome.velocities != tuple(v := run.velocities.tolist()):
+            given = ", ".join(map(repr, v))
+            lines.append(f"  at rest on the table when the collision was over: the script gives {given}")
         if tabulated is not None:
             lines.append("  " + _against(tabulated.get(name), outcome, abs(collision.v0)))
         texts |= {out / name / file: text for file, text in files.items()}
@@ -384,18 +383,18 @@ def _export(
 def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Any, Outcome, dict[str, str]]:
     """Run a collision by an engine: the run, its outcome, and the files to run it without this package."""
     from impact_xval.compliant_baselines import get_solver
-    from impact_xval.compliant_baselines.engines.engine import EngineSolver, outcome_of
+    from impact_xval.compliant_baselines.engines.engine import Engine, outcome_of
     from impact_xval.compliant_baselines.paste import scene_files
 
     solver = get_solver(name)
-    assert isinstance(solver, EngineSolver)
+    assert isinstance(solver, Engine)
     reason = solver.unavailable()
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
-    column = solver.column_or_refusal(collision, settings)
-    if isinstance(column, str):
-        raise UserError(f"{name}: unrepresentable: {column}")
-    run, files = scene_files(solver, column, settings.max_steps)
+    scene = solver.scene_or_refusal(collision, settings)
+    if isinstance(scene, str):
+        raise UserError(f"{name}: unrepresentable: {scene}")
+    run, files = scene_files(solver, scene, settings.max_steps)
     outcome = outcome_of(name, collision, run, settings)
     if math.isnan(outcome.v1):
         raise UserError(f"{name}: {outcome.status}: {outcome.reason}")

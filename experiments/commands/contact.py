@@ -12,7 +12,7 @@ from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import SolverError
-    from impact_xval.compliant_baselines.engines.engine import EngineSolver
+    from impact_xval.compliant_baselines.engines.engine import Engine
     from impact_xval.compliant_baselines.single_contact import Drops, Pair
 
 #: What is tried; beyond, the positions or velocities of a drop drown in rounding, or its end is never reached.
@@ -50,7 +50,7 @@ def contact(
     from json import dumps
 
     from impact_xval.compliant_baselines import SolverError, get_solver
-    from impact_xval.compliant_baselines.engines.engine import EngineSolver
+    from impact_xval.compliant_baselines.engines.engine import Engine
     from impact_xval.compliant_baselines.paste import ENGINES, paste
     from impact_xval.compliant_baselines.single_contact import drops, largest_step
     from impact_xval.experiments.presentation.terminal import at_work, error_line
@@ -67,7 +67,7 @@ def contact(
     if g and not pair.fixed:
         raise UserError(f"--gravity = {gravity!r:.60}; legal: 0 for two free bodies, which fall alike")
     solver = get_solver(engine)
-    assert isinstance(solver, EngineSolver)
+    assert isinstance(solver, Engine)
     if not json:
         error_line(f"trying steps in {engine} ...")
     try:
@@ -126,7 +126,7 @@ def _beyond(pair: Pair) -> str | None:
     return None
 
 
-def _why(solver: EngineSolver, pair: Pair, error: SolverError) -> str:
+def _why(solver: Engine, pair: Pair, error: SolverError) -> str:
     """Say why an engine does not do a pair; a duration out of its range with the range."""
     from impact_xval.compliant_baselines.single_contact import durations_taken
 
@@ -145,7 +145,7 @@ def _why(solver: EngineSolver, pair: Pair, error: SolverError) -> str:
     )
 
 
-def _under_gravity(solver: EngineSolver, pair: Pair, step: float, g: float) -> dict[str, Any]:
+def _under_gravity(solver: Engine, pair: Pair, step: float, g: float) -> dict[str, Any]:
     """Drop onto the fixed body under gravity: what came back, or why nothing did."""
     from impact_xval.compliant_baselines import SolverError
     from impact_xval.compliant_baselines.single_contact import drops
@@ -158,7 +158,7 @@ def _under_gravity(solver: EngineSolver, pair: Pair, step: float, g: float) -> d
     return {"gravity": g, "restitution": found.restitution[0], "duration": found.duration[0]}
 
 
-def _request(solver: EngineSolver, pair: Pair) -> dict[str, Any]:
+def _request(solver: Engine, pair: Pair) -> dict[str, Any]:
     c = pair.contact
     return {
         "engine": solver.name,
@@ -188,7 +188,7 @@ def _verified(found: Drops, fine: Drops, heavy: dict[str, Any] | None) -> dict[s
 
 
 def _show(
-    solver: EngineSolver,
+    solver: Engine,
     pair: Pair,
     tolerance: float,
     text: str,

@@ -6,10 +6,9 @@ from collections import Counter
 from importlib import import_module
 from typing import Any
 
-from impact_xval.compliant_baselines.engines.column import Column
-
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.inspect_mujoco import Finding, inspect_model
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.experiments.config.configuration import Config
@@ -53,16 +52,16 @@ def experiment_findings(
     solver = get_solver("mujoco")
     if "mujoco" not in config.solvers or solver.unavailable() is not None:
         return None
-    assert isinstance(solver, EngineSolver)
+    assert isinstance(solver, Engine)
     settings, grid = settings_of(config), cells_of(config) if cells is None else cells
     count = min(len(grid), most)
     indices = sorted({round(i * (len(grid) - 1) / max(1, count - 1)) for i in range(count)})
     seen: dict[str, Finding] = {}
     counts: Counter[str] = Counter()
     for index in indices:
-        column = solver.column_or_refusal(grid[index].collision, settings)
-        if not isinstance(column, str):
-            found = {f.trap: f for f in column_findings(column)}
+        scene = solver.scene_or_refusal(grid[index].collision, settings)
+        if isinstance(scene, Scene):
+            found = {f.trap: f for f in scene_findings(scene)}
             seen = {**found, **seen}
             counts.update(found.keys())
     return [
@@ -96,7 +95,7 @@ def failed_note(reason: str) -> dict[str, Any]:
     return {"introduction": f"{_LOOKED}, which failed: {reason}.", "found": []}
 
 
-def column_findings(column: Column) -> list[Finding]:
-    """Examine the scene of one collision."""
+def scene_findings(scene: Scene) -> list[Finding]:
+    """Examine one scene as MuJoCo runs it."""
     mujoco: Any = import_module("mujoco")
-    return inspect_model(mujoco.MjModel.from_xml_string(mjcf(column)))
+    return inspect_model(mujoco.MjModel.from_xml_string(mjcf(scene)))

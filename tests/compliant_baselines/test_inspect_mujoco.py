@@ -5,11 +5,11 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from impact_xval.compliant_baselines.engines.column import column_of
 
+from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.inspect_mujoco import inspect_model
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.sweep.examination import column_findings
+from impact_xval.experiments.sweep.examination import scene_findings
 from impact_xval.model.collision import Collision
 
 FORCE_LEVEL = "1e-4 1e-4 .001 .5 1"
@@ -161,6 +161,6 @@ def test_a_trap_of_many_contacts_is_told_once_and_static_ones_not_at_all():
 def test_our_own_scenes_have_none():
     c = Collision.two_balls(m1=1.0, m2=0.5, k1=1e8, k2=1e5, e1=0.5, e2=1.0)
     for scenario in ("impact", "drop"):
-        assert column_findings(column_of(c, Settings(scenario=scenario))) == []
-    naive = column_findings(column_of(c, Settings(mapping="naive")))
+        assert scene_findings(Scene.of(c, Settings(scenario=scenario))) == []
+    naive = scene_findings(Scene.of(c, Settings(mapping="naive")))
     assert {finding.trap for finding in naive} == {"not-newton-per-metre"}

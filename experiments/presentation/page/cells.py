@@ -14,7 +14,8 @@ import numpy as np
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_costly
 from impact_xval.experiments.config.axes import AXES
@@ -148,6 +149,6 @@ def _scenes(config: Config, collisions: Sequence[Collision]) -> list[str | None]
     if "mujoco" not in config.solvers or get_solver("mujoco").unavailable() is not None:
         return [None] * len(collisions)
     solver, settings = get_solver("mujoco"), settings_of(config)
-    assert isinstance(solver, EngineSolver)
-    columns = [solver.column_or_refusal(collision, settings) for collision in collisions]
-    return [None if isinstance(column, str) else mjcf(column) for column in columns]
+    assert isinstance(solver, Engine)
+    scenes = [solver.scene_or_refusal(collision, settings) for collision in collisions]
+    return [mjcf(scene) if isinstance(scene, Scene) else None for scene in scenes]

@@ -9,9 +9,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.paste import scene_files
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.model.collision import Collision
 
 ENGINES = [name for name in ("mujoco", "pybullet") if get_solver(name).unavailable() is None]
 RATIOS = ["--stiffness-ratio", "40", "--mass-ratio", "1.1547", "--e1", "0.9", "--e2", "0.7"]
@@ -29,7 +32,7 @@ def run_alone(script):
         [sys.executable, "-I", "-c", guard], capture_output=True, text=True, cwd="/", check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    return [float(v) for v in re.findall(r"^v[12] = (\S+) m/s", done.stdout, re.MULTILINE)]
+    return [float(v) for v in re.findall(r"^v\d = (\S+) m/s", done.stdout, re.MULTILINE)]
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -53,6 +56,23 @@ def test_an_exported_scene_gives_the_numbers_of_solve(engine, options, tmp_path,
     v1, v2 = run_alone(tmp_path / engine / "run.py")
     assert v1 / speed == pytest.approx(row["v1"], abs=1e-12)
     assert v2 / speed == pytest.approx(row["v2"], abs=1e-12)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("table", [True, False])
+def test_the_files_of_a_column_give_the_numbers_of_its_run(engine, table, tmp_path):
+    contacts = 2 + table
+    collision = Collision(
+        (1.0, 2.0, 0.5), (1e5, 1e6, 1e4)[:contacts], (0.9, 1.0, 0.7)[:contacts], (-1.0, 0.0, 0.0), table
+    )
+    solver = get_solver(engine)
+    run, files = scene_files(
+        solver, solver.scene_or_refusal(collision, Settings(step_fraction=5e-3)), 100_000
+    )
+    for name, text in files.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    assert run.over
+    assert run_alone(tmp_path / "run.py") == pytest.approx(run.velocities.tolist(), abs=1e-12)
 
 
 def test_a_cell_of_a_run_gives_what_its_table_holds(tmp_path, capsys):
