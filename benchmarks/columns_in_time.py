@@ -96,9 +96,9 @@ def engines(console: Console, names: list[str], count: int, seed: int, some_gaps
         columns.append(with_gaps(rng, column) if some_gaps else column)
     settings = Settings(convergence=Convergence())
     for name in names:
-        exact = get_solver(law_of(name)).solve_columns(columns, settings)
+        exact = get_solver(law_of(name)).solve_many(columns, settings)
         start = time.perf_counter()
-        outcomes = get_solver(name).solve_columns(columns, settings)
+        outcomes = get_solver(name).solve_many(columns, settings)
         spent = time.perf_counter() - start
         off, ratio = [], []
         for i, (ours, theirs) in enumerate(zip(outcomes, exact, strict=True)):

@@ -3,9 +3,9 @@
 Run as ``python benchmarks/engines.py``. The cells are chunks of the default grid, in the default scenario.
 For each engine one run measures, in CPU time of this process and as the best of several repetitions,
 
-* **bare**: the engine steps the very same columns, built in the same way, for the very same numbers of steps, in
+* **bare**: the engine steps the very same scenes, built in the same way, for the very same numbers of steps, in
   calls as long as the engine allows and with nothing read on the way: ``mj_step(model, data, nstep)`` of MuJoCo, one
-  column after the other; ``stepSimulation`` of PyBullet with 256 sub-steps a call. Building is not part of it;
+  scene after the other; ``stepSimulation`` of PyBullet with 256 sub-steps a call. Building is not part of it;
 * **bare, without contacts**: the same steps with no contact looked for, so that none is solved for either: what is left
   is the rest of a step. The motion is then another;
 * **end**: the harness as the steps 2h and 4h of a convergence estimate use it: building, stepping, finding the end of
@@ -32,8 +32,8 @@ from rich.console import Console
 from rich.table import Table
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.engines.column import Column, column_of
-from impact_xval.compliant_baselines.engines.engine import EngineSolver
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.grid import CellGrid
@@ -59,18 +59,16 @@ def timed(run: Callable[[], object]) -> float:
     return time.process_time() - start
 
 
-def bare_mujoco(columns: Sequence[Column], steps: Sequence[int], contacts: bool = True) -> float:
-    """Step every column by mj_step alone, with contacts or without."""
-    from mujoco.batch import Batch
-
-    from impact_xval.compliant_baselines.engines import mujoco_engine
+def bare_mujoco(scenes: Sequence[Scene], steps: Sequence[int], contacts: bool = True) -> float:
+    """Step every scene by mj_step alone, with contacts or without."""
+    from impact_xval.compliant_baselines.engines.mujoco import MujocoWorld
 
     mujoco: Any = import_module("mujoco")
     spent = 0.0
-    for column, n in zip(columns, steps, strict=True):
-        batch = Batch(mujoco_engine.scene_model(), 1, 1)
-        mujoco_engine.load(batch, [column], n, False)
-        model, data = batch.get_model(0), mujoco.MjData(mujoco_engine.scene_model())
+    for scene, n in zip(scenes, steps, strict=True):
+        batch = MujocoWorld(scene, {}).batch
+        model = batch.get_model(0)
+        data = mujoco.MjData(model)
         if not contacts:
             model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         data.qpos[:], data.qvel[:] = batch.qpos[0], batch.qvel[0]
@@ -79,32 +77,29 @@ def bare_mujoco(columns: Sequence[Column], steps: Sequence[int], contacts: bool 
 
 
 def bare_pybullet(
-    columns: Sequence[Column], steps: Sequence[int], contacts: bool = True, stride: int = 256
+    scenes: Sequence[Scene], steps: Sequence[int], contacts: bool = True, stride: int = 256
 ) -> float:
-    """Step every column by stepSimulation alone, many sub-steps a call, with contacts or without."""
+    """Step every scene by stepSimulation alone, many sub-steps a call, with contacts or without."""
     import pybullet as p
 
-    from impact_xval.compliant_baselines.engines import pybullet_engine
+    from impact_xval.compliant_baselines.engines.pybullet import PybulletWorld
 
-    spent = 0.0
-    with pybullet_engine.connected() as client:
-        world = pybullet_engine.World(client)
-        for column, n in zip(columns, steps, strict=True):
-            world.prepare(column)
-            for body in () if contacts else range(p.getNumBodies(client)):
-                p.setCollisionFilterGroupMask(p.getBodyUniqueId(body, client), -1, 0, 0, client)
+    spent, client = 0.0, p.connect(p.DIRECT)
+    for scene, n in zip(scenes, steps, strict=True):
+        PybulletWorld(client, scene, {})
+        for body in () if contacts else range(p.getNumBodies(client)):
+            p.setCollisionFilterGroupMask(p.getBodyUniqueId(body, client), -1, 0, 0, client)
 
-            def run(column: Column = column, n: int = n) -> None:
-                p.setPhysicsEngineParameter(
-                    fixedTimeStep=stride * column.step, numSubSteps=stride, physicsClientId=client
-                )
-                for _ in range(n // stride):
-                    p.stepSimulation(client)
-                p.setPhysicsEngineParameter(fixedTimeStep=column.step, numSubSteps=0, physicsClientId=client)
-                for _ in range(n % stride):
-                    p.stepSimulation(client)
+        def run(h: float = scene.step, n: int = n) -> None:
+            p.setPhysicsEngineParameter(fixedTimeStep=stride * h, numSubSteps=stride, physicsClientId=client)
+            for _ in range(n // stride):
+                p.stepSimulation(client)
+            p.setPhysicsEngineParameter(fixedTimeStep=h, numSubSteps=0, physicsClientId=client)
+            for _ in range(n % stride):
+                p.stepSimulation(client)
 
-            spent += timed(run)
+        spent += timed(run)
+    p.disconnect(client)
     return spent
 
 
@@ -113,49 +108,48 @@ def measure(
 ) -> list[tuple[str, float, float]]:
     """Rows of (what, microseconds a step, ratio to bare) of one engine."""
     solver = get_solver(name)
-    assert isinstance(solver, EngineSolver)
+    assert isinstance(solver, Engine)
     settings = Settings(scenario=scenario, record_path=True)
     bare = {"mujoco": bare_mujoco, "pybullet": bare_pybullet}[name]
     rows: list[tuple[str, float, float]] = []
-    coarse = [column_of(c, settings) for c in collisions]
+    coarse = [Scene.of(c, settings) for c in collisions]
     spent_bare: list[tuple[float, int]] = []
     for label, times, record in (
         ("path, step h", 1, True),
         ("end, step 2h", 2, False),
         ("end, step 4h", 4, False),
     ):
-        columns = [replace(column, step=times * column.step) for column in coarse]
-        runs = solver.run_columns(columns, settings.max_steps, record)
-        kept = [(column, run.raw.n_steps) for column, run in zip(columns, runs, strict=True) if run.over]
-        columns, steps = [column for column, _ in kept], [n for _, n in kept]
+        scenes = [replace(scene, step=times * scene.step) for scene in coarse]
+        runs = [run for run in solver.run(scenes, settings.max_steps, record) if run.over]
+        scenes, steps = [run.scene for run in runs], [run.n_steps for run in runs]
         harness = best(
-            lambda columns=columns, record=record: timed(
-                lambda: solver.run_columns(columns, settings.max_steps, record)
+            lambda scenes=scenes, record=record: timed(
+                lambda: solver.run(scenes, settings.max_steps, record)
             ),
             repetitions,
         )
-        alone = best(lambda columns=columns, steps=steps: bare(columns, steps), repetitions)
+        alone = best(lambda scenes=scenes, steps=steps: bare(scenes, steps), repetitions)
         total = sum(steps)
         spent_bare.append((alone, total))
         rows.append((f"bare, {label.split(', ')[1]}", alone / total * 1e6, 1.0))
         if record:
-            rest = best(lambda columns=columns, steps=steps: bare(columns, steps, False), repetitions)
+            rest = best(lambda scenes=scenes, steps=steps: bare(scenes, steps, False), repetitions)
             rows.append((f"bare, {label.split(', ')[1]}, without contacts", rest / total * 1e6, rest / alone))
         rows.append((label, harness / total * 1e6, harness / alone))
     estimated = replace(settings, convergence=Convergence())
     taken: list[int] = []
-    original = solver.run_columns
+    original = solver.run
 
     def counting(*arguments: Any, **named: Any) -> Any:
         runs = original(*arguments, **named)
-        taken.append(sum(run.raw.n_steps for run in runs))
+        taken.append(sum(run.n_steps for run in runs))
         return runs
 
-    solver.run_columns = counting  # type: ignore[method-assign]
+    solver.run = counting
     spent = best(
         lambda: (taken.clear(), timed(lambda: solver.solve_many(collisions, estimated)))[1], repetitions
     )
-    solver.run_columns = original  # type: ignore[method-assign]
+    solver.run = original
     alone = sum(time for time, _ in spent_bare) / sum(n for _, n in spent_bare)
     rows.append(("estimated, all steps", spent / sum(taken) * 1e6, spent / sum(taken) / alone))
     return rows

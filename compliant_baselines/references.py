@@ -40,7 +40,7 @@ from impact_xval.compliant_baselines.restitution import (
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
-from impact_xval.compliant_baselines.solver import Settings, SolverBase, by_kind, no_gravity
+from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind, no_gravity
 from impact_xval.model import solving
 from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of
 from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY
@@ -307,7 +307,7 @@ def marked(
     return found
 
 
-class ExactSolver(SolverBase):
+class ExactSolver(Solver):
     """A solver that answers arrays of collisions."""
 
     def version(self) -> str:
@@ -318,10 +318,6 @@ class ExactSolver(SolverBase):
         """Answer every collision, in order."""
         return by_kind(collisions, lambda some: self.solve_alike(some, settings))
 
-    def solve_columns(self, columns: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Answer every column of N balls, in order."""
-        return self.solve_many(columns, settings)
-
     @abstractmethod
     def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
         """Answer collisions of one kind."""
@@ -329,6 +325,8 @@ class ExactSolver(SolverBase):
 
 class ReferenceSolver(ExactSolver):
     """A law in time as a solver; `step_fraction`, `shortest_state` and `mapping` do not concern it."""
+
+    kind = "reference"
 
     def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
         """Answer collisions of one kind."""
@@ -350,31 +348,31 @@ class ReferenceSolver(ExactSolver):
 class BistiffnessSolver(ReferenceSolver):
     """The bistiffness law."""
 
-    name = "bistiffness"
+    name = law = "bistiffness"
 
 
 class KelvinVoigtSolver(ReferenceSolver):
     """Kelvin-Voigt contacts, c_i from the reduced mass of the pair."""
 
-    name = "kelvin-voigt"
+    name = law = "kelvin-voigt"
 
 
 class AnchoredKelvinVoigtSolver(ReferenceSolver):
     """Kelvin-Voigt contacts, c_1 from the mass of the upper ball alone."""
 
-    name = "kelvin-voigt-anchored"
+    name = law = "kelvin-voigt-anchored"
 
 
 class TextbookKelvinVoigtSolver(ReferenceSolver):
     """Kelvin-Voigt contacts, c_i from the textbook's zeta, which is that of a contact that may pull."""
 
-    name = "kelvin-voigt-textbook"
+    name = law = "kelvin-voigt-textbook"
 
 
 class HuntCrossleySolver(ReferenceSolver):
     """Hunt-Crossley contacts, F = max(0, k delta^p (1 + a delta'))."""
 
-    name = "hunt-crossley"
+    name = law = "hunt-crossley"
 
 
 class StateTransitionSolver(ExactSolver):
@@ -383,7 +381,8 @@ class StateTransitionSolver(ExactSolver):
     It has no gravity and no step: `impact` and `drop` are the same collision to it.
     """
 
-    name = "state-transition"
+    name = law = "state-transition"
+    kind = "model"
     impact_law = "jia-mason-erdmann"
 
     def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
@@ -409,4 +408,4 @@ class LiuZhaoBrogliatoSolver(StateTransitionSolver):
     `limit` also where the bodies come to rest together after infinitely many events.
     """
 
-    name = impact_law = "liu-zhao-brogliato"
+    name = law = impact_law = "liu-zhao-brogliato"

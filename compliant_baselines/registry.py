@@ -1,27 +1,27 @@
 """Where solvers are found by name, and what each of them is.
 
-A solver's module is imported when it is first asked for, so that an engine that is missing, or slow to
-import, costs nothing to a caller who does not use it. Other distributions add solvers by entry points
-(`plugins`); a name that is taken here stays what it is.
+A solver's module is imported when it is first asked for, so that an engine that is missing, or slow to import, costs
+nothing to a caller who does not use it. Another distribution adds a solver by an entry point in its `pyproject.toml`:
 
-What a solver is, is said here once, and known without importing it. About the solver of another distribution nothing
-can be known: it counts as an engine whose contacts are meant as those of `KELVIN_VOIGT`. So does a name in the table
-of a run whose solver is not installed where the table is read.
+    [project.entry-points."impact_xval.solvers"]
+    my-engine = "my_package.adapter:MyEngine"
+
+One that cannot be loaded is ``unavailable``, with the reason; a name that is taken here stays what it is. Kind and law
+of a solver of this project are known without importing it, those of another once its class is loaded. What cannot be
+loaded, such as a solver in a table that is read where it is not installed, counts as an engine asked for
+`KELVIN_VOIGT`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Literal
+from importlib.metadata import EntryPoint, entry_points
 
-from impact_xval.compliant_baselines import plugins
-from impact_xval.compliant_baselines.solver import SolverBase
-
-Kind = Literal["model", "reference", "engine"]
-
-#: The law engines are mapped to, unless an entry says otherwise.
-KELVIN_VOIGT = "kelvin-voigt"
+from impact_xval.compliant_baselines.answers import said
+from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Kind, Settings, Solver
+from impact_xval.model.collision import Collision, Outcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +32,8 @@ class Entry:
     ----------
     module, cls : str
         Where its class is; the module below `compliant_baselines`.
-    kind : {"model", "reference", "engine"}
-        ``model``: at the level of impulses, positions frozen. ``reference``: contacts in time, solved without an
-        engine. ``engine``: an adapter of a physics engine.
-    law : str
-        Name of the exact solver whose contact law this one has, or is asked for: its own, for that solver.
+    kind, law : str
+        As of `Solver`.
     on_request : bool
         Whether it runs only where it is asked for by name.
     costly : bool
@@ -45,121 +42,54 @@ class Entry:
         Whether the scene it runs can be written down, to be run without this package or to be examined.
     naive : bool
         Whether it is given the naive mapping whatever is configured, and so does not run what it is asked for.
-    description : str
-        What it is, in a line without a full stop, for the list of solvers.
     """
 
     module: str
     cls: str
-    kind: Kind = "engine"
-    law: str = KELVIN_VOIGT
+    kind: Kind = "compliant"
+    law: str | None = KELVIN_VOIGT
     on_request: bool = False
     costly: bool = False
     exportable: bool = False
     naive: bool = False
-    description: str = ""
 
 
-_EXACT = "references"
+_EXACT, _HUNT = "references", "hunt-crossley"
+_ANCHORED, _TEXTBOOK, _LIU = "kelvin-voigt-anchored", "kelvin-voigt-textbook", "liu-zhao-brogliato"
 _MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}" for name in ("mujoco", "pybullet", "drake"))
 
 # In the order in which tables list the solvers; those on request after all others.
 _ENTRIES: dict[str, Entry] = {
-    "state-transition": Entry(
-        _EXACT,
-        "StateTransitionSolver",
-        "model",
-        "state-transition",
-        description="the state-transition model, exact: impulses alone, positions stand still",
-    ),
-    "bistiffness": Entry(
-        _EXACT,
-        "BistiffnessSolver",
-        "reference",
-        "bistiffness",
-        description="the model's law in time, exact: springs of two stiffnesses, positions that move",
-    ),
-    "kelvin-voigt": Entry(
-        _EXACT,
-        "KelvinVoigtSolver",
-        "reference",
-        description="spring and dashpot that never pull, exact: what engines are mapped to",
-    ),
-    "mujoco": Entry(
-        _MUJOCO,
-        "Mujoco",
-        exportable=True,
-        description="MuJoCo, its contacts mapped to spring and dashpot",
-    ),
-    "pybullet": Entry(
-        _PYBULLET,
-        "Pybullet",
-        exportable=True,
-        description="PyBullet, its contacts mapped to spring and dashpot",
-    ),
-    "drake": Entry(
-        _DRAKE,
-        "Drake",
-        costly=True,
-        description="Drake in discrete time, its contacts mapped to spring and dashpot",
-    ),
-    "kelvin-voigt-anchored": Entry(
-        _EXACT,
-        "AnchoredKelvinVoigtSolver",
-        "reference",
-        "kelvin-voigt-anchored",
-        on_request=True,
-        description="spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
-    ),
-    "kelvin-voigt-textbook": Entry(
-        _EXACT,
-        "TextbookKelvinVoigtSolver",
-        "reference",
-        "kelvin-voigt-textbook",
-        on_request=True,
-        description="spring and dashpot, exact, damped as a contact that may pull",
-    ),
-    "hunt-crossley": Entry(
-        _EXACT,
-        "HuntCrossleySolver",
-        "reference",
-        "hunt-crossley",
-        on_request=True,
-        description="Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
-    ),
-    "liu-zhao-brogliato": Entry(
-        _EXACT,
-        "LiuZhaoBrogliatoSolver",
-        "model",
-        "liu-zhao-brogliato",
-        on_request=True,
-        description="the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
-    ),
-    "mujoco-naive": Entry(
-        _MUJOCO,
-        "NaiveMujoco",
-        on_request=True,
-        naive=True,
-        description="MuJoCo with stiffness and damping written into its solref as they are",
-    ),
-    "pybullet-naive": Entry(
-        _PYBULLET,
-        "NaivePybullet",
-        on_request=True,
-        naive=True,
-        description="PyBullet with one stiffness and damping on both balls",
-    ),
-    "drake-hunt-crossley": Entry(
-        _DRAKE,
-        "DrakeHuntCrossley",
-        law="hunt-crossley",
-        on_request=True,
-        description="Drake in continuous time, with Hunt and Crossley's contacts",
-    ),
+    "state-transition": Entry(_EXACT, "StateTransitionSolver", "model", "state-transition"),
+    "bistiffness": Entry(_EXACT, "BistiffnessSolver", "reference", "bistiffness"),
+    KELVIN_VOIGT: Entry(_EXACT, "KelvinVoigtSolver", "reference"),
+    "mujoco": Entry(_MUJOCO, "Mujoco", exportable=True),
+    "pybullet": Entry(_PYBULLET, "Pybullet", exportable=True),
+    "drake": Entry(_DRAKE, "Drake", costly=True),
+    _ANCHORED: Entry(_EXACT, "AnchoredKelvinVoigtSolver", "reference", _ANCHORED, on_request=True),
+    _TEXTBOOK: Entry(_EXACT, "TextbookKelvinVoigtSolver", "reference", _TEXTBOOK, on_request=True),
+    _HUNT: Entry(_EXACT, "HuntCrossleySolver", "reference", _HUNT, on_request=True),
+    _LIU: Entry(_EXACT, "LiuZhaoBrogliatoSolver", "model", _LIU, on_request=True),
+    "mujoco-naive": Entry(_MUJOCO, "NaiveMujoco", on_request=True, naive=True),
+    "pybullet-naive": Entry(_PYBULLET, "NaivePybullet", on_request=True, naive=True),
+    "drake-hunt-crossley": Entry(_DRAKE, "DrakeHuntCrossley", law=_HUNT, on_request=True),
 }
 
-#: What a name stands for that is not of this project.
-_UNKNOWN = Entry("", "")
+_DESCRIPTIONS = {
+    "state-transition": "the state-transition model, exact: impulses alone, positions stand still",
+    "bistiffness": "the model's law in time, exact: springs of two stiffnesses, positions that move",
+    KELVIN_VOIGT: "spring and dashpot that never pull, exact: what engines are mapped to",
+    "mujoco": "MuJoCo, its contacts mapped to spring and dashpot",
+    "pybullet": "PyBullet, its contacts mapped to spring and dashpot",
+    "drake": "Drake in discrete time, its contacts mapped to spring and dashpot",
+    _ANCHORED: "spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
+    _TEXTBOOK: "spring and dashpot, exact, damped as a contact that may pull",
+    _HUNT: "Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
+    _LIU: "the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
+    "mujoco-naive": "MuJoCo with stiffness and damping written into its solref as they are",
+    "pybullet-naive": "PyBullet with one stiffness and damping on both balls",
+    "drake-hunt-crossley": "Drake in continuous time, with Hunt and Crossley's contacts",
+}
 
 
 def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
@@ -171,20 +101,20 @@ def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
         Whether to add those that are no comparison's default.
     """
     usual = (name for name, entry in _ENTRIES.items() if not entry.on_request)
-    others = (name for name in plugins.found() if name not in _ENTRIES)
+    others = (name for name in _plug_ins() if name not in _ENTRIES)
     rest = (name for name, entry in _ENTRIES.items() if entry.on_request and on_request)
     return (*usual, *others, *rest)
 
 
 def engine_names(*, on_request: bool = False) -> tuple[str, ...]:
     """Names of the engines that have an adapter here; with or without those that are no comparison's default."""
-    engines = ((name, entry) for name, entry in _ENTRIES.items() if entry.kind == "engine")
-    return tuple(name for name, entry in engines if on_request or not entry.on_request)
+    ours = ((name, entry.on_request) for name, entry in _ENTRIES.items() if is_engine(name))
+    return tuple(name for name, rare in ours if on_request or not rare)
 
 
 def engine_free_names() -> tuple[str, ...]:
-    """Names of all models and references, those on request among them."""
-    return tuple(name for name, entry in _ENTRIES.items() if entry.kind != "engine")
+    """Names of all models and references of this project, those on request among them."""
+    return tuple(name for name in _ENTRIES if not is_engine(name))
 
 
 def exportable_names() -> tuple[str, ...]:
@@ -198,31 +128,36 @@ def is_ours(name: str) -> bool:
 
 
 def kind_of(name: str) -> Kind:
-    """Tell a model, a reference or an engine by its name; a solver that is not of this project is an engine."""
-    return _ENTRIES.get(name, _UNKNOWN).kind
+    """Tell the kind of a solver by its name."""
+    return _known(name).kind
 
 
-def law_of(name: str) -> str:
-    """Name of the exact solver of the law a solver has or is asked for; `KELVIN_VOIGT` outside this project."""
-    return _ENTRIES.get(name, _UNKNOWN).law
+def is_engine(name: str) -> bool:
+    """Whether a solver is an engine, of compliant or rigid contacts."""
+    return kind_of(name) in ("compliant", "rigid")
+
+
+def law_of(name: str) -> str | None:
+    """Name of the exact solver of the law a solver has or is asked for; None if there is none."""
+    return _known(name).law
 
 
 def is_costly(name: str) -> bool:
     """Whether a step costs ten times that of other engines; not known, and so not, outside this project."""
-    return _ENTRIES.get(name, _UNKNOWN).costly
+    return name in _ENTRIES and _ENTRIES[name].costly
 
 
 def is_naive(name: str) -> bool:
     """Whether a solver is given the naive mapping whatever is configured."""
-    return _ENTRIES.get(name, _UNKNOWN).naive
+    return name in _ENTRIES and _ENTRIES[name].naive
 
 
 def description_of(name: str) -> str:
     """Say what a solver is, in a line; empty outside this project."""
-    return _ENTRIES.get(name, _UNKNOWN).description
+    return _DESCRIPTIONS.get(name, "")
 
 
-def get_solver(name: str) -> SolverBase:
+def get_solver(name: str) -> Solver:
     """Construct a solver by its name.
 
     Raises
@@ -233,10 +168,10 @@ def get_solver(name: str) -> SolverBase:
     if name in _ENTRIES:
         entry = _ENTRIES[name]
         return getattr(import_module(f"impact_xval.compliant_baselines.{entry.module}"), entry.cls)()
-    points = plugins.found().get(name)
+    points = _plug_ins().get(name)
     if points is None:
         raise ValueError(f"solver {name!r} is unknown; known: {', '.join(solver_names(on_request=True))}")
-    return plugins.ThirdPartySolver(name, points)
+    return _loaded(name, points)
 
 
 def origins() -> dict[str, str]:
@@ -248,8 +183,66 @@ def origins() -> dict[str, str]:
         By name: ``"impact-xval"``, or the distributions that provide it.
     """
     where = dict.fromkeys(solver_names(on_request=True), "impact-xval")
-    for name, points in plugins.found().items():
-        provided = " and ".join(map(plugins.origin, points))
+    for name, points in _plug_ins().items():
+        provided = " and ".join(map(_origin, points))
         taken = name in _ENTRIES
         where[name] = f"impact-xval ({provided} ignored: the name is taken)" if taken else provided
     return where
+
+
+class Unloadable(Solver):
+    """What stands for a solver of another distribution that cannot be loaded."""
+
+    def __init__(self, name: str, problem: str) -> None:
+        self.name, self._problem = name, problem
+
+    def version(self) -> str:
+        """No version."""
+        return ""
+
+    def unavailable(self) -> str:
+        """Why it cannot be loaded."""
+        return self._problem
+
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
+        """Answer none."""
+        return [Outcome.failure(self.name, each, "unavailable", self._problem) for each in collisions]
+
+
+def _known(name: str) -> Entry | Solver:
+    """Find what states the kind and the law of a solver: its entry, or the solver of another distribution itself."""
+    if name in _ENTRIES:
+        return _ENTRIES[name]
+    points = _plug_ins().get(name)
+    return _loaded(name, points) if points else Unloadable(name, "")
+
+
+def _plug_ins() -> dict[str, list[EntryPoint]]:
+    """Entry points by the name of their solver, in the order of the names; several of one name is a mistake."""
+    points: dict[str, list[EntryPoint]] = {}
+    for point in sorted(entry_points(group="impact_xval.solvers"), key=lambda point: point.name):
+        points.setdefault(point.name, []).append(point)
+    return points
+
+
+def _origin(point: EntryPoint) -> str:
+    """Name and version of the distribution an entry point belongs to."""
+    return f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown distribution"
+
+
+def _loaded(name: str, points: Sequence[EntryPoint]) -> Solver:
+    """Load and construct a solver of another distribution; one that says why not, if it cannot be."""
+    if len(points) > 1:
+        several = " and ".join(map(_origin, points))
+        return Unloadable(name, f"{several} both provide {name!r}: uninstall one of them")
+    (point,) = points
+    try:
+        solver = point.load()()
+        if not isinstance(solver, Solver):
+            raise TypeError(f"it is no {Solver.__module__}.Solver")
+        if solver.name != name:
+            raise TypeError(f"its name is {solver.name!r}")
+    except Exception as error:  # whatever an import may do
+        said_why = f"{_origin(point)} provides {name!r} as {point.value}, but {said(error)}"
+        return Unloadable(name, said_why)
+    return solver

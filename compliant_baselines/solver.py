@@ -2,31 +2,26 @@
 
 Implementer's rules:
 
-1. A solver is an object with the attributes and methods of `Solver`. It is constructed without arguments and
-   is cheap to construct: an engine is imported inside `unavailable` or `solve_many`, never at module level.
-2. `solve_many` answers every collision, in order, one `Outcome` each. It never raises for a collision it
-   cannot do: that outcome has a status, a reason, and NaN velocities (`Outcome.failure`), or, if
-   ``unconverged``, the numbers it came to.
-3. `solve` is for direct calls: it gives an outcome whose status is ``ok`` or ``limit``, or raises
-   `SolverError`.
-4. A solver refuses, by name and with the reason, what it cannot represent (status ``unrepresentable``). It
-   never replaces a parameter silently.
-5. Contact i is F = max(0, k_i delta + c_i delta'), c_i from `mapping`, for every solver
-   whose law is Kelvin-Voigt; another law is said in the docstring of the solver's module.
-6. A solver is a function of its explicit inputs: no global state that a later call could see, no hidden seed,
-   the same bits whatever else was asked in the same call.
-7. Velocities are in m/s, impulses in N s, times in s; all are those of the collision as given, never
-   rescaled.
-8. The collision is over by the rule of `engines.stepping`; so are impulses and contacts that carry
-   force read from velocities, and states from those by `states`.
+1. A solver is a class derived from `Solver` or, to answer one collision at a time, from `OneByOne`. It is constructed
+   without arguments and is cheap to construct: an engine is imported where it is asked to run, never at module level.
+2. `solve_many` answers every collision, in order, one `Outcome` each. One that it cannot do (N balls, gravity, e = 0)
+   it refuses with the reason: `Outcome.failure` with the status ``unrepresentable``. It never replaces a parameter
+   silently.
+3. `law` names the exact solver of this package to which the solver converges as its step goes to zero: for
+   ``kelvin-voigt`` contact i is F = max(0, k_i delta + c_i delta'), c_i from `mapping`. None is a law of its own.
+4. A solver is a function of its explicit inputs: no global state that a later call could see, no hidden seed, the same
+   bits whatever else was asked in the same call.
+5. Velocities are in m/s, impulses in N s, times in s; all are those of the collision as given, never rescaled.
+6. The collision is over when the balls are apart, the lowest one is off the table or at rest on it, and no ball will
+   meet another again.
 """
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeVar, runtime_checkable
+from typing import Literal, TypeVar
 
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Collisions, Outcome, Status
@@ -34,6 +29,12 @@ from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, le
 
 Scenario = Literal["impact", "drop"]
 MappingName = Literal["calibrated", "naive"]
+
+#: Impulses alone, positions frozen; contacts in time, solved exactly; an engine of compliant or of rigid contacts.
+Kind = Literal["model", "reference", "compliant", "rigid"]
+
+#: The law engines of compliant contacts are mapped to, unless they say otherwise.
+KELVIN_VOIGT = "kelvin-voigt"
 
 
 class SolverError(ValueError):
@@ -83,13 +84,13 @@ class Convergence:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a compliant solver runs a collision; the impulse-level models ignore what does not concern them.
+    """How a collision is solved; a solver ignores what does not concern it.
 
     Parameters
     ----------
     scenario : {"impact", "drop"}
-        ``impact``: no gravity, B1 touches B2 with v0 at t = 0. ``drop``: gravity on, B2 settled in static
-        equilibrium on the table, B1 touching it at t = 0 with v0.
+        ``impact``: no gravity. ``drop``: gravity on, B2 settled in static equilibrium on the table, B1 touching it
+        at t = 0 with v0.
     gravity : float
         g > 0 in m/s^2, used by ``drop`` only.
     step_fraction : float
@@ -99,25 +100,23 @@ class Settings:
     mapping : {"calibrated", "naive"}
         How k_i and c_i become the engine's own parameters.
     shortest_state : float
-        A state that an engine holds for less than this share of the shorter contact period takes the state before it;
-        in [0, 0.1]. The states of an exact solver are all there, until they are compared
-        (`states`).
+        A state that an engine holds for less than this share of the shorter contact period takes the state before it
+        (`states`); in [0, 0.1].
     record_path : bool
         Whether outcomes carry the path.
     stiffness_ratio_cutoff : float or "exact"
-        Of the state-transition model (`model.solve`): a number, infinity for none, or by default the rule that gives
-        the outcome without one.
+        Of the state-transition model (`model.solve`).
     grazing_threshold : float
         Grazing margin below which an outcome of the model is marked; from 0 to 1.
     mark : bool
-        Whether references and engines mark outcomes beside a jump of their exact law (`references.jumps`).
+        Whether references and engines mark outcomes beside a jump of their exact law (`marks`).
     convergence : Convergence or None
         Whether engines are also run at shorter steps until their limit is known, and how well.
 
     Raises
     ------
     ValueError
-        For an illegal value; the message names the field, the value and the legal range.
+        For an illegal value.
     """
 
     scenario: Scenario = "impact"
@@ -136,18 +135,10 @@ class Settings:
         for name, legal, legal_range in (
             ("scenario", self.scenario in ("impact", "drop"), "'impact' or 'drop'"),
             ("gravity", 0 < self.gravity < float("inf"), "a finite number > 0 (m/s^2)"),
-            (
-                "step_fraction",
-                0 < self.step_fraction <= 0.1,
-                "greater than 0, at most 0.1 (of a contact period)",
-            ),
+            ("step_fraction", 0 < self.step_fraction <= 0.1, "greater than 0, at most 0.1 (of a period)"),
             ("max_steps", self.max_steps >= 1, "a whole number >= 1"),
             ("mapping", self.mapping in ("calibrated", "naive"), "'calibrated' or 'naive'"),
-            (
-                "shortest_state",
-                0 <= self.shortest_state <= 0.1,
-                "from 0 to 0.1 (of the shorter contact period)",
-            ),
+            ("shortest_state", 0 <= self.shortest_state <= 0.1, "from 0 to 0.1 (of the shorter period)"),
             ("stiffness_ratio_cutoff", legal_cutoff(self.stiffness_ratio_cutoff), LEGAL_CUTOFF),
             ("grazing_threshold", 0 <= self.grazing_threshold <= 1, "from 0 to 1"),
         ):
@@ -155,11 +146,21 @@ class Settings:
                 raise ValueError(f"{name} = {getattr(self, name)!r}; legal: {legal_range}")
 
 
-@runtime_checkable
-class Solver(Protocol):
-    """A way to find out how a collision ends."""
+class Solver(ABC):
+    """A way to find out how a collision ends.
+
+    Attributes
+    ----------
+    name : str
+        Under which it is found.
+    kind : {"model", "reference", "compliant", "rigid"}
+    law : str or None
+        Name of the exact solver of the law it has or is asked for (rule 3).
+    """
 
     name: str
+    kind: Kind = "compliant"
+    law: str | None = KELVIN_VOIGT
 
     @abstractmethod
     def version(self) -> str:
@@ -167,18 +168,11 @@ class Solver(Protocol):
 
     def unavailable(self) -> str | None:
         """Why the solver cannot run on this machine and the way out, in one sentence; None if it can."""
+        return None
 
     @abstractmethod
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Answer every collision, in order; failures are outcomes with a status (rule 2)."""
-
-    @abstractmethod
-    def solve(self, collision: Collision, settings: Settings = ...) -> Outcome:
-        """Answer one collision, or raise `SolverError` (rule 3)."""
-
-
-class SolverBase(Solver):
-    """What most solvers share: one in terms of many, columns refused, and, from `Solver`, being available."""
+        """Answer every collision, of any number of balls, in order; failures are outcomes with a status (rule 2)."""
 
     def solve(self, collision: Collision, settings: Settings | None = None) -> Outcome:
         """Answer one collision.
@@ -193,31 +187,17 @@ class SolverBase(Solver):
             raise SolverError(self.name, outcome.status, outcome.reason)
         return outcome
 
-    def solve_columns(self, columns: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-        """Answer every column of N balls, in order; failures are outcomes with a status (rule 2).
 
-        Parameters
-        ----------
-        columns : sequence of Collision
-        settings : Settings
-            References and engines know the scenario `impact` only.
-        """
-        return [
-            Outcome.failure(self.name, column, "unrepresentable", no_columns(self.name)) for column in columns
-        ]
+class OneByOne(Solver):
+    """A solver that answers one collision at a time; what `solve_one` raises costs that collision only (`answers`)."""
 
-    def solve_column(self, column: Collision, settings: Settings | None = None) -> Outcome:
-        """Answer one column of N balls.
+    @abstractmethod
+    def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
+        """Answer one collision; a failure is an outcome with a status (rule 2)."""
 
-        Raises
-        ------
-        SolverError
-            If the outcome's status is neither ``ok`` nor ``limit``.
-        """
-        outcome = self.solve_columns([column], settings or Settings())[0]
-        if outcome.status not in RESULT_STATUSES:
-            raise SolverError(self.name, outcome.status, outcome.reason)
-        return outcome
+    def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
+        """Answer every collision, in order."""
+        return [self.solve_one(collision, settings) for collision in collisions]
 
 
 _Answer = TypeVar("_Answer")
@@ -226,7 +206,7 @@ _Answer = TypeVar("_Answer")
 def by_kind(
     collisions: Sequence[Collision], solve: Callable[[Collisions], Sequence[_Answer]]
 ) -> Sequence[_Answer]:
-    """Answer collisions in groups that arrays hold and that are solved alike, with or without gaps; in their order."""
+    """Answer collisions in groups that are solved alike, with or without gaps; in their order."""
     if isinstance(collisions, Collisions):
         flags = collisions.falls_on_resting, collisions.gaps.any(axis=1)
         if all(flag.all() or not flag.any() for flag in flags):
@@ -242,11 +222,6 @@ def by_kind(
             return outcomes
         found |= zip(places, outcomes, strict=True)
     return [found[i] for i in range(len(collisions))]
-
-
-def no_columns(name: str) -> str:
-    """Say that a solver solves no columns."""
-    return f"{name} does not solve columns of N balls"
 
 
 def no_gravity(settings: Settings) -> str | None:

@@ -471,7 +471,7 @@ class Outcome:
     status : str
         One of `STATUSES`: ``"ok"``, or ``"limit"`` where a closed-form limit was used, or why there is no result.
     reason : str
-        One sentence where the status is not ``"ok"``.
+        One sentence; not empty where the status is neither ``"ok"`` nor ``"limit"``.
     grazing_margin : float or None
         How near the collision came to a jump of the model's outcome (docs/theory.md, section 6): the smallest
         compression rate, relative to its own amplitude, at which a compression nearly ended, or nearly did not.
@@ -485,6 +485,15 @@ class Outcome:
         Further numbers a solver wishes to state (its time step, its number of steps, an energy residual).
     path : Path or None
         The way there, if asked for.
+    requested, effective : mapping of str to tuple of float
+        What an engine was asked for, and what it says it uses, one number a contact or one in all: ``"stiffness"``
+        (N/m), ``"damping"`` (N s/m), ``"restitution"``, ``"step"`` (s).
+
+    Raises
+    ------
+    ValueError
+        For an unknown status, a result that is not finite, no result without a reason, or lengths that fit no line of
+        balls; the message names the field, the value and what is legal.
     """
 
     solver: str
@@ -498,6 +507,25 @@ class Outcome:
     n_events: int = 0
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     path: Path | None = None
+    requested: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    effective: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        balls, contacts = len(self.velocities), len(self.impulses)
+        if self.status not in STATUSES:
+            raise ValueError(f"status = {self.status!r}; legal: {', '.join(STATUSES)}")
+        if contacts not in (balls - 1, balls):
+            raise ValueError(f"impulses: {contacts} values for {balls} balls; legal: {balls - 1} or {balls}")
+        if self.status not in RESULT_STATUSES:
+            if not self.reason:
+                raise ValueError(f"reason = ''; legal with the status {self.status!r}: why, in one sentence")
+            return
+        for name, values in (("velocities", self.velocities), ("impulses", self.impulses)):
+            for i, value in enumerate(values, 1):
+                if not math.isfinite(value):
+                    raise ValueError(
+                        f"{name}[{i}] = {value!r}; legal with the status {self.status!r}: finite numbers"
+                    )
 
     v1 = property(lambda self: self.velocities[0], doc="Velocity of ball 1, in m/s.")
     v2 = property(lambda self: self.velocities[1], doc="Velocity of ball 2, in m/s.")
@@ -521,6 +549,18 @@ class Outcome:
                 ("marked", self.marked),
             ),
         )
+
+    @property
+    def differences(self) -> str:
+        """What an engine uses instead of what it was asked for, beyond rounding; empty if nothing."""
+        found = []
+        for name in sorted(self.requested.keys() & self.effective.keys()):
+            both = self.requested[name], self.effective[name]
+            for i, (asked, used) in enumerate(zip(*both, strict=True), 1):
+                if not math.isclose(asked, used, rel_tol=1e-9):
+                    which = f"{name} {i}" if len(both[0]) > 1 else name
+                    found.append(f"{which} is {used:.6g}, {asked:.6g} was asked for")
+        return "; ".join(found)
 
     def retained_energy(self, collision: Collision) -> float:
         """Kinetic energy after the collision over that before it, dimensionless."""

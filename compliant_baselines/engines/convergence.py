@@ -14,33 +14,31 @@ one step length to the next without any law, so that these errors shrink with h 
 
 Balls that part for good have v1 >= v2 >= 0, and so has their limit. Where L is outside, the balls meet once more as the
 step goes to zero, or B2 meets the table, and not at the steps that were run: L is then replaced by the nearest point
-inside, in the kinetic norm. That is what a plastic meeting makes of it, and an elastic one goes as far again.
+inside, in the kinetic norm, which is what a plastic meeting makes of it.
 
-The estimate of the error of L is therefore the largest of seven numbers (the larger of the two velocities
-counts):
+The estimated error of L is the largest of four numbers (the largest over velocities, or over parting rates):
 
-1. |L - L'|, with L' = 2 V(n-1) - V(n-2) the limit of the steps before: for errors a h + b h^2 three times the
-   error of L;
-2. a tenth of |Vn - V(n-1)|, the correction that was made: three differences can agree by accident. All of it where
-   the last two runs do not pass through the same states (`state_runs`): between a run in which the balls meet once
-   more and one in which they do not the velocities have a kink, across which no straight line leads;
-3. half of what contacts that closed again did in their first step, in the run of the shortest step, as a
-   change of the relative velocity of their pair (`Run.starts`): L takes twice what the shortest step has of
-   this and once what the step before has, either between nothing and all of it;
-4. how far L was moved to v1 >= v2 >= 0;
-5. where the last change of the rate at which two bodies part is more than a third of what is left of it: the
-   larger of its last two changes. Bodies that part slowly do so by what remains of a vibration of their contact,
-   and their rate is the length of a vector (of displacement and velocity): that is smooth in the step, and its
-   length turns around where it is shortest;
-6. where the changes of such a rate grow from step to step: the last one as many times as it has grown. Of a
-   vibration that steps damp, by exp(-D) at h, x = exp(-D) is left at h, x^2 at 2h and x^4 at 4h: where that is
-   little, the changes grow by 1/(x + x^2), and the limit is 1/x - 1 times the last one away, about as much;
-7. in a drop, what gravity does in the last step, at the end of which a first flight, or rest, is seen; and where it is
-   not known whether gravity ends in a first flight before two bodies meet again or goes on, what it does in that
-   contact: g times half its period.
+1. *Smooth errors*: |L - L'|, with L' = 2 V(n-1) - V(n-2) the limit of the steps before. For errors a h + b h^2 it is
+   three times the error of L. It is at least a tenth of the correction |Vn - V(n-1)|: three differences can agree by
+   accident.
+2. *Bent rates*: the last change of the rate at which two bodies part, where no straight line leads to its limit:
 
-A contact that is met at the start is met at the beginning of the first step, whatever the step: it counts in
-1 and 2 only.
+   * for all rates, where the last two runs differ in their states (`state_runs`), their first flight or their end:
+     the velocities have a kink between them;
+   * where the last change exceeds a third of what is left of the rate. Bodies that part slowly do so by what remains
+     of a vibration of their contact, and their rate is the length of a vector (of displacement and velocity), which
+     turns around where it is shortest. Wherever L is outside v1 >= v2 >= 0 the last change exceeds all that is left;
+   * where the last change exceeds the one before. It then counts as many times as it has grown: of a vibration that
+     steps damp, x = exp(-D) is left at h, x^2 at 2h and x^4 at 4h. Where x is small the changes grow by 1/(x + x^2),
+     and the limit is 1/x - 1 times the last one away, about as much.
+
+3. *Touch times*: half of what contacts that closed again did in their first step, in the run of the shortest step, as
+   a change of the relative velocity of their pair (`Run.starts`). L takes twice what the shortest step has of this
+   and once what the step before has, either between nothing and all of it. A contact that is met at the start is met
+   at the beginning of the first step, whatever the step, and does not count.
+4. *Gravity*, in a drop: what it does in the last step, at the end of which a first flight, or rest, is seen; and where
+   it is not known whether gravity ends in a first flight before two bodies meet again or goes on, what it does in
+   that contact, g times half its period.
 
 **Regularisation.** An engine may add to its contacts what no step removes: MuJoCo's constraints have an
 impedance of 1e-4 at least. What that does to the velocities is measured, by one more run at the step 4h with
@@ -67,13 +65,13 @@ from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.model.chain.rest import GOING, REST, STUCK
 
-#: Share of the last correction that is doubted whatever the differences say.
+#: Share of the last correction that is doubted at least.
 DOUBT = 0.1
 
 #: Share of what contacts do in their first steps that may be missing from the limit.
 CHANCE = 0.5
 
-#: Share of the rate at which two bodies part that its last change may be, for a line to lead to its limit.
+#: Share of what is left of a parting rate that its last change may be, for a straight line to lead to its limit.
 STRAIGHT = 1 / 3
 
 #: How often the last change of a rate counts at most where changes grow; one may follow none at all.
@@ -198,24 +196,22 @@ def limit_of(
     gravity_doubt : float
         What the instants of a first flight and of the end may change, in m/s.
     """
-    differences = np.abs(np.diff(velocities, axis=0)).max(axis=1)
+    differences = np.abs(np.diff(velocities, axis=0))
+    limits = extrapolated(velocities)
+    smooth = np.maximum(np.abs(limits[-1] - limits[-2]), DOUBT * differences[-1])
     bodies = np.pad(velocities, ((0, 0), (0, 1))) if table else velocities
     rates = np.diff(bodies, axis=1)
-    changes = np.abs(np.diff(rates[-3:], axis=0))
-    turning = changes[1] > STRAIGHT * np.abs(rates[-1])
-    grown = changes[1] / np.maximum(changes[0], changes[1] / GROWTH + TINY)
-    limits = extrapolated(velocities)
-    inside = parted(limits[-1].tolist(), weights, table)
+    before, last = np.abs(np.diff(rates[-3:], axis=0))
+    grown = last / np.maximum(before, last / GROWTH + TINY)
+    bent = (last > STRAIGHT * np.abs(rates[-1])) | (grown > 1) | (not alike)
     error = max(
-        float(np.abs(limits[-1] - limits[-2]).max()),
-        (DOUBT if alike else 1.0) * float(differences[-1]),
+        float(smooth.max()),
+        float((last * np.maximum(grown, 1))[bent].max(initial=0.0)),
         CHANCE * abs(starts),
-        float(np.abs(limits[-1] - inside).max()),
-        float(changes[:, turning].max(initial=0.0)),
-        float((changes[1] * grown)[grown > 1].max(initial=0.0)),
         gravity_doubt,
     )
-    return Limit(inside, error, regularisation, fitted_order(differences), step)
+    inside = parted(limits[-1].tolist(), weights, table)
+    return Limit(inside, error, regularisation, fitted_order(differences.max(axis=1)), step)
 
 
 def fitted_order(errors: Floats) -> float:

@@ -6,21 +6,22 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from math import inf
 
 from impact_xval.compliant_baselines import registry
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
-from impact_xval.compliant_baselines.engines.packages import version_of
+from impact_xval.compliant_baselines.engines.packages import import_quietly, version_of, why_not
 from impact_xval.compliant_baselines.engines.scene import BEYOND, Scene, reduced_masses, unrepresentable
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
 from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.references import marked
-from impact_xval.compliant_baselines.solver import Settings, SolverBase
+from impact_xval.compliant_baselines.solver import Settings, Solver
 from impact_xval.model.chain.rest import REST, STUCK
 from impact_xval.model.collision import Collision, Outcome
 
 
-class Engine(SolverBase):
+class Engine(Solver):
     """An engine behind the contract: an adapter says what it refuses and how to set a scene up.
 
     Statuses beside `ok`: `unavailable` (the engine cannot be imported), `unrepresentable` (k_i = 0 or infinite, e_i = 0
@@ -29,10 +30,12 @@ class Engine(SolverBase):
     with a limit dt -> 0 that is not known to the tolerance asked for: the outcome keeps its numbers).
     """
 
-    kind = "compliant"
-
-    #: Name of the package that is the engine, as distributed.
+    #: The engine as its makers spell it, the name of its package as distributed, the module that is imported, and what
+    #: to run where that fails.
+    title: str
     distribution: str
+    module: str
+    way_out: str
 
     #: How many times as much regularisation of contacts shows what that of the engine does; None: it has none.
     regularisation_probe: float | None = None
@@ -41,13 +44,17 @@ class Engine(SolverBase):
         """Version of the engine's package, or ``""`` if it is not installed."""
         return version_of(self.distribution)
 
+    def unavailable(self) -> str | None:
+        """Why the engine cannot run here and the way out; None if it can."""
+        return why_not(self.title, self.distribution, partial(import_quietly, self.module), self.way_out)
+
     def refusal(self, scene: Scene) -> str | None:
         """Why this engine cannot take a scene, in one sentence; None if it can."""
         return None
 
     @abstractmethod
     def world(self, scene: Scene) -> World:
-        """Set a scene up."""
+        """Set a scene up; the world before it is done with."""
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -95,9 +102,9 @@ class Engine(SolverBase):
             for i, each in enumerate(collisions)
         ]
         ends = self._add_limits(outcomes, runs, settings)
-        law = registry.law_of(self.name)
-        # The contacts of a naive mapping are not those of the law.
-        return outcomes if settings.mapping == "naive" else marked(outcomes, collisions, law, settings, ends)
+        if settings.mapping == "naive" or self.law is None:
+            return outcomes  # its contacts are not those of the law
+        return marked(outcomes, collisions, self.law, settings, ends)
 
     def _add_limits(
         self, outcomes: list[Outcome], runs: Mapping[int, Run], settings: Settings
@@ -156,6 +163,8 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
         n_events=len(names) - 1,
         diagnostics=diagnostics,
         path=run.path(states) if run.points is not None else None,
+        requested=c.requested,
+        effective=run.effective,
     )
 
 

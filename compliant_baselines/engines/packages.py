@@ -1,4 +1,4 @@
-"""The packages that are engines: PyBullet imported without a word, why one cannot be, and a substitute in its place."""
+"""The packages that are engines: imported without a word, why one cannot be, and a substitute in its place."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from typing import Any
 _importing = Lock()
 
 
-def import_pybullet() -> Any:
-    """Import PyBullet, without the line "pybullet build time: ..." that its C code writes at the first import.
+def import_quietly(module: str) -> Any:
+    """Import a module, without the line "pybullet build time: ..." that PyBullet's C code writes at the first import.
 
     Raises
     ------
@@ -25,10 +25,10 @@ def import_pybullet() -> Any:
         If it is not installed.
     """
     with _importing:
-        if "pybullet" in sys.modules:  # or what stands in its place at the moment
-            return import_module("pybullet")
+        if module in sys.modules or module != "pybullet":
+            return import_module(module)
         with _standard_error_without(b"pybullet build time"):
-            return import_module("pybullet")
+            return import_module(module)
 
 
 def version_of(distribution: str) -> str:

@@ -1,111 +1,84 @@
-"""PyBullet: spheres on a plane, one scene at a time.
+"""PyBullet: spheres on a plane; docs/mapping.md, section 2, gives the reason of each setting.
 
-PyBullet sets stiffness and damping per body, and the engine combines two bodies: stiffness in series, damping added.
-Two balls on a table get by with a lower ball that is rigid and undamped: the upper ball carries contact 1, the table
-contact 2. In a longer line a ball has two sides. So each ball is a multibody without joints: its base, which meets the
-ball below and carries the contact, and a massless link fixed to it, at the same place, which meets the ball above and
-is rigid and undamped; filters let only these pairs meet. A fixed link has no degree of freedom: nothing is added to the
-motion. Balls without a link are bodies in maximal coordinates (btRigidBody), whose step costs 60 % of a multibody's.
+The engine combines the stiffness and damping of two bodies. Two balls on a table get by with a lower ball that is rigid
+and undamped: the upper ball carries contact 1, the table contact 2. In a longer line a ball has two sides: its base,
+which meets the ball below and carries the contact, and a massless link fixed to it, at the same place, which meets the
+ball above and is rigid and undamped; filters let only these pairs meet. Balls without a link are bodies in maximal
+coordinates, whose step costs 60 % of a multibody's.
 
-Set-up, and why (file names are those of Bullet's source, as PyBullet 3.2.7 ships it):
-
-* `useSplitImpulse=0`: with it, the default, a contact deeper than 0.04 m gets no force at all from its
-  stiffness (btSequentialImpulseConstraintSolver.cpp), which breaks every soft contact and every scaling.
-* `contactSlop=0`, `restitutionVelocityThreshold=0`, `solverResidualThreshold=0`: the defaults are absolute
-  numbers. So is the cap of a multibody's velocity, 100 m/s.
-* `contactBreakingThreshold` is `BREAKING_OVER_RADIUS` of the radius, a millionth of the depth to be expected.
-  The engine keeps a contact point until its gap exceeds this (default 0.02 m), and stops an approaching pair over
-  such a gap ahead of touch; tied to the collision's own scale the contact of this adapter starts at touch, at any
-  scale. Not 0: a point is also dropped when it wanders sideways by as much, and rounding makes it do so.
-* The table is a plane: its contact with a sphere is exact at any depth, a box's is not.
-* `numSolverIterations` is what sequential impulses need to converge to rounding, see `_iterations`.
-* No sleeping, no damping, no friction, no rolling: everything stays on the vertical axis by symmetry.
-* Everything is in SI units as asked; only the balls' radius is ours (`radius_of`).
-
-How it is stepped: a call from Python and two reads cost more than the step itself. Where nothing can happen
-(`engines.quiet`) the engine therefore takes up to `STRIDE` sub-steps in one call, with a bit for bit identical result:
-their number is one by which the time of the call divides to the step exactly (`_exact`). Heights of single steps are
-not read: the engine's update is x += h v with the new v, to the last bit or two.
-
-A client is connected for a call and serves all of its scenes; it is disconnected afterwards. A client that was kept
-would be client 0 to whoever else uses PyBullet in this process and names none.
+A call from Python and two reads cost more than a step. Where nothing can happen (`engines.quiet`) the engine takes up
+to `STRIDE` sub-steps in one call, with a bit for bit identical result. Heights of single steps are not read: the
+engine's update is x += h v with the new v, to the last bit or two.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.packages import import_pybullet, why_not
+from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, radius_of, reduced_masses
+from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.mapping import PYBULLET_RIGID, PybulletBody, pybullet_bodies
 
 #: Most sub-steps of one call.
 STRIDE = 256
 
-#: Gap at which the engine forgets a contact point, over the balls' radius; see the module.
+#: Absolute numbers of the engine: a step that it takes for none (SIMD_EPSILON, s), the impulse at which it caps a
+#: contact in a step (N s), the diagonal of the box around a body at which it drops the body (m).
+SHORTEST_STEP, LARGEST_IMPULSE, LARGEST_BODY = sys.float_info.epsilon, 1e10, 1e6
+
+#: Parameters of all scenes; `contactBreakingThreshold` goes with the radius.
+EXACT = {
+    "solverResidualThreshold": 0,
+    "contactSlop": 0,
+    "restitutionVelocityThreshold": 0,
+    "useSplitImpulse": 0,
+}
 BREAKING_OVER_RADIUS = 2e-7
 
-#: The engine takes a step for none below the rounding of 1.0 (SIMD_EPSILON of btScalar.h).
-SHORTEST_STEP = sys.float_info.epsilon
+#: What a body must not do on the engine's own account, as `changeDynamics` has it, and the cap of a multibody's speed.
+ZERO = ("restitution", "lateralFriction", "spinningFriction", "rollingFriction")
+ZERO += ("linearDamping", "angularDamping", "contactProcessingThreshold")
+FREE = {**dict.fromkeys(ZERO, 0.0), "maxJointVelocity": 1e30}
 
-#: Impulse of a contact in one step, in N s, at which the engine caps it (btSequentialImpulseConstraintSolver.cpp).
-LARGEST_IMPULSE = 1e10
+#: Of a body, what meets the body below and what meets the body above, as body and part.
+Sides = tuple[tuple[int, int], tuple[int, int]]
 
-#: Diagonal in m of the box around a body at which the engine takes it out of the simulation, without a status
-#: (btCollisionWorld.cpp, updateSingleAabb).
-LARGEST_BODY = 1e6
-
-#: What a body must not do on the engine's own account, as `changeDynamics` has it.
-ZERO = (
-    *("restitution", "lateralFriction", "spinningFriction", "rollingFriction"),
-    *("linearDamping", "angularDamping", "contactProcessingThreshold"),
-)
-
-#: Part of a ball: the base meets the ball below, the link the ball above.
+#: Part of a ball: the base meets the ball below, the link the ball above. A link is fixed and massless.
 BASE, LINK = -1, 0
-
-#: A fixed, massless link at the place of its base.
-FIXED: dict[str, Any] = {
+FIXED = {
     "linkMasses": [0],
     "linkVisualShapeIndices": [-1],
-    "linkPositions": [(0, 0, 0)],
-    "linkOrientations": [(0, 0, 0, 1)],
-    "linkInertialFramePositions": [(0, 0, 0)],
-    "linkInertialFrameOrientations": [(0, 0, 0, 1)],
     "linkParentIndices": [0],
     "linkJointAxis": [(0, 0, 1)],
 }
+FIXED |= {key: [(0, 0, 0)] for key in ("linkPositions", "linkInertialFramePositions")}
+FIXED |= {key: [(0, 0, 0, 1)] for key in ("linkOrientations", "linkInertialFrameOrientations")}
 
 
 class Pybullet(Engine):
-    """PyBullet, where it has wheels (CPython up to 3.11) or was built."""
+    """PyBullet, where it has wheels (CPython up to 3.11) or was built; a client is connected for a call."""
 
-    name = "pybullet"
-    distribution = "pybullet"
-    _client = -1
-
-    def unavailable(self) -> str | None:
-        """Why PyBullet cannot run here and the way out; None if it can."""
-        way_out = "run pip install 'pybullet>=3.2.7'"
-        if sys.version_info >= (3, 12):
-            way_out = (
-                "it has no wheels beyond CPython 3.11: run with Python 3.11, or build it from source "
-                "(pip install --no-binary :all: pybullet)"
-            )
-        return why_not("PyBullet", self.distribution, import_pybullet, way_out)
+    name = distribution = module = "pybullet"
+    title = "PyBullet"
+    way_out = (
+        "run pip install 'pybullet>=3.2.7' (it has no wheels beyond CPython 3.11: run with Python 3.11, or build it "
+        "from source)"
+    )
 
     def refusal(self, scene: Scene) -> str | None:
         """Why PyBullet cannot take a scene: one of its absolute numbers would replace what was asked."""
-        if scene.mapping == "naive" and not _unlinked(scene):
+        if scene.mapping == "naive" and _linked(scene):
             return "mapping = 'naive': PyBullet's is that of two balls on a table; legal: 'calibrated'"
         if scene.step <= SHORTEST_STEP:
             return (
@@ -114,24 +87,28 @@ class Pybullet(Engine):
         largest = scene.fastest * sum(scene.masses)
         if largest > LARGEST_IMPULSE:
             return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
-        depth = scene.depth([pair.stiffness for pair in _pairs(scene)])
-        radius = radius_of(depth)
-        if 2 * math.sqrt(3) * radius <= LARGEST_BODY:
+        if 2 * math.sqrt(3) * _radius(scene) <= LARGEST_BODY:
             return None
         return (
-            f"penetrations of up to {depth:.3g} m ask for balls of radius {radius:.3g} m: "
+            f"penetrations ask for balls of radius {_radius(scene):.3g} m: "
             f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; scale stiffnesses, masses or v0 (Theorem 5)"
         )
 
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""
-        return PybulletWorld(self._client, scene)
+        return PybulletWorld(self._client, scene, self._made)
+
+    def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
+        """As `Engine.run`; balls of one size one after the other, for only another size takes new bodies."""
+        order = sorted(range(len(scenes)), key=lambda i: _radius(scenes[i]))
+        runs = super().run([scenes[i] for i in order], max_steps, record_path)
+        return [run for _, run in sorted(zip(order, runs, strict=True), key=itemgetter(0))]
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Connect a client without a window, and disconnect it afterwards."""
-        p = import_pybullet()
-        self._client = p.connect(p.DIRECT)
+        """Connect a client; one that was kept would be client 0 to whoever else uses PyBullet and names none."""
+        p: Any = import_quietly("pybullet")
+        self._client, self._made = p.connect(p.DIRECT), {}
         if self._client < 0:
             raise RuntimeError("PyBullet gave no client: more than 1024 are connected in this process")
         try:
@@ -147,122 +124,110 @@ class NaivePybullet(Pybullet):
 
 
 class PybulletWorld(World):
-    """Plane and spheres in a client."""
+    """Plane and spheres in a client, which is emptied first."""
 
     longest_leap = STRIDE
 
-    def __init__(self, client: int, scene: Scene) -> None:
-        p = self._p = import_pybullet()
+    def __init__(self, client: int, scene: Scene, made: dict[Any, list[Sides]]) -> None:
+        p = self._p = import_quietly("pybullet")
         self._client, self._step, self._stride, self._falls = client, scene.step, 0, scene.gravity > 0
-        pairs = _pairs(scene)
-        radius = radius_of(scene.depth([pair.stiffness for pair in pairs]))
+        pairs, on, radius = _pairs(scene), {"physicsClientId": client}, _radius(scene)
         self._places = scene.places(radius)
-        if scene.settled:
-            self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness
+        self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness if scene.settled else 0.0
         self.heights = self._x = scene.start(radius, self.rest)
-        p.resetSimulation(physicsClientId=client)
+        kind = len(scene.masses), scene.table, radius
+        if kind not in made:
+            made.clear()
+            made[kind] = self._make(scene, radius)
+        sides = made[kind]
+        self.balls = [below[0] for below, _ in sides[: len(scene.masses)]]
         p.setPhysicsEngineParameter(
-            fixedTimeStep=scene.step,
-            numSubSteps=0,
-            numSolverIterations=_iterations(scene, pairs),
-            solverResidualThreshold=0,
-            contactSlop=0,
-            contactBreakingThreshold=BREAKING_OVER_RADIUS * radius,
-            restitutionVelocityThreshold=0,
-            useSplitImpulse=0,
-            physicsClientId=client,
+            fixedTimeStep=scene.step, numSubSteps=0, numSolverIterations=_iterations(scene, pairs), **on
         )
-        p.setGravity(0, 0, -scene.gravity, physicsClientId=client)
-        self._linked = not _unlinked(scene)
-        self._make(scene, radius)
-        self.effective = self._effective(pairs)
-
-    def _make(self, scene: Scene, radius: float) -> None:
-        """Make table and balls, the upper one first, and let each meet its neighbours."""
-        p, client = self._p, {"physicsClientId": self._client}
-        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=radius, **client)
-        how, plane = (
-            {"useMaximalCoordinates": int(not self._linked)},
-            p.createCollisionShape(p.GEOM_PLANE, **client),
-        )
-        table = p.createMultiBody(0, plane, **how, **client)
-        if self._linked:
-            how = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
-        self.balls = []
-        # The lower ball first: so the bodies come in the order of their heights.
-        states = zip(scene.masses, self._places + self._x, scene.velocities, strict=True)
-        for mass, z, v in reversed(list(states)):
-            ball = p.createMultiBody(mass, sphere, basePosition=(0, 0, z), **how, **client)
-            p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0), **client)
-            self.balls.insert(0, ball)
-        self._sides = [((ball, BASE), (ball, LINK if self._linked else BASE)) for ball in self.balls]
-        if scene.table:
-            self._sides.append(((table, BASE), (table, BASE)))
-        self._set(scene)
-
-    def _set(self, scene: Scene) -> None:
-        """Give the sides of all bodies their contacts, and keep all else from meeting."""
-        p, client = self._p, {"physicsClientId": self._client}
-        if self._linked:
-            own = {side: PybulletBody(PYBULLET_RIGID, 0.0) for both in self._sides for side in both}
-            contacts = zip(self._sides, scene.contacts, strict=False)
-            own |= {below: PybulletBody(contact.k, contact.c) for (below, _), contact in contacts}
-        else:
-            bodies = pybullet_bodies(scene.contacts[0], scene.contacts[1], scene.mapping)
-            own = {side: body for (side, _), body in zip(self._sides, bodies, strict=True)}
-        for (body, part), contact in own.items():
-            p.changeDynamics(
-                body,
-                part,
-                **dict.fromkeys(ZERO, 0),
-                maxJointVelocity=1e30,
-                activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
-                **client,
-            )
-            values = {"contactStiffness": contact.stiffness, "contactDamping": contact.damping}
-            p.changeDynamics(body, part, **values, **client)
-            if self._linked:
-                p.setCollisionFilterGroupMask(body, part, 0, 0, **client)
-        if self._linked:
-            for ((a, below), _), (_, (b, above)) in pairwise(self._sides):
-                p.setCollisionFilterPair(a, b, below, above, 1, **client)
-
-    def _effective(self, pairs: list[PybulletBody]) -> dict[str, tuple[float, ...]]:
-        """Combine what the engine says of both sides of a contact; of a body without a link it says nothing."""
-        info, client = self._p.getDynamicsInfo, self._client
-        if self._linked:
-            sides = [[PybulletBody(*info(*side, client)[9:7:-1]) for side in both] for both in self._sides]
-            pairs = [below.against(above) for (below, _), (_, above) in pairwise(sides)]
-        return {
+        for ball, mass in zip(self.balls, scene.masses, strict=True):
+            p.changeDynamics(ball, BASE, mass=mass, **on)
+        for side, own in _properties(scene, sides).items():
+            p.changeDynamics(*side, contactStiffness=own.stiffness, contactDamping=own.damping, **on)
+        # Apart for a step, in which the engine forgets contact points and what it warm-starts from.
+        p.setGravity(0, 0, 0, **on)
+        self._place(10 * self._places, [0.0] * len(self.balls))
+        p.stepSimulation(client)
+        p.setGravity(0, 0, -scene.gravity, **on)
+        self._place(self._places + self._x, scene.velocities)
+        if _linked(scene):  # of bodies in maximal coordinates it says nothing
+            said = [
+                [PybulletBody(*p.getDynamicsInfo(*each, client)[9:7:-1]) for each in both] for both in sides
+            ]
+            pairs = [below.against(above) for (below, _), (_, above) in pairwise(said)]
+        self.effective = {
             "stiffness": tuple(pair.stiffness for pair in pairs),
             "damping": tuple(pair.damping for pair in pairs),
-            "step": (self._p.getPhysicsEngineParameters(client)["fixedTimeStep"],),
+            "step": (p.getPhysicsEngineParameters(client)["fixedTimeStep"],),
         }
+
+    def _make(self, scene: Scene, radius: float) -> list[Sides]:
+        """Empty the client and make table and balls; their sides, those of the upper ball first."""
+        p, on, linked = self._p, {"physicsClientId": self._client}, _linked(scene)
+        p.resetSimulation(**on)
+        p.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING_OVER_RADIUS * radius, **EXACT, **on)
+        plane = p.createCollisionShape(p.GEOM_PLANE, **on)
+        sphere = p.createCollisionShape(p.GEOM_SPHERE, radius, **on)
+        how: dict[str, Any] = {"useMaximalCoordinates": int(not linked)}
+        table = p.createMultiBody(0, plane, **how, **on)
+        if linked:
+            how = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
+        sides = [((table, BASE), (table, BASE))] if scene.table else []
+        for z in 10 * self._places[::-1]:
+            ball = p.createMultiBody(1, sphere, basePosition=(0, 0, z), **how, **on)
+            sides.insert(0, ((ball, BASE), (ball, LINK if linked else BASE)))
+        for body, part in {side for both in sides for side in both}:
+            p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE, **on)
+            if linked:
+                p.setCollisionFilterGroupMask(body, part, 0, 0, **on)
+        if linked:
+            for ((upper, below), _), (_, (lower, above)) in pairwise(sides):
+                p.setCollisionFilterPair(upper, lower, below, above, 1, **on)
+        return sides
+
+    def _place(self, heights: Floats, velocities: Sequence[float]) -> None:
+        for ball, z, v in zip(self.balls, heights.tolist(), velocities, strict=True):
+            self._p.resetBasePositionAndOrientation(
+                ball, (0, 0, z), (0, 0, 0, 1), physicsClientId=self._client
+            )
+            self._p.resetBaseVelocity(ball, (0, 0, v), (0, 0, 0), physicsClientId=self._client)
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take n steps, or, while bodies fall, fewer: up to the first after which all gaps are open."""
         self._set_stride(0)
-        step, read, client, balls = self._p.stepSimulation, self._p.getBaseVelocity, self._client, self.balls
-        h, x, velocities, heights = self._step, self._x.tolist(), [], []
+        step, read, client, h = self._p.stepSimulation, self._p.getBaseVelocity, self._client, self._step
+        balls, velocities, upper, lower = self.balls, [], *self._x[:2].tolist()
         for _ in range(n):
             step(client)
             v = [read(ball, client)[0][2] for ball in balls]
-            x = [height + h * speed for height, speed in zip(x, v, strict=True)]
             velocities.append(v)
-            heights.append(x)
-            if self._falls and x[0] >= x[1] >= 0:
-                break
-        self._x = np.array(x)
-        return np.array(velocities), np.array(heights)
+            if self._falls:
+                upper, lower = upper + h * v[0], lower + h * v[1]
+                if upper >= lower >= 0:
+                    break
+        taken = np.array(velocities)
+        heights = np.cumsum(np.vstack([self._x, h * taken]), axis=0)[1:]
+        self._x = heights[-1]
+        return taken, heights
 
     def leap(self, n: int) -> tuple[int, Floats, Floats]:
-        """Take up to n steps in one call."""
-        n = _exact(n, self._step)
+        """Take up to n steps in one call: as many as the engine makes of their time as they are meant.
+
+        It divides the time n h of a call by n, and counts how often what comes out goes into it
+        (btDiscreteDynamicsWorld.cpp, stepSimulation); rounding spoils that for some n. Powers of two are safe.
+        """
+        h, client = self._step, self._client
+        while n * h / n != h or int(n * h / h) != n:
+            n -= 1
         self._set_stride(n)
-        self._p.stepSimulation(self._client)
-        read, where, client = self._p.getBaseVelocity, self._p.getBasePositionAndOrientation, self._client
-        v = np.array([read(ball, client)[0][2] for ball in self.balls])
-        self._x = np.array([where(ball, client)[0][2] for ball in self.balls]) - self._places
+        self._p.stepSimulation(client)
+        v = np.array([self._p.getBaseVelocity(ball, client)[0][2] for ball in self.balls])
+        z = np.array([self._p.getBasePositionAndOrientation(ball, client)[0][2] for ball in self.balls])
+        self._x = z - self._places
         return n, v, self._x
 
     def weightless(self, velocities: Floats, heights: Floats) -> None:
@@ -272,23 +237,36 @@ class PybulletWorld(World):
 
     def _set_stride(self, n: int) -> None:
         if n != self._stride:
-            self._p.setPhysicsEngineParameter(
-                fixedTimeStep=max(1, n) * self._step, numSubSteps=n, physicsClientId=self._client
-            )
+            time = max(1, n) * self._step
+            self._p.setPhysicsEngineParameter(fixedTimeStep=time, numSubSteps=n, physicsClientId=self._client)
             self._stride = n
 
 
-def _unlinked(scene: Scene) -> bool:
-    """Whether no ball needs two sides; see the module."""
-    return scene.table and len(scene.masses) == 2
+def _linked(scene: Scene) -> bool:
+    """Whether balls need two sides; see the module."""
+    return not (scene.table and len(scene.masses) == 2)
+
+
+def _properties(scene: Scene, sides: list[Any]) -> dict[tuple[int, int], PybulletBody]:
+    """Stiffness and damping of both sides of every body."""
+    if not _linked(scene):
+        bodies = pybullet_bodies(scene.contacts[0], scene.contacts[1], scene.mapping)
+        return {below: body for (below, _), body in zip(sides, bodies, strict=True)}
+    own = {side: PybulletBody(PYBULLET_RIGID, 0.0) for both in sides for side in both}
+    asked = zip(sides, scene.contacts, strict=False)
+    return own | {below: PybulletBody(contact.k, contact.c) for (below, _), contact in asked}
 
 
 def _pairs(scene: Scene) -> list[PybulletBody]:
     """Give stiffness and damping of the contacts as the engine combines them."""
-    if not _unlinked(scene):
+    if _linked(scene):
         return [PybulletBody(contact.k, contact.c) for contact in scene.contacts]
     upper, lower, table = pybullet_bodies(scene.contacts[0], scene.contacts[1], scene.mapping)
     return [upper.against(lower), lower.against(table)]
+
+
+def _radius(scene: Scene) -> float:
+    return radius_of(scene.depth([pair.stiffness for pair in _pairs(scene)]))
 
 
 def _iterations(scene: Scene, pairs: list[PybulletBody]) -> int:
@@ -298,25 +276,12 @@ def _iterations(scene: Scene, pairs: list[PybulletBody]) -> int:
     1/(h (h k + c)) on its diagonal; on a symmetric tridiagonal matrix its spectral radius is the square of that of
     Jacobi's iteration: 1e-5 for two balls at a step of 1/1000 of a period, 0.02 at 1/10.
     """
-    h, masses = scene.step, scene.masses
-    pair_masses = reduced_masses(scene)
-    diagonal = [
-        1 / m + 1 / (h * (h * c.stiffness + c.damping)) for m, c in zip(pair_masses, pairs, strict=True)
+    h, alone = scene.step, zip(reduced_masses(scene), pairs, strict=True)
+    diagonal = [1 / mass + 1 / (h * (h * pair.stiffness + pair.damping)) for mass, pair in alone]
+    beside = [
+        1 / (m * math.sqrt(d * e)) for m, (d, e) in zip(scene.masses[1:], pairwise(diagonal), strict=False)
     ]
-    below = zip(masses[1:], pairwise(diagonal), strict=False)
-    beside = [1 / (m * math.sqrt(d) * math.sqrt(e)) for m, (d, e) in below]
     radius = np.abs(np.linalg.eigvalsh(np.diag(beside, 1) + np.diag(beside, -1))).max()
     shrink = min(max(radius**2, sys.float_info.min), 1 - sys.float_info.epsilon)
     # 36.7 = -ln(1.1e-16); two more, for the cap at zero force to settle which contacts act.
     return 2 + min(1000, max(2, math.ceil(36.7 / -math.log(shrink))))
-
-
-def _exact(n: int, h: float) -> int:
-    """Give the largest number up to n of sub-steps that the engine makes of their time as they are meant.
-
-    It divides the time n h of a call by n, and counts how often what comes out goes into it
-    (btDiscreteDynamicsWorld.cpp, stepSimulation); rounding spoils that for some n. Powers of two are safe.
-    """
-    while n * h / n != h or int(n * h / h) != n:
-        n -= 1
-    return n

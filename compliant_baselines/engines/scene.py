@@ -7,7 +7,7 @@ last one the table, if there is one. Contact i has the gap x_i - x_{i+1}, and th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -128,7 +128,8 @@ class Scene:
     @property
     def rates(self) -> Floats:
         """Compression rates at t = 0, in m/s, shape (C,)."""
-        return np.diff([*self.velocities, *([0.0] if self.table else [])])
+        bodies = np.array([*self.velocities, *([0.0] if self.table else [])])
+        return bodies[1:] - bodies[:-1]
 
     @property
     def speed(self) -> float:
@@ -161,12 +162,11 @@ class Scene:
         Rounded so that adding up to 2 N radii rounds nothing away: gaps are then exact, see `radius_of`.
         """
         far = 2.0 ** math.ceil(math.log2(2 * len(self.masses) * radius))
-        heights: Floats = (np.array(self.heights) - rest + far) - far
-        return heights
+        return np.asarray((np.array(self.heights) - rest + far) - far, np.float64)
 
     def places(self, radius: float) -> Floats:
         """Give the centres of the balls above the table where all only just touch, in m, shape (N,)."""
-        return radius * np.arange(2 * len(self.masses) - 1, 0, -2)
+        return radius * np.arange(2 * len(self.masses) - 1, 0, -2, dtype=np.float64)
 
 
 def reduced_masses(of: Collision | Scene) -> tuple[float, ...]:
@@ -210,19 +210,3 @@ def unrepresentable(collision: Collision, settings: Settings, *, dashpots: bool)
         if e == 0 and dashpots:
             return f"e{i} = 0: no finite damping makes a dashpot perfectly plastic; take a small positive e, {limit}"
     return None
-
-
-def differences(requested: Mapping[str, Sequence[float]], effective: Mapping[str, Sequence[float]]) -> str:
-    """Say what an engine uses instead of what it was asked for, beyond rounding; empty if nothing."""
-    found = []
-    for name in sorted(requested.keys() & effective.keys()):
-        pairs = zip(requested[name], effective[name], strict=True)
-        for i, (asked, used) in enumerate(pairs, 1):
-            if not math.isclose(asked, used, rel_tol=ROUNDING, abs_tol=0.0):
-                which = f"{name} {i}" if len(requested[name]) > 1 else name
-                found.append(f"{which} is {used:.6g}, {asked:.6g} was asked for")
-    return "; ".join(found)
-
-
-#: Relative difference of two numbers that are the same but for the arithmetic of an engine.
-ROUNDING = 1e-9

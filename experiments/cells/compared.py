@@ -283,7 +283,7 @@ def _facts(name: str, outcome: Outcome, measures: ColumnMeasures, speed: float) 
         return number(math.nan if value is None else value, 2)
 
     return {
-        "law": law_of(name),
+        "law": law_of(name) or "-",
         "status": outcome.status,
         **{f"v{i}": f"{round(v / speed, 6) + 0.0:.6f}" for i, v in enumerate(outcome.velocities, 1)},
         "D": rough(measures.velocity_divergence),

@@ -31,7 +31,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 
 from impact_xval.compliant_baselines import get_solver, solver_names
-from impact_xval.compliant_baselines.registry import kind_of
+from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.cells.asked import CONTROLS, Asked, asked
 from impact_xval.experiments.cells.compared import Compared
 from impact_xval.experiments.cells.figures import Charts, compression_lines, drawn, lines_of
@@ -42,7 +42,7 @@ from impact_xval.experiments.presentation.pages import phrase, render
 from impact_xval.experiments.sweep.single import SolversApart, solvers_apart
 
 #: Solved at every move, and on request.
-EXACT = tuple(name for name in solver_names() if kind_of(name) != "engine")
+EXACT = tuple(name for name in solver_names() if not is_engine(name))
 #: Points of the path of a column, enough to draw its forces.
 _POINTS = 1000
 _WORDS = "explore_words.md.j2"

@@ -52,7 +52,7 @@ def _show_run(folder: RunFolder) -> None:
 def _show_cell(folder: RunFolder, cell: int) -> None:
     import pyarrow.parquet as pq
 
-    from impact_xval.compliant_baselines.registry import kind_of
+    from impact_xval.compliant_baselines.registry import is_engine
     from impact_xval.experiments.config.arrangements import COLUMN_AXES
     from impact_xval.experiments.config.axes import AXES
     from impact_xval.experiments.measures.ladder_table import LADDER
@@ -63,7 +63,7 @@ def _show_cell(folder: RunFolder, cell: int) -> None:
     path = folder.table_path(LADDER, kind_of_cells(folder.config()).ladders.schema)
     rows = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
     if not len(rows):
-        if all(kind_of(name) != "engine" for name in folder.config().solvers):
+        if not any(map(is_engine, folder.config().solvers)):
             raise UserError(
                 f"--cell = {cell}: no cell has a ladder; legal: the folder of a run with an engine"
             )

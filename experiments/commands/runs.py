@@ -291,7 +291,7 @@ def _writing(
     before : str
         What is said before anything is computed.
     """
-    from impact_xval.compliant_baselines.visible import visible
+    from impact_xval.compliant_baselines.answers import visible
     from impact_xval.experiments.presentation.terminal import show_progress
 
     new = [folder for folder in root.parents if not folder.exists()]

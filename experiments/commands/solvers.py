@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
-    from impact_xval.compliant_baselines.conformance import Check, Law
+    from impact_xval.compliant_baselines.conformance import Check
 
 #: Seconds that a check of a solver may take.
 _LONGEST = 300.0
@@ -31,7 +31,7 @@ def solvers() -> None:
         with at_work(f"asking {name} what it is"):
             reason, version = why_unavailable(solver), stated_version(solver)
         what = [description_of(name), "" if reason is None else f"unavailable: {reason}"]
-        rows.append((name, law_of(name), version or "-", origin, "; ".join(filter(None, what))))
+        rows.append((name, law_of(name) or "-", version or "-", origin, "; ".join(filter(None, what))))
     show(make_console(), render("solvers.md.j2", rows=rows))
 
 
@@ -41,14 +41,14 @@ def conform(
         str,
         typer.Option(
             metavar="NAME",
-            help="What its contacts obey: 'kelvin-voigt', 'hunt-crossley' or 'none' to leave it out.",
+            help="The exact solver whose law it has, or 'none'; by default what it states itself.",
         ),
-    ] = "kelvin-voigt",
+    ] = "",
 ) -> None:
     """Check whether a solver keeps the contract; for authors of adapters. Exit code 1 if it does not."""
     from impact_xval.compliant_baselines import conformance
     from impact_xval.compliant_baselines.answers import why_unavailable
-    from impact_xval.compliant_baselines.registry import get_solver
+    from impact_xval.compliant_baselines.registry import get_solver, law_of
     from impact_xval.experiments.config.configuration import solvers_problem
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.sweep.third_party import contained
@@ -56,6 +56,7 @@ def conform(
     problem = solvers_problem([name])
     if problem:
         raise UserError(f"SOLVER {problem}")
+    law = law or law_of(name) or "none"
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
     with at_work(f"asking {name} what it is"):
@@ -63,8 +64,7 @@ def conform(
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
     console, failed = make_console(), 0
-    checked: Any = law
-    for check, problem in _checked(name, checked):
+    for check, problem in _checked(name, law):
         failed += bool(problem)
         words = check.__name__.replace("_", " ")
         print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
@@ -74,7 +74,7 @@ def conform(
         raise typer.Exit(1)
 
 
-def _checked(name: str, law: Law) -> Iterator[tuple[Check, str]]:
+def _checked(name: str, law: str) -> Iterator[tuple[Check, str]]:
     """Check a solver in a process of its own; each check, and what it found."""
     from impact_xval.compliant_baselines.conformance import checks
     from impact_xval.experiments.presentation.terminal import at_work
@@ -90,19 +90,15 @@ def _checked(name: str, law: Law) -> Iterator[tuple[Check, str]]:
             yield check, found
 
 
-def _ready(context: tuple[str, Law]) -> None:
+def _ready(context: tuple[str, str]) -> None:
     """Import what checks need."""
     from impact_xval.compliant_baselines import conformance  # noqa: F401
 
 
-def _found(context: tuple[str, Law], number: int) -> str:
-    """Say what a check finds of a solver; of another distribution's, not of what keeps it from doing harm."""
+def _found(context: tuple[str, str], number: int) -> str:
+    """Say what a check finds of a solver."""
     from impact_xval.compliant_baselines.conformance import checks, problem_of
-    from impact_xval.compliant_baselines.plugins import ThirdPartySolver
     from impact_xval.compliant_baselines.registry import get_solver
 
     name, law = context
-    solver: Any = get_solver(name)
-    if isinstance(solver, ThirdPartySolver) and solver.solver is not None:
-        solver = solver.solver
-    return problem_of(checks(law)[number], solver)
+    return problem_of(checks(law)[number], get_solver(name))

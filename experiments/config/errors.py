@@ -5,7 +5,7 @@ from __future__ import annotations
 
 class _OneLineError(Exception):
     def __init__(self, message: str) -> None:
-        from impact_xval.compliant_baselines.visible import visible  # its room imports numpy
+        from impact_xval.compliant_baselines.answers import visible  # its room imports numpy
 
         super().__init__(visible(" ".join(str(message).split())))
 

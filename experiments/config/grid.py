@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.registry import kind_of
+from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.configuration import Cell, Config
 from impact_xval.model.collision import Collision
 
@@ -81,7 +81,7 @@ class Chunked(ABC, Generic[_Cell]):
         """
         if self._config.chunk_size is not None:
             return self._config.chunk_size
-        quick = all(kind_of(name) != "engine" for name in self._config.solvers)
+        quick = not any(map(is_engine, self._config.solvers))
         usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64)) if quick else self.with_engines
         return max(usual, -(-len(self) // _MOST_CHUNKS))
 

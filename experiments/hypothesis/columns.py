@@ -264,7 +264,7 @@ def _examined(solver: str, place: Place, column: Collision, contrast: Floats, de
     kept = None if place.meets else dashpots_kept(column, contact, solver)
     series = [stiffened(column, contact, x) for x in contrast]
     forms = [welded(column, contact), *([kept] if kept else [])]
-    outcomes = get_solver(solver).solve_columns([*series, *forms], Settings())
+    outcomes = get_solver(solver).solve_many([*series, *forms], Settings())
     form, *others = (of_each_ball(each.velocities, contact, balls) for each in outcomes[contrast.size :])
     outcomes = tuple(outcomes[: contrast.size])
     margins = np.array([math.inf if o.grazing_margin is None else o.grazing_margin for o in outcomes])

@@ -255,7 +255,7 @@ class CaseResult:
     @property
     def law(self) -> str:
         """The law the solver has or was given."""
-        return law_of(self.solver)
+        return law_of(self.solver) or "-"
 
     @property
     def differing(self) -> tuple[Group, ...]:

@@ -34,7 +34,7 @@ _LIMIT = ("v1_limit", "v2_limit", "limit_error", "order", "regularisation")
 def convergence_estimates(path: Path, solvers: list[str], mapping: MappingName = "calibrated") -> Frame:
     """Compute a row for every solver with convergence estimates, from the table of cells.
 
-    Columns: ``solver``; ``asked``, the exact solver of the law it was asked for, "" with the naive mapping; ``n``
+    Columns: ``solver``; ``asked``, the exact solver of the law it was asked for, "" without one; ``n``
     limits, ``converged`` of them; ``order``, the median; ``error_median``, ``error_p95``, ``error_max``,
     estimated errors of the converged; ``regularisation``, the largest of the converged; ``step_median``, ``step_p95``,
     ``step_max``, their distances from the velocities at the step; and, NaN where `asked` is not in the run,
@@ -49,7 +49,7 @@ def convergence_estimates(path: Path, solvers: list[str], mapping: MappingName =
         good = found[found.status.isin(RESULT_STATUSES)]
         speed = good.v0.abs()
         away = _larger(good.v1 / speed - good.v1_limit, good.v2 / speed - good.v2_limit)
-        asked = "" if mapping == "naive" or is_naive(name) else law_of(name)
+        asked = "" if mapping == "naive" or is_naive(name) else law_of(name) or ""
         row: dict[str, Any] = {"solver": name, "asked": asked, "n": len(found), "converged": len(good)}
         row |= {"order": found.order.median(), "regularisation": good.regularisation.max()}
         row |= _cuts("error", good.limit_error) | _cuts("step", away)

@@ -17,7 +17,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.registry import kind_of
+from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import Config
@@ -135,7 +135,7 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
 
 def ladder_statistics(path: Path, config: Config) -> Frame:
     """Compute `LadderSummary.statistics` from a table of ladders of any size, a column in memory at a time."""
-    frames = [_engine_statistics(path, name, config) for name in config.solvers if kind_of(name) == "engine"]
+    frames = [_engine_statistics(path, name, config) for name in config.solvers if is_engine(name)]
     frames = [frame for frame in frames if len(frame)]
     return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=[*_REGION, *_NUMBERS])
 

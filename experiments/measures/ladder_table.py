@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.registry import engine_free_names, law_of
+from impact_xval.compliant_baselines.registry import is_engine, law_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures.corners import Corners, corner_marks, corner_names, corners
@@ -198,8 +198,7 @@ def ladder_rows(cells: pa.Table) -> pa.Table:
     engines, model = engines_of(cells), cells.filter(pc.field("solver") == REFERENCE)
     if not len(engines):
         return LADDER_SCHEMA.empty_table()
-    asked = [law_of(name) for name in engines["solver"].to_pylist()]
-    return in_groups(asked, lambda rows, obeyed: _ladders(engines.take(rows), model, obeyed))
+    return in_groups(laws_of(engines), lambda rows, obeyed: _ladders(engines.take(rows), model, obeyed))
 
 
 def in_groups(keys: Sequence[Hashable], make: Callable[[NDArray[np.intp], Any], pa.Table]) -> pa.Table:
@@ -220,8 +219,17 @@ def in_groups(keys: Sequence[Hashable], make: Callable[[NDArray[np.intp], Any], 
 
 
 def engines_of(cells: pa.Table) -> pa.Table:
-    """Return the rows of engines."""
-    return cells.filter(~pc.field("solver").isin(engine_free_names()))
+    """Return the rows of engines that were asked for the law of an exact solver; others have no ladder."""
+    names = cells["solver"].unique().to_pylist()
+    laddered = [name for name in names if is_engine(name) and law_of(name) is not None]
+    return cells.filter(pc.field("solver").isin(pa.array(laddered, pa.string())))
+
+
+def laws_of(engines: pa.Table) -> list[str]:
+    """Name the law that the engine of each row was asked for."""
+    names = engines["solver"].to_pylist()
+    laws = {name: law_of(name) or "" for name in set(names)}
+    return [laws[name] for name in names]
 
 
 def _ladders(engines: pa.Table, model: pa.Table, obeyed: str) -> pa.Table:

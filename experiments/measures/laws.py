@@ -14,10 +14,11 @@ def by_law(names: Iterable[str]) -> dict[str, list[str]]:
     -------
     dict
         Solvers by law, laws in the order of their first solver; of each the exact solver first, if it is among them.
+        A solver without one is alone, under its own name.
     """
     groups: dict[str, list[str]] = {}
     for name in names:
-        groups.setdefault(law_of(name), []).append(name)
+        groups.setdefault(law_of(name) or name, []).append(name)
     return {law: sorted(group, key=lambda name: name != law) for law, group in groups.items()}
 
 

@@ -22,7 +22,7 @@ from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 
-from impact_xval.compliant_baselines.visible import visible
+from impact_xval.compliant_baselines.answers import visible
 from impact_xval.experiments.measures.laws import by_law
 from impact_xval.experiments.tables.numbers import listed, number, percent, short
 

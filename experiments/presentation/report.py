@@ -101,7 +101,11 @@ def write_report(
         write_figures(folder, summary)
     captions: dict[str, str] = json.loads((figures / CAPTIONS).read_text(encoding="utf-8"))
     drawn = {name: text for name, text in captions.items() if (figures / f"{name}.png").is_file()}
-    facts = {"figures": drawn, "provenance": _provenance(folder.manifest())}
+    facts = {
+        "figures": drawn,
+        "provenance": _provenance(folder.manifest()),
+        "differences": _differences(folder),
+    }
     if isinstance(summary, ColumnSummary):
         page, pieces = _page_of_columns(summary, facts)
     else:
@@ -111,6 +115,13 @@ def write_report(
     title = f"impact-xval: {summary.config.name}"
     write_text(path, html_of(page, title, figures, pieces, scripts()))
     return path
+
+
+def _differences(folder: RunFolder) -> list[tuple[str, int, str]]:
+    """Solvers that use other numbers than they were asked for, in how many cells, and what they say of the first."""
+    names = ["solver", "differences"]
+    rows = pd.read_parquet(folder.root / "cells.parquet", columns=names).dropna()
+    return [(str(name), len(each), each.iloc[0]) for name, each in rows.groupby("solver").differences]
 
 
 def _page_of_columns(summary: ColumnSummary, facts: dict[str, Any]) -> tuple[str, dict[str, Markup]]:

@@ -45,7 +45,7 @@ def summary_facts(summary: Summary) -> dict[str, Any]:
         "ladder": ladder_facts(summary.ladder),
         **estimate_facts(summary.estimates),
         "overall": [
-            (law_of(name), name, label, int(row.n), *(number(row[cut]) for cut in _CUTS))
+            (law_of(name) or "-", name, label, int(row.n), *(number(row[cut]) for cut in _CUTS))
             for name in summary.solvers
             for measure, label in SUMMARISED.items()
             for row in (summary.get(name, measure),)
@@ -93,7 +93,7 @@ def _found(summary: Summary, name: str) -> dict[str, Any]:
     ]
     return {
         "solver": name,
-        "law": law_of(name),
+        "law": law_of(name) or "-",
         "d": _divergence(summary, name),
         **{
             key: summary.get(name, share)
@@ -112,7 +112,7 @@ def _short(summary: Summary, name: str) -> tuple[str, ...]:
     unsolved = int(statuses.sum() - sum(statuses.get(status, 0) for status in RESULT_STATUSES))
     cuts = (number(row[cut]) for cut in _CUTS)
     paths = percent(summary.get(name, "states_equal")["mean"])
-    return law_of(name), name, str(int(row.n)), *cuts, paths, str(unsolved)
+    return law_of(name) or "-", name, str(int(row.n)), *cuts, paths, str(unsolved)
 
 
 def _most(summary: Summary) -> dict[str, list[str]]:
@@ -214,7 +214,7 @@ def _worst(summary: Summary) -> list[tuple[str, ...]]:
 def _own_law(summary: Summary, name: str) -> tuple[str, ...]:
     """How often the state path is the model's, and how often that of the exact solver of the same law."""
     shares = [summary.get(name, share) for share in _SHARES]
-    law = law_of(name) if shares[-1].n else "-"
+    law = (shares[-1].n and law_of(name)) or "-"
     return name, law, *(f"{percent(row['mean'])} of {row.n}" if row.n else "-" for row in shares)
 
 
@@ -233,4 +233,10 @@ def _paths(summary: Summary) -> list[tuple[str, ...]]:
 def _marked(summary: Summary, name: str) -> tuple[str, ...]:
     row = _divergence(summary, name, cells="marked")
     equal = summary.get(name, "states_equal", cells="marked")
-    return law_of(name), name, str(int(row.n)), *(number(row[cut]) for cut in _CUTS), percent(equal["mean"])
+    return (
+        law_of(name) or "-",
+        name,
+        str(int(row.n)),
+        *(number(row[cut]) for cut in _CUTS),
+        percent(equal["mean"]),
+    )

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from impact_xval.compliant_baselines.visible import visible
+from impact_xval.compliant_baselines.answers import visible
 from impact_xval.experiments.presentation.looks import BLACK, look
 from impact_xval.experiments.presentation.pages import Table, blocks_of, phrase, render
 from impact_xval.experiments.tables.numbers import number

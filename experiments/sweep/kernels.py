@@ -13,7 +13,7 @@ from filelock import FileLock, Timeout
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.quiet import between
 from impact_xval.compliant_baselines.engines.stepping import scan
-from impact_xval.compliant_baselines.registry import engine_names, is_ours, kind_of
+from impact_xval.compliant_baselines.registry import engine_names, is_engine, is_ours, kind_of
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.measures.hausdorff import directed, hausdorff
 from impact_xval.model.chain.kernel import follow_chains
@@ -88,8 +88,9 @@ def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
             if solver.unavailable() is None:
                 solver.solve_many([ORDINARY], Settings())
 
-    ours = [name for name in solvers if is_ours(name)]
-    by_kind = {kind: [name for name in ours if kind_of(name) == kind] for kind in parts}
+    by_kind: dict[str, list[str]] = {kind: [] for kind in parts}
+    for name in filter(is_ours, solvers):
+        by_kind["engine" if is_engine(name) else kind_of(name)].append(name)
     return [Kernels(*parts[kind], partial(solve_by, names)) for kind, names in by_kind.items() if names]
 
 

@@ -437,7 +437,7 @@ class _Process:
 
 def _pass_on(said: io.RawIOBase) -> None:
     """Write what a process says to our standard error, as nothing a terminal obeys: the beginning, and the end."""
-    from impact_xval.compliant_baselines.visible import visible  # most processes say nothing
+    from impact_xval.compliant_baselines.answers import visible  # most processes say nothing
 
     left, last = _SHOWN, collections.deque[str](maxlen=_LAST)
     with io.TextIOWrapper(io.BufferedReader(said), "utf-8", "backslashreplace", newline="\n") as lines:

@@ -240,12 +240,12 @@ def _answer_column(
     column: Collision,
     points: int | None,
 ) -> Solved[Outcome]:
-    from impact_xval.compliant_baselines.answers import answer_columns
+    from impact_xval.compliant_baselines.answers import answer
     from impact_xval.experiments.sweep.kinds.kind import scaled_diagnostics, settings_of
 
     solver = contained(resolve, config.cell_timeout)(name)
     settings = dataclasses.replace(settings_of(config), record_path=points != 0)
-    outcome = answer_columns(solver, [column], settings)[0]
+    outcome = answer(solver, [column], settings)[0]
     if points and outcome.path is not None:
         outcome = dataclasses.replace(outcome, path=_fewer(outcome.path, points))
     return Solved(outcome, scaled_diagnostics(outcome, abs(config.v0)))

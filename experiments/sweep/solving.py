@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.answers import stated_version, why_unavailable
-from impact_xval.compliant_baselines.registry import kind_of
+from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.compliant_baselines.solver import Solver
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.sweep.executors import in_flight, in_this_process
@@ -202,7 +202,7 @@ def prepare(experiment: Experiment) -> Versions:
     rest.
     """
     solvers = experiment.config.solvers
-    engine_free = [name for name in solvers if kind_of(name) != "engine"]
+    engine_free = [name for name in solvers if not is_engine(name)]
     compile_once(experiment.kind.kernels(engine_free), meanwhile=experiment.kind.kernels(solvers))
     versions = solver_versions(experiment)
     for name in engine_free:
@@ -213,7 +213,7 @@ def prepare(experiment: Experiment) -> Versions:
 def make_ready(sandbox: Sandbox, name: str) -> None:
     """Make a sandbox ready for a solver, so that no limit of a call covers what is imported and compiled."""
     sandbox.start()
-    if kind_of(name) == "engine":
+    if is_engine(name):
         with contextlib.suppress(FaultError):  # its cells are to say so
             sandbox.call(_ready_for, name, timeout=TO_PREPARE)
 

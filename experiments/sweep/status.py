@@ -178,4 +178,4 @@ class Medians:
                 with self._lock:
                     values = np.array(found)
                 self._medians[name] = len(values), float(np.median(values, overwrite_input=True))
-        return [(law_of(name), name, n, median) for name, (n, median) in self._medians.items() if n]
+        return [(law_of(name) or "-", name, n, median) for name, (n, median) in self._medians.items() if n]

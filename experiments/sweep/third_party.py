@@ -2,8 +2,7 @@
 
 Their sandboxes are started by the process that calls them, when one is first called, and end with it. That process is a
 sandbox itself, for what a solver does to its caller: of a run, or one for the question what the solver is. What such a
-process answers is read as plain outcomes only, and is checked by its caller
-(`answers`): nothing is left to an interpreter that a solver may have changed.
+process answers is read as plain outcomes only: nothing is left to an interpreter that a solver may have changed.
 """
 
 from __future__ import annotations
@@ -13,14 +12,9 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from impact_xval.compliant_baselines.answers import (
-    answer,
-    answer_columns,
-    stated_version,
-    why_unavailable,
-)
+from impact_xval.compliant_baselines.answers import answer, stated_version, why_unavailable
 from impact_xval.compliant_baselines.registry import is_ours
-from impact_xval.compliant_baselines.solver import Settings, Solver, SolverBase
+from impact_xval.compliant_baselines.solver import Settings, Solver
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves, is_sandbox
 from impact_xval.model.collision import Collision, Outcome
 
@@ -38,7 +32,7 @@ _PLAIN = frozenset(
 )
 
 
-class ContainedSolver(SolverBase):
+class ContainedSolver(Solver):
     """A solver in a sandbox of its own, started when it is first asked for anything.
 
     Parameters
@@ -74,18 +68,6 @@ class ContainedSolver(SolverBase):
             return [Outcome.failure(self.name, collisions[place.start], fault.status, fault.reason)]
 
         return [outcome for piece in in_halves(call, len(collisions), lost) for outcome in piece]
-
-    def solve_columns(self, columns: Sequence[Collision], settings: Settings) -> list[Outcome]:
-        """Answer every column of N balls, in order; one at which its process dies or hangs is a failure."""
-
-        def call(place: slice) -> list[Outcome]:
-            asked = list(columns[place]), settings
-            return self._sandbox.call(_solved_columns, *asked, timeout=self._timeout)
-
-        def lost(place: slice, fault: FaultError) -> list[Outcome]:
-            return [Outcome.failure(self.name, columns[place.start], fault.status, fault.reason)]
-
-        return [outcome for piece in in_halves(call, len(columns), lost) for outcome in piece]
 
     @property
     def _to_state(self) -> float:
@@ -178,13 +160,3 @@ def _solved(
     """In the process of a solver: its outcomes."""
     resolve, name = context
     return answer(resolve(name), collisions, settings)
-
-
-def _solved_columns(
-    context: tuple[Callable[[str], Solver], str],
-    columns: Sequence[Collision],
-    settings: Settings,
-) -> list[Outcome]:
-    """In the process of a solver: its outcomes of columns."""
-    resolve, name = context
-    return answer_columns(resolve(name), columns, settings)

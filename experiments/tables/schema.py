@@ -44,6 +44,7 @@ _WHO = _columns(
     marked  text   -    which jump of the solver's exact law or of the model is so near, or which \
                         cut-off, that the row counts in no statistic; null if none
     reason  text   -    one sentence where the status is not ok
+    differences  text  -  what an engine says it uses instead of what it was asked for; null if nothing
     """
 )
 _OUTCOME = _columns(

@@ -1,45 +1,17 @@
-"""What leaves a solver, whatever it does: a legal outcome for each collision."""
+"""What leaves a solver, whatever it does: an outcome for each collision, whose words can be shown."""
 
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines import Settings, get_solver
-from impact_xval.compliant_baselines.answers import (
-    IllegalOutcomeError,
-    answer,
-    answer_columns,
-    validated,
-)
-from impact_xval.compliant_baselines.solver import SolverBase
+from impact_xval.compliant_baselines import Settings, SolverError, get_solver
+from impact_xval.compliant_baselines.answers import answer
+from impact_xval.compliant_baselines.solver import OneByOne, Solver
 from impact_xval.model.collision import Collision, Outcome
 
 CELL = Collision.two_balls(m1=1.0, m2=1.5, k1=1e6, k2=2e6, e1=0.9, e2=0.7)
-COLUMN = Collision((1.0, 1.0, 1.0), (1e6, 1e6), (0.9, 0.9), (-1.0, 0.0, 0.0))
-GOOD = Outcome("x", (0.1, -0.2, -0.9), (1.0, 0.5), ("1+2", "-"))
-
-
-def test_no_number_is_legal_only_without_a_result():
-    for status in ("unconverged", "timeout", "crashed"):
-        failed = Outcome.failure("x", CELL, status, "too long")
-        assert validated(failed, CELL).reason == "too long"
-        with pytest.raises(IllegalOutcomeError, match="status ok, but velocities, impulses = "):
-            validated(dataclasses.replace(failed, status="ok"), CELL)
-
-
-def test_an_outcome_of_a_column_is_what_its_class_says():
-    assert validated(GOOD, COLUMN) == GOOD
-    for changes, says in (
-        ({"velocities": (0.0, 0.0)}, "velocities; legal: a tuple of 3 numbers"),
-        ({"velocities": (np.nan, 0.0, 0.0)}, "status ok, but velocities, impulses = "),
-        ({"impulses": None}, "impulses; legal: a tuple of 2 numbers"),
-        ({"states": ("1+3", "-")}, "of 1 to 2"),
-        ({"status": "fine"}, "status = 'fine'; legal: ok"),
-    ):
-        with pytest.raises(IllegalOutcomeError, match=says):
-            validated(dataclasses.replace(GOOD, **changes), COLUMN)
+CHAIN = Collision((1.0, 1.0, 1.0), (1e6, 1e6), (0.9, 0.9), (-1.0, 0.0, 0.0))
 
 
 def test_illegal_settings_are_named_with_the_legal_range():
@@ -57,8 +29,8 @@ def test_illegal_settings_are_named_with_the_legal_range():
                 Settings(**{field: value})
 
 
-class Mine(SolverBase):
-    """A solver that does with a list what a test says."""
+class Mine(Solver):
+    """A solver that does with collisions what a test says."""
 
     name = "mine"
 
@@ -71,38 +43,67 @@ class Mine(SolverBase):
     def solve_many(self, collisions, settings):
         return self.made(collisions)
 
-    def solve_columns(self, columns, settings):
-        return self.made(columns)
-
 
 def test_what_goes_wrong_is_a_crashed_outcome_of_each():
     for made, says in (
         (lambda asked: 1 / 0, "ZeroDivisionError: division by zero"),
         (lambda asked: asked[1:], "RuntimeError: 0 outcomes for 1 collisions"),
-        (lambda asked: None, "TypeError: {method} gave NoneType; legal: list or Outcomes"),
-        (lambda asked: [1] * len(asked), "the outcome is of type int; legal: Outcome"),
+        (lambda asked: None, "TypeError: 'NoneType' object is not iterable"),
+        (lambda asked: [1] * len(asked), "AttributeError: 'int' object has no attribute 'velocities'"),
+        (
+            lambda asked: [Outcome("mine", (0.0,), (0.0,)) for _ in asked],
+            "velocities, impulses: 1, 1 values; legal: {}",
+        ),
     ):
-        pairs = answer(Mine(made), [CELL, CELL], Settings())
-        columns = answer_columns(Mine(made), [COLUMN, COLUMN], Settings())
-        words = {"method": "solve_many"}
-        assert [(o.status, o.reason) for o in pairs] == 2 * [("crashed", says.format(**words))]
-        words = {"method": "solve_columns"}
-        assert [(o.status, o.reason) for o in columns] == 2 * [("crashed", says.format(**words))]
-        assert all(len(o.velocities) == 3 for o in columns)
+        outcomes = answer(Mine(made), [CELL, CHAIN], Settings())
+        assert [(o.status, o.reason) for o in outcomes] == [
+            ("crashed", says.format(legal)) for legal in ("2, 2", "3, 2")
+        ]
+        assert [len(o.velocities) for o in outcomes] == [2, 3]
 
 
-def test_one_collision_that_goes_wrong_spoils_no_other():
-    def made(collisions):
-        if any(c.e1 == 0.5 for c in collisions):
-            raise ValueError("not this one")
-        return get_solver("state-transition").solve_many(collisions, Settings())
+def test_collisions_that_go_wrong_spoil_no_other():
+    class Fussy(OneByOne):
+        name = "fussy"
 
-    cells = [dataclasses.replace(CELL, restitutions=(e1, 0.7)) for e1 in (0.9, 0.5, 0.8)]
-    outcomes = answer(Mine(made), cells, Settings())
-    assert [o.status for o in outcomes] == ["ok", "crashed", "ok"]
-    assert outcomes[1].reason == "ValueError: not this one"
-    exact = get_solver("state-transition").solve_many([cells[0], cells[2]], Settings())
-    assert [outcomes[0].v1, outcomes[2].v1] == [o.v1 for o in exact]
+        def version(self):
+            return "1"
+
+        def solve_one(self, collision, settings):
+            if collision.e1 == 0.5:
+                raise ValueError("not\nthis\x1b one")
+            if collision.e1 == 0.6:
+                return Outcome("fussy", (math.nan, 0.0), (0.0, 0.0))
+            return get_solver("state-transition").solve(collision)
+
+    cells = [dataclasses.replace(CELL, restitutions=(e1, 0.7)) for e1 in (0.9, 0.5, 0.8, 0.6, 0.7)]
+    outcomes = answer(Fussy(), cells, Settings())
+    assert [o.status for o in outcomes] == ["ok", "crashed", "ok", "crashed", "ok"]
+    assert outcomes[1].reason == r"ValueError: not this\x1b one"
+    assert "velocities[1] = nan" in outcomes[3].reason
+    exact = get_solver("state-transition").solve_many(cells[::2], Settings())
+    assert [o.v1 for o in outcomes[::2]] == [o.v1 for o in exact]
+    with pytest.raises(ValueError, match="not"):
+        Fussy().solve(cells[1])
+
+
+def test_a_direct_call_raises_what_is_no_result():
+    refused = Mine(lambda asked: [Outcome.failure("mine", c, "unrepresentable", "not today") for c in asked])
+    with pytest.raises(SolverError, match="mine: unrepresentable: not today") as raised:
+        refused.solve(CELL)
+    assert raised.value.status == "unrepresentable"
+    assert answer(refused, [], Settings()) == []
+
+
+def test_the_words_of_a_solver_are_shown_in_a_line():
+    hidden = Mine(
+        lambda asked: [
+            Outcome.failure("mine", c, "crashed", "red\x1b[31m\n\u202e" + 2000 * "x") for c in asked
+        ]
+    )
+    (outcome,) = answer(hidden, [CELL], Settings())
+    assert outcome.reason.startswith(r"red\x1b[31m \u202exxx")
+    assert len(outcome.reason) == 1000
 
 
 def test_ctrl_c_goes_through():

@@ -5,14 +5,13 @@ import dataclasses
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.conformance import LAWS, NonConformingError, checks, conform
+from impact_xval.compliant_baselines.conformance import NonConformingError, checks, conform
 from impact_xval.compliant_baselines.references import (
     HuntCrossleySolver,
     KelvinVoigtSolver,
     TextbookKelvinVoigtSolver,
 )
 from impact_xval.compliant_baselines.registry import law_of
-from impact_xval.model import Collision
 
 pytestmark = pytest.mark.smoke
 
@@ -31,10 +30,10 @@ SLOW = [
     "name", ["kelvin-voigt", "mujoco", "pybullet", "hunt-crossley", "bistiffness", "state-transition", *SLOW]
 )
 def test_our_own_solvers_conform_and_have_the_law_the_registry_says(name):
-    solver, law = get_solver(name), law_of(name)
+    solver = get_solver(name)
     if solver.unavailable():
         pytest.skip(solver.unavailable())
-    assert problems(solver, law if law in LAWS else "none") == {}
+    assert problems(solver, law_of(name)) == {}
 
 
 class Mutant(KelvinVoigtSolver):
@@ -54,7 +53,9 @@ class Mutant(KelvinVoigtSolver):
 def each(**values):
     def change(self, outcomes):
         return [
-            dataclasses.replace(o, **{k: f(o) for k, f in values.items()}) if o.status == "ok" else o
+            dataclasses.replace(o, **{k: f(o) for k, f in values.items()})
+            if (o.status, len(o.velocities)) == ("ok", 2)
+            else o
             for o in outcomes
         ]
 
@@ -62,7 +63,7 @@ def each(**values):
 
 
 def silent(self, outcomes):
-    return [dataclasses.replace(o, reason="") for o in outcomes]
+    return [dataclasses.replace(o, reason="") for o in outcomes]  # which `Outcome` itself refuses
 
 
 def remembering(self, outcomes):
@@ -72,7 +73,7 @@ def remembering(self, outcomes):
 
 def with_units(self, collisions, settings):
     # takes stiffness for 1 kg, whatever the masses
-    made = [Collision.two_balls(c.m1, c.m2, c.k1 * c.m1, c.k2, c.e1, c.e2, c.v0) for c in collisions]
+    made = [dataclasses.replace(c, stiffnesses=(c.k1 * c.m1, c.k2)) for c in collisions]
     return Mutant.solve_many(self, made, settings)
 
 
@@ -86,13 +87,15 @@ MUTANTS = {
     "unsigned": (each(solver=lambda o: "x"), "answers_every_collision"),
     "reversed": ({"change": lambda self, outcomes: outcomes[::-1]}, "answers_every_collision"),
     "losing": ({"change": lambda self, outcomes: outcomes[1:]}, "answers_every_collision"),
-    "nan": (each(v2=lambda o: float("nan")), "answers_every_collision"),
-    "remembering": ({"change": remembering}, "same_bits_in_any_company"),
+    "nan": (each(velocities=lambda o: (o.v1, float("nan"))), "answers_every_collision"),
+    "remembering": ({"change": remembering}, "answers_every_collision"),
     "raising": ({"solve_many": raising}, "refuses_with_a_reason"),
     "silent": ({"change": silent}, "refuses_with_a_reason"),
-    "lenient": ({"solve": lambda self, c, s=None: self.solve_many([c], s)[0]}, "raises_in_a_direct_call"),
-    "sinking": (each(v2=lambda o: -o.v2), "ends_apart_and_creates_no_energy"),
-    "impulsive": (each(impulse2=lambda o: 1.01 * o.impulse2), "ends_apart_and_creates_no_energy"),
+    "sinking": (each(velocities=lambda o: (o.v1, -o.v2)), "ends_apart_and_creates_no_energy"),
+    "impulsive": (
+        each(impulses=lambda o: (o.impulse1, 1.01 * o.impulse2)),
+        "ends_apart_and_creates_no_energy",
+    ),
     "stateless": (each(states=lambda o: o.states[:-1]), "ends_apart_and_creates_no_energy"),
     "unitless": ({"solve_many": with_units}, "scales"),
     "pathless": (each(path=lambda o: None), "gives_a_path"),
@@ -116,7 +119,7 @@ def test_every_way_of_breaking_the_contract_is_caught():
 def test_checks_are_refused_by_name():
     with pytest.raises(NonConformingError, match="name = ' '; legal: printable text"):
         checks()[0](type("Broken", (Mutant,), {"name": " "})())
-    with pytest.raises(ValueError, match="law = 'hertz'; legal: kelvin-voigt, hunt-crossley, none"):
+    with pytest.raises(ValueError, match=r"law = 'hertz'; legal: .*kelvin-voigt.*, none"):
         checks("hertz")
 
 
@@ -125,7 +128,7 @@ def test_the_command_prints_what_it_found(capsys):
 
     assert main(["conform", "kelvin-voigt"]) == 0
     assert capsys.readouterr().out.count("passed  ") == len(checks())
-    assert main(["conform", "kelvin-voigt-textbook"]) == 1
+    assert main(["conform", "kelvin-voigt-textbook", "--law", "kelvin-voigt"]) == 1
     assert "FAILED  converges to kelvin voigt: " in capsys.readouterr().out
     assert main(["conform", "bullet"]) == 2
     assert main(["conform", "mujoco", "--law", "hertz"]) == 2

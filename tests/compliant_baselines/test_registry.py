@@ -4,16 +4,18 @@ import re
 import subprocess
 import sys
 
+import pyarrow as pa
 import pytest
 
 from impact_xval.compliant_baselines import SolverError, get_solver, registry, solver_names
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.conformance import conform
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.references import ReferenceSolver
 from impact_xval.compliant_baselines.registry import origins
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.measures.ladder_table import engines_of
+from impact_xval.experiments.measures.laws import voters
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.third_party import GOOD, install
 
@@ -26,10 +28,11 @@ def test_an_unknown_name_is_told_the_known_ones_in_the_order_of_the_tables():
 
 
 def test_kinds_and_laws_are_those_of_the_classes_and_laws_are_exact_solvers():
-    kinds = {Engine: "engine", ReferenceSolver: "reference"}
     for name in ALL:
         solver, kind, law = get_solver(name), registry.kind_of(name), registry.law_of(name)
-        assert kind == next((k for cls, k in kinds.items() if isinstance(solver, cls)), "model"), name
+        assert (solver.name, solver.kind, solver.law) == (name, kind, law)
+        assert registry.is_engine(name) == isinstance(solver, Engine)
+        assert registry.description_of(name)
         assert law in registry.engine_free_names(), name
         assert registry.law_of(law) == law
         assert (registry.kind_of(law) == "model") == (kind == "model"), name
@@ -75,7 +78,7 @@ def test_an_installed_solver_is_found_used_and_conforms(site, capsys):
     assert tiny.solve(CELL, Settings(step_fraction=1e-4)).v1 == pytest.approx(exact.v1, abs=1e-3)
     with pytest.raises(SolverError, match="tiny: unrepresentable: e1 = 0"):
         tiny.solve(Collision.two_balls(1.0, 1.0, 1.0, 1.0, 0.0, 0.5))
-    assert [(check.__name__, problem) for check, problem in conform(tiny.solver) if problem] == []
+    assert [(check.__name__, problem) for check, problem in conform(tiny) if problem] == []
     assert main(["solve", *RATIOS, "--solver", "tiny", "--solver", "kelvin-voigt", "--json"]) == 0
     ours, exact, _ = json.loads(capsys.readouterr().out)  # and the model
     assert ours["v1"] == pytest.approx(exact["v1"], abs=0.01)
@@ -104,9 +107,43 @@ BROKEN = {
     "lacks": (
         "bad_five:Engine",
         "class Engine:\n name = 'lacks'",
-        "it lacks version, unavailable, solve_many, solve",
+        "TypeError: it is no impact_xval.compliant_baselines.solver.Solver",
+    ),
+    "abstract": (
+        "bad_six:Engine",
+        "from impact_xval.compliant_baselines import Solver\nclass Engine(Solver):\n name = 'abstract'",
+        "TypeError: Can't instantiate abstract class Engine",
+    ),
+    "renamed": (
+        "bad_seven:Engine",
+        "from impact_xval.compliant_baselines.references import KelvinVoigtSolver as Engine",
+        "TypeError: its name is 'kelvin-voigt'",
     ),
 }
+
+RIGID = """
+from impact_xval.compliant_baselines.solver import OneByOne
+
+
+class Rigid(OneByOne):
+    name, kind, law = "rigid", "rigid", None
+
+    def version(self):
+        return "1"
+
+    def solve_one(self, collision, settings):
+        raise NotImplementedError
+"""
+
+
+def test_a_plug_in_states_its_kind_and_law(site):
+    install(site, "rigid-engine", {"rigid": "rigid_engine:Rigid", "gone": "gone:Rigid"}, rigid_engine=RIGID)
+    assert (registry.kind_of("rigid"), registry.law_of("rigid")) == ("rigid", None)
+    for name in ("gone", "of a table from elsewhere"):
+        assert (registry.kind_of(name), registry.law_of(name)) == ("compliant", "kelvin-voigt")
+    assert voters(["rigid", "gone", "kelvin-voigt"]) == ["rigid", "kelvin-voigt"]
+    cells = pa.table({"solver": ["rigid", "gone", "kelvin-voigt"]})
+    assert engines_of(cells)["solver"].to_pylist() == ["gone"]  # the others have no ladder
 
 
 def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, capsys):

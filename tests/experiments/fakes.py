@@ -3,11 +3,11 @@
 import dataclasses
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.solver import SolverBase
+from impact_xval.compliant_baselines.solver import Solver
 from impact_xval.model import Outcome, solve
 
 
-class Shifted(SolverBase):
+class Shifted(Solver):
     """The model's answer, 0.01 m/s faster."""
 
     name = "mujoco"
@@ -21,8 +21,13 @@ class Shifted(SolverBase):
         return "shifted 1"
 
     def solve_many(self, collisions, settings):
-        outcomes = [solve(c, path=settings.record_path) for c in collisions]
-        return [dataclasses.replace(o, solver=self.name, velocities=(o.v1 + 0.01, o.v2)) for o in outcomes]
+        return [self.moved(c, settings) for c in collisions]
+
+    def moved(self, collision, settings):
+        if not collision.falls_on_resting:
+            return Outcome.failure(self.name, collision, "unrepresentable", "two balls on a table only")
+        o = solve(collision, path=settings.record_path)
+        return dataclasses.replace(o, solver=self.name, velocities=(o.v1 + 0.01, o.v2))
 
 
 class Perfect(Shifted):
@@ -109,8 +114,8 @@ class Graded(Shifted):
 class Columns(Shifted):
     """The model's columns, every ball 0.01 m/s faster."""
 
-    def solve_columns(self, columns, settings):
-        outcomes = map(solve, columns)
+    def solve_many(self, collisions, settings):
+        outcomes = map(solve, collisions)
         return [
             dataclasses.replace(o, solver=self.name, velocities=tuple(v + 0.01 for v in o.velocities))
             for o in outcomes

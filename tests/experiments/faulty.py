@@ -30,11 +30,6 @@ class Faulty(Shifted):
             _harm(c.e1)
         return super().solve_many(collisions, settings)
 
-    def solve_columns(self, columns, settings):
-        for column in columns:
-            _harm(column.restitutions[0])
-        return super().solve_columns(columns, settings)
-
 
 class FaultyModel(Faulty):
     """The reference itself, that dies."""

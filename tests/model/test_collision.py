@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from impact_xval.model import Collision, solve_batch
+from impact_xval.model import Collision, Outcome, solve_batch
 
 GOOD = {"m1": 1.0, "m2": 1.0, "k1": 1.0, "k2": 1.0, "e1": 0.5, "e2": 0.5, "v0": -1.0}
 
@@ -66,3 +66,20 @@ def test_the_arrays_of_a_batch_are_broadcast_and_an_empty_batch_is_legal():
     assert batch.v1.shape == (2, 3)
     assert batch.v1[1, 2] == solve_batch(2, 3, 0.6, 0.9).v1
     assert np.shape(solve_batch([], 1, 1, 1).v1) == (0,)
+
+
+def test_an_outcome_that_is_none_is_refused_where_it_is_made():
+    for fields, says in (
+        ({"status": "fine"}, r"status = 'fine'; legal: ok, limit, .*crashed"),
+        ({"velocities": (0.1, math.nan)}, r"velocities\[2\] = nan; legal with the status 'ok': finite"),
+        (
+            {"impulses": (math.inf, 0.0), "status": "limit"},
+            r"impulses\[1\] = inf; legal with the status 'limit'",
+        ),
+        ({"impulses": (1.0, 2.0, 3.0)}, "impulses: 3 values for 2 balls; legal: 1 or 2"),
+        ({"status": "timeout"}, "reason = ''; legal with the status 'timeout': why"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            Outcome(**{"solver": "x", "velocities": (0.1, 0.2), "impulses": (1.0, 2.0)} | fields)
+    unfinished = Outcome("x", (math.nan, 0.2), (1.0,), status="unconverged", reason="too few steps")
+    assert math.isnan(unfinished.v1)

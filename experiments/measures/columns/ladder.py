@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from impact_xval.compliant_baselines import marks, references
-from impact_xval.compliant_baselines.registry import KELVIN_VOIGT, law_of
+from impact_xval.compliant_baselines.registry import KELVIN_VOIGT
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.measures import corners
@@ -38,6 +38,7 @@ from impact_xval.experiments.measures.ladder_table import (
     Ladders,
     engines_of,
     in_groups,
+    laws_of,
     schema_of,
     shared_columns,
 )
@@ -97,8 +98,7 @@ def column_ladder_rows(cells: pa.Table) -> pa.Table:
     engines, model = engines_of(cells), cells.filter(pc.field("solver") == REFERENCE)
     if not len(engines):
         return _SCHEMA.empty_table()
-    asked = [law_of(name) for name in engines["solver"].to_pylist()]
-    alike = list(zip(asked, engines["balls"].to_pylist(), strict=True))
+    alike = list(zip(laws_of(engines), engines["balls"].to_pylist(), strict=True))
     return in_groups(alike, lambda rows, key: _ladders(engines.take(rows), model, key[0]))
 
 

@@ -69,8 +69,8 @@ def measures_of(
 
 
 def exact_for(name: str, mapping: MappingName) -> str:
-    """Name the exact solver of the law a solver was asked for; empty with the naive mapping, which asks for none."""
-    return "" if mapping == "naive" or is_naive(name) else law_of(name)
+    """Name the exact solver of the law a solver was asked for; empty without one, as with the naive mapping."""
+    return "" if mapping == "naive" or is_naive(name) else law_of(name) or ""
 
 
 def largest_difference(some: Sequence[float], others: Sequence[float]) -> float:

@@ -164,7 +164,7 @@ def _engines(rows: Frame, config: Config) -> list[dict[str, Any]]:
             found.append(
                 {
                     "solver": name,
-                    "law": law_of(name),
+                    "law": law_of(name) or "-",
                     "n": len(some),
                     "median": distance.median(),
                     "max": distance.max(),

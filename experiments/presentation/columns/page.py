@@ -35,14 +35,14 @@ def column_facts(summary: ColumnSummary) -> dict[str, Any]:
         "engines": summary.engines,
         "engine_rows": _engine_rows(summary.engines),
         "overall": [
-            (law_of(name), name, label, str(row.n), *(number(row[cut]) for cut in _CUTS))
+            (law_of(name) or "-", name, label, str(row.n), *(number(row[cut]) for cut in _CUTS))
             for name in summary.solvers
             for measure, label in SUMMARISED.items()
             if (row := summary.get(name, measure)).n
         ],
         "short": [_short(summary, name) for name in summary.solvers],
         "by_balls": [
-            (law_of(name), name, *(_median(summary, name, "balls", n) for n in _balls(summary)))
+            (law_of(name) or "-", name, *(_median(summary, name, "balls", n) for n in _balls(summary)))
             for name in summary.solvers
         ],
         "balls": [f"N = {n}" for n in _balls(summary)],
@@ -93,7 +93,14 @@ def _short(summary: ColumnSummary, name: str) -> tuple[str, ...]:
     row, marked = (summary.get(name, "velocity_divergence", cells=cells) for cells in ("regular", "marked"))
     not_compared = summary.n_cells - row.n - marked.n
     by_balls = (_median(summary, name, "balls", n) for n in _balls(summary))
-    return law_of(name), name, str(row.n), *(number(row[cut]) for cut in _CUTS), *by_balls, str(not_compared)
+    return (
+        law_of(name) or "-",
+        name,
+        str(row.n),
+        *(number(row[cut]) for cut in _CUTS),
+        *by_balls,
+        str(not_compared),
+    )
 
 
 def _along(summary: ColumnSummary, axis: str, values: list[Any]) -> dict[str, Any]:

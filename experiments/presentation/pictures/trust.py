@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.registry import kind_of
+from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, Contribution
 from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
@@ -107,7 +107,7 @@ def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
         None where there is no plane, only one value along an axis, or no engine with a result.
     """
     path = folder.table_path(LADDER, LADDER_SCHEMA)
-    engines = [name for name in in_order_of_laws(config.solvers) if kind_of(name) == "engine"]
+    engines = [name for name in in_order_of_laws(config.solvers) if is_engine(name)]
     solver = codes(path, "solver", engines)
     regular = (codes(path, "status", ["ok"]) == 0) & ~present(path, "marked") & (solver >= 0)
     if not regular.any():

@@ -56,6 +56,7 @@ class Collisions(Kind):
             "solver": name,
             "status": outcome.status,
             "reason": outcome.reason or None,
+            "differences": outcome.differences or None,
             "grazing_margin": outcome.grazing_margin,
             "marked": marked(model, outcome),
             "gravity_number": config.gravity_number(c.m2),

@@ -9,7 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from impact_xval.compliant_baselines.answers import answer_columns
+from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.solver import Solver
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
 from impact_xval.experiments.config.columns import ColumnCell
@@ -43,7 +43,7 @@ class Lines(Kind):
     ) -> list[Outcome]:
         """Answer every column by a solver, in order, whatever it does."""
         settings = dataclasses.replace(settings_of(config), record_path=path)
-        return answer_columns(solver, [cell.column for cell in cells], settings)
+        return answer(solver, [cell.column for cell in cells], settings)
 
     def failure(self, name: str, cell: ColumnCell, status: Status, reason: str) -> Outcome:
         """Record that a solver gave no result, and why."""
@@ -68,6 +68,7 @@ class Lines(Kind):
             "solver": name,
             "status": outcome.status,
             "reason": outcome.reason or None,
+            "differences": outcome.differences or None,
             "marked": marked(model, outcome),
             "grazing_margin": outcome.grazing_margin,
             "step": diagnostics.get("step"),

@@ -138,15 +138,11 @@ def test_without_an_engine_the_way_out_is_said(monkeypatch):
         outcome = get_solver(name).solve_many(random_collisions(1, seed=1), COARSE)[0]
         assert outcome.status == "unavailable"
         assert advice in outcome.reason
-    monkeypatch.setattr(sys, "version_info", (3, 12, 0))
-    assert "no wheels beyond CPython 3.11: run with Python 3.11, or build it from source" in str(
-        get_solver("pybullet").unavailable()
-    )
 
 
 def test_pybullet_is_imported_without_a_word():
     pytest.importorskip("pybullet")
-    code = "from impact_xval.compliant_baselines.engines import packages; packages.import_pybullet()"
+    code = "from impact_xval.compliant_baselines.engines import packages; packages.import_quietly('pybullet')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", "")
 
@@ -184,3 +180,17 @@ def test_pybullet_client_is_given_back():
     finally:
         p.disconnect(taken)
     assert beside == solver.solve(cell(), COARSE)
+
+
+def test_an_engine_says_where_it_uses_other_numbers_than_were_asked_for(engine):
+    pair, line = cell(k2=3e8), Collision((1, 2, 1), (1e8, 2e8), (0.5, 1.0), (-1, 0, 0))
+    for collision in (pair, line):
+        outcome = engine.solve(collision, COARSE)
+        assert outcome.differences == ""
+        assert outcome.effective["stiffness"] == pytest.approx(collision.stiffnesses, rel=1e-9)
+        assert outcome.effective["step"] == (outcome.diagnostics["step"],)
+    naive = get_solver(f"{engine.name}-naive").solve(pair, COARSE)
+    # MuJoCo reads N/m as 1/s^2: k M (0.9/0.95)^2. In PyBullet two balls of k are k/2 in series.
+    alone = 1e8 * 0.5 * ((0.9 / 0.95) ** 2 if engine.name == "mujoco" else 1)
+    assert naive.effective["stiffness"][0] == pytest.approx(alone, rel=1e-9)
+    assert f"stiffness 1 is {alone:.6g}, 1e+08 was asked for" in naive.differences

@@ -62,9 +62,33 @@ def test_a_limit_of_balls_that_part_is_one_of_balls_that_parted():
     # B2 would go into the table
     limit = limit_of(np.array([[0.4, 0.012], [0.4, 0.004], [0.4, 0.0]]), 0.0, 1e-6, (1.0, 3.0))
     assert limit.velocities == (0.4, 0)
-    assert limit.error == pytest.approx(0.008)  # and would leave it as fast as it was going to
+    assert limit.error == pytest.approx(0.004)  # and would leave it as fast as it was going to
     limit = limit_of(np.array([[0.4, 0.3], [0.4, 0.2], [0.4, 0.15]]), 0.0, 1e-6, (1.0, 3.0))
     assert limit.velocities[1] == pytest.approx(0.1)  # what is inside stays where it is
+
+
+def test_a_kink_between_runs_of_other_states_is_doubted_as_a_whole():
+    velocities = sequence(lambda h: 0.3 + 0.2 * h)
+    assert limit_of(velocities, 0.0, 1e-6, PAIR, alike=False).error == pytest.approx(0.2 / 4)
+
+
+def test_a_rate_that_turns_around_is_not_extrapolated():
+    def left(h):  # of a vibration: the length of a vector that is shortest before a step of zero
+        return np.hypot(1e-3 * (h - 0.1), 1e-4)
+
+    limit = limit_of(sequence(left), 0.0, 1e-6, PAIR)
+    assert abs(limit.velocities[0] - left(0.0)) < limit.error
+
+
+def test_a_vibration_that_steps_damp_away_is_as_far_as_its_changes_grow():
+    for x in (0.3, 0.1, 0.02):  # what is left of it at the shortest step
+        limit = limit_of(sequence(lambda h, x=x: 0.3 + 0.01 * x ** (4 * h)), 0.0, 1e-6, PAIR)
+        assert 0.5 * limit.error < 0.31 - limit.velocities[0] < limit.error
+
+
+def test_what_gravity_may_do_is_in_doubt():
+    limit = limit_of(sequence(lambda h: 0.3 + 0.2 * h), 0.0, 1e-6, PAIR, gravity_doubt=0.01)
+    assert limit.error == 0.01
 
 
 def test_illegal_convergence_is_refused():

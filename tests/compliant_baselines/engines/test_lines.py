@@ -97,17 +97,19 @@ def test_a_path_ends_with_the_outcome_and_its_forces_are_those_of_kelvin_voigt(e
     for fraction in (4e-3, 2e-3, 1e-3):
         outcome = engine.solve(column, Settings(step_fraction=fraction, record_path=True))
         path, step = outcome.path, outcome.diagnostics["step"]
-        assert len(np.unique(path.time)) == outcome.diagnostics["n_steps"] + 1
         assert path.velocities[-1] == pytest.approx(outcome.velocities, abs=0)
         assert path.impulses[-1] == pytest.approx(outcome.impulses, rel=1e-14)
-        assert np.diff(path.time) @ path.forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)
-        assert path.acting[[0, -1]].tolist() == [[True, True], [False, False]]
+        assert path.acting[0].all()
+        once = np.append(True, np.diff(path.time) > 0)  # a border between states is given twice
+        time, forces = path.time[once], path.forces[once]
+        assert len(time) == outcome.diagnostics["n_steps"] + 1
+        assert np.diff(time) @ forces[1:] == pytest.approx(outcome.impulses, rel=1e-12)
         # Means, so that they are those of the middle of a step. The reference has a few points a segment: its
         # velocities between them are those of the cubic through velocities and forces.
-        middle = 0.5 * (path.time[1:] + path.time[:-1])
+        middle = 0.5 * (time[1:] + time[:-1])
         theirs = np.column_stack([between(exact, i, middle) for i in range(2)])
         # In the first step MuJoCo has no contacts yet: balls that only just touch have no depth.
-        off = np.abs(path.forces[2:] - theirs[1:])
+        off = np.abs(forces[2:] - theirs[1:])
         assert off.max() < 1.5 * step
         # When in its last step a contact opens is chance, and no matter of order.
         errors.append(np.quantile(off, 0.95))

@@ -202,7 +202,7 @@ def test_a_solver_refuses_by_name_what_it_cannot_represent():
         ("mujoco", Settings(), 1.5, "exponent = 1.5: the contacts of an engine are linear"),
     ):
         with pytest.raises(SolverError, match=says):
-            get_solver(solver).solve_column(replace(cradle(3, 1), exponent=exponent), settings)
+            get_solver(solver).solve(replace(cradle(3, 1), exponent=exponent), settings)
 
 
 #: All of 8 balls fall together, elastic: 585 events. By Taylor series in 40 and in 60 digits, which agree in these ten.
@@ -216,7 +216,7 @@ TAME = Collision((1.0, 0.5, 0.25), (1e5, 2e5, 4e5), (0.9, 0.8, 1.0), (-1.0, -1.0
 
 def test_what_rounding_decides_is_marked():
     for law in ("bistiffness", "kelvin-voigt"):
-        (outcome,) = get_solver(law).solve_columns([STACK], Settings(scenario="impact"))
+        (outcome,) = get_solver(law).solve_many([STACK], Settings(scenario="impact"))
         assert outcome.status == "ok"
         assert np.abs(np.subtract(outcome.velocities, TRUTH)).max() > 0.1  # which is why
         assert outcome.marked.startswith(
@@ -226,7 +226,7 @@ def test_what_rounding_decides_is_marked():
 
 def test_what_it_does_not_decide_is_not():
     for law in ("bistiffness", "kelvin-voigt", "kelvin-voigt-textbook", "hunt-crossley"):
-        (outcome,) = get_solver(law).solve_columns([TAME], Settings(scenario="impact"))
+        (outcome,) = get_solver(law).solve_many([TAME], Settings(scenario="impact"))
         assert (outcome.status, outcome.marked) == ("ok", ""), law
         for (other,) in changed(Collisions.of([TAME])):
             assert other.velocities == TAME.velocities
@@ -244,8 +244,8 @@ def test_an_error_that_is_stated_marks_too():
 def test_an_engine_is_marked_where_its_exact_law_is():
     column = Collision(STACK.masses[:6], STACK.stiffnesses[:6], (1.0,) * 6, STACK.velocities[:6], table=True)
     settings = Settings(scenario="impact", step_fraction=0.05)
-    (exact,) = get_solver("kelvin-voigt").solve_columns([column], settings)
-    (engine,) = get_solver("mujoco").solve_columns([column], settings)
-    (tame,) = get_solver("mujoco").solve_columns([TAME], settings)
+    (exact,) = get_solver("kelvin-voigt").solve_many([column], settings)
+    (engine,) = get_solver("mujoco").solve_many([column], settings)
+    (tame,) = get_solver("mujoco").solve_many([TAME], settings)
     assert engine.marked == exact.marked != ""
     assert tame.marked == ""

@@ -88,7 +88,7 @@ def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapp
         contact = place.contact(balls)
         kept = dashpots_kept(column, contact, "kelvin-voigt")
         columns = [stiffened(column, contact, 1e6), welded(column, contact), kept]
-        stiff, anew, as_were = get_solver("kelvin-voigt").solve_columns(columns, Settings())
+        stiff, anew, as_were = get_solver("kelvin-voigt").solve_many(columns, Settings())
         away = [
             column_divergence(column, of_each_ball(each.velocities, contact, balls), stiff.velocities)
             for each in (anew, as_were)

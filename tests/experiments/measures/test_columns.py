@@ -13,7 +13,7 @@ NAMES = ("state-transition", "bistiffness", "kelvin-voigt")
 
 
 def _by(names, column, settings=Settings()):  # noqa: B008
-    return {name: get_solver(name).solve_columns([column], settings)[0] for name in names}
+    return {name: get_solver(name).solve_many([column], settings)[0] for name in names}
 
 
 def test_a_pair_keeps_its_momentum_and_what_e_leaves_of_its_energy():
