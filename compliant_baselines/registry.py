@@ -220,7 +220,9 @@ def _known(name: str) -> Entry | Solver:
 def _plug_ins() -> dict[str, list[EntryPoint]]:
     """Entry points by the name of their solver, in the order of the names; several of one name is a mistake."""
     points: dict[str, list[EntryPoint]] = {}
-    for point in sorted(entry_points(group="impact_xval.solvers"), key=lambda point: point.name):
+    for point in sorted(
+        entry_points(group="impact_xval.solvers"), key=lambda point: (point.name, point.value)
+    ):
         points.setdefault(point.name, []).append(point)
     return points
 

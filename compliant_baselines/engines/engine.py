@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -63,6 +63,8 @@ class Engine(Solver):
 
     def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
         """Run every scene until its collision is over or `max_steps` steps are taken; in order."""
+        if not scenes:
+            return []
         with self.running():
             return [follow(scene, self.world(scene), max_steps, record_path) for scene in scenes]
 
@@ -89,17 +91,14 @@ class Engine(Solver):
         if missing is not None:
             return [Outcome.failure(self.name, each, "unavailable", missing) for each in collisions]
         found = [self.scene_or_refusal(each, settings) for each in collisions]
-        scenes = {i: each for i, each in enumerate(found) if isinstance(each, Scene)}
-        runs = dict(
-            zip(
-                scenes, self.run(list(scenes.values()), settings.max_steps, settings.record_path), strict=True
-            )
-        )
+        scenes = [each for each in found if isinstance(each, Scene)]
+        done = iter(self.run(scenes, settings.max_steps, settings.record_path))
+        runs = [next(done) if isinstance(each, Scene) else each for each in found]
         outcomes = [
-            outcome_of(self.name, each, runs[i], settings)
-            if i in runs
-            else Outcome.failure(self.name, each, "unrepresentable", str(found[i]))
-            for i, each in enumerate(collisions)
+            outcome_of(self.name, collision, run, settings)
+            if isinstance(run, Run)
+            else Outcome.failure(self.name, collision, "unrepresentable", run)
+            for collision, run in zip(collisions, runs, strict=True)
         ]
         ends = self._add_limits(outcomes, runs, settings)
         if settings.mapping == "naive" or self.law is None:
@@ -107,10 +106,10 @@ class Engine(Solver):
         return marked(outcomes, collisions, self.law, settings, ends)
 
     def _add_limits(
-        self, outcomes: list[Outcome], runs: Mapping[int, Run], settings: Settings
+        self, outcomes: list[Outcome], runs: Sequence[Run | str], settings: Settings
     ) -> dict[int, tuple[bool, bool]]:
         """Add the limits dt -> 0 to outcomes, if they are asked for; how they ended, where known, as for `mark`."""
-        over = {i: run for i, run in runs.items() if run.over}
+        over = {i: run for i, run in enumerate(runs) if isinstance(run, Run) and run.over}
         if settings.convergence is None or not over:
             return {}
         limits = estimate_limits(

@@ -153,7 +153,7 @@ def _estimate(row: dict[str, Any]) -> tuple[str, ...]:
     """Make a row of the table of convergence estimates."""
     return (
         row["solver"],
-        row["asked"] or "(naive)",
+        row["asked"] or "-",
         f"{row['converged']} of {row['n']}",
         number(row["order"], 2),
         *(

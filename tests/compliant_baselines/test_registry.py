@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.compliant_baselines import SolverError, get_solver, registry, solver_names
@@ -16,8 +17,11 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.measures.ladder_table import engines_of
 from impact_xval.experiments.measures.laws import voters
+from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.presentation.summary_page import summary_facts
+from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.model.collision import Collision
-from tests.compliant_baselines.third_party import GOOD, install
+from tests.compliant_baselines.third_party import ANVIL, TOY, TOY_FILE, install
 
 ALL = solver_names(on_request=True)
 
@@ -67,27 +71,43 @@ def site(tmp_path, monkeypatch):
             del sys.modules[name]
 
 
-def test_an_installed_solver_is_found_used_and_conforms(site, capsys):
-    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
-    assert "tiny" in solver_names()
-    assert origins()["tiny"] == "tiny-engine 1.2"
-    assert "tiny_engine" not in sys.modules  # nothing is imported before it is asked for
-    tiny = get_solver("tiny")
-    assert (tiny.name, tiny.version(), tiny.unavailable()) == ("tiny", "1.2", None)
-    exact = get_solver("kelvin-voigt").solve(CELL)
-    assert tiny.solve(CELL, Settings(step_fraction=1e-4)).v1 == pytest.approx(exact.v1, abs=1e-3)
-    with pytest.raises(SolverError, match="tiny: unrepresentable: e1 = 0"):
-        tiny.solve(Collision.two_balls(1.0, 1.0, 1.0, 1.0, 0.0, 0.5))
-    assert [(check.__name__, problem) for check, problem in conform(tiny) if problem] == []
-    assert main(["solve", *RATIOS, "--solver", "tiny", "--solver", "kelvin-voigt", "--json"]) == 0
-    ours, exact, _ = json.loads(capsys.readouterr().out)  # and the model
-    assert ours["v1"] == pytest.approx(exact["v1"], abs=0.01)
+def _install_toy(site, distribution="toy-engine", module="toy_engine"):
+    install(site, distribution, {"toy": f"{module}:ToyEngine"}, **{module: TOY})
+
+
+def test_the_page_shows_the_example_as_it_is():
+    assert TOY_FILE.read_text(encoding="utf-8") == TOY
+    assert TOY.count("\n") < 80
+
+
+def test_an_installed_engine_is_found_used_and_conforms(site, capsys):
+    _install_toy(site)
+    assert "toy" in solver_names()
+    assert origins()["toy"] == "toy-engine 1.2"
+    assert "toy_engine" not in sys.modules  # nothing is imported before it is asked for
+    toy = get_solver("toy")
+    assert (toy.name, toy.version(), toy.unavailable()) == ("toy", "1.0", None)
+    # Contact 1 to -0.05 and -0.95 m/s, contact 2 to 0.665; contact 1 to 0.62925 and -0.01425, contact 2 to 0.009975.
+    assert toy.solve(CELL).velocities == pytest.approx((0.62925, 0.009975), abs=1e-14)
+    with pytest.raises(SolverError, match=r"toy: unrepresentable: gravity = 9.81 m/s\^2"):
+        toy.solve(CELL, Settings(scenario="drop"))
+    assert [(check.__name__, problem) for check, problem in conform(toy, toy.law) if problem] == []
+    assert main(["solve", *RATIOS, "--scenario", "impact", "--solver", "toy", "--json"]) == 0
+    ours, _ = json.loads(capsys.readouterr().out)  # and the model
+    assert ours["v1"] == pytest.approx(0.62925, abs=1e-14)
+    assert main(["conform", "toy"]) == 0
+
+
+def test_a_solver_of_one_collision_at_a_time_conforms(site):
+    install(site, "anvil", {"anvil": "anvil:Anvil"}, anvil=ANVIL)
+    anvil = get_solver("anvil")
+    assert [(check.__name__, problem) for check, problem in conform(anvil, anvil.law) if problem] == []
 
 
 def test_a_run_uses_it_in_worker_processes_and_writes_its_version(site, tmp_path):
-    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
+    _install_toy(site)
     grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}
-    config = {"solvers": ["kelvin-voigt", "tiny"], "step_fraction": 0.02, "chunk_size": 1, "grid": grid}
+    config = {"solvers": ["kelvin-voigt", "toy"], "scenario": "impact", "chunk_size": 1, "grid": grid}
     code = (
         "from pathlib import Path\nfrom impact_xval.experiments.config.configuration import parse_config\n"
         "from impact_xval.experiments.sweep.run import run_sweep\n"
@@ -96,8 +116,11 @@ def test_a_run_uses_it_in_worker_processes_and_writes_its_version(site, tmp_path
     paths = {"PYTHONPATH": os.pathsep.join([str(site), *sys.path])}
     subprocess.run([sys.executable, "-c", code], env=os.environ | paths, check=True)
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text(encoding="utf-8"))
-    assert manifest["versions"]["tiny"] == "1.2"
-    assert manifest["statuses"]["tiny"] == {"ok": 2}, manifest["statuses"]
+    assert manifest["versions"]["toy"] == "1.0"
+    assert manifest["statuses"]["toy"] == {"ok": 2}, manifest["statuses"]
+    assert pq.read_table(tmp_path / "run" / "ladder.parquet").num_rows == 0  # it was asked for no law
+    facts = summary_facts(summarise(RunFolder(tmp_path / "run")))
+    assert [row[:2] for row in facts["short"]] == [("kelvin-voigt", "kelvin-voigt"), ("-", "toy")]
 
 
 BROKEN = {
@@ -121,28 +144,15 @@ BROKEN = {
     ),
 }
 
-RIGID = """
-from impact_xval.compliant_baselines.solver import OneByOne
-
-
-class Rigid(OneByOne):
-    name, kind, law = "rigid", "rigid", None
-
-    def version(self):
-        return "1"
-
-    def solve_one(self, collision, settings):
-        raise NotImplementedError
-"""
-
 
 def test_a_plug_in_states_its_kind_and_law(site):
-    install(site, "rigid-engine", {"rigid": "rigid_engine:Rigid", "gone": "gone:Rigid"}, rigid_engine=RIGID)
-    assert (registry.kind_of("rigid"), registry.law_of("rigid")) == ("rigid", None)
+    _install_toy(site)
+    install(site, "broken", {"gone": "gone:Engine"})
+    assert (registry.kind_of("toy"), registry.law_of("toy")) == ("rigid", None)
     for name in ("gone", "of a table from elsewhere"):
         assert (registry.kind_of(name), registry.law_of(name)) == ("compliant", "kelvin-voigt")
-    assert voters(["rigid", "gone", "kelvin-voigt"]) == ["rigid", "kelvin-voigt"]
-    cells = pa.table({"solver": ["rigid", "gone", "kelvin-voigt"]})
+    assert voters(["toy", "gone", "kelvin-voigt"]) == ["toy", "kelvin-voigt"]
+    cells = pa.table({"solver": ["toy", "gone", "kelvin-voigt"]})
     assert engines_of(cells)["solver"].to_pylist() == ["gone"]  # the others have no ladder
 
 
@@ -163,13 +173,13 @@ def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, 
 
 
 def test_two_distributions_with_one_name_are_told(site):
-    install(site, "tiny-engine", {"tiny": "tiny_engine:TinyEngine"}, tiny_engine=GOOD)
-    install(site, "tiny-fork", {"tiny": "tiny_fork:TinyEngine"}, tiny_fork=GOOD)
-    assert "tiny-engine 1.2 and tiny-fork 1.2 both provide 'tiny'" in str(get_solver("tiny").unavailable())
+    _install_toy(site)
+    _install_toy(site, "toy-fork", "toy_fork")
+    assert "toy-engine 1.2 and toy-fork 1.2 both provide 'toy'" in str(get_solver("toy").unavailable())
 
 
 def test_a_name_that_is_taken_stays_what_it_is(site):
     install(site, "rival", {"mujoco": "rival:Engine"})
-    assert type(get_solver("mujoco")).__module__ == "impact_xval.compliant_baselines.engines.mujoco_engine"
+    assert type(get_solver("mujoco")).__module__ == "impact_xval.compliant_baselines.engines.mujoco"
     assert solver_names().count("mujoco") == 1
     assert origins()["mujoco"] == "impact-xval (rival 1.2 ignored: the name is taken)"

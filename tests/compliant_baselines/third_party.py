@@ -2,10 +2,18 @@
 
 from pathlib import Path
 
-_PAGE = (Path(__file__).parents[2] / "docs" / "adding-a-solver.md").read_text(encoding="utf-8")
+_ROOT = Path(__file__).parents[2]
 
-#: The example of the documentation, word for word.
-GOOD = _PAGE.split("<!-- example adapter -->\n```python\n")[1].split("```")[0]
+#: The examples of the documentation, word for word: an adapter of an engine, and a solver of one collision at a time.
+TOY, ANVIL = (
+    (_ROOT / "docs" / "adding-a-solver.md")
+    .read_text(encoding="utf-8")
+    .split(f"<!-- example {name} -->\n```python\n")[1]
+    .split("```")[0]
+    for name in ("adapter", "solver")
+)
+#: The file that the first one shows.
+TOY_FILE = _ROOT / "examples" / "toy_engine.py"
 
 
 def install(folder: Path, name: str, points: dict[str, str], **modules: str) -> None:
