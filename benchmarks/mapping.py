@@ -1,8 +1,11 @@
-"""Single contacts, requested and given: the restitution of both mappings over e, k and the two kinds of contact.
+"""Single contacts, requested and given: the restitution by both mappings, and what is pasted into scenes by hand.
 
-Run as ``python -m benchmarks.mapping [ENGINE ...]``. A row is the worst of 63 contacts, e from 0.2 to 1 and k from
-1e2 to 1e8 N/m: the error of the restitution at a step of 1/1000 of the contact's period, and in the limit dt -> 0,
-which is extrapolated from that step, its half, its quarter and its eighth.
+Run as ``python -m benchmarks.mapping [ENGINE ...]``. In the first table a row is the worst of 63 contacts, e from 0.2
+to 1 and k from 1e2 to 1e8 N/m: the error of the restitution at a step of 1/1000 of the contact's period, and in the
+limit dt -> 0, which is extrapolated from that step, its half, its quarter and its eighth. In the second one, 20 random
+pairs an engine are pasted as `impact-xval contact` says into a scene of another kind (free bodies, boxes for floors),
+and meet at a random place within a step: how many come back with a restitution inside the interval that was stated, by
+how much it is left at most, and the largest error of restitution or duration, per what was asked.
 """
 
 import itertools
@@ -16,9 +19,11 @@ from rich.table import Table
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.convergence import extrapolated
-from impact_xval.compliant_baselines.mapping import Contact
+from impact_xval.compliant_baselines.paste import paste
 from impact_xval.compliant_baselines.registry import engine_names
-from impact_xval.compliant_baselines.single_contact import Pair, columns
+from impact_xval.compliant_baselines.single_contact import Pair, largest_step, scenes
+from tests.compliant_baselines import hand_scenes
+from tests.compliant_baselines.test_single_contact import requests
 
 RESTITUTIONS = np.arange(2, 11) / 10
 STIFFNESSES = 10.0 ** np.arange(2, 9)
@@ -26,32 +31,55 @@ STEPS = 1e-3 / 2.0 ** np.arange(4)
 BODIES = {"ball on table": (2 / 3**0.5, math.inf), "ball on ball": (1.0, 2 / 3**0.5)}
 
 
-def errors(solver, masses, mapping):
+def errors(engine, masses, mapping):
     """Errors of the restitution, a row a contact, a column a step."""
     found = []
     for e, k in itertools.product(RESTITUTIONS.tolist(), STIFFNESSES.tolist()):
         pair = Pair(masses, e, stiffness=k)
-        given = Contact.from_restitution(k, e, pair.mass, mapping)
-        asked = [columns(pair, step * pair.contact.period, [0.0])[0] for step in STEPS]
-        asked = [replace(each, contact1=given, contact2=given, mapping=mapping) for each in asked]
-        runs = solver.run_columns(asked, 10_000_000)
-        found.append([(run.v2 if pair.fixed else run.v1 - run.v2) / pair.speed - e for run in runs])
+        asked = [scenes(pair, step * pair.contact.period, [0.0])[0] for step in STEPS]
+        runs = engine.run([replace(scene, mapping=mapping) for scene in asked], 10_000_000)
+        ends = np.array([run.velocities for run in runs])
+        found.append((ends[:, 1] if pair.fixed else ends[:, 0] - ends[:, 1]) / pair.speed - e)
     return np.array(found)
 
 
+def pasted(engine, n=20):
+    """Of n random pairs the shares by which the stated interval of e is left, and by which e or T are missed."""
+    rng, left, missed = np.random.default_rng(1), [], []
+    for pair in requests(n):
+        found = largest_step(engine, pair)
+        told = {
+            "request": {"masses": pair.masses, "speed": pair.speed},
+            "contact": {"penetration": pair.penetration, "duration": pair.contact.duration},
+            "paste": paste(engine.name, pair.contact, found.step)[1],
+            "largest_step": found.step,
+        }
+        gap = float(3 + rng.uniform()) * pair.speed * found.step
+        e, duration = getattr(hand_scenes, engine.name)(told, gap)
+        low, high = found.restitution
+        left.append(max(low - e, e - high, 0) / pair.restitution)
+        missed += [abs(e / pair.restitution - 1), abs(duration / pair.contact.duration - 1)]
+    return np.array(left), np.array(missed)
+
+
 def main() -> None:
-    """Print the worst errors by engine, kind of contact and mapping."""
-    table = Table("engine", "contact", "mapping", "error of e at 1/1000 of a period", "dt -> 0")
+    """Print the worst errors by engine, kind of contact and mapping, and how pasted contacts did."""
+    given = Table("engine", "contact", "mapping", "error of e at 1/1000 of a period", "dt -> 0")
+    by_hand = Table("engine", "pasted", "e inside the interval", "left by at most", "largest error of e or T")
     for name in sys.argv[1:] or engine_names():
-        solver = get_solver(name)
-        if (reason := solver.unavailable()) is not None:
-            table.add_row(name, reason)
+        engine = get_solver(name)
+        if (reason := engine.unavailable()) is not None:
+            given.add_row(name, reason)
             continue
         for (contact, masses), mapping in itertools.product(BODIES.items(), ("calibrated", "naive")):
-            off = errors(solver, masses, mapping)
+            off = errors(engine, masses, mapping)
             limit = extrapolated(off.T[..., None])[-1]
-            table.add_row(name, contact, mapping, *(f"{np.abs(x).max():.1e}" for x in (off[:, 0], limit)))
-    Console(width=110).print(table)
+            given.add_row(name, contact, mapping, *(f"{np.abs(x).max():.1e}" for x in (off[:, 0], limit)))
+        left, missed = pasted(engine)
+        inside = str(np.count_nonzero(left == 0))
+        by_hand.add_row(name, str(left.size), inside, f"{left.max():.1e}", f"{missed.max():.1e}")
+    for table in (given, by_hand):
+        Console(width=110).print(table)
 
 
 if __name__ == "__main__":
