@@ -1,14 +1,15 @@
 """How sure the engines' limits dt -> 0 are, how much the exact references jump, and which marks screens lose.
 
-    python benchmarks/limits.py engines --cells 2000      # some ten minutes on one core
+    python benchmarks/limits.py engines --cells 2000      # some fifteen minutes on one core
+    python benchmarks/limits.py engines --cells 200 --box '{"stiffness_ratio": {"log": [100, 1000]}}'
     python benchmarks/limits.py jumps --cells 200000      # a minute
     python benchmarks/limits.py screens --cells 100000    # a minute
 
-**engines** draws cells of the default box (`config.axes.Sample`), runs both engines with convergence estimates, and
-holds every limit of status ok and without a mark against the exact Kelvin-Voigt solution: the share further from it
-than three times the stated error, and the furthest. **jumps** solves every cell by an exact reference, then again with
-k2/k1, k1 and both stiffnesses changed by a relative amount, and prints how many of the marked and of the others move
-by more than given amounts.
+**engines** draws cells of the default box (`config.axes.Sample`), or of `--box`, runs both engines with convergence
+estimates, and holds every limit of status ok and without a mark against the exact Kelvin-Voigt solution: the share
+further from it than three times the stated error, and the furthest. **jumps** solves every cell by an exact reference,
+then again with k2/k1, k1 and both stiffnesses changed by a relative amount, and prints how many of the marked and of
+the others move by more than given amounts.
 """
 
 from __future__ import annotations
@@ -34,36 +35,39 @@ ENGINES = ("mujoco", "pybullet")
 HONEST = 3.0
 
 
-def draw(n: int, seed: int) -> np.ndarray:
-    """k2/k1, m2/m1, e1, e2 of random cells of the default box, shape (4, n)."""
-    return Sample().place(np.random.default_rng(seed).random((n, 4))).T
+def draw(n: int, seed: int, box: Sample) -> np.ndarray:
+    """k2/k1, m2/m1, e1, e2 of random cells of a box, shape (4, n)."""
+    return box.place(np.random.default_rng(seed).random((n, len(box.free())))).T
 
 
-def solve(cells: np.ndarray, scenario: str, k1: float) -> list[list[tuple[str, str, float, float, float]]]:
-    """By engine, for each cell: status, mark, distance of the limit from exact, stated error, v1 - v2 of the limit."""
+def solve(cells: np.ndarray, settings: Settings, k1: float) -> list[list[tuple[str, str, float, float]]]:
+    """By engine, for each cell: status, mark, distance of the limit from exact, stated error."""
     collisions = [Collision.two_balls(1.0, mu, k1, k1 * kappa, e1, e2, -1.0) for kappa, mu, e1, e2 in cells.T]
-    exact = get_solver("kelvin-voigt").solve_many(collisions, Settings(scenario=scenario))
+    exact = get_solver("kelvin-voigt").solve_many(collisions, settings)
     rows = []
     for name in ENGINES:
-        outcomes = get_solver(name).solve_many(
-            collisions, Settings(scenario=scenario, convergence=Convergence())
-        )
+        outcomes = get_solver(name).solve_many(collisions, settings)
         row = []
         for outcome, true in zip(outcomes, exact, strict=True):
             d = outcome.diagnostics
             v1, v2 = d.get("v1_limit", math.nan), d.get("v2_limit", math.nan)
             away = max(abs(v1 - true.v1), abs(v2 - true.v2))
-            row.append((outcome.status, outcome.marked, away, d.get("limit_error", math.nan), v1 - v2))
+            row.append((outcome.status, outcome.marked, away, d.get("limit_error", math.nan)))
         rows.append(row)
     return rows
 
 
 def engines(options: argparse.Namespace) -> None:
     """Hold the limits of both engines against exact Kelvin-Voigt."""
-    cells = draw(options.cells, options.seed)
+    cells = draw(options.cells, options.seed, options.box)
+    settings = Settings(
+        scenario=options.scenario,
+        step_fraction=options.step_fraction,
+        convergence=Convergence(tolerance=options.tolerance),
+    )
     chunks = np.array_split(cells, max(1, options.cells // 25), axis=1)
     with ProcessPoolExecutor(options.workers) as pool:
-        done = list(pool.map(solve, chunks, [options.scenario] * len(chunks), [options.k1] * len(chunks)))
+        done = list(pool.map(partial(solve, settings=settings, k1=options.k1), chunks))
     for i, name in enumerate(ENGINES):
         rows = [row for chunk in done for row in chunk[i]]
         away, error = (np.array([row[j] for row in rows]) for j in (2, 3))
@@ -84,7 +88,7 @@ def engines(options: argparse.Namespace) -> None:
 
 def jumps(options: argparse.Namespace) -> None:
     """Change stiffnesses a little and count what moves."""
-    kappa, mu, e1, e2 = draw(options.cells, options.seed)
+    kappa, mu, e1, e2 = draw(options.cells, options.seed, options.box)
     number = 9.81 / np.sqrt(options.k1 * (1 + 1 / mu)) * (options.scenario == "drop")
     c = 1 + options.change
     collisions, gravity = Collisions.from_ratios(kappa, mu, e1, e2), number * np.sqrt(1 + 1 / mu)
@@ -139,6 +143,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scenario", choices=("drop", "impact"), default="drop")
     parser.add_argument("--k1", type=float, default=1e8, help="N/m, at m1 = 1 kg and v0 = -1 m/s")
+    parser.add_argument(
+        "--box", type=Sample.model_validate_json, default=Sample(), help="JSON of `config.axes.Sample`"
+    )
+    parser.add_argument("--step-fraction", type=float, default=1e-3, help="of the faster contact (engines)")
+    parser.add_argument("--tolerance", type=float, default=1e-3, help="of limits, per |v0| (engines)")
     parser.add_argument("--change", type=float, default=1e-3, help="relative change of stiffnesses (jumps)")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes (engines)")
     parser.add_argument("--show", type=int, default=0, help="cells to list, the least honest first (engines)")

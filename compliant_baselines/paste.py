@@ -204,7 +204,9 @@ def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict
 
 def mjcf(scene: Scene) -> str:
     """Write the scene that MuJoCo runs, its initial state as the keyframe ``start``."""
-    batch = mujoco.MujocoWorld(scene, {}).batch
+    engine = mujoco.Mujoco()
+    with engine.running():
+        batch = engine.world(scene).batch
     model = batch.model
     root = ElementTree.fromstring(mujoco.mjcf(len(scene.masses), scene.table))
 
@@ -258,12 +260,15 @@ class _Recorder:
         value = getattr(self._module, name)
         if type(value) is int:
             return _named(value, f"pybullet.{name}")
-        if not name.startswith(("create", "set", "reset", "change")):
+        if not name.startswith(("create", "set", "reset", "change", "step")):
             return value
 
         def call(*args: Any, **kwargs: Any) -> Any:
             result = value(*args, **kwargs)
             given = {key: each for key, each in kwargs.items() if key != "physicsClientId"}
+            args = (
+                () if name == "stepSimulation" else args
+            )  # a number of the client, which a script does without
             words = [*map(_literal, args), *(f"{key}={_literal(each)}" for key, each in given.items())]
             inside = ", ".join(words)
             if len(inside) > 80:

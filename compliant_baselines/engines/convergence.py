@@ -23,7 +23,7 @@ The estimated error of L is the largest of four numbers (the largest over veloci
    accident.
 2. *Bent rates*: the last change of the rate at which two bodies part, where no straight line leads to its limit:
 
-   * for all rates, where the last two runs differ in their states (`state_runs`), their first flight or their end:
+   * for all rates, where the last two runs differ in their states, their first flight or their end:
      the velocities have a kink between them;
    * where the last change exceeds a third of what is left of the rate. Bodies that part slowly do so by what remains
      of a vibration of their contact, and their rate is the length of a vector (of displacement and velocity), which
