@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.experiments.cells.compared import compare
-    from impact_xval.model import Collision, solve, solve_batch, solve_column
+    from impact_xval.model import Collision, solve, solve_batch
 
-__all__ = ["Collision", "compare", "get_solver", "solve", "solve_batch", "solve_column"]
+__all__ = ["Collision", "compare", "get_solver", "solve", "solve_batch"]
 
 
 def __getattr__(name: str) -> Any:
