@@ -108,8 +108,8 @@ def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
 
 def engine_names(*, on_request: bool = False) -> tuple[str, ...]:
     """Names of the engines that have an adapter here; with or without those that are no comparison's default."""
-    ours = ((name, entry.on_request) for name, entry in _ENTRIES.items() if is_engine(name))
-    return tuple(name for name, rare in ours if on_request or not rare)
+    ours = _ENTRIES.items()
+    return tuple(name for name, entry in ours if is_engine(name) and (on_request or not entry.on_request))
 
 
 def engine_free_names() -> tuple[str, ...]:
@@ -214,7 +214,7 @@ def _known(name: str) -> Entry | Solver:
     if name in _ENTRIES:
         return _ENTRIES[name]
     points = _plug_ins().get(name)
-    return _loaded(name, points) if points else Unloadable(name, "")
+    return _loaded(name, points) if points else Entry("", "")
 
 
 def _plug_ins() -> dict[str, list[EntryPoint]]:
@@ -245,6 +245,5 @@ def _loaded(name: str, points: Sequence[EntryPoint]) -> Solver:
         if solver.name != name:
             raise TypeError(f"its name is {solver.name!r}")
     except Exception as error:  # whatever an import may do
-        said_why = f"{_origin(point)} provides {name!r} as {point.value}, but {said(error)}"
-        return Unloadable(name, said_why)
+        return Unloadable(name, f"{_origin(point)} provides {name!r} as {point.value}, but {said(error)}")
     return solver
