@@ -60,9 +60,9 @@ def _contact(loaded, k, c, gap, rate, acceleration):  # pragma: no cover (compil
 def _may_end(code, v, x, masses, weight):  # pragma: no cover (compiled)
     """Whether a drop of two balls may soon be over by rest, or stuck (3 of the module)."""
     m1, m2, g = masses[0], masses[1], weight[0]
-    k1, k2, rest = weight[1], weight[2], weight[3]
+    k1, k2, rest, rest1, rest12 = weight[1], weight[2], weight[3], weight[4], weight[5]
     if code == 3:
-        away1, away2 = x[1] - x[0] - m1 * g / k1, x[1] + rest + m1 * g / k2
+        away1, away2 = x[1] - x[0] - rest1, x[1] + rest12
         energy = m1 * v[0] * v[0] + m2 * v[1] * v[1] + k1 * away1 * away1 + k2 * away2 * away2
         return energy <= 16 * g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2)
     if code & 1:
@@ -86,7 +86,7 @@ def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compil
         Velocities in m/s and heights in m after it, and masses in kg.
     law : ndarray, shape (3, C)
         k in N/m and c in N s/m as the engine has them, and the reduced mass M in kg.
-    weight : ndarray, shape (4,)
+    weight : ndarray, shape (6,)
         As `stepping.scan`.
     h : float
         Length of a step in s.

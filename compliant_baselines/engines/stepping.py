@@ -108,7 +108,7 @@ def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
 def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
     """How a drop of two balls ends after this step, if it does."""
     v1, v2, x1, x2, m1, m2 = v[0], v[1], x[0], x[1], masses[0], masses[1]
-    g, k1, k2, rest = weight[0], weight[1], weight[2], weight[3]
+    g, k1, k2, rest, rest1, rest12 = weight[0], weight[1], weight[2], weight[3], weight[4], weight[5]
     if not code & 1 and x1 >= x2 and v1 >= v2:
         if not code & 2 and x2 >= 0 and v2 >= 0:
             return FREE
@@ -118,7 +118,7 @@ def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
         return FLIGHT
     if code == 3:
         energy = m1 * v1 * v1 + m2 * v2 * v2
-        energy += k1 * (x2 - x1 - m1 * g / k1) ** 2 + k2 * (x2 + rest + m1 * g / k2) ** 2
+        energy += k1 * (x2 - x1 - rest1) ** 2 + k2 * (x2 + rest12) ** 2
         if energy <= g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2):
             return STUCK
     return GOING
@@ -136,8 +136,9 @@ def scan(v, x, before, masses, contacts, weight, h, left, codes, memory):  # pra
         Velocities before the first step, and masses in kg.
     contacts : int
         N with a table, N - 1 without.
-    weight : ndarray, shape (4,)
-        Of a drop g in m/s^2, k1 and k2 in N/m, and how deep a settled B2 rests, in m; else zeros.
+    weight : ndarray, shape (6,)
+        Of a drop g in m/s^2, k1 and k2 in N/m, and in m how deep B2 rests alone, B1 in B2, and B2 with B1 on it; else
+        zeros.
     h : float
         Length of a step in s.
     left : int
@@ -382,15 +383,13 @@ class Record:
             self.heights,
             dict(world.effective),
         )
-        self._weight = np.zeros(4)
+        self._weight = np.zeros(6)
         if scene.gravity:
-            m2, (k1, k2) = scene.masses[1], scene.stiffnesses
-            self._weight[:] = (
-                scene.gravity,
-                k1,
-                m2 * scene.gravity / world.rest if world.rest else k2,
-                world.rest,
-            )
+            (m1, m2), (k1, k2), g, rest = scene.masses, scene.stiffnesses, scene.gravity, world.rest
+            k2 = m2 * g / rest if rest else k2
+            # On a rigid support nothing goes in; the stiffnesses asked for still say what a small energy is.
+            together = (m1 * g / k1, rest + m1 * g / k2) if rest else (0.0, 0.0)
+            self._weight[:] = g, k1, k2, rest, *together
         if world.longest_leap:
             law = self._effective["stiffness"], self._effective["damping"], reduced_masses(scene)
             self._law = np.array(law)
@@ -431,7 +430,7 @@ class Record:
         if self.end != FLIGHT:
             return self.end
         self._fall = self.n_steps, self.heights
-        self._weight, self.end = np.zeros(4), GOING
+        self._weight, self.end = np.zeros(6), GOING
         return FLIGHT
 
     @property
