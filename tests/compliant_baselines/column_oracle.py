@@ -71,7 +71,7 @@ class Column(ABC):
         """What falls through zero where an open contact returns."""
         return (lambda y: -self.rate(i, y)) if self.frozen else (lambda y: -self.depth(i, y))
 
-    # the end, by the rule of the package's trajectory module
+    # the end, by the rule of engines.stepping
     def rest_energy(self, y):
         weight, k = self.mu * self.g, self.k[1]
         return self.mu * y[3] ** 2 + k * (self.depth(1, y) - weight / k) ** 2 - weight**2 / k
