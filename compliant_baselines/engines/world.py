@@ -22,7 +22,8 @@ class World(ABC):
     rest : float
         How deep a settled lowest ball rests, in m; 0 if nothing is settled, or on a rigid support.
     longest_leap : int
-        Steps that `leap` takes at most; 0 for an engine that is read after every step.
+        Steps that `leap` takes at most, between events that stiffness and damping as effective foretell
+        (`engines.quiet`); 0 for an engine that is read after every step.
     """
 
     heights: Floats
