@@ -81,7 +81,8 @@ def merge_runs(raw: Runs, shortest: float, closed: int) -> Runs:
     held = (ends != raw.start) | ~np.isfinite(raw.start)
     held[:1] = True
     start, state = raw.start[held], raw.state[held]
-    state = state | closed & ~np.bitwise_or.accumulate(state)
+    yet_to_act = closed & np.bitwise_or.reduce(state) & ~np.bitwise_or.accumulate(state)
+    state = state | yet_to_act
     # Runs made equal by rule 1 join before their length is judged.
     first = _changes(state)
     start, state = start[first], state[first]
