@@ -25,7 +25,6 @@ from impact_xval.compliant_baselines.restitution import (
     textbook_damping_ratio,
 )
 from impact_xval.compliant_baselines.solver import MappingName
-from impact_xval.model.collision import Collision
 
 #: MuJoCo's least constraint impedance (mjMINIMP of mjmodel.h): as near as it comes to a contact at the level of forces.
 MUJOCO_IMPEDANCE = 1e-4
@@ -94,21 +93,6 @@ class Contact:
     def restitution(self) -> float:
         """Coefficient of restitution when the pair is alone and without gravity."""
         return restitution(self.zeta)
-
-
-def contacts(collision: Collision, mapping: MappingName = "calibrated") -> tuple[Contact, Contact]:
-    """Contact 1 (ball-ball, M = m1 m2/(m1 + m2)) and contact 2 (ball-table, M = m2) of a collision.
-
-    Raises
-    ------
-    ValueError
-        For e_i = 0.
-    """
-    c = collision
-    return (
-        Contact.from_restitution(c.k1, c.e1, c.reduced_mass, mapping),
-        Contact.from_restitution(c.k2, c.e2, c.m2, mapping),
-    )
 
 
 @dataclass(frozen=True, slots=True)

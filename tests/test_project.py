@@ -9,14 +9,15 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.mapping import (
-    contacts,
     damping_ratio,
     drake_geometries,
     mujoco_contact,
     restitution,
     textbook_damping_ratio,
 )
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model import Collision
 
 ROOT = Path(__file__).parents[1]
@@ -102,7 +103,7 @@ def test_the_worked_example_of_the_mapping_page_is_what_the_mapping_gives():
     text = (ROOT / "docs/mapping.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (.*) \|$", text.split("<!-- worked example -->\n")[1].split("\n\n")[0], re.M)
     table = {name: cells for name, *cells in (row.split(" | ") for row in rows[1:])}
-    pair = contacts(Collision.two_balls(1.0, 2 / math.sqrt(3), 1e8, 1e8, 0.9, 0.7))
+    pair = Scene.of(Collision.two_balls(1.0, 2 / math.sqrt(3), 1e8, 1e8, 0.9, 0.7), Settings()).contacts
 
     def words(*values):
         return " ".join(repr(float(f"{value:.12g}")) for value in values)

@@ -85,10 +85,11 @@ class DrakeWorld(World):
         self._places, self._refused = scene.places(self._radius), _too_short(scene) if discrete else None
         self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness if scene.settled else 0.0
         self.heights = scene.start(self._radius, self.rest)
+        self._build(scene.velocities, self.heights)
+        pairs = [below.against(above) for (_, below), (above, _) in pairwise(self._said)]
         self.effective = {"stiffness": tuple(pair.stiffness for pair in pairs), "step": (scene.step,)}
         if discrete:
             self.effective["damping"] = tuple(pair.stiffness * pair.relaxation_time for pair in pairs)
-        self._build(scene.velocities, self.heights)
 
     def _build(self, velocities: Sequence[float], heights: Floats) -> None:
         """Make a plant in this state, and its simulator."""
@@ -154,6 +155,8 @@ class DrakeWorld(World):
         for (_, below), (above, _) in pairwise(shapes):
             met.AllowBetween(geometry.GeometrySet(below), geometry.GeometrySet(above))
         graph.collision_filter_manager().Apply(met)
+        properties = graph.model_inspector().GetProximityProperties
+        self._said = [[_geometry(properties(shape)) for shape in both] for both in shapes]
         return joints
 
     def _material(self, contact: int, side: DrakeGeometry) -> Any:
@@ -193,6 +196,12 @@ class DrakeWorld(World):
 
 def _module(name: str) -> Any:
     return import_module(f"pydrake.{name}")
+
+
+def _geometry(properties: Any) -> DrakeGeometry:
+    """Read back what the engine holds of a side; in continuous time there is no relaxation time."""
+    names = "point_contact_stiffness", "relaxation_time"
+    return DrakeGeometry(*(properties.GetPropertyOrDefault("material", name, 0.0) for name in names))
 
 
 def _sides(scene: Scene) -> list[tuple[DrakeGeometry, DrakeGeometry]]:

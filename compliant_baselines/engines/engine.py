@@ -6,12 +6,11 @@ from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from math import inf
 
 from impact_xval.compliant_baselines import registry
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
-from impact_xval.compliant_baselines.engines.packages import import_quietly, version_of, why_not
+from impact_xval.compliant_baselines.engines.packages import version_of, why_not
 from impact_xval.compliant_baselines.engines.scene import BEYOND, Scene, reduced_masses, unrepresentable
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
 from impact_xval.compliant_baselines.engines.world import World
@@ -46,7 +45,7 @@ class Engine(Solver):
 
     def unavailable(self) -> str | None:
         """Why the engine cannot run here and the way out; None if it can."""
-        return why_not(self.title, self.distribution, partial(import_quietly, self.module), self.way_out)
+        return why_not(self.title, self.distribution, self.module, self.way_out)
 
     def refusal(self, scene: Scene) -> str | None:
         """Why this engine cannot take a scene, in one sentence; None if it can."""

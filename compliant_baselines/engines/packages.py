@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -39,20 +39,20 @@ def version_of(distribution: str) -> str:
         return ""
 
 
-def why_not(engine: str, distribution: str, load: Callable[[], object], way_out: str) -> str | None:
+def why_not(engine: str, distribution: str, module: str, way_out: str) -> str | None:
     """Say why the package of an engine cannot be imported, and the way out; None if it can.
 
     Parameters
     ----------
     engine, distribution : str
         Its name as its makers spell it, and as it is distributed.
-    load : callable
-        Imports it.
+    module : str
+        What is imported.
     way_out : str
         What to run.
     """
     try:
-        load()
+        import_quietly(module)
     except Exception as error:  # of a package that is there but broken, any
         if isinstance(error, ModuleNotFoundError) and "." not in (error.name or ""):
             return f"{engine} is not installed: {way_out}"

@@ -109,7 +109,7 @@ class Scene:
     @property
     def requested(self) -> dict[str, tuple[float, ...]]:
         """What an engine may be held to under the names of `World.effective`."""
-        asked = {"restitution": self.restitutions, "step": (self.step,)}
+        asked = {"restitution": self.restitutions, "step": (self.step,), "threshold": (0.0,)}
         if min(self.restitutions) > 0:
             asked["stiffness"] = tuple(contact.k for contact in self.contacts)
             asked["damping"] = tuple(contact.c for contact in self.contacts)

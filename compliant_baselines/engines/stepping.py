@@ -378,11 +378,8 @@ class Record:
     def __init__(self, scene: Scene, world: World, max_steps: int, record_path: bool) -> None:
         self.scene, self._max_steps, self.end, self.n_steps = scene, max_steps, GOING, 0
         self.velocities, self.heights = np.array(scene.velocities, float), np.array(world.heights, float)
-        self._masses, self._start, self._effective = (
-            np.array(scene.masses),
-            self.heights,
-            dict(world.effective),
-        )
+        self._masses, self._start = np.array(scene.masses), self.heights
+        self._effective = dict(world.effective)
         self._weight = np.zeros(6)
         if scene.gravity:
             (m1, m2), (k1, k2), g, rest = scene.masses, scene.stiffnesses, scene.gravity, world.rest
@@ -414,7 +411,7 @@ class Record:
         how = self._masses, contacts, self._weight, self.scene.step, left, codes, self._memory
         n, self.end = scan(v, x, self.velocities, *how)
         if n:
-            changes = np.flatnonzero(np.diff(codes[:n], prepend=self._code))
+            changes = np.flatnonzero(codes[:n] != np.append(self._code, codes[: n - 1]))
             self._starts.append(changes + self.n_steps)
             self._states.append(codes[changes])
             if self._points:

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.mapping import (
     Contact,
     contact_time,
-    contacts,
     damping_ratio,
     restitution,
     textbook_damping_ratio,
 )
+from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 
 
@@ -91,7 +92,9 @@ def test_restitution_outside_its_range_is_refused(function):
 
 
 def test_contacts_of_a_collision():
-    one, two = contacts(Collision.two_balls(m1=2.0, m2=3.0, k1=5.0, k2=7.0, e1=0.6, e2=1.0))
+    one, two = Scene.of(
+        Collision.two_balls(m1=2.0, m2=3.0, k1=5.0, k2=7.0, e1=0.6, e2=1.0), Settings()
+    ).contacts
     assert (one.mass, two.mass) == (pytest.approx(1.2), 3.0)
     assert (one.k, two.k, two.c) == (5.0, 7.0, 0.0)
     assert one.c == pytest.approx(2 * damping_ratio(0.6) * math.sqrt(5 * 1.2))

@@ -112,7 +112,7 @@ def settings_of(config: Config) -> Settings:
     )
 
 
-def scaled_diagnostics(outcome: Outcome | Outcome, speed: float) -> dict[str, float]:
+def scaled_diagnostics(outcome: Outcome, speed: float) -> dict[str, float]:
     """Return the diagnostics of an outcome with velocities per a speed in m/s; the others as they are, times in s."""
     return {
         name: value / speed if _VELOCITY.fullmatch(name) and value is not None else value
@@ -120,7 +120,7 @@ def scaled_diagnostics(outcome: Outcome | Outcome, speed: float) -> dict[str, fl
     }
 
 
-def marked(model: Outcome | Outcome, outcome: Outcome | Outcome) -> str | None:
+def marked(model: Outcome, outcome: Outcome) -> str | None:
     """Say what a comparison of an outcome with the model's lies beside: a jump of either, or a cut-off."""
     both = (model, outcome) if outcome is not model else (model,)
     return "; ".join(f"{each.solver}: {each.marked}" for each in both if each.marked) or None

@@ -9,7 +9,6 @@ import pytest
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.mapping import (
-    contacts,
     damping_ratio,
     restitution,
     textbook_damping_ratio,
@@ -28,7 +27,7 @@ def collision(ratio, e1, e2, k1=1e8):
 
 
 def reference(c, **options):
-    one, two = contacts(c)
+    one, two = Scene.of(c, Settings()).contacts
     return kelvin_voigt(c.m1, c.m2, c.k1, c.k2, one.c, two.c, c.v0, **options)
 
 

@@ -9,7 +9,8 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.engines.convergence import limit_of
-from impact_xval.compliant_baselines.mapping import MUJOCO_IMPEDANCE, contacts
+from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.compliant_baselines.mapping import MUJOCO_IMPEDANCE
 from impact_xval.compliant_baselines.marks import jumps
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.model.collision import Collision, Collisions
@@ -116,7 +117,7 @@ def test_estimates_are_honest(engine):
     impedance = MUJOCO_IMPEDANCE if engine.name == "mujoco" else 0.0
     for c, outcome in zip(collisions, outcomes, strict=True):
         assert outcome.status == "ok", outcome.reason
-        one, two = contacts(c)
+        one, two = Scene.of(c, Settings()).contacts
         pair = (c.m1, c.m2, c.k1, c.k2, one.c, two.c, c.v0)
         asked = kelvin_voigt(*pair, rtol=1e-9)
         own = kelvin_voigt(*pair, rtol=1e-9, impedance=impedance)
