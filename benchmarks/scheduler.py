@@ -30,7 +30,7 @@ from rich.table import Table
 from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.sweep.designs import cells_of
 from impact_xval.experiments.sweep.executors import in_flight
-from impact_xval.experiments.sweep.solving import Experiment, solve_all
+from impact_xval.experiments.sweep.rows import Experiment, solve_all
 from impact_xval.experiments.tables.store import RunFolder, part_bytes
 
 CHUNK = 16

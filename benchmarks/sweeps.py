@@ -35,8 +35,8 @@ from impact_xval.compliant_baselines import get_solver, solver_names
 from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
 from impact_xval.experiments.presentation.report import write_tables
 from impact_xval.experiments.sweep.designs import cells_of
+from impact_xval.experiments.sweep.rows import Experiment, solve_all
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.sweep.solving import Experiment, solve_all
 
 ENGINE_FREE = ["bistiffness", "kelvin-voigt"]
 

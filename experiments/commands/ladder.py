@@ -58,7 +58,7 @@ def _show_cell(folder: RunFolder, cell: int) -> None:
     from impact_xval.experiments.measures.ladder_table import LADDER
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
-    from impact_xval.experiments.sweep.solving import kind_of_cells
+    from impact_xval.experiments.sweep.rows import kind_of_cells
 
     path = folder.table_path(LADDER, kind_of_cells(folder.config()).ladders.schema)
     rows = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()

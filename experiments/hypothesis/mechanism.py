@@ -46,7 +46,7 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.hypothesis.cases import BY_KEY, Case, Point, distance
 from impact_xval.experiments.hypothesis.solvers import MAX_STEPS, model_batch
-from impact_xval.experiments.sweep.solving import Resolve
+from impact_xval.experiments.sweep.rows import Resolve
 from impact_xval.model import Collision
 from impact_xval.model.collision import Path
 

@@ -33,8 +33,8 @@ from impact_xval.experiments.hypothesis.solvers import SolverUnderTest, isolated
 from impact_xval.experiments.hypothesis.verdicts import CaseResult, Series, examine
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
+from impact_xval.experiments.sweep.rows import Resolve
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
-from impact_xval.experiments.sweep.solving import Resolve
 from impact_xval.experiments.sweep.third_party import contained, longest
 
 Floats = NDArray[np.float64]

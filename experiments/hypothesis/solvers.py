@@ -28,8 +28,8 @@ from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.engines.convergence import extrapolated
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.experiments.sweep.rows import Resolve
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
-from impact_xval.experiments.sweep.solving import Resolve
 from impact_xval.model import Collision, solve_batch
 from impact_xval.model.collision import RESULT_STATUSES
 

@@ -18,8 +18,9 @@ from impact_xval.experiments.config.configuration import Cell, Config
 from impact_xval.experiments.config.grid import GridCell, collision_of
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.kinds.columns import Lines
+from impact_xval.experiments.sweep.rows import Experiment
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
-from impact_xval.experiments.sweep.solving import Experiment, make_ready
+from impact_xval.experiments.sweep.solving import make_ready
 from impact_xval.experiments.sweep.third_party import longest
 from impact_xval.experiments.tables.schema import schema
 from impact_xval.experiments.tables.store import RunFolder

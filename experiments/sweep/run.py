@@ -26,12 +26,11 @@ from impact_xval.experiments.sweep.curves import write_column_curves, write_curv
 from impact_xval.experiments.sweep.designs import experiment_cells
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
 from impact_xval.experiments.sweep.ladders import write_ladder
+from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.sweep.sandbox import ClosedError
 from impact_xval.experiments.sweep.solving import (
-    Experiment,
     OnRows,
     Report,
-    Resolve,
     prepare,
     solve_chunks,
     solver_versions,
