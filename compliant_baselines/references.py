@@ -156,10 +156,7 @@ def solve(
         looser = replace(whole, tolerance=LOOSER * TOLERANCE).follow(states=False)
         moved = np.abs(looser.velocities - went.velocities).max(axis=1)
         diagnostics["velocity_error"] = np.where(none | looser.given_up, np.nan, moved)
-    drawn = None
-    if paths:
-        places = [slice(i, i + 1) for i in range(n)]
-        drawn = [None if none[at.start] else problem(collisions[at], g[at]).path() for at in places]
+    drawn = problem(collisions[~none], g[~none]).paths().spread(~none) if paths else None
     return Outcomes(
         solver=law,
         velocities=velocities,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from html import escape
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple, get_args, overload
@@ -453,6 +453,54 @@ class Path:
         return 4 - self.acting @ np.array([1, 2])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Paths(Sequence[Path | None]):
+    """Paths of n collisions of one number of balls, one after the other; `[i]` is a `Path`, None where there is none.
+
+    Attributes
+    ----------
+    offsets : ndarray of int, shape (n + 1,)
+        The points of path i are those from offsets[i] to offsets[i + 1].
+    time, velocities, impulses, forces, acting : ndarray
+        As of `Path`, of all points.
+    """
+
+    offsets: NDArray[np.int64]
+    time: Floats
+    velocities: Floats
+    impulses: Floats
+    forces: Floats
+    acting: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, paths: Iterable[Path | None], balls: int, contacts: int) -> Paths:
+        """Put paths together, of that many balls and contacts."""
+        some = list(paths)
+        lengths = [0 if path is None else len(path.time) for path in some]
+        none = Path(*(np.empty((0, *wide)) for wide in ((), (balls,), *[(contacts,)] * 3)))  # pyright: ignore
+        there = [none, *(path for path in some if path is not None)]
+        arrays = (np.concatenate([getattr(path, each.name) for path in there]) for each in fields(Path))
+        return cls(np.cumsum([0, *lengths]), *arrays)
+
+    def spread(self, there: NDArray[np.bool_]) -> Paths:
+        """Return the paths of more collisions, of which these are those that are there."""
+        lengths = np.zeros(len(there), np.int64)
+        lengths[there] = np.diff(self.offsets)
+        return replace(self, offsets=np.append(0, np.cumsum(lengths)))
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        i = range(len(self))[index]
+        here = slice(*self.offsets[i : i + 2].tolist())
+        if here.start == here.stop:
+            return None
+        return Path(*(getattr(self, each.name)[here] for each in fields(Path)))
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """The result of one collision by any solver.
@@ -634,7 +682,7 @@ class Outcomes(Sequence[Outcome]):
         NaN where it is not known, infinity where nothing of the kind happened.
     diagnostics : dict of str to ndarray, shape (n,)
         NaN where an outcome does not state it.
-    paths : list of Path, or None
+    paths : Paths, or None
         None where they were not asked for.
     """
 
@@ -652,7 +700,7 @@ class Outcomes(Sequence[Outcome]):
     states: States | None
     grazing_margin: Floats
     diagnostics: dict[str, Floats]
-    paths: Sequence[Path | None] | None = None
+    paths: Paths | None = None
 
     v1 = property(lambda self: self.velocities[..., 0], doc="Velocities of ball 1, in m/s.")
     v2 = property(lambda self: self.velocities[..., 1], doc="Velocities of ball 2, in m/s.")

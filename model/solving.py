@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from impact_xval.model.collision import (
     Floats,
     Outcome,
     Outcomes,
-    Path,
+    Paths,
     States,
     in_unit,
 )
@@ -52,8 +53,8 @@ LAWS = {"jia-mason-erdmann": STATE_TRANSITION, "liu-zhao-brogliato": LIU_ZHAO_BR
 #: them, for e of the contact that oscillates, or as many as the modes' frequencies are apart if that is fewer.
 MAX_EVENTS = 2_000_000
 
-#: Points of a path per half period of the fastest oscillation; rows of the first try at its log.
-POINTS, LOG_ROWS = 48, 4096
+#: Points of a path per half period of the fastest oscillation; rows a collision of the first try at their log.
+POINTS, LOG_ROWS = 48, 512
 
 #: Collisions that a thread is given at once, and states of one for which there is room at first.
 SHARE, FEW_STATES = 8192, 16
@@ -209,9 +210,6 @@ def _by_chain(collisions: Collisions, law: int, max_pieces: int, states: bool, p
     reason = np.select([lost, given_up], [len(reasons), len(reasons) + 1], reason)
     none = lost | given_up
     velocities = np.where(none[:, None], np.nan, went.velocities)
-    drawn = None
-    if paths:
-        drawn = [None if no else problem(collisions[i : i + 1]).path() for i, no in enumerate(none)]
     return Outcomes(
         solver=NAME,
         velocities=velocities,
@@ -227,7 +225,7 @@ def _by_chain(collisions: Collisions, law: int, max_pieces: int, states: bool, p
         states=went.states,
         grazing_margin=np.where(none, np.nan, went.numbers["margin"]),
         diagnostics={"energy_residual": np.where(none, np.nan, 1 - went.numbers["loss"])},
-        paths=drawn,
+        paths=problem(collisions[~none]).paths().spread(~none) if paths else None,
     )
 
 
@@ -254,12 +252,8 @@ def _by_diagram(
     if states:
         offsets = np.concatenate([[0], np.cumsum(n_states)]).astype(np.int64)
         logged = States(offsets, sets, in_unit(starts, np.repeat(time, np.diff(offsets))))
-    drawn = None
-    if paths:
-        drawn = [
-            _diagram_path(c[i : i + 1], cutoff, max_events, stiffens) if there else None
-            for i, there in enumerate(~np.isnan(velocities[:, 0]))
-        ]
+    there = ~np.isnan(velocities[:, 0])
+    drawn = _diagram_paths(c[there], cutoff, max_events, stiffens).spread(there) if paths else None
     velocities = velocities * speed[:, None]
     reason, reasons = _why(cells, code, cutoff, max_events)
     return Outcomes(
@@ -297,30 +291,32 @@ def _diagrams(
     return velocities, numbers, *in_shares(follow, n, SHARE, FEW_STATES if states else 0, 1)
 
 
-def _diagram_path(collision: Collisions, cutoff: float, max_events: int, stiffens: bool) -> Path:
-    """Path of the only collision of some, from the log of the kernel: time, state, velocities and forces."""
-    c, rows = collision, LOG_ROWS
-    if np.isinf(c.stiffnesses[0, 0]):  # whose time unit would be 0: any such ratio is infinite to rounding
-        soft = c.stiffnesses[:, 1:]
-        c = replace(c, stiffnesses=np.concatenate([1e60 * soft, soft], axis=1))
+def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiffens: bool) -> Paths:
+    """Paths of collisions, from the log of the kernel: time, state, velocities and forces."""
+    c, k, rows = collisions, collisions.stiffnesses.copy(), LOG_ROWS * len(collisions)
+    stiff = np.isinf(k[:, 0])  # whose time unit would be 0: any such ratio is infinite to rounding
+    k[stiff, 0] = 1e60 * k[stiff, 1]
+    c = replace(c, stiffnesses=k)
     cells = c.stiffness_ratio, c.mass_ratio, *c.restitutions.T
     while True:
-        log, numbers = np.empty((rows, LOG_WIDTH)), np.empty((1, len(NUMBERS)))
-        none: tuple[Any, ...] = np.empty((0, 1), np.uint64), np.empty(0), np.empty((1, 2))
+        log, numbers = np.empty((rows, LOG_WIDTH)), np.empty((len(c), len(NUMBERS)))
+        none: tuple[Any, ...] = np.empty((0, 1), np.uint64), np.empty(0), np.empty((len(c), 2))
         arguments: list[Any] = [*cells, cutoff, max_events, stiffens, POINTS, log, *none, numbers]
         kernel.collide_all(*arguments)
-        if (needed := int(numbers[0, NUMBERS.index("rows")])) <= rows:
+        lengths = numbers[:, NUMBERS.index("rows")].astype(np.int64)
+        if (needed := int(lengths.sum())) <= rows:
             break
         rows = needed
-    log = log[:needed]
-    (time,), (speed,) = c.units
-    state, velocities = log[:, 0].astype(int), log[:, 2:4] * speed
-    passed = np.maximum.accumulate(log[:, 1])  # a segment may end before it starts, to a rounding
-    impulses = np.cumsum(c.masses * (velocities - c.velocities), axis=1)
+    log, of = log[:needed], np.repeat(np.arange(len(c)), lengths)
+    offsets, (time, speed) = np.append(0, np.cumsum(lengths)), c.units
+    state, velocities, passed = log[:, 0].astype(int), log[:, 2:4] * speed[of, None], log[:, 1].copy()
+    for i, j in pairwise(offsets.tolist()):  # a segment may end before it starts, to a rounding
+        np.maximum.accumulate(passed[i:j], out=passed[i:j])
+    impulses = np.cumsum(c.masses[of] * (velocities - c.velocities[of]), axis=1)
     with np.errstate(divide="ignore"):  # the forces of an instant are infinite
-        forces = in_unit(log[:, 4:6], c.masses[0, 0] * speed / time)
+        forces = in_unit(log[:, 4:6], (c.masses[:, 0] * speed / time)[of, None])
     acting = np.stack([np.isin(state, (1, 3)), np.isin(state, (1, 2))], axis=1)
-    return Path(in_unit(passed, time), velocities, impulses, forces, acting)
+    return Paths(offsets, in_unit(passed, time[of]), velocities, impulses, forces, acting)
 
 
 def _why(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from impact_xval.model.chain.kernel import ACTS, GOING, UNITED, Followed, collide_all
 from impact_xval.model.chain.power_law import TOLERANCE
-from impact_xval.model.collision import Collisions, Floats, Path, States
+from impact_xval.model.collision import Collisions, Floats, Paths, States
 from impact_xval.model.compiled import in_shares
 from impact_xval.model.inputs import MASS_PRECISION
 
@@ -20,8 +21,8 @@ MAX_PIECES = 1_000_000
 #: Points of a path in each piece of a segment, as long as its log has no more numbers than this: 64 MB.
 POINTS, LOG_NUMBERS = 9, 2**23
 
-#: Rows of the first try at a log, and states of a collision for which there is room at first; others run once more.
-LOG_ROWS, FEW_STATES = 1024, 32
+#: States of a collision for which there is room at first; those with more run once more.
+FEW_STATES = 32
 
 #: Collisions that a thread is given at once: some ten milliseconds of work.
 SHARE = 512
@@ -108,38 +109,42 @@ class Problem:
             logged = States(offsets, sets, starts * np.repeat(time, np.diff(offsets)))
         return Went(velocities * speed[:, None], found, logged)
 
-    def path(self) -> Path:
-        """Path of the only collision."""
+    def paths(self) -> Paths:
+        """Paths of all of them; of one that was left out there is none."""
+        pieces = np.nan_to_num(self.follow(states=False).numbers["pieces"])
         c, cells = self.collisions, self._scaled()
-        n, balls, contacts = *c.masses.shape, c.stiffnesses.shape[1]
-        assert n == 1
-        rows, width, points = LOG_ROWS, 1 + 2 * balls + contacts, POINTS
-        while True:
-            log = np.empty((rows, width))
-            numbers, none = np.empty((1, len(Followed._fields))), (np.empty((0, 1), np.uint64), np.empty(0))
-            self._collide(cells, points, log, (np.empty((1, balls)), numbers, *none))
-            went = Followed(*numbers[0])
-            if went.rows <= rows:
-                break
-            pieces = (int(went.rows) - 1) // points
-            points = max(1, min(points, LOG_NUMBERS // (pieces * width + 1)))
-            rows = pieces * points + 1
-        log = log[: int(went.rows)]
-        (time,), (speed,) = c.units
+        (n, balls), contacts = c.masses.shape, c.stiffnesses.shape[1]
+        width = 1 + 2 * balls + contacts
+        each = np.clip(LOG_NUMBERS // (pieces * width + 1), 1, POINTS)
+        numbers, unused = np.full((n, len(Followed._fields)), np.nan), np.empty(0)
+        logs: list[Floats] = []
+        for i, j in pairwise([0, *np.flatnonzero(np.diff(each)) + 1, n]):  # as many points each
+            log = np.empty((int((pieces[i:j] * each[i] + 1).sum()), width))
+            out = np.empty((j - i, balls)), numbers[i:j], np.empty((0, 1), np.uint64), unused
+            self._collide([x[i:j] for x in cells], int(each[i]), log, out)
+            logs.append(log[: int(numbers[i:j, 9].sum())])
+        return self._unscaled(np.concatenate(logs), Followed(*numbers.T))
+
+    def _unscaled(self, log: Floats, went: Followed) -> Paths:
+        """Turn rows of the kernel's log into paths in SI units."""
+        c, (time, speed), g = self.collisions, self.collisions.units, self.gravity
+        balls, contacts = c.masses.shape[1], c.stiffnesses.shape[1]
+        lengths = went.rows.astype(np.int64)
+        offsets, of = np.append(0, np.cumsum(lengths)), np.repeat(np.arange(len(c)), lengths)
         flags = log[:, 1 + 2 * balls :]
         acting = (flags == ACTS) | ((flags == UNITED) & (flags == ACTS).any(axis=1, keepdims=True))
-        acting[-1] = False
+        acting[offsets[1:][lengths > 0] - 1] = False
         # What leaves double precision is said of the outcome; without gravity a fall has no end.
         with np.errstate(over="ignore", invalid="ignore"):
-            fallen = self.gravity * time * np.minimum(log[:, 0], went.fall)
-            aloft = (went.fall < went.time) & (log[:, 0] >= went.fall)
-            velocities, weight = log[:, 1 : 1 + balls] * speed, np.where(aloft, 0.0, self.gravity)
-            changes = velocities - c.velocities + fallen[:, None]
-            pushes = log[:, 1 + balls : 1 + 2 * balls] * (speed / time) + weight[:, None]
+            fallen = (g * time)[of] * np.minimum(log[:, 0], went.fall[of])
+            aloft = (went.fall < went.time)[of] & (log[:, 0] >= went.fall[of])
+            velocities, weight = log[:, 1 : 1 + balls] * speed[of, None], np.where(aloft, 0.0, g[of])
+            changes = velocities - c.velocities[of] + fallen[:, None]
+            pushes = log[:, 1 + balls : 1 + 2 * balls] * (speed / time)[of, None] + weight[:, None]
             impulses, forces = (
-                np.cumsum(c.masses * each, axis=1)[:, :contacts] for each in (changes, pushes)
+                np.cumsum(c.masses[of] * each, axis=1)[:, :contacts] for each in (changes, pushes)
             )
-        return Path(log[:, 0] * time, velocities, impulses, forces, acting)
+            return Paths(offsets, log[:, 0] * time[of], velocities, impulses, forces, acting)
 
     def _scaled(self) -> list[Any]:
         """Arguments of the kernel for each collision, in its units."""

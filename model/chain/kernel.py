@@ -230,11 +230,11 @@ def near_misses(c, n, degree, x, energy, margin, work):
 
 
 @uncounted
-def write_path(c, n, degree, work, x, h, time, drift, points, log, capacity, row):
+def write_path(c, n, degree, work, x, h, time, drift, points, log, row):
     """Write points of a piece: time, velocities and accelerations of balls, and which contacts act; the next row."""
     balls, rates, values = c.body.size, work.rates, work.values
     for point in range(points):
-        if row < capacity:
+        if row < log.shape[0]:
             now = x * point / points
             log[row, 0] = time + now * h
             for i in range(n):
@@ -383,21 +383,21 @@ class Followed(NamedTuple):
     #: Since first touch, and until the first flight of a collision with gravity.
     time: Any
     fall: Any
-    #: Of the log, had it room for all; of the log of sets, likewise.
+    #: Of the log, had it room for all, and of the log of sets.
     rows: Any
     n_states: Any
 
 
 @merged
-def collide(c, work, energy, drift, tolerance, max_pieces, points, log, capacity, out, sets, starts, first):
-    """Follow a chain from first touch, of which `capacity` rows of the log may be written, to its end, as it is left.
+def collide(c, work, energy, drift, tolerance, max_pieces, points, log, at, out, sets, starts, first):
+    """Follow a chain from first touch to its end, as it is left.
 
-    `out` is given the numbers of `Followed`, and the number of contacts that are left is returned; the sets are written
-    from row `first` on. See `collide_all`.
+    `out` is given the numbers of `Followed`, and the number of contacts that are left is returned; the log is written
+    from row `at` on, the sets from row `first`. See `collide_all`.
     """
     n = c.k.size
     degree = ORDER if has_series(c) else ORDER_OF_STEP
-    code, end, events, pieces, quiet, rows = ZERO, GOING, ZERO, ZERO, ZERO, ZERO
+    code, end, events, pieces, quiet, rows = ZERO, GOING, ZERO, ZERO, ZERO, at
     margin, loss, time, fall, h_next = inf, 0.0, 0.0, inf, FIRST_STEP
     row = first
     work.cut[:] = False
@@ -434,7 +434,7 @@ def collide(c, work, energy, drift, tolerance, max_pieces, points, log, capacity
         if x > 0:
             work.cut[:] = False
             row = note_set(c, n, work, time, sets, starts, first, row)
-            rows = write_path(c, n, last, work, x, h, time, drift, points, log, capacity, rows)
+            rows = write_path(c, n, last, work, x, h, time, drift, points, log, rows)
         time += x * h
         if which >= 0:
             acted = carries(c.phase[which])
@@ -448,13 +448,13 @@ def collide(c, work, energy, drift, tolerance, max_pieces, points, log, capacity
         still(c, n, energy)
     for i in range(n):
         work.rates[i, 0] = c.w[i]
-    rows = write_path(c, n, ZERO, work, 0.0, 1.0, time, drift, ONE, log, capacity, rows)  # the end
+    rows = write_path(c, n, ZERO, work, 0.0, 1.0, time, drift, ONE, log, rows)  # the end
     if end != GOING:
         if end != FREE:
             row = note_set(c, n, work, time, sets, starts, first, row)
         row = note_set(c, ZERO, work, time, sets, starts, first, row)
     out[0], out[1], out[2], out[3], out[4], out[5] = n, code, end, events, pieces, margin
-    out[6], out[7], out[8], out[9], out[10] = loss, time, min(fall, time), rows, row - first
+    out[6], out[7], out[8], out[9], out[10] = loss, time, min(fall, time), rows - at, row - first
     return n
 
 
@@ -490,7 +490,7 @@ def collide_all(
     points : int
         Rows of the log for each piece.
     log : ndarray, shape (rows, 1 + 2 N + C)
-        Filled with the path of the first chain and its end, as far as it goes; may have no rows.
+        Filled with the paths of all chains and their ends, one after another, as far as they fit; may have no rows.
     velocities : ndarray, shape (n, N)
         Where the final velocities go.
     numbers : ndarray, shape (n, 11)
@@ -513,19 +513,19 @@ def follow_chains(
     max_pieces, points, log, velocities, numbers, sets, starts,
 ):  # fmt: skip
     """Follow chains as `collide_all` says; the only kernel that Python calls."""
-    row = ZERO
+    at, row = ZERO, ZERO
     for i in range(masses.shape[0]):
-        numbers[i, 10] = 0.0
+        numbers[i, 9], numbers[i, 10] = 0.0, 0.0
         if np.isnan(masses[i, 0]):
             continue
         begin(c, masses[i], stiffnesses[i], restitutions[i], dampings[i], rates[i], gaps[i], gravities[i])
         energy = energy_of(c, c.k.size, masses[i], drifts[i], velocities[i])
         for j in range(c.k.size):
             c.length[j] = (energy * (c.p + 1) / c.k[j]) ** (1 / (c.p + 1))
-        capacity = log.shape[0] if i == 0 else ZERO
         n = collide(
-            c, work, energy, drifts[i], tolerance, max_pieces, points, log, capacity, numbers[i], sets, starts, row
+            c, work, energy, drifts[i], tolerance, max_pieces, points, log, at, numbers[i], sets, starts, row
         )  # fmt: skip
         left = energy_of(c, n, masses[i], drifts[i], velocities[i])
         numbers[i, 6] = (numbers[i, 6] + left) / energy
+        at += int(numbers[i, 9])
         row += int(numbers[i, 10])

@@ -184,15 +184,15 @@ def after_one_contact(mu, state, d1, v2, one, two, stiffens, rigid, first, unite
 
 
 @njit(inline="always", **OPTIONS)
-def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, place, sets, starts):
+def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, place, sets, starts):
     """Follow one collision through the diagram. Compiled as a part of `collide_all`.
 
     Parameters
     ----------
     kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, sets, starts
         As of `collide_all`, for one collision.
-    place : int
-        Of its first state in `sets` and `starts`.
+    at, place : int
+        Its first row of the log, and of `sets` and `starts`.
 
     Returns
     -------
@@ -204,7 +204,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, place,
         Energy lost.
     """
     # Whole numbers that are literals are of types of their own, for which functions would be compiled once more.
-    state, phase, rows = np.int64(S1), np.int64(COMPRESSION), np.int64(0)
+    state, phase, rows = np.int64(S1), np.int64(COMPRESSION), at
     before, d1, v2 = 0, 1.0, 0.0
     one, two = Contact(phase, 1.0, 0.0, 0.0, e1, 1.0), Contact(phase, kappa, 0.0, 0.0, e2, kappa)  # pyright: ignore
     rigid, plastic = 0, False  # the contact taken for rigid, and whether its bodies are one for good
@@ -267,7 +267,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, place,
             rigid, plastic, code = (1 if ended1 else 2), True, LIMIT
         state = S1 + (one.phase == INACTIVE) + 2 * (two.phase == INACTIVE)
     rows = write(log, rows, state, time, v2 - d1, v2, 0.0, 0.0)
-    return v2 - d1, v2, code, states, events, rows, margin, loss
+    return v2 - d1, v2, code, states, events, rows - at, margin, loss
 
 
 @njit(nogil=True, **OPTIONS)
@@ -295,7 +295,8 @@ def collide_all(
     points : int
         Points of the path per half period of the fastest oscillation of a segment; 0 or 1: starts of segments only.
     log : ndarray, shape (rows, 6)
-        Filled with the path of the first collision (`pair.path.LOG_COLUMNS`), as far as it goes; may have no rows.
+        Filled with the paths of all collisions (`pair.path.LOG_COLUMNS`), one after another, as far as they fit; may
+        have no rows.
     sets : ndarray of uint64, shape (capacity, 1)
         Filled with the states of all collisions, one collision after the other, as far as they go: the acting
         contacts as bits, contact 1 lowest; no contact is the end.
@@ -309,18 +310,18 @@ def collide_all(
         an end of compression counts (`pair.grazing.STAKE`), infinity if there was none; and the residual of the energy
         balance, 1/2 less what was lost and what is left.
     """
-    place = 0
+    at, place = np.int64(0), 0
     for i in range(kappa.size):
         v1 = v2 = margin = loss = nan
         code, states, events, rows = BEYOND_PRECISION, 0, 0, 0
         if 1 / MASS_PRECISION <= mu[i] <= MASS_PRECISION:
             v1, v2, code, states, events, rows, margin, loss = collide(
                 kappa[i], mu[i], e1[i], e2[i], cutoff, max_events, stiffens, points,
-                log if i == 0 else log[:0], place, sets, starts,
+                log, at, place, sets, starts,
             )  # fmt: skip
         if code == TOO_MANY_EVENTS:
             v1 = v2 = nan
-        place += states
+        at, place = at + rows, place + states
         velocities[i, 0], velocities[i, 1] = v1, v2
         out = numbers[i]
         out[0], out[1], out[2], out[3], out[4] = code, states, events, rows, margin
