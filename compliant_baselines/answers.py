@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from impact_xval.compliant_baselines.solver import Settings, Solver
-from impact_xval.model.collision import Collision, Outcome
+from impact_xval.model.collision import Collision, Outcome, Outcomes
 
 #: Characters of a sentence of a solver that are kept.
 LONGEST = 1000
@@ -20,7 +20,7 @@ LONGEST = 1000
 _HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 
 
-def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
     """Call a solver; an exception or a wrong number of outcomes is ``crashed`` for the collision at fault alone.
 
     Parameters
@@ -31,8 +31,8 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
 
     Returns
     -------
-    list of Outcome
-        One for each collision, in order.
+    sequence of Outcome
+        One for each collision, in order; `Outcomes` as its own solvers give them.
     """
     reason = why_unavailable(solver)
     if reason is not None:
@@ -40,13 +40,15 @@ def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) 
     return _answered(solver, collisions, settings) if len(collisions) else []
 
 
-def _answered(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> list[Outcome]:
+def _answered(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
     """Call a solver; halve the batch until the collision at fault is alone."""
     n = len(collisions)
     try:
-        outcomes = list(solver.solve_many(collisions, settings))
+        outcomes = solver.solve_many(collisions, settings)
         if len(outcomes) != n:
             raise RuntimeError(f"{len(outcomes)} outcomes for {n} collisions")
+        if isinstance(outcomes, Outcomes):
+            return outcomes
         return [_shown(solver.name, *each) for each in zip(outcomes, collisions, strict=True)]
     except Exception as error:
         if n == 1:

@@ -57,7 +57,7 @@ def demand(kept: object, message: str) -> None:
 def _outcomes(
     solver: Solver, collisions: Sequence[Collision] = _ORDINARY, settings: Settings = _COARSE
 ) -> list[Outcome]:
-    outcomes = answer(solver, list(collisions), settings)
+    outcomes = list(answer(solver, list(collisions), settings))
     for c, o in zip(collisions, outcomes, strict=True):
         demand(o.status != "crashed", f"{c}: {o.reason}")
     return outcomes

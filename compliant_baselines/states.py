@@ -27,12 +27,13 @@ has no end, or begins after one that had none, counts as held.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Outcome, name_of_set
+from impact_xval.model.collision import Paths, name_of_set
 
 #: Default share of the shorter contact period for which a state must be held to count; see the module.
 SHORTEST_STATE = 2.5e-3
@@ -76,43 +77,91 @@ def merge_runs(raw: Runs, shortest: float, closed: int) -> Runs:
     closed : int
         The contacts that are closed at the start, as bits.
     """
-    # A run without a length is none, and what it parts is one: how a path is written down decides nothing.
-    ends = np.append(raw.start[1:], raw.end)[: len(raw.start)]
-    held = (ends != raw.start) | ~np.isfinite(raw.start)
-    held[:1] = True
-    start, state = raw.start[held], raw.state[held]
-    yet_to_act = closed & np.bitwise_or.reduce(state) & ~np.bitwise_or.accumulate(state)
-    state = state | yet_to_act
-    # Runs made equal by rule 1 join before their length is judged.
-    first = _changes(state)
-    start, state = start[first], state[first]
-    with np.errstate(invalid="ignore"):  # infinity less infinity: a run without a length counts as held
-        short = np.append(start[1:], raw.end)[: len(start)] - start < shortest * (1 - _ROUNDING)
-    # The contacts that are closed stand at the start, whatever became of a collision without any force.
-    start = np.concatenate([np.zeros(1, start.dtype), start[~short]])
-    state = np.concatenate([np.full(1, closed), state[~short]])
-    first = _changes(state)
-    return Runs(start[first], state[first], raw.end)
+    lengths, ends = np.array([len(raw.start)]), np.array([raw.end])
+    _, start, state = merge_all(lengths, raw.start, raw.state, ends, np.array([shortest]), closed)
+    return Runs(start, state, raw.end)
 
 
-def _changes(state: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Positions of the states that differ from the one before, the first among them."""
-    return np.flatnonzero(np.diff(state, prepend=-1))
-
-
-def compared_states(outcome: Outcome, shortest: float) -> tuple[str, ...]:
-    """Give the state sequence of two balls on a table as it is compared with another's.
+def merge_all(
+    lengths: NDArray[np.int64],
+    start: NDArray[Any],
+    state: NDArray[np.int64],
+    ends: NDArray[Any],
+    shortest: NDArray[np.float64],
+    closed: int,
+) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[np.int64]]:
+    """Read many state sequences off raw runs, as `merge_runs` does one.
 
     Parameters
     ----------
-    outcome : Outcome
-        Of any solver. Without a path, on which alone the times are, its states stay as they are.
-    shortest : float
+    lengths, ends, shortest : ndarray, shape (n,)
+        Number of runs of each sequence, when its last one ends, and for how long a state must be held to count.
+    start, state : ndarray, shape (sum of lengths,)
+        As of `Runs`, of one sequence after the other.
+    closed : int
+
+    Returns
+    -------
+    lengths, start, state : ndarray
+    """
+    n, of = len(lengths), np.repeat(np.arange(len(lengths)), lengths)
+
+    def held_for(start: NDArray[Any], of: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """How long each run is held, and whether it is the first of its sequence."""
+        first, last = np.diff(of, prepend=-1) != 0, np.diff(of, append=n) != 0
+        until = np.append(start[1:], 0)
+        until[last] = ends[of[last]]
+        with np.errstate(invalid="ignore"):  # infinity less infinity: a run without a length counts as held
+            return until - start, first
+
+    def joined(*runs: NDArray[Any]) -> list[NDArray[Any]]:
+        """Join equal neighbours."""
+        of, _, state = runs
+        new = (np.diff(of, prepend=-1) != 0) | (np.diff(state, prepend=-1) != 0)
+        return [each[new] for each in runs]
+
+    # A run without a length is none, and what it parts is one: how a path is written down decides nothing.
+    held, first = held_for(start, of)
+    kept = (held != 0) | first
+    of, start, state = of[kept], start[kept], state[kept].copy()
+    place, begins = np.arange(len(of)), np.searchsorted(of, np.arange(n))
+    for bit in (1 << i for i in range(int(closed).bit_length()) if closed >> i & 1):
+        acts = state & bit != 0
+        acted = np.maximum.accumulate(np.where(acts, place, -1)) >= begins[of]
+        state[~acted & (np.bincount(of[acts], minlength=n) > 0)[of]] |= bit
+    # Runs made equal by rule 1 join before their length is judged.
+    of, start, state = joined(of, start, state)
+    kept = ~(held_for(start, of)[0] < shortest[of] * (1 - _ROUNDING))
+    of, start, state = of[kept], start[kept], state[kept]
+    # The contacts that are closed stand at the start, whatever became of a collision without any force.
+    at = np.searchsorted(of, np.arange(n))
+    of, start, state = joined(
+        np.insert(of, at, np.arange(n)), np.insert(start, at, 0), np.insert(state, at, closed)
+    )
+    return np.bincount(of, minlength=n), start, state
+
+
+def compared_states(paths: Paths, shortest: NDArray[np.float64]) -> list[str]:
+    """Give the state sequences of two balls on a table as they are compared with others', each as a text.
+
+    Parameters
+    ----------
+    paths : Paths
+        Of any solver. Where there is no path, on which alone the times are, the text is empty.
+    shortest : ndarray, shape (n,)
         Time for which a state must be held to count, in s.
     """
-    path = outcome.path
-    if path is None or not len(path.time):
-        return outcome.states
-    sets = path.acting @ (1 << np.arange(path.acting.shape[1]))
-    first = _changes(sets)
-    return merge_runs(Runs(path.time[first], sets[first], float(path.time[-1])), shortest, 0b11).names(True)
+    sets, lengths = paths.acting @ (1 << np.arange(2)), np.diff(paths.offsets)
+    of = np.repeat(np.arange(len(paths)), lengths)
+    first = (np.diff(of, prepend=-1) != 0) | (np.diff(sets, prepend=-1) != 0)
+    ends = np.zeros(len(paths))
+    ends[lengths > 0] = paths.time[paths.offsets[1:][lengths > 0] - 1]
+    runs = np.bincount(of[first], minlength=len(paths))
+    lengths, _, state = merge_all(runs, paths.time[first], sets[first], ends, shortest, 0b11)
+    codes, offsets = state.astype(np.uint8).tobytes(), np.append(0, np.cumsum(lengths)).tolist()
+    keys = [codes[i:j] if there else b"" for (i, j), there in zip(pairwise(offsets), runs, strict=True)]
+    texts = {
+        key: " ".join(Runs(np.empty(0), np.frombuffer(key, np.uint8).astype(int), 0.0).names(True))
+        for key in set(keys)
+    }
+    return [texts[key] if key else "" for key in keys]

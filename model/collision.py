@@ -477,7 +477,8 @@ class Paths(Sequence[Path | None]):
         """Put paths together, of that many balls and contacts."""
         some = list(paths)
         lengths = [0 if path is None else len(path.time) for path in some]
-        none = Path(*(np.empty((0, *wide)) for wide in ((), (balls,), *[(contacts,)] * 3)))  # pyright: ignore
+        t, v, i = np.empty(0), np.empty((0, balls)), np.empty((0, contacts))
+        none = Path(t, v, i, i, np.empty(i.shape, bool))
         there = [none, *(path for path in some if path is not None)]
         arrays = (np.concatenate([getattr(path, each.name) for path in there]) for each in fields(Path))
         return cls(np.cumsum([0, *lengths]), *arrays)
@@ -651,6 +652,13 @@ class States(NamedTuple):
     offsets: NDArray[np.int64]
     sets: NDArray[np.uint64]
     starts: Floats
+
+    def texts(self) -> list[str]:
+        """Name the states of all collisions of two balls on a table, each in one text."""
+        codes, places = self.sets[:, 0].astype(np.uint8).tobytes(), self.offsets.tolist()
+        keys = [codes[i:j] for i, j in pairwise(places)]
+        known = {key: " ".join(_STATE_OF_SET[contacts] for contacts in key) for key in set(keys)}
+        return [known[key] for key in keys]
 
     def names(self, index: int, paper: bool) -> tuple[str, ...]:
         """Name the states of one collision, as the paper does or as sets of contacts."""

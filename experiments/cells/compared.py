@@ -14,9 +14,9 @@ from markupsafe import Markup
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.config.configuration import REFERENCE
-from impact_xval.experiments.measures.columns.measuring import ColumnMeasures, measures_of
 from impact_xval.experiments.measures.divergence import velocity_divergence
 from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
+from impact_xval.experiments.measures.single import Measures, measures_of
 from impact_xval.experiments.presentation.pages import blocks_of, phrase, render
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
@@ -276,7 +276,7 @@ def _numbers(collision: Collision, outcome: Outcome, away: float | None) -> list
     return [*(f"{value:.6f}" for value in scaled), shown, " ".join(outcome.states)]
 
 
-def _facts(name: str, outcome: Outcome, measures: ColumnMeasures, speed: float) -> dict[str, str]:
+def _facts(name: str, outcome: Outcome, measures: Measures, speed: float) -> dict[str, str]:
     """Return a column of the table of a column: velocities per speed of impact, measures, number of states."""
 
     def rough(value: float | None) -> str:

@@ -48,7 +48,7 @@ from impact_xval.experiments.config.errors import UserError
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
     from impact_xval.experiments.cells.compared import Compared
-    from impact_xval.experiments.measures.columns.measuring import ColumnMeasures
+    from impact_xval.experiments.measures.single import Measures
     from impact_xval.experiments.tables.store import RunFolder
     from impact_xval.model import Collision, Outcome
 
@@ -214,7 +214,7 @@ def cradle(
 
     with solvers_apart(solver or (), columns=True) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
-        from impact_xval.experiments.measures.columns.measuring import measures_of
+        from impact_xval.experiments.measures.single import measures_of
 
         arranged, config = one_column(context.params)
         column = arranged.column()
@@ -238,7 +238,7 @@ def _column_object(
     name: str,
     outcome: Outcome,
     diagnostics: dict[str, float],
-    measures: ColumnMeasures,
+    measures: Measures,
     speed: float,
     impulse: float,
 ) -> dict[str, Any]:
@@ -297,7 +297,7 @@ def export_scene(
     """
     from impact_xval.experiments.config.grid import collision_of
     from impact_xval.experiments.sweep.designs import cells_of_run
-    from impact_xval.experiments.sweep.kinds.kind import settings_of
+    from impact_xval.experiments.sweep.rows import settings_of
     from impact_xval.experiments.tables.folders import finished_collisions
 
     given = typed(context.params)
@@ -416,8 +416,6 @@ def _against(table: tuple[float, float] | None, outcome: Outcome, speed: float) 
 def _tabulated(root: RunFolder, index: int) -> dict[str, tuple[float, float]]:
     import pyarrow.parquet as pq
 
-    from impact_xval.experiments.tables.schema import CELLS_SCHEMA
-
-    path = root.table_path("cells.parquet", CELLS_SCHEMA)
+    path = root.table_path("cells.parquet")
     rows = pq.read_table(path, columns=["solver", "v1", "v2"], filters=[("cell", "==", index)]).to_pylist()
     return {row["solver"]: (row["v1"], row["v2"]) for row in rows if row["v1"] is not None}

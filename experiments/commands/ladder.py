@@ -38,7 +38,7 @@ def ladder(
 
 
 def _show_run(folder: RunFolder) -> None:
-    from impact_xval.experiments.measures.columns.summary import summarise_columns
+    from impact_xval.experiments.measures.column_summary import summarise_columns
     from impact_xval.experiments.measures.ladder_summary import summarise_ladder
     from impact_xval.experiments.presentation.ladder_page import ladder_facts
     from impact_xval.experiments.presentation.pages import render
@@ -52,21 +52,17 @@ def _show_run(folder: RunFolder) -> None:
 def _show_cell(folder: RunFolder, cell: int) -> None:
     import pyarrow.parquet as pq
 
-    from impact_xval.compliant_baselines.registry import is_engine
     from impact_xval.experiments.config.arrangements import COLUMN_AXES
     from impact_xval.experiments.config.axes import AXES
-    from impact_xval.experiments.measures.ladder_table import LADDER
+    from impact_xval.experiments.measures.layout import laddered
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
-    from impact_xval.experiments.sweep.rows import kind_of_cells
 
-    path = folder.table_path(LADDER, kind_of_cells(folder.config()).ladders.schema)
+    if not laddered(folder.config().solvers):
+        raise UserError(f"--cell = {cell}: no cell has a ladder; legal: the folder of a run with an engine")
+    path = folder.table_path("ladder.parquet")
     rows = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
     if not len(rows):
-        if not any(map(is_engine, folder.config().solvers)):
-            raise UserError(
-                f"--cell = {cell}: no cell has a ladder; legal: the folder of a run with an engine"
-            )
         raise UserError(f"--cell = {cell}; legal: from 0 to {folder.manifest()['cells'] - 1}")
     ladders = [(row, _contributions(row)) for _, row in rows.iterrows()]
     axes = AXES if folder.config().column is None else COLUMN_AXES
@@ -86,7 +82,7 @@ def _contributions(row: Any) -> list[tuple[str, ...]]:
     import math
 
     from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, cancelling
-    from impact_xval.experiments.measures.ladder_table import between
+    from impact_xval.experiments.measures.ladder_rows import between
     from impact_xval.experiments.tables.numbers import percent
 
     if math.isnan(row.velocity_divergence):
@@ -94,8 +90,7 @@ def _contributions(row: Any) -> list[tuple[str, ...]]:
     balls = _balls(row)
 
     def differences(name: str) -> tuple[str, ...]:
-        many = row.get(f"{name}dv")  # of a column
-        return tuple(f"{row[f'{name}dv{i}'] if many is None else many[i - 1]:.3e}" for i in balls)
+        return tuple(f"{row[f'{name}dv{i}']:.3e}" for i in balls)
 
     there = [c for c in CONTRIBUTIONS if f"{c.name}_norm" in row and not math.isnan(row[f"{c.name}_norm"])]
     pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
+from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.config.grid import Chunked
 from impact_xval.model.collision import Collision
@@ -71,6 +72,10 @@ class Columns(Chunked[ColumnCell]):
                 cells.append(ColumnCell(index, Arranged.model_validate(values_of)))
         return cells
 
+    def block(self, indices: range) -> Block:
+        """Make some columns, as arrays."""
+        return block_of_columns([cell.arranged for cell in self.cells(indices)], indices.start)
+
     def digest(self, indices: range) -> str:
         """SHA-256 of the parameters of some columns, to the last bit."""
         found = hashlib.sha256(f"{indices.start} ".encode())
@@ -90,3 +95,16 @@ class Columns(Chunked[ColumnCell]):
             values = [np.array(axis)[place] for axis, place in zip(axes, places, strict=True)]
             yield self._names[block], range(start, stop), np.column_stack(values)
             start = stop
+
+
+def block_of_columns(some: Sequence[Arranged], first: int = 0) -> Block:
+    """Make cells of columns, numbered from `first` on."""
+    strike = [each.striking if each.arrangement == "cradle" else math.nan for each in some]
+    named = {"m1": "m", "k1": "k", "v0": "v0"}
+    parameters = {
+        "arrangement": np.array([each.arrangement for each in some], dtype=object),
+        **{name: np.array([getattr(each, name) for each in some]) for name in COLUMN_LEGAL},
+        "strike": np.array(strike, float),
+        **{name: np.array([getattr(each, own) for each in some]) for name, own in named.items()},
+    }
+    return Block(first + np.arange(len(some)), parameters, [each.column() for each in some])

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.configuration import Cell, Config
-from impact_xval.model.collision import Collision
+from impact_xval.model.collision import Collision, Collisions
 
 #: Cells of a chunk, and the number of chunks from which they become larger instead of more.
 _CHUNK = 16
@@ -59,6 +60,10 @@ class Chunked(ABC, Generic[_Cell]):
     @abstractmethod
     def cells(self, indices: range) -> list[_Cell]:
         """Make some cells."""
+
+    @abstractmethod
+    def block(self, indices: range) -> Block:
+        """Make some cells, as arrays."""
 
     @abstractmethod
     def digest(self, indices: range) -> str:
@@ -109,6 +114,10 @@ class Cells(Chunked[GridCell]):
             for index, values in zip(indices, self.ratios(indices).tolist(), strict=True)
         ]
 
+    def block(self, indices: range) -> Block:
+        """Make some cells, as arrays."""
+        return block_of(self._config, self.ratios(indices), indices.start)
+
     def digest(self, indices: range) -> str:
         """SHA-256 of the parameters of some cells, to the last bit."""
         data = self.ratios(indices).astype("<f8").tobytes()
@@ -156,6 +165,19 @@ class CellList(Cells):
     def ratios(self, indices: range) -> NDArray[np.float64]:
         """Stiffness ratio, mass ratio, e1 and e2 of some cells, shape (n, 4)."""
         return self._values[indices.start : indices.stop]
+
+
+def block_of(config: Config, values: NDArray[np.float64], first: int = 0) -> Block:
+    """Make cells of two balls from their ratios, shape (n, 4), numbered from `first` on."""
+    kappa, mu, e1, e2 = values.T
+    ones = np.ones(len(values))
+    m1, k1, v0 = config.m1 * ones, config.k1 * ones, config.v0 * ones
+    pairs = (m1, config.m1 * mu), (k1, config.k1 * kappa), (e1, e2), (v0, 0 * ones)
+    m, k, e, v = (np.stack(pair, axis=1) for pair in pairs)
+    given = (kappa, mu, e1, e2, m1, m[:, 1], k1, k[:, 1], v0)
+    names = ("stiffness_ratio", "mass_ratio", "e1", "e2", "m1", "m2", "k1", "k2", "v0")
+    collisions = Collisions(m, k, e, v, True, np.zeros_like(k))
+    return Block(first + np.arange(len(values)), dict(zip(names, given, strict=True)), collisions)
 
 
 def collision_of(config: Config, cell: Cell) -> Collision:

@@ -29,7 +29,7 @@ from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.experiments.hypothesis.judging import Judgement, judge
 from impact_xval.experiments.hypothesis.predictions import dashpot_restitution
 from impact_xval.experiments.hypothesis.verdicts import GRAZING, Group, gather
-from impact_xval.experiments.measures.columns.measuring import column_divergence
+from impact_xval.experiments.measures.divergence import norms
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 Floats = NDArray[np.float64]
@@ -116,9 +116,7 @@ class ColumnPoint:
 
     def distances(self) -> Floats:
         """D of each outcome from the welded column; NaN without a result."""
-        return np.array(
-            [column_divergence(self.column, self.welded, each.velocities) for each in self.outcomes]
-        )
+        return np.array([_apart(self.column, self.welded, each.velocities) for each in self.outcomes])
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,6 +219,12 @@ def dashpots_kept(column: Collision, contact: int, solver: str) -> Collision | N
     return replace(one, restitutions=tuple(restitutions))
 
 
+def _apart(column: Collision, some: Sequence[float], others: Sequence[float]) -> float:
+    """D of final velocities of a column from others."""
+    difference = np.subtract(others, some)
+    return float(norms(*(np.atleast_2d(x) for x in (column.masses, difference, column.velocities)))[0])
+
+
 def _reduced_mass(column: Collision, contact: int) -> float:
     pair = column.masses[contact : contact + 2]
     return 1 / sum(1 / m for m in pair)
@@ -279,5 +283,5 @@ def _examined(solver: str, place: Place, column: Collision, contrast: Floats, de
         [m / energy for m in column.masses],
         decades,
     )
-    missed = column_divergence(column, others[0], judgement.limit) if others else math.nan
+    missed = _apart(column, others[0], judgement.limit) if others else math.nan
     return ColumnPoint(column, outcomes, form, judgement, missed)

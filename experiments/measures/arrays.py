@@ -10,8 +10,9 @@ import numpy as np
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.tables.folders import finished_collisions
-from impact_xval.experiments.tables.schema import CELLS_SCHEMA, COLUMNS, DIVERGENCE_SCHEMA
+from impact_xval.experiments.tables.schema import Column
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import column, texts
 
@@ -61,24 +62,25 @@ def to_xarray(folder: RunFolder | Path | str, columns: Sequence[str] = DEFAULT) 
     import xarray as xr
 
     run = folder if isinstance(folder, RunFolder) else finished_collisions(Path(folder))
-    known = list(dict.fromkeys([*CELLS_SCHEMA.names, *DIVERGENCE_SCHEMA.names]))
+    config = run.config()
+    tables = layout_of(config).tables
+    of_cells, known = tables["cells"].columns, tables["cells"].columns | tables["divergence"].columns
     for name in columns:
         if name not in known:
             raise ValueError(f"columns: {name!r} is unknown; known: {', '.join(known)}")
-    config = run.config()
-    cells = run.table_path("cells.parquet", CELLS_SCHEMA)
-    divergence = run.table_path("divergence.parquet", DIVERGENCE_SCHEMA)
+    cells = run.table_path("cells.parquet")
+    divergence = run.table_path("divergence.parquet")
     n_solvers = len(config.solvers)
-    dims, coords, shape = _axes(cells, config, n_solvers)
+    dims, coords, shape = _axes(cells, config, n_solvers, known)
     variables = {}
     for name in columns:
-        if name in CELLS_SCHEMA.names:
-            values = _read(cells, name).reshape(-1, n_solvers).T
+        if name in of_cells:
+            values = _read(cells, name, known).reshape(-1, n_solvers).T
         else:
-            compared = _read(divergence, name).reshape(-1, n_solvers - 1).T
+            compared = _read(divergence, name, known).reshape(-1, n_solvers - 1).T
             first = np.full((1, compared.shape[1]), np.nan if compared.dtype != object else None)
             values = np.concatenate([first.astype(compared.dtype), compared])
-        _, unit, meaning = COLUMNS[name]
+        _, unit, meaning = known[name]
         attributes = {"units": unit, "long_name": meaning}
         variables[name] = (("solver", *dims), values.reshape(n_solvers, *shape), attributes)
     return xr.Dataset(
@@ -89,21 +91,21 @@ def to_xarray(folder: RunFolder | Path | str, columns: Sequence[str] = DEFAULT) 
 
 
 def _axes(
-    cells: Path, config: Config, n_solvers: int
+    cells: Path, config: Config, n_solvers: int, known: dict[str, Column]
 ) -> tuple[tuple[str, ...], dict[str, Any], tuple[int, ...]]:
     def described(name: str, dim: str, values: Any) -> Any:
-        return (dim, values, {"units": COLUMNS[name][1], "long_name": COLUMNS[name][2]})
+        return (dim, values, {"units": known[name][1], "long_name": known[name][2]})
 
     if config.sample is None and config.cells is None:
         axes = config.grid.axes()
         coords = {name: described(name, name, values) for name, values in axes.items()}
         return tuple(axes), coords, tuple(map(len, axes.values()))
-    along = {name: _read(cells, name)[::n_solvers] for name in ("cell", *AXES)}
+    along = {name: _read(cells, name, known)[::n_solvers] for name in ("cell", *AXES)}
     coords = {name: described(name, "cell", values) for name, values in along.items()}
     coords["cell"] = described("cell", "cell", along["cell"].astype(int))
     return ("cell",), coords, (len(along["cell"]),)
 
 
-def _read(path: Path, name: str) -> np.ndarray:
+def _read(path: Path, name: str, known: dict[str, Column]) -> np.ndarray:
     """Read a column: text as it is, all else as float64."""
-    return texts(path, name) if COLUMNS[name][0] == "text" else column(path, name)
+    return texts(path, name) if known[name][0] == "text" else column(path, name)

@@ -9,25 +9,26 @@ r"""The corners between the model and what an engine was asked for: every combin
 All off is the state-transition model, all on the law of the engine in its scenario; what each of the eight is stands in
 docs/theory.md, section 7. They are computed through the batch functions of the references, exactly between events and
 without a time step, whether or not a run lists them as solvers; the model's is the run's own row. In an `impact`
-the corners of the third switch are two and two the same.
+the corners of the third switch are two and two the same; columns of N balls know no gravity, and have two switches.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import references
-from impact_xval.compliant_baselines.marks import JUMPS, jumps
+from impact_xval.compliant_baselines.marks import JUMPS, jumps, marks_of
 from impact_xval.compliant_baselines.registry import KELVIN_VOIGT
+from impact_xval.model.chain.following import MAX_PIECES
 from impact_xval.model.collision import Collisions, Outcomes
+from impact_xval.model.inputs import GRAZING_THRESHOLD
 
 Floats = NDArray[np.float64]
-Texts = NDArray[np.str_]
+Texts = NDArray[np.object_]
 
 #: Positions of a switch.
 FROZEN, FREE = 0, 1
@@ -38,6 +39,9 @@ WEIGHTLESS, SCENARIO = 0, 1
 Index = tuple[int, int, int]
 MODEL: Index = (FROZEN, ENERGETIC, WEIGHTLESS)
 
+
+#: Pieces of segments after which a corner of N balls is given up, a second of ten balls.
+_MAX_STEPS = 100_000
 
 #: Laws that engines are asked for.
 LAWS = (KELVIN_VOIGT, "hunt-crossley")
@@ -55,14 +59,13 @@ class Corners:
     reason : ndarray of str, shape (n,)
         Empty where all have a result; else the first, of those beside the model, that has none, and its status. Those
         that come after it have none either.
+    mark : ndarray of str, shape (n,)
+        Which corner jumps beside the cell, or is decided by rounding: shares would be others; empty where none does.
     """
 
     velocities: Floats
     reason: Texts
-
-    def take(self, index: NDArray[np.intp]) -> Corners:
-        """Return those of some cells, in the order of `index`."""
-        return Corners(self.velocities[:, :, :, index], self.reason[index])
+    mark: Texts
 
     @property
     def model(self) -> Floats:
@@ -92,75 +95,6 @@ def laws_of(obeyed: str) -> tuple[str, str]:
     return "bistiffness", obeyed
 
 
-def solvers(gravity_number: Floats, laws: Sequence[str]) -> Iterator[tuple[Index, str, bool, Floats]]:
-    r"""Give the law of each corner but the model, whether positions are frozen, and its gravity numbers.
-
-    Parameters
-    ----------
-    gravity_number : ndarray, shape (n,)
-        g/(\|v0\| omega1); where all are 0, the corners of the scenario are left out.
-    laws : sequence of str
-        From `laws_of`.
-    """
-    for gravity in (WEIGHTLESS, SCENARIO) if np.any(gravity_number > 0) else (WEIGHTLESS,):
-        for positions, law in product((FREE, FROZEN), range(len(laws))):
-            index = positions, law, gravity
-            if index != MODEL:
-                number = gravity_number if gravity else np.zeros_like(gravity_number)
-                yield index, laws[law], positions == FROZEN, number
-
-
-def corner_marks(cells: Sequence[Floats], gravity_number: Floats, obeyed: str = KELVIN_VOIGT) -> Texts:
-    """Say of each cell which corner jumps beside it (`marks.jumps`): its shares would be others.
-
-    Parameters
-    ----------
-    cells, gravity_number, obeyed
-        As for `corners`.
-
-    Returns
-    -------
-    ndarray of str, shape (n,)
-        Empty where no corner between the model and the engine's law does.
-    """
-    laws = laws_of(obeyed)
-    marks = np.full(len(gravity_number), "", dtype="U120")
-    collisions = Collisions.from_ratios(*cells)
-    for index, name, frozen, number in solvers(gravity_number, laws):
-        law, gravity = references.law_at(name, frozen=frozen), number * np.sqrt(1 + 1 / cells[1])
-        excess, _ = jumps(law, collisions, law(collisions, gravity), gravity)
-        found = (excess > 1) & (marks == "")
-        marks[found] = (
-            f"ladder: {called(index, laws)} jumps where a parameter changes by {max(JUMPS):g} or less"
-        )
-    return marks
-
-
-def gather(model: Floats, batches: Iterable[tuple[Index, Outcomes]], laws: Sequence[str]) -> Corners:
-    """Put corners together.
-
-    Parameters
-    ----------
-    model : ndarray, shape (n, 2)
-        Final velocities per abs(v0); NaN without a result.
-    batches : iterable of (Index, Outcomes)
-        The outcomes of `solvers`, for the same cells.
-    laws : sequence of str
-        From `laws_of`.
-    """
-    velocities = np.full((2, len(laws), 2, *model.shape), np.nan)
-    velocities[MODEL] = model
-    reason, weighty = np.full(len(model), "", dtype="U80"), False
-    for index, batch in batches:
-        velocities[index] = batch.velocities
-        failed = ~batch.has_result & (reason == "")
-        reason[failed] = np.char.add(f"{called(index, laws)}: ", batch.statuses[failed])
-        weighty |= index[2] == SCENARIO
-    if not weighty:
-        velocities[:, :, SCENARIO] = velocities[:, :, WEIGHTLESS]
-    return Corners(velocities, reason)
-
-
 def called(index: Index, laws: Sequence[str]) -> str:
     """Name a corner in a sentence."""
     positions, law, gravity = index
@@ -169,43 +103,83 @@ def called(index: Index, laws: Sequence[str]) -> str:
 
 
 def corners(
-    model: Floats,
-    cells: Sequence[Floats],
-    gravity_number: Floats,
-    obeyed: str = KELVIN_VOIGT,
+    model: Floats, collisions: Collisions, gravity: Floats, obeyed: str = KELVIN_VOIGT, *, pair: bool = True
 ) -> Corners:
-    r"""Compute the corners of cells.
+    r"""Compute the corners of collisions of one number of balls.
 
     Parameters
     ----------
-    model : ndarray, shape (n, 2)
-        Final velocities of the state-transition model per \|v0\|; NaN without a result.
-    cells : sequence of four ndarray, shape (n,)
-        k2/k1, m2/m1, e1 and e2.
-    gravity_number : ndarray, shape (n,)
-        g/(\|v0\| omega1); 0 without gravity.
+    model : ndarray, shape (n, N)
+        Final velocities of the state-transition model per abs(v0); NaN without a result, and nothing is computed.
+    collisions : Collisions
+    gravity : ndarray, shape (n,)
+        In m/s^2; 0 without.
     obeyed : str
         One of `LAWS`: what the engine was asked for.
+    pair : bool
+        Whether they are cells of two balls, which may know gravity.
 
     Raises
     ------
     ValueError
-        For an unknown law, or an illegal value.
+        For an unknown law.
     """
-    laws = laws_of(obeyed)
-    return gather(model, _solved(cells, gravity_number, laws), laws)
+    laws, n = laws_of(obeyed), len(model)
+    velocities = np.full((2, len(laws), 1 + pair, *model.shape), np.nan)
+    velocities[MODEL] = model
+    reason, mark = np.full(n, "", dtype=object), np.full(n, "", dtype=object)
+    speed = np.abs(collisions.velocities).max(axis=1)
+    left = np.flatnonzero(~np.isnan(model).any(axis=1))
+    marked = []
+    for index in _order(weighty=bool(pair and (gravity > 0).any())):
+        if index == MODEL or not len(left):
+            continue
+        positions, law, weight = index
+        some, g = collisions[left], gravity[left] * (weight == SCENARIO)
+        solve = references.law_at(
+            laws[law], frozen=positions == FROZEN, max_steps=MAX_PIECES if pair else _MAX_STEPS
+        )
+        found = solve(some, g)
+        velocities[index][left] = found.velocities / speed[left, None]
+        there = found.has_result
+        reason[left[~there]] = [f"{called(index, laws)}: {status}" for status in found.statuses[~there]]
+        marked.append((left, _marks(solve, called(index, laws), laws[law], some, found, g, pair=pair)))
+        left = left[there]
+    for places, says in marked:  # the first that jumps is told
+        new = (mark[places] == "") & (reason[places] == "")
+        mark[places[new]] = says[new]
+    if pair and not (gravity > 0).any():
+        velocities[:, :, SCENARIO] = velocities[:, :, WEIGHTLESS]
+    return Corners(velocities, reason, mark)
 
 
-def _solved(
-    cells: Sequence[Floats], gravity_number: Floats, laws: Sequence[str]
-) -> Iterator[tuple[Index, Outcomes]]:
-    """Solve the corners one by one; a cell without a result at one of them is not followed at those that come after.
+def _order(*, weighty: bool) -> list[Index]:
+    """Give corners in the order in which they are computed."""
+    weights = (WEIGHTLESS, SCENARIO) if weighty else (WEIGHTLESS,)
+    return [(positions, law, weight) for weight in weights for positions in (FREE, FROZEN) for law in (0, 1)]
 
-    It has no ladder, and may have been given up after as many segments as a batch follows, which takes a second.
-    """
-    ratios, mu, e1, e2 = cells
-    ratios = ratios.copy()
-    for index, law, frozen, number in solvers(gravity_number, laws):
-        batch = references.solve_batch(law, ratios, mu, e1, e2, number, frozen=frozen)
-        ratios[~batch.has_result] = 0.0  # refused at once
-        yield index, batch
+
+def _marks(
+    solve: references.marks.Law,
+    name: str,
+    law: str,
+    collisions: Collisions,
+    found: Outcomes,
+    gravity: Floats,
+    *,
+    pair: bool,
+) -> Texts:
+    """Say where a corner jumps (`marks.jumps`), grazes, or is decided by rounding."""
+    if pair:
+        excess, _ = jumps(solve, collisions, found, gravity)
+        text = f"ladder: {name} jumps where a parameter changes by {max(JUMPS):g} or less"
+        return np.where(excess > 1, text, "").astype(object)
+    says = marks_of(solve, law, collisions, found, gravity)
+    grazes = found.has_result & (found.grazing_margin < GRAZING_THRESHOLD)
+    return np.array(
+        [
+            f"ladder: {name} grazes by {margin:.2g}" if near else f"ladder: {name}: {mark}" if mark else ""
+            for near, margin, mark in zip(grazes, found.grazing_margin, says, strict=True)
+        ],
+        dtype=object,
+    )

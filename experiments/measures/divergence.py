@@ -1,4 +1,4 @@
-"""How far one outcome lies from another: the measures, all dimensionless."""
+"""How far one solver's results lie from the model's: the measures, all dimensionless."""
 
 from __future__ import annotations
 
@@ -6,62 +6,108 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from impact_xval.experiments.measures.hausdorff import hausdorff
-from impact_xval.experiments.tables.schema import MEASURES
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Path
-from impact_xval.model.kinetic import kinetic_norm
+from impact_xval.experiments.measures.hausdorff import distances
+from impact_xval.experiments.measures.results import Floats, Results
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 
-def divergence(
-    collision: Collision, model: Outcome, other: Outcome, paths: tuple[Sequence[str], Sequence[str]]
-) -> dict[str, Any]:
-    """Compare a solver's outcome with the model's.
+def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
+    """D: kinetic norms of differences of velocities over those of the velocities at first touch.
 
     Parameters
     ----------
-    collision : Collision
-        The collision both solved.
-    model, other : Outcome
+    masses, differences, starts : ndarray, shape (n, N)
+        In kg and m/s; a ball whose mass is NaN is none.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    weights = np.sqrt(masses / np.nanmax(masses, axis=1, keepdims=True))
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = [
+            np.hypot.reduce(np.where(np.isnan(masses), 0.0, weights * v), axis=1)
+            for v in (differences, starts)
+        ]
+        return lengths[0] / lengths[1]
+
+
+def divergence(
+    masses: Floats, starts: Floats, speed: Floats, model: Results, other: Results
+) -> dict[str, Any]:
+    """Compare a solver's results with the model's.
+
+    Parameters
+    ----------
+    masses, starts : ndarray, shape (n, N)
+        Of the collisions both solved, in kg; velocities at first touch in m/s.
+    speed : ndarray, shape (n,)
+        abs(v0) in m/s.
+    model, other : Results
         Differences are other minus model.
-    paths : tuple of two sequences of str
-        State paths of the model and of the other, through one filter (`states`).
 
     Returns
     -------
     dict
-        A value for every name in `schema.MEASURES`; all None where one of the two has no result, and
-        ``curve_distance`` None where one of them carries no path.
+        An array of shape (n,) for every name in `schema.MEASURES`: NaN or None where one of the two has no result;
+        those of paths for two balls on a table only, ``curve_distance`` where both have one.
     """
-    if model.status not in RESULT_STATUSES or other.status not in RESULT_STATUSES:
-        return dict.fromkeys(MEASURES)
-    speed = abs(collision.v0)
-    impulse = collision.m1 * speed
-    dv1, dv2 = (other.v1 - model.v1) / speed, (other.v2 - model.v2) / speed
-    return {
-        "velocity_divergence": velocity_divergence(collision, model, other),
-        "dv1": dv1,
-        "dv2": dv2,
-        "dimpulse1": (other.impulse1 - model.impulse1) / impulse,
-        "dimpulse2": (other.impulse2 - model.impulse2) / impulse,
-        "dretained_energy": other.retained_energy(collision) - model.retained_energy(collision),
-        "states_equal": tuple(paths[0]) == tuple(paths[1]),
-        "states_part_at": part_at(*paths),
-        "states_edit_distance": edit_distance(*paths),
-        "curve_distance": curve_distance(model.path, other.path, impulse),
+    both = model.there & other.there
+    absent = ~both
+    dv = np.where(both[:, None], other.velocities - model.velocities, np.nan)
+    di = np.where(both[:, None], other.impulses - model.impulses, np.nan)
+    found: dict[str, Any] = {
+        "velocity_divergence": np.where(absent, np.nan, norms(masses, dv, starts)),
+        **{f"dv{i}": x / speed for i, x in enumerate(dv.T, 1)},
+        **{f"dimpulse{i}": x / (masses[:, 0] * speed) for i, x in enumerate(di.T, 1)},
+        "largest_dv": np.max(np.abs(dv), axis=1, where=~np.isnan(dv), initial=0.0) / speed,
+        "dretained_energy": retained_energy(masses, starts, other) - retained_energy(masses, starts, model),
+    }
+    found["largest_dv"][absent] = found["dretained_energy"][absent] = np.nan
+    if model.paths is None or other.paths is None:
+        return found
+    compared = list(zip(model.compared, other.compared, strict=True))
+    split = {texts: tuple(text.split(" ") if text else [] for text in texts) for texts in set(compared)}
+    parts, edits = ({texts: f(*pair) for texts, pair in split.items()} for f in (part_at, edit_distance))
+
+    def by_pair(values: Any) -> NDArray[np.object_]:
+        return np.array([v if there else None for v, there in zip(values, both, strict=True)], dtype=object)
+
+    curves = [
+        each.impulses / np.repeat(masses[:, 0] * speed, np.diff(each.offsets))[:, None]
+        for each in (model.paths, other.paths)
+    ]
+    apart = distances(curves[0], curves[1], model.paths.offsets, other.paths.offsets)
+    return found | {
+        "states_equal": by_pair(one == two for one, two in compared),
+        "states_part_at": by_pair(parts[texts] for texts in compared),
+        "states_edit_distance": by_pair(edits[texts] for texts in compared),
+        "curve_distance": np.where(both, apart, np.nan),
     }
 
 
-def velocity_divergence(collision: Collision, model: Outcome, other: Outcome) -> float | None:
-    """D of two balls: the kinetic norm of the difference of final velocities, per abs(v0), dimensionless.
+def retained_energy(masses: Floats, starts: Floats, results: Results) -> Floats:
+    """Kinetic energy after the collision over that before it, shape (n,)."""
+    return norms(masses, results.velocities, starts) ** 2
 
-    None where one of the two has no result.
-    """
+
+def retained_momentum(masses: Floats, starts: Floats, results: Results) -> Floats:
+    """Momentum after the collision over that before it, shape (n,): 1 without a table."""
+    weights = masses / np.nanmax(masses, axis=1, keepdims=True)
+    with np.errstate(over="ignore", invalid="ignore"):
+        after, before = (np.nansum(weights * v, axis=1) for v in (results.velocities, starts))
+        return np.where(np.isnan(results.velocities).all(axis=1), np.nan, after / before)
+
+
+def velocity_divergence(collision: Collision, model: Outcome, other: Outcome) -> float | None:
+    """D of one collision; None where one of the two has no result."""
     if model.status not in RESULT_STATUSES or other.status not in RESULT_STATUSES:
         return None
-    speed = abs(collision.v0)
-    dv1, dv2 = (other.v1 - model.v1) / speed, (other.v2 - model.v2) / speed
-    return float(kinetic_norm(collision.mass_ratio, dv1, dv2))
+    difference = np.subtract(other.velocities, model.velocities)
+    arrays = (np.atleast_2d(x) for x in (collision.masses, difference, collision.velocities))
+    return float(norms(*arrays)[0])
 
 
 def part_at(a: Sequence[str], b: Sequence[str]) -> int | None:
@@ -83,19 +129,3 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
         for j, y in enumerate(b, start=1):
             diagonal, row[j] = row[j], min(row[j] + 1, row[j - 1] + 1, diagonal + (x != y))
     return row[-1]
-
-
-def curve_distance(a: Path | None, b: Path | None, impulse: float) -> float | None:
-    """Symmetric Hausdorff distance of two impulse curves in the (I1, I2) plane.
-
-    Parameters
-    ----------
-    a, b : Path or None
-        None gives None.
-    impulse : float
-        Unit of the result, in N s.
-    """
-    if a is None or b is None:
-        return None
-    curves = [np.column_stack([curve.impulse1, curve.impulse2]) / impulse for curve in (a, b)]
-    return hausdorff(curves[0], curves[1])

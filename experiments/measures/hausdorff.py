@@ -14,10 +14,13 @@ are shorter than the tolerance.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
 
 #: Absolute error allowed, in units of the coordinates.
 TOLERANCE = 1e-9
@@ -48,62 +51,78 @@ def hausdorff(a: ArrayLike, b: ArrayLike, tolerance: float = TOLERANCE) -> float
     ValueError
         If an array has another shape, no vertex, or a coordinate that is not finite or beyond `LARGEST`.
     """
-    first, second = _vertices("a", a), _vertices("b", b)
-    return float(max(directed(first, second, tolerance), directed(second, first, tolerance)))
+    given = {"a": np.asarray(a, float), "b": np.asarray(b, float)}
+    for name, points in given.items():
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
+            raise ValueError(f"{name} has shape {points.shape}; legal: (n, 2) with n >= 1")
+        if not np.all(np.abs(points) <= LARGEST):
+            raise ValueError(f"{name} holds a coordinate that is not finite, or beyond {LARGEST:g}")
+    ends = [np.array([0, len(points)]) for points in given.values()]
+    return float(distances(given["a"], given["b"], ends[0], ends[1], tolerance)[0])
 
 
-def _vertices(name: str, points: ArrayLike) -> NDArray[np.float64]:
-    array = np.ascontiguousarray(points, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0:
-        raise ValueError(f"{name} has shape {array.shape}; legal: (n, 2) with n >= 1")
-    if not np.all(np.abs(array) <= LARGEST):
-        raise ValueError(f"{name} holds a coordinate that is not finite, or beyond {LARGEST:g}")
-    keep = np.ones(len(array), dtype=bool)
-    keep[1:] = np.any(array[1:] != array[:-1], axis=1)
-    return array[keep]
+def distances(a: Floats, b: Floats, offsets_a: Any, offsets_b: Any, tolerance: float = TOLERANCE) -> Floats:
+    """Distances of n pairs of polylines, one after the other in `a` and `b`; NaN where one has no vertex.
+
+    Where a coordinate is beyond `LARGEST`, the distance is NaN too.
+    """
+    found = np.full(len(offsets_a) - 1, np.nan)
+    a, b = np.ascontiguousarray(a), np.ascontiguousarray(b)
+    measure_all(a, b, offsets_a, offsets_b, tolerance, found)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def measure_all(a, b, offsets_a, offsets_b, tolerance, found):
+    """As `distances`, into `found`."""
+    for i in range(len(found)):
+        one, other = a[offsets_a[i] : offsets_a[i + 1]], b[offsets_b[i] : offsets_b[i + 1]]
+        if len(one) and len(other) and np.abs(one).max() <= LARGEST and np.abs(other).max() <= LARGEST:
+            found[i] = max(directed(one, other, tolerance), directed(other, one, tolerance))
 
 
 @njit(cache=True)
 def _to_segment(x: float, y: float, b: np.ndarray, j: int) -> float:
-    """Distance of the point (x, y) from segment j of b."""
-    ax, ay = b[j, 0], b[j, 1]
-    dx, dy = 0.0, 0.0
+    """Distance squared of the point (x, y) from segment j of b."""
+    ax, ay = x - b[j, 0], y - b[j, 1]
     if j + 1 < len(b):
-        dx, dy = b[j + 1, 0] - ax, b[j + 1, 1] - ay
-    length2 = dx * dx + dy * dy
-    t = 0.0
-    if length2 > 0.0:
-        t = min(1.0, max(0.0, ((x - ax) * dx + (y - ay) * dy) / length2))
-    return math.hypot(x - ax - t * dx, y - ay - t * dy)
+        dx, dy = b[j + 1, 0] - b[j, 0], b[j + 1, 1] - b[j, 1]
+        along, length2 = ax * dx + ay * dy, dx * dx + dy * dy
+        if along > 0.0:
+            t = along / length2 if along < length2 else 1.0
+            ax, ay = ax - t * dx, ay - t * dy
+    return ax * ax + ay * ay
 
 
 @njit(cache=True)
-def _nearest(x, y, b, lowest, highest, start, enough):
+def _nearest(x, y, b, lowest, highest, enough):
     """Return a segment of b within `enough` of the point, or else the nearest one, and its distance.
 
     `lowest[j]` is the least s at segment j or later, `highest[j]` the greatest s at segment j or earlier.
     """
-    n = max(1, len(b) - 1)
-    s = x + y
-    best, where = _to_segment(x, y, b, start), start
-    left, right = start - 1, start + 1
-    root2 = math.sqrt(2.0)
+    n, s, root2 = len(highest), x + y, math.sqrt(2.0)
+    where = min(
+        np.searchsorted(highest, s), n - 1
+    )  # where s is that of the point: near it, along an impulse curve
+    best2 = _to_segment(x, y, b, where)
+    best = math.sqrt(best2)
+    left, right = where - 1, where + 1
     while best > enough and (left >= 0 or right < n):
         if right < n:
             if lowest[right] > s + root2 * best:
                 right = n
             else:
-                d = _to_segment(x, y, b, right)
-                if d < best:
-                    best, where = d, right
+                d2 = _to_segment(x, y, b, right)
+                if d2 < best2:
+                    best2, best, where = d2, math.sqrt(d2), right
                 right += 1
         if left >= 0:
             if highest[left] < s - root2 * best:
                 left = -1
             else:
-                d = _to_segment(x, y, b, left)
-                if d < best:
-                    best, where = d, left
+                d2 = _to_segment(x, y, b, left)
+                if d2 < best2:
+                    best2, best, where = d2, math.sqrt(d2), left
                 left -= 1
     return best, where
 
@@ -122,17 +141,17 @@ def directed(a: np.ndarray, b: np.ndarray, tolerance: float) -> float:
 
     # Vertices from coarse to fine, so that the largest distance is nearly known after a few searches and the
     # many that are no farther end theirs at once; in their own order each new maximum would cost a search.
-    near = np.empty(len(a), dtype=np.int64)
-    near[0] = 0  # handed over as a number would be, the kernel would be compiled once more for this one
-    worst, near[0] = _nearest(a[0, 0], a[0, 1], b, lowest, highest, near[0], 0.0)
+    near, worst = np.empty(len(a), dtype=np.int64), 0.0
     stride = 1
     while stride < len(a):
         stride *= 2
-    while stride > 1:
-        stride //= 2
-        for i in range(stride, len(a), 2 * stride):
-            d, near[i] = _nearest(a[i, 0], a[i, 1], b, lowest, highest, near[i - stride], worst)
+    start = 0
+    while stride > 0:
+        for i in range(start, len(a), 2 * stride):
+            d, near[i] = _nearest(a[i, 0], a[i, 1], b, lowest, highest, worst)
             worst = max(worst, d)
+        stride //= 2
+        start = stride
 
     stack = np.empty((_STACK, 4))
     nearest = np.empty((_STACK, 2), dtype=np.int64)
@@ -145,14 +164,13 @@ def directed(a: np.ndarray, b: np.ndarray, tolerance: float) -> float:
             x0, y0, x1, y1 = stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3]
             near0, near1 = nearest[depth, 0], nearest[depth, 1]
             # By convexity the farthest point of the piece is no farther from a segment than the farther end.
-            bound = min(
-                max(_to_segment(x0, y0, b, near0), _to_segment(x1, y1, b, near0)),
-                max(_to_segment(x0, y0, b, near1), _to_segment(x1, y1, b, near1)),
-            )
-            if bound <= worst + tolerance or depth + 2 > _STACK:
+            bound = max(_to_segment(x0, y0, b, near0), _to_segment(x1, y1, b, near0))
+            if near1 != near0:
+                bound = min(bound, max(_to_segment(x0, y0, b, near1), _to_segment(x1, y1, b, near1)))
+            if bound <= (worst + tolerance) ** 2 or depth + 2 > _STACK:
                 continue
             x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
-            d, middle = _nearest(x, y, b, lowest, highest, near0, worst)
+            d, middle = _nearest(x, y, b, lowest, highest, worst)
             worst = max(worst, d)
             stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3] = x0, y0, x, y
             nearest[depth, 0], nearest[depth, 1] = near0, middle

@@ -7,7 +7,7 @@ Grazing cells are left out, as in the rest of a summary.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ from impact_xval.experiments.measures.ladder import (
     Floats,
     by_order,
 )
-from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
+from impact_xval.experiments.measures.layout import laddered
 from impact_xval.experiments.measures.levels import levels_of
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import codes, column, present, texts
@@ -128,9 +128,10 @@ def band_of(stiffness_ratio: Any) -> Any:
 
 
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
-    """Compute the statistics of the ladders of a finished run of two balls."""
-    path = folder.table_path(LADDER, LADDER_SCHEMA)
-    return LadderSummary(ladder_statistics(path, config))
+    """Compute the statistics of the ladders of a finished run."""
+    if not laddered(config.solvers):
+        return LadderSummary(pd.DataFrame(columns=[*_REGION, *_NUMBERS]))
+    return LadderSummary(ladder_statistics(folder.table_path("ladder.parquet"), config))
 
 
 def ladder_statistics(path: Path, config: Config) -> Frame:
@@ -200,7 +201,8 @@ def _shares_by_order(
     names = corner_names(gravity=GRAVITY in contributions)
     shape = tuple(1 + max(index[i] for index in names) for i in range(3))
     sums: dict[str, Floats] = {}
-    for index, along in zip(names, _components(path, rows, total, names.values()), strict=True):
+    for index, name in names.items():
+        along = np.where(total >= NOTHING, column(path, f"{name}_along")[rows], 0.0)
         for axis, region in regions.items():
             values, place = np.unique(region, return_inverse=True)
             cube = sums.setdefault(axis, np.empty((*shape, len(values))))
@@ -211,21 +213,6 @@ def _shares_by_order(
         with np.errstate(invalid="ignore", divide="ignore"):
             found[axis] = np.where(whole > 0, by_order(sums[axis]) / whole, np.nan)
     return found
-
-
-def _components(
-    path: Path, rows: NDArray[np.bool_], total: Floats, corners: Iterable[str]
-) -> Iterator[Floats]:
-    """Give the component of every corner along the total, up to one number a row: that of the model, say."""
-    there = total >= NOTHING
-    if "dv1" not in pq.read_schema(path).names:  # of columns
-        for name in corners:
-            yield np.where(there, column(path, f"{name}_along")[rows], 0.0)
-        return
-    weighted = column(path, "dv1")[rows], column(path, "mass_ratio")[rows] * column(path, "dv2")[rows]
-    for name in corners:
-        product = sum(column(path, f"{name}_v{i + 1}")[rows] * dv for i, dv in enumerate(weighted))
-        yield np.divide(product, total, out=np.zeros_like(total), where=there)
 
 
 def _regions(path: Path, rows: NDArray[np.bool_], config: Config) -> dict[str, NDArray[Any]]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.compliant_baselines.registry import is_naive, law_of
+from impact_xval.compliant_baselines.solver import MappingName
 
 
 def by_law(names: Iterable[str]) -> dict[str, list[str]]:
@@ -30,3 +31,8 @@ def in_order_of_laws(names: Iterable[str]) -> list[str]:
 def voters(names: Iterable[str]) -> list[str]:
     """List one solver a law: the exact one, or the first that was asked for it."""
     return [group[0] for group in by_law(names).values()]
+
+
+def exact_for(name: str, mapping: MappingName) -> str:
+    """Name the exact solver of the law a solver was asked for; empty without one, as with the naive mapping."""
+    return "" if mapping == "naive" or is_naive(name) else law_of(name) or ""

@@ -30,7 +30,6 @@ from impact_xval.experiments.measures.estimates import convergence_estimates
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.levels import Levels
-from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA
 from impact_xval.experiments.tables.store import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.streams import codes, present
 from impact_xval.model.collision import RESULT_STATUSES
@@ -124,7 +123,7 @@ class Summary:
 def summarise(folder: RunFolder) -> Summary:
     """Compute the statistics of a finished run from its stored tables, whatever their size."""
     config = folder.config()
-    cells = folder.table_path("cells.parquet", CELLS_SCHEMA)
+    cells = folder.table_path("cells.parquet")
     table = load_divergence(folder, config)
     outcomes = folder.tally()
     n_marked, marked_beyond = marks_of(cells, config.solvers)
@@ -157,7 +156,7 @@ def marks_of(cells: Path, solvers: Sequence[str]) -> tuple[int, dict[str, int]]:
 
 def load_divergence(folder: RunFolder, config: Config) -> Compared:
     """Read the table of divergence, column by column as it is needed."""
-    return Compared.of(folder.table_path("divergence.parquet", DIVERGENCE_SCHEMA), config)
+    return Compared.of(folder.table_path("divergence.parquet"), config)
 
 
 def status_frame(outcomes: Tally, config: Config) -> Frame:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
-from impact_xval.experiments.measures.columns.summary import ColumnSummary, summarise_columns
+from impact_xval.experiments.measures.column_summary import ColumnSummary, summarise_columns
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, Summary, load_divergence
@@ -23,7 +23,7 @@ from impact_xval.experiments.presentation.looks import Look, look
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
 from impact_xval.experiments.presentation.style import drawing, save
-from impact_xval.experiments.sweep.curves import CURVES, CURVES_SCHEMA, FIGURE_CELL
+from impact_xval.experiments.sweep.curves import CURVES, FIGURE_CELL
 from impact_xval.experiments.sweep.sandbox import FaultError
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_json
@@ -97,7 +97,7 @@ def _collision_figures(
 ) -> dict[str, str]:
     """Draw the figures of a run of two balls: their captions by name."""
     # All that is drawn is read first: of a damaged folder nothing is drawn.
-    curves = folder.read_table(CURVES, CURVES_SCHEMA).to_pandas()
+    curves = folder.read_table(CURVES).to_pandas()
     ladder = summarise_ladder(folder, config) if ladder is None else ladder
     first = draw_divergences(folder) if divergences is None else {}
     ladders = _saved(folder, draw_ladders(ladder))

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 from markupsafe import Markup
 
-from impact_xval.experiments.measures.columns.summary import ColumnSummary, summarise_columns
+from impact_xval.experiments.measures.column_summary import ColumnSummary, summarise_columns
 from impact_xval.experiments.measures.ladder_summary import csv_rows
 from impact_xval.experiments.measures.summary import Summary, load_divergence, summarise
 from impact_xval.experiments.presentation.apart import Wait, process_apart

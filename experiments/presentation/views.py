@@ -15,7 +15,7 @@ from impact_xval.experiments.presentation.terminal import print_line, show
 from impact_xval.experiments.tables.numbers import number
 
 if TYPE_CHECKING:  # each command has imported what it shows, and needs none of the others
-    from impact_xval.experiments.measures.columns.summary import ColumnSummary
+    from impact_xval.experiments.measures.column_summary import ColumnSummary
     from impact_xval.experiments.measures.summary import Summary
     from impact_xval.experiments.sweep.status import RunStatus
     from impact_xval.experiments.tables.comparison import Comparison
@@ -26,7 +26,7 @@ _REASONS = 12
 
 def show_summary(console: Console, summary: Summary | ColumnSummary) -> None:
     """Print what a run found."""
-    from impact_xval.experiments.measures.columns.summary import ColumnSummary
+    from impact_xval.experiments.measures.column_summary import ColumnSummary
     from impact_xval.experiments.presentation.columns.page import column_facts
     from impact_xval.experiments.presentation.summary_page import summary_facts
 

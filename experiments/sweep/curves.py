@@ -12,17 +12,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from impact_xval.compliant_baselines.answers import answer
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.columns import ColumnCell
 from impact_xval.experiments.config.configuration import Cell, Config
-from impact_xval.experiments.config.grid import GridCell, collision_of
+from impact_xval.experiments.config.grid import collision_of
 from impact_xval.experiments.measures.hausdorff import LARGEST
-from impact_xval.experiments.sweep.kinds.columns import Lines
-from impact_xval.experiments.sweep.rows import Experiment
+from impact_xval.experiments.sweep.rows import Experiment, settings_of
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.experiments.sweep.solving import make_ready
 from impact_xval.experiments.sweep.third_party import longest
-from impact_xval.experiments.tables.schema import schema
+from impact_xval.experiments.tables.schema import PAIR, WHO, schema
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import replacing
 from impact_xval.model.collision import RESULT_STATUSES
@@ -44,7 +43,7 @@ def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
 CURVES_SCHEMA = pa.schema(
     [
         _field("curve", pa.string(), "which collision"),
-        *schema((*AXES, "solver")),
+        *schema({name: PAIR[name] for name in AXES} | {"solver": WHO["solver"]}),
         _field(
             "time", pa.float64(), "since first touch, per sqrt(m1/k1); of the model how long its forces take"
         ),
@@ -100,15 +99,14 @@ def _solve_column(sandbox: Sandbox, name: str, timeout: float) -> dict[str, Any]
 
 def _column_curve(experiment: Experiment, name: str) -> dict[str, Any]:
     """Solve the column of the figures and keep its velocities and, of who has a path, its forces."""
-    config, lines = experiment.config, Lines()
-    cell = ColumnCell(0, config.figure_column)
-    (outcome,) = lines.answer(experiment.resolve(name), [cell], config, path=True)
+    config, arranged = experiment.config, experiment.config.figure_column
+    outcome = answer(experiment.resolve(name), [arranged.column()], settings_of(config))[0]
     row = {"solver": name, "status": outcome.status, "reason": outcome.reason or None}
     if outcome.status in RESULT_STATUSES:
-        speed = abs(cell.arranged.v0)
+        speed = abs(arranged.v0)
         row["velocities"] = [v / speed for v in outcome.velocities]
         if (path := outcome.path) is not None:
-            m, k, p = cell.arranged.m, cell.arranged.k, cell.arranged.exponent
+            m, k, p = arranged.m, arranged.k, arranged.exponent
             time = (m / k * speed ** (1 - p)) ** (1 / (p + 1))
             kept = needed(path.time, path.forces)
             row |= {
@@ -170,7 +168,7 @@ def _solve(sandbox: Sandbox, label: str, cell: Cell, name: str, timeout: float) 
 def _curve(experiment: Experiment, label: str, cell: Cell, name: str) -> pa.Table | None:
     """Solve a cell and keep its curve; None where there is none."""
     collision = collision_of(experiment.config, cell)
-    (outcome,) = experiment.outcomes(name, [GridCell(0, 1.0, 1.0, collision)], {})
+    outcome = answer(experiment.resolve(name), [collision], settings_of(experiment.config))[0]
     path = outcome.path
     if outcome.status not in RESULT_STATUSES or path is None:
         return None

@@ -18,7 +18,6 @@ from impact_xval.experiments.config.columns import Columns
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import CellGrid, CellList, Cells, Chunked
-from impact_xval.experiments.tables.schema import CELLS_SCHEMA
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import column
 
@@ -55,7 +54,7 @@ def cells_of_run(folder: RunFolder, config: Config) -> Cells:
     """Return the cells of a finished run; those of a list as its table has them, wherever their file is now."""
     if config.cells is None:
         return cells_of(config)
-    path = folder.table_path("cells.parquet", CELLS_SCHEMA)
+    path = folder.table_path("cells.parquet")
     values = np.column_stack([column(path, name)[:: len(config.solvers)] for name in AXES])
     return CellList(config, values)
 

@@ -15,7 +15,7 @@ from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.grid import Cells
 from impact_xval.experiments.sweep.designs import cells_of
-from impact_xval.experiments.sweep.kinds.kind import settings_of
+from impact_xval.experiments.sweep.rows import settings_of
 
 #: Cells of an experiment that are examined, evenly spread and the corners among them.
 MOST_CELLS = 100

@@ -15,7 +15,8 @@ from impact_xval.compliant_baselines.engines.quiet import between
 from impact_xval.compliant_baselines.engines.stepping import scan
 from impact_xval.compliant_baselines.registry import engine_names, is_engine, is_ours, kind_of
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.measures.hausdorff import directed, hausdorff
+from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.measures.hausdorff import hausdorff, measure_all
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.collision import ORDINARY, Collision
 from impact_xval.model.compiled import cache_folder, is_compiled
@@ -70,7 +71,7 @@ def kernels_of(solvers: Iterable[str]) -> list[Kernels]:
             "chain", follow_chains, lambda: get_solver("kelvin-voigt").solve_many([ORDINARY], Settings())
         ),
         Kernels("model", collide_pairs, lambda: solve_by(["state-transition"], settings)),
-        Kernels("distance", directed, lambda: hausdorff(line, line)),
+        Kernels("distance", measure_all, lambda: hausdorff(line, line)),
         *([Kernels("engines", between, lambda: solve_by(engines, bare))] if engines else []),
     ]
 
@@ -92,6 +93,11 @@ def column_kernels_of(solvers: Iterable[str]) -> list[Kernels]:
     for name in filter(is_ours, solvers):
         by_kind["engine" if is_engine(name) else kind_of(name)].append(name)
     return [Kernels(*parts[kind], partial(solve_by, names)) for kind, names in by_kind.items() if names]
+
+
+def kernels_for(config: Config, solvers: Iterable[str]) -> list[Kernels]:
+    """List the kernels that the cells of an experiment need with some solvers."""
+    return (kernels_of if config.column is None else column_kernels_of)(solvers)
 
 
 def compile_once(kernels: Iterable[Kernels], meanwhile: Iterable[Kernels] = ()) -> None:

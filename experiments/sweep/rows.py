@@ -1,26 +1,36 @@
-"""Cells by a solver, as the rows of a part."""
+"""Cells by a solver, as the rows of a part: of two balls and of N, all of a chunk at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.solver import Solver
+from impact_xval.compliant_baselines.answers import answer, said
+from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
+from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.configuration import REFERENCE, Config
-from impact_xval.experiments.sweep.kinds.collisions import Collisions
-from impact_xval.experiments.sweep.kinds.columns import Lines
-from impact_xval.experiments.sweep.kinds.kind import Kind, Numbered
-from impact_xval.model.collision import Status
+from impact_xval.experiments.measures.divergence import divergence, retained_energy, retained_momentum
+from impact_xval.experiments.measures.ladder_rows import failed_ladders, ladders
+from impact_xval.experiments.measures.laws import exact_for
+from impact_xval.experiments.measures.layout import laddered, layout_of
+from impact_xval.experiments.measures.results import Floats, Results, masses_and_starts, results_of
+from impact_xval.experiments.tables.schema import Layout, to_table
+from impact_xval.model.collision import Collisions, Outcome, Status
 
 #: Finds a solver by its name; a function at the top level of a module, so that worker processes can find it.
 Resolve = Callable[[str], Solver]
 
-#: Status and reason of what is lost: of a solver (by name) at a cell (by index).
+#: Status and reason of what is lost: of a solver (by name) at a cell (by its number).
 Lost = dict[tuple[str, int], tuple[Status, str]]
+
+#: Largest D and change of energy; the square of a larger number leaves double precision.
+_LARGEST = 1e150
 
 
 @dataclass
@@ -34,48 +44,54 @@ class Experiment:
     resolve : callable
         Finds a solver by its name.
     ready : set of str
-        The engines, and solvers of other distributions, that this process is ready for (`make_ready`).
+        The engines, and solvers of other distributions, that this process is ready for.
     """
 
     config: Config
     resolve: Resolve = get_solver
     ready: set[str] = field(default_factory=set, init=False, repr=False)
-    _models: tuple[Any, list[Any]] = field(default=(None, []), init=False, repr=False)
+    layout: Layout = field(init=False, repr=False)
+    _models: tuple[Any, Any] = field(default=(None, None), init=False, repr=False)
 
-    @property
-    def kind(self) -> Kind:
-        """The kind of its cells."""
-        return kind_of_cells(self.config)
+    def __post_init__(self) -> None:
+        self.layout = layout_of(self.config)
 
-    def outcomes(self, name: str, cells: Sequence[Numbered], lost: Lost) -> list[Any]:
+    def __getstate__(self) -> tuple[Config, Resolve]:
+        return self.config, self.resolve
+
+    def __setstate__(self, state: tuple[Config, Resolve]) -> None:
+        self.__init__(*state)
+
+    def results(self, name: str, block: Block, lost: Lost) -> Results:
         """Solve cells by a solver; those that are lost to it are failures."""
-        asked = [cell for cell in cells if (name, cell.index) not in lost]
-        found = iter(self.kind.answer(self.resolve(name), asked, self.config) if asked else [])
-        return [
-            self.kind.failure(name, cell, *lost[name, cell.index])
-            if (name, cell.index) in lost
-            else next(found)
-            for cell in cells
-        ]
+        known = {i: lost[name, cell] for i, cell in enumerate(block.index.tolist()) if (name, cell) in lost}
+        asked: Any = (
+            [c for i, c in enumerate(block.collisions) if i not in known] if known else block.collisions
+        )
+        outcomes = answer(self.resolve(name), asked, settings_of(self.config, paths=self.layout.pair))
+        if known:
+            found = iter(outcomes)
+            outcomes = [
+                Outcome.failure(name, c, *known[i]) if i in known else next(found)
+                for i, c in enumerate(block.collisions)
+            ]
+        shortest = self.config.shortest_state * shortest_periods(block) if self.layout.pair else None
+        return results_of(outcomes, _speeds(block), self.layout.balls, self.layout.contacts, shortest)
 
-    def models(self, cells: Sequence[Numbered], lost: Lost) -> list[Any]:
+    def models(self, block: Block, lost: Lost) -> Results:
         """Solve cells by the reference; kept for the next solver of the same cells."""
-        if self._models[0] != list(cells):
-            self._models = list(cells), self.outcomes(REFERENCE, cells, lost)
+        asked = block.index.tolist(), {key: why for key, why in lost.items() if key[0] == REFERENCE}
+        if self._models[0] != asked:
+            self._models = asked, self.results(REFERENCE, block, lost)
         return self._models[1]
 
 
-def kind_of_cells(config: Config) -> Kind:
-    """Return the kind of the cells of an experiment."""
-    return Collisions() if config.column is None else Lines()
-
-
-def solve_all(experiment: Experiment, cells: Sequence[Numbered]) -> pa.Table:
+def solve_all(experiment: Experiment, block: Block) -> pa.Table:
     """Solve cells by every solver; the rows by solver, then by cell."""
-    return pa.concat_tables([solve_by(experiment, name, cells, {}) for name in experiment.config.solvers])
+    return pa.concat_tables([solve_by(experiment, name, block, {}) for name in experiment.config.solvers])
 
 
-def solve_by(experiment: Experiment, name: str, cells: Sequence[Numbered], lost: Lost) -> pa.Table:
+def solve_by(experiment: Experiment, name: str, block: Block, lost: Lost) -> pa.Table:
     """Solve cells by one solver and compare it with the reference.
 
     Parameters
@@ -83,17 +99,196 @@ def solve_by(experiment: Experiment, name: str, cells: Sequence[Numbered], lost:
     experiment : Experiment
     name : str
         Of the solver.
-    cells : sequence of cells
+    block : Block
     lost : dict
         Solvers that are not called for a cell, with the status and reason of that row.
 
     Returns
     -------
     Table
-        A row for each cell, with the columns of the layout of its kind.
+        A row for each cell, with the columns of a part.
     """
-    models = experiment.models(cells, lost)
-    outcomes = models if name == REFERENCE else experiment.outcomes(name, cells, lost)
-    kind, answers = experiment.kind, zip(cells, models, outcomes, strict=True)
-    rows = [kind.row(experiment.config, name, *each) for each in answers]
-    return pa.Table.from_pylist(rows, schema=kind.layout.rows)
+    model = experiment.models(block, lost)
+    found = model if name == REFERENCE else experiment.results(name, block, lost)
+    try:
+        return to_table(_columns(experiment, name, block, model, found), len(block), experiment.layout.rows)
+    except Exception as error:  # an outcome of which no measure can be made costs its own row
+        cell = name, int(block.index[0])
+        if len(block) > 1:
+            halves = block[: len(block) // 2], block[len(block) // 2 :]
+            return pa.concat_tables([solve_by(experiment, name, half, lost) for half in halves])
+        if cell in lost:
+            raise
+        why: Lost = {cell: ("crashed", f"measuring its outcome: {said(error)}")}
+        return solve_by(experiment, name, block, lost | why)
+
+
+def _columns(
+    experiment: Experiment, name: str, block: Block, model: Results, found: Results
+) -> dict[str, Any]:
+    """Columns of the rows of a solver."""
+    config, layout = experiment.config, experiment.layout
+    masses, starts = masses_and_starts(block.collisions, layout.balls)
+    speed = _speeds(block)
+    # A result that is not converged keeps the numbers it came to, but is no measure of anything.
+    numbers = (found.there | (found.status == "unconverged")) & ~np.isnan(found.velocities[:, 0])
+
+    def kept(values: Any) -> Floats:
+        return np.where(numbers, values, np.nan)
+
+    columns: dict[str, Any] = {
+        "cell": block.index,
+        **block.parameters,
+        "solver": np.full(len(block), name, dtype=object),
+        "status": found.status,
+        "marked": _marked(name, model, found),
+        "reason": found.reason,
+        "differences": found.differences,
+        **{f"v{i}": kept(v) for i, v in enumerate(found.velocities.T, 1)},
+        **{f"impulse{i}": kept(v) for i, v in enumerate(found.impulses.T, 1)},
+        "states": found.states,
+        "states_compared": found.compared,
+        "n_states": kept(found.n_states),
+        "n_events": kept(found.n_events),
+        "grazing_margin": found.margin,
+        "retained_energy": kept(retained_energy(masses, starts, found)),
+        "retained_momentum": kept(retained_momentum(masses, starts, found)),
+        **{key: found.diagnostic(key) for key in ("step", "n_steps", "duration", "velocity_error")},
+        **{
+            key: found.diagnostic(f"v{i}_limit")
+            for i in range(1, 1 + layout.balls)
+            for key in (f"v{i}_limit",)
+        },
+        **{key: found.diagnostic(key) for key in ("limit_error", "regularisation", "order", "finest_step")},
+        "model_states": model.states,
+        "model_states_compared": model.compared,
+        "model_status": model.status,
+        "model_grazing_margin": model.margin,
+    }
+    if layout.pair:
+        columns["gravity_number"] = gravity_numbers(config, block)
+    if name != REFERENCE:  # the model's divergence from itself is in no table
+        measured = divergence(masses, starts, speed, model, found)
+        for key in ("velocity_divergence", "dretained_energy"):
+            worst = measured[key][model.there & found.there]
+            if not np.all(np.abs(worst) <= _LARGEST):
+                raise ArithmeticError(f"{key} = {float(np.abs(worst).max())!r}; legal: at most {_LARGEST:g}")
+        columns |= measured
+    return columns
+
+
+def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
+    """Fill in what needs the rows of several solvers: distances of limits, and ladders.
+
+    Parameters
+    ----------
+    rows : Table
+        Of every solver, by cell, then by solver.
+    """
+    names, layout = experiment.config.solvers, experiment.layout
+    per_cell = {name: np.arange(i, len(rows), len(names)) for i, name in enumerate(names)}
+    columns: dict[str, Any] = {"limit_distance": _limit_distances(experiment, block, rows, per_cell)}
+    engines = laddered(names)
+    if engines:
+        model = rows.take(per_cell[REFERENCE])
+        for name in engines:
+            found = ladders(experiment.config, block, model, rows.take(per_cell[name]), layout)
+            for key, values in found.items():
+                column = columns.setdefault(
+                    f"ladder_{key}", np.full(len(rows), _nothing(values), values.dtype)
+                )
+                column[per_cell[name]] = values
+    return _with(rows, columns)
+
+
+def without_ladder(experiment: Experiment, rows: pa.Table, status: str, reason: str) -> pa.Table:
+    """Say of the rows of engines why they have no ladder."""
+    engines = np.isin(rows["solver"].to_pylist(), laddered(experiment.config.solvers))
+    return _with(
+        rows, {f"ladder_{key}": x for key, x in failed_ladders(rows, engines, status, reason).items()}
+    )
+
+
+def _with(rows: pa.Table, columns: dict[str, Any]) -> pa.Table:
+    """Replace columns."""
+    made = to_table(columns, len(rows), pa.schema([rows.schema.field(name) for name in columns]))
+    for name in columns:
+        rows = rows.set_column(rows.schema.get_field_index(name), rows.schema.field(name), made[name])
+    return rows
+
+
+def _nothing(values: NDArray[Any]) -> Any:
+    return np.nan if values.dtype.kind == "f" else None
+
+
+def _limit_distances(
+    experiment: Experiment, block: Block, rows: pa.Table, per_cell: dict[str, NDArray[np.intp]]
+) -> Floats:
+    """Distance per abs(v0) of each limit dt -> 0 from the exact solver of its law; NaN without either."""
+    balls, found = range(1, 1 + experiment.layout.balls), np.full(len(rows), np.nan)
+    there = np.isin(rows["status"].to_pylist(), ["ok", "limit"])
+
+    def numbers(pattern: str, places: NDArray[np.intp]) -> Floats:
+        columns = (rows[pattern.format(i)].to_numpy(zero_copy_only=False)[places] for i in balls)
+        return np.column_stack([np.asarray(x, float) for x in columns])
+
+    for name, places in per_cell.items():
+        law = exact_for(name, experiment.config.mapping)
+        if law in per_cell and law != name:
+            exact = numbers("v{}", per_cell[law]) / _speeds(block)[:, None]
+            away = np.abs(numbers("v{}_limit", places) - exact)
+            both = there[places] & there[per_cell[law]] & ~np.isnan(away[:, 0])
+            found[places[both]] = np.nanmax(away[both], axis=1, initial=0.0)
+    return found
+
+
+def _marked(name: str, model: Results, found: Results) -> NDArray[np.object_]:
+    """Say what a comparison of results with the model's lies beside: a jump of either, or a cut-off."""
+    own = _named(name, found.mark)
+    if found is model:
+        return own
+    models = _named(REFERENCE, model.mark)
+    return models + np.where((models != "") & (own != ""), "; ", "").astype(object) + own
+
+
+def _named(name: str, marks: NDArray[np.object_]) -> NDArray[np.object_]:
+    return np.array([f"{name}: {mark}" if mark else "" for mark in marks], dtype=object)
+
+
+def _speeds(block: Block) -> Floats:
+    return np.abs(block.parameters["v0"].astype(float))
+
+
+def shortest_periods(block: Block) -> Floats:
+    """Shorter contact period of two balls on a table, in s: 0 of a rigid contact, infinite without stiffness."""
+    m, k = Collisions.of(block.collisions).masses, Collisions.of(block.collisions).stiffnesses
+    with np.errstate(divide="ignore", over="ignore"):
+        rates = k / np.column_stack([1 / (1 / m[:, 0] + 1 / m[:, 1]), m[:, 1]])
+        return 2 * np.pi / np.sqrt(rates.max(axis=1))
+
+
+def gravity_numbers(config: Config, block: Block) -> Floats:
+    """g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)), of each cell; 0 without gravity."""
+    if config.scenario == "impact":
+        return np.zeros(len(block))
+    p = block.parameters
+    reduced = p["m1"] / (1 + p["m1"] / p["m2"])
+    return config.gravity / (_speeds(block) * np.sqrt(p["k1"] / reduced))
+
+
+def settings_of(config: Config, *, paths: bool = True) -> Settings:
+    """Return the settings of every solver of an experiment; outcomes carry their paths, if asked for."""
+    return Settings(
+        scenario=config.scenario,
+        gravity=config.gravity,
+        step_fraction=config.step_fraction,
+        max_steps=config.max_steps,
+        mapping=config.mapping,
+        shortest_state=config.shortest_state,
+        record_path=paths,
+        stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
+        grazing_threshold=config.grazing_threshold,
+        convergence=Convergence(config.convergence.tolerance, config.convergence.halvings)
+        if config.convergence.enabled
+        else None,
+    )

@@ -22,10 +22,10 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.configuration import COSMETIC, REFERENCE, Config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.grid import Chunked
+from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.sweep.curves import write_column_curves, write_curves
 from impact_xval.experiments.sweep.designs import experiment_cells
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
-from impact_xval.experiments.sweep.ladders import write_ladder
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.sweep.sandbox import ClosedError
 from impact_xval.experiments.sweep.solving import (
@@ -39,14 +39,13 @@ from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS
 from impact_xval.experiments.sweep.third_party import contained
 from impact_xval.experiments.tables.folders import discard, missing, open_folder
 from impact_xval.experiments.tables.lock import check_free, holding
-from impact_xval.experiments.tables.schema import COLLISIONS, Layout
+from impact_xval.experiments.tables.schema import Layout
 from impact_xval.experiments.tables.store import (
     CONFIGURATION,
     FORMAT,
     MANIFEST,
     DamagedManifestError,
     RunFolder,
-    layout_of,
     statuses_of,
     write_json,
 )
@@ -110,7 +109,7 @@ def run_sweep(
     if isolate:
         resolve = contained(resolve, config.cell_timeout)
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
-    layout = experiment.kind.layout
+    layout = experiment.layout
     with kept(root, resume, progress, layout=layout, take_over=take_over) as (folder, continued):
         workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
         run, most = (
@@ -121,7 +120,7 @@ def run_sweep(
             experiment, prepare, most, scheduler=scheduler, isolate=isolate, say=say
         ) as executor:
             run.solve(executor)
-            run.tabulate(executor)
+            run.tabulate()
         run.finish({"where": scheduler or "this machine", "workers": workers}, present)
     return folder
 
@@ -131,8 +130,8 @@ def kept(
     root: Path,
     resume: bool,
     progress: Progress,
-    layout: Layout = COLLISIONS,
     *,
+    layout: Layout,
     take_over: bool = False,
 ) -> Iterator[tuple[RunFolder, bool]]:
     """Keep a folder to this process, and turn what can end a run from outside into one line.
@@ -227,9 +226,9 @@ class _Run:
         write_json(self._folder.parts / CONFIGURATION, config.canonical())
         self._stage("start")
         todo = (number for number in van_der_corput(cells.chunks()) if number not in self._parts)
-        chunks = ((n, cells.cells(cells.chunk(n))) for n in todo)
+        chunks = ((n, cells.block(cells.chunk(n))) for n in todo)
         on_rows = self._on_rows and functools.partial(self._pass_on, self._on_rows)
-        for report in solve_chunks(executor, chunks, on_rows, self._folder.layout):
+        for report in solve_chunks(executor, chunks, self._experiment.layout, on_rows):
             self._keep(report)
             self._done += len(cells.chunk(report.number))
             self._progress(self._done, len(cells), "")
@@ -255,7 +254,7 @@ class _Run:
     def _rows_of(self, number: int) -> pa.Table:
         """Give the cells and solvers that the rows of a part are of."""
         chunk, solvers = self._cells.chunk(number), self._experiment.config.solvers
-        fields = [self._folder.layout.rows.field(name) for name in ("cell", "solver")]
+        fields = [self._experiment.layout.rows.field(name) for name in ("cell", "solver")]
         columns = [[cell for cell in chunk for _ in solvers], list(solvers) * len(chunk)]
         return pa.table(columns, schema=pa.schema(fields))
 
@@ -272,11 +271,9 @@ class _Run:
         self._seconds.update(report.seconds)
         self._faults += report.faults
 
-    def tabulate(self, executor: Any) -> None:
+    def tabulate(self) -> None:
         """Write the finished tables."""
         self._folder.assemble(self._parts)
-        say = functools.partial(self._progress, 0, 0)
-        write_ladder(self._folder.root, executor, self._experiment.kind.ladders, say=say)
         self._stage("tables")
 
     def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:

@@ -225,7 +225,8 @@ def _answer(
     context: object, name: str, config: Config, resolve: Any, collision: Collision
 ) -> Solved[Outcome]:
     from impact_xval.compliant_baselines.answers import answer
-    from impact_xval.experiments.sweep.kinds.kind import scaled_diagnostics, settings_of
+    from impact_xval.experiments.measures.results import scaled_diagnostics
+    from impact_xval.experiments.sweep.rows import settings_of
 
     solver = contained(resolve, config.cell_timeout)(name)
     outcome = answer(solver, [collision], settings_of(config))[0]
@@ -241,7 +242,8 @@ def _answer_column(
     points: int | None,
 ) -> Solved[Outcome]:
     from impact_xval.compliant_baselines.answers import answer
-    from impact_xval.experiments.sweep.kinds.kind import scaled_diagnostics, settings_of
+    from impact_xval.experiments.measures.results import scaled_diagnostics
+    from impact_xval.experiments.sweep.rows import settings_of
 
     solver = contained(resolve, config.cell_timeout)(name)
     settings = dataclasses.replace(settings_of(config), record_path=points != 0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
@@ -18,15 +18,28 @@ import pyarrow as pa
 
 from impact_xval.compliant_baselines.answers import stated_version, why_unavailable
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.cells import Block
+from impact_xval.experiments.config.columns import Columns
+from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
+from impact_xval.experiments.config.grid import block_of
 from impact_xval.experiments.sweep.executors import in_flight, in_this_process
-from impact_xval.experiments.sweep.kernels import compile_once
-from impact_xval.experiments.sweep.kinds.kind import Numbered
-from impact_xval.experiments.sweep.rows import Experiment, Lost, solve_by
-from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox, SandboxError, in_halves
+from impact_xval.experiments.sweep.kernels import compile_once, kernels_for
+from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
+from impact_xval.experiments.sweep.sandbox import (
+    TO_PREPARE,
+    FaultError,
+    Sandbox,
+    SandboxError,
+    in_halves,
+    last_line,
+)
 from impact_xval.experiments.sweep.third_party import longest
-from impact_xval.experiments.tables.schema import COLLISIONS, Layout
+from impact_xval.experiments.tables.schema import Layout
 from impact_xval.experiments.tables.store import part_bytes, read_part
+
+#: Seconds for what follows the solvers of a chunk; not their limit, for these are references in closed form, and tables
+#: must not depend on how busy a machine is.
+_TO_COMPLETE = 600.0
 
 #: Given the rows of a chunk by one solver as soon as they are there; called from any thread.
 OnRows = Callable[[pa.Table], None]
@@ -59,12 +72,10 @@ class Report:
     faults: int
 
 
-def solve_chunk(
-    sandbox: Sandbox, number: int, cells: Sequence[Numbered], on_rows: OnRows | None = None
-) -> Report:
+def solve_chunk(sandbox: Sandbox, number: int, block: Block, on_rows: OnRows | None = None) -> Report:
     """Solve a chunk of cells by each solver of the experiment that the sandbox was given, whatever they do."""
     config: Config = sandbox.context.config
-    chunk = _Chunk(sandbox, cells, config)
+    chunk = _Chunk(sandbox, block, config)
     pieces = []
     for name in config.solvers:
         pieces.append(pa.concat_tables(chunk.solved_by(name)))
@@ -72,15 +83,15 @@ def solve_chunk(
             on_rows(pieces[-1])
     rows = pa.concat_tables(pieces)
     by_cell = np.arange(len(rows)).reshape(len(config.solvers), -1).T.ravel()
-    rows = sandbox.context.kind.completed(config, rows.take(by_cell))
+    rows = pa.concat_tables(chunk.completed(rows.take(by_cell)))
     return Report(number, part_bytes(rows), chunk.seconds, sandbox.prepared, chunk.faults)
 
 
 def solve_chunks(
     executor: Any,
-    chunks: Iterable[tuple[int, Sequence[Numbered]]],
+    chunks: Iterable[tuple[int, Block]],
+    layout: Layout,
     on_rows: OnRows | None = None,
-    layout: Layout = COLLISIONS,
 ) -> Iterator[Report]:
     """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come.
 
@@ -89,10 +100,10 @@ def solve_chunks(
     executor : Executor
     chunks : iterable
         Number and cells of each.
-    on_rows : callable, optional
-        Given rows solver by solver, or where the executor's threads are other processes', a whole chunk.
     layout : Layout
         Of the rows.
+    on_rows : callable, optional
+        Given rows solver by solver, or where the executor's threads are other processes', a whole chunk.
     """
     here = in_this_process(executor)
     submitted = in_flight(
@@ -107,8 +118,9 @@ def solve_chunks(
 
 
 class _Chunk:
-    def __init__(self, sandbox: Sandbox, cells: Sequence[Numbered], config: Config) -> None:
-        self._sandbox, self._cells, self._timeout = sandbox, cells, config.cell_timeout
+    def __init__(self, sandbox: Sandbox, block: Block, config: Config) -> None:
+        self._sandbox, self._cells, self._timeout = sandbox, block, config.cell_timeout
+        self._solvers = len(config.solvers)
         self._lost: Lost = {}
         self.seconds = dict.fromkeys(config.solvers, 0.0)
         self.faults = 0
@@ -130,13 +142,30 @@ class _Chunk:
             self.seconds[name] += time.perf_counter() - start
 
     def _failed(self, name: str, place: slice, fault: FaultError) -> pa.Table:
-        cell = self._cells[place.start].index
+        cell = int(self._cells.index[place.start])
         self._lost[name, cell] = fault.status, fault.reason
 
         def give_up(_: slice, fault: FaultError) -> pa.Table:
             raise SandboxError(f"cell {cell}, outside of every solver: {fault.reason}")
 
         return in_halves(lambda _: self._rows(name, place), 1, give_up)[0]
+
+    def completed(self, rows: pa.Table) -> list[pa.Table]:
+        """Add to rows, by cell, what needs several solvers; a cell for which that fails has no ladder."""
+
+        def of(place: slice) -> pa.Table:
+            return rows.slice(place.start * self._solvers, (place.stop - place.start) * self._solvers)
+
+        def call(place: slice) -> pa.Table:
+            try:
+                return self._sandbox.call(completed, self._cells[place], of(place), timeout=_TO_COMPLETE)
+            except SandboxError as error:
+                raise FaultError("crashed", last_line(str(error))) from None
+
+        def failed(place: slice, fault: FaultError) -> pa.Table:
+            return without_ladder(self._sandbox.context, of(place), fault.status, f"ladder: {fault.reason}")
+
+        return in_halves(call, len(self._cells), failed)
 
 
 def prepare(experiment: Experiment) -> Versions:
@@ -147,7 +176,9 @@ def prepare(experiment: Experiment) -> Versions:
     """
     solvers = experiment.config.solvers
     engine_free = [name for name in solvers if not is_engine(name)]
-    compile_once(experiment.kind.kernels(engine_free), meanwhile=experiment.kind.kernels(solvers))
+    compile_once(
+        kernels_for(experiment.config, engine_free), meanwhile=kernels_for(experiment.config, solvers)
+    )
     versions = solver_versions(experiment)
     for name in engine_free:
         _try_out(experiment, name)
@@ -165,14 +196,16 @@ def make_ready(sandbox: Sandbox, name: str) -> None:
 def _ready_for(experiment: Experiment, name: str) -> None:
     if name not in experiment.ready:
         experiment.ready.add(name)
-        compile_once(experiment.kind.kernels([name]))
+        compile_once(kernels_for(experiment.config, [name]))
         _try_out(experiment, name)
 
 
 def _try_out(experiment: Experiment, name: str) -> None:
     """Solve an ordinary cell; one of the experiment may take as long as it is let."""
-    ordinary, cell = experiment.kind.ordinary()
-    solve_by(Experiment(ordinary, experiment.resolve), name, [cell], {})
+    pair = experiment.layout.pair
+    usual = parse_config({} if pair else {"column": {"arrangement": "cradle", "balls": [2]}})
+    block = block_of(usual, np.array([[1.0, 2.0, 0.9, 0.7]])) if pair else Columns(usual).block(range(1))
+    solve_by(Experiment(usual, experiment.resolve), name, block, {})
 
 
 def solver_versions(experiment: Experiment) -> Versions:

@@ -159,4 +159,4 @@ def _solved(
 ) -> list[Outcome]:
     """In the process of a solver: its outcomes."""
     resolve, name = context
-    return answer(resolve(name), collisions, settings)
+    return list(answer(resolve(name), collisions, settings))

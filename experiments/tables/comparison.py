@@ -1,29 +1,25 @@
 """What moved between two finished runs of the same cells, by solver and by cell.
 
-Both are read block by block, so that tables larger than the memory can be compared. A row is a cell and a solver. It
+A row is a cell and a solver. It
 moved where its status is another one, where a velocity per abs(v0) or D differs by more than a tolerance, or where one
 run has such a number and the other has none.
 """
 
 from __future__ import annotations
 
-import heapq
-import math
-from collections.abc import Iterator
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
-from numpy.typing import NDArray
+import pyarrow.parquet as pq
 
-from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.tables.schema import LINE_PARAMETERS, LINES, PARAMETERS
-from impact_xval.experiments.tables.store import RunFolder, layout_of
-from impact_xval.experiments.tables.streams import blocks
+from impact_xval.experiments.tables.store import RunFolder
 
-Floats = NDArray[np.float64]
+#: A pandas DataFrame or Series; their annotations are too wide to check code against.
+Frame = Any
 
 #: Rows that are listed as the worst.
 LISTED = 10
@@ -48,32 +44,24 @@ class SolverChanges:
     divergence: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, order=True)
+@dataclass(frozen=True, slots=True)
 class Moved:
-    """A row that moved; the worst is the largest.
+    """A row that moved.
 
     Attributes
     ----------
-    status_changed : bool
+    cell : int
+    solver, status_a, status_b : str
     velocity, divergence : float
         Changes, infinite where one run alone has a number, 0 where neither has.
-    before_it : int
-        Minus the number of the cell, so that of equal rows the first is the worst.
-    solver, status_a, status_b : str
     """
 
-    status_changed: bool
-    velocity: float
-    divergence: float
-    before_it: int
+    cell: int
     solver: str
     status_a: str
     status_b: str
-
-    @property
-    def cell(self) -> int:
-        """Number of the cell."""
-        return -self.before_it
+    velocity: float
+    divergence: float
 
 
 @dataclass(slots=True)
@@ -123,45 +111,41 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
         If their cells are not the same, or a table is missing or damaged; one line that says where.
     """
     configs = a.config(), b.config()
-    layout = layout_of(configs[0])
-    if layout is not layout_of(configs[1]):
-        kinds = ["columns of N balls" if layout_of(each) is LINES else "collisions" for each in configs]
+    kinds = ["collisions" if each.column is None else "columns of N balls" for each in configs]
+    if kinds[0] != kinds[1]:
         raise UserError(
             f"{a.root}: a run of {kinds[0]}, {b.root}: of {kinds[1]}; legal: two runs of one kind"
         )
     here, there = (set(each.solvers) for each in configs)
-    both = [name for name in configs[0].solvers if name in there]
     plain, manifests = [each.canonical() for each in configs], (a.manifest(), b.manifest())
-    found = Comparison(
+    own = {key: value for key, value in plain[0].items() if key not in _ELSEWHERE}
+    both = [name for name in configs[0].solvers if name in there]
+    rows = _rows(a, both).merge(_rows(b, both), on=["cell", "solver"], how="outer", suffixes=("_a", "_b"))
+    _check_same(a, b, rows)
+    velocities = sorted(name[:-2] for name in rows if re.fullmatch(r"v\d+_a", name))
+    speed = rows.v0_a.abs()
+    rows["velocity"] = np.max([_change(rows, name) / speed for name in velocities], axis=0, initial=0.0)
+    rows["divergence"] = _change(rows, "velocity_divergence")
+    rows["other"] = rows.status_a != rows.status_b
+    rows["moved"] = rows.other | (rows.velocity > tolerance) | (rows.divergence > tolerance)
+    finite = rows[["solver", "velocity", "divergence"]].replace(np.inf, 0.0)
+    counts = rows.groupby("solver")[["moved", "other"]].sum().join(finite.groupby("solver").max())
+    counts["n"] = rows.groupby("solver").size()
+    worst = rows[rows.moved].sort_values(
+        ["other", "velocity", "divergence", "cell"], ascending=[False, False, False, True], kind="stable"
+    )
+    shown = ["cell", "solver", "status_a", "status_b", "velocity", "divergence"]
+    return Comparison(
         tolerance,
-        {name: SolverChanges() for name in both},
+        {
+            name: SolverChanges(int(c.n), int(c.moved), int(c.other), float(c.velocity), float(c.divergence))
+            for name, c in counts.reindex(both).iterrows()
+        },
+        worst=[Moved(*row) for row in worst[shown].head(LISTED).itertuples(index=False)],
         alone=sorted(here ^ there),
-        settings=_differing(
-            {key: value for key, value in plain[0].items() if key not in _ELSEWHERE}, plain[1]
-        ),
+        settings=_differing(own, plain[1]),
         versions=_differing(manifests[0]["versions"], manifests[1]["versions"]),
     )
-    lines = layout is LINES
-    parameters = LINE_PARAMETERS if lines else PARAMETERS
-    velocities = ("velocities",) if lines else ("v1", "v2")
-    streams = []
-    for folder in (a, b):
-        cells = folder.table_path("cells.parquet", layout.cells)
-        streams.append(blocks(cells, [*parameters, "solver", "status", *velocities]))
-        divergence = folder.table_path("divergence.parquet", layout.divergence)
-        streams.append(blocks(divergence, ["cell", "solver", "velocity_divergence"]))
-    worst: list[Moved] = []
-    for rows_a, away_a, rows_b, away_b in _in_step(streams):
-        for name in both:
-            mine, yours = _of(rows_a, name), _of(rows_b, name)
-            _check_same(a, b, mine, yours, parameters)
-            d = [_numbers(_of(away, name), "velocity_divergence") for away in (away_a, away_b)]
-            if name == REFERENCE:
-                d = [np.zeros(len(mine))] * 2
-            moved = _count(found.solvers[name], name, mine, yours, velocities, _change(*d), tolerance)
-            worst = heapq.nlargest(LISTED, [*worst, *moved])
-    found.worst = worst
-    return found
 
 
 #: Settings that say nothing of what is compared: the cells are, one by one, and the solvers are named.
@@ -172,111 +156,37 @@ def _differing(a: dict[str, object], b: dict[str, object]) -> dict[str, tuple[st
     return {key: (str(a[key]), str(b[key])) for key in a if key in b and a[key] != b[key]}
 
 
-#: Rows of a table that has none left.
-_NONE = pa.table({"cell": pa.array([], pa.int64()), "solver": pa.array([], pa.string())})
+def _rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
+    """Read what is compared of a run: parameters, status, velocities and D of every cell and solver."""
+    path = run.table_path("cells.parquet")
+    names = pq.read_schema(path).names
+    wanted = [*names[: names.index("status") + 1], *(name for name in names if re.fullmatch(r"v\d+", name))]
+    chosen = [("solver", "in", list(solvers))]
+    cells = pq.read_table(path, columns=wanted, filters=chosen).to_pandas()
+    keys = ["cell", "solver"]
+    path = run.table_path("divergence.parquet")
+    d = pq.read_table(path, columns=[*keys, "velocity_divergence"], filters=chosen).to_pandas()
+    return cells.merge(d, on=keys, how="left")
 
 
-def _in_step(streams: list[Iterator[pa.Table]]) -> Iterator[list[pa.Table]]:
-    """Give the rows of the same cells of several tables, wherever their blocks are cut.
-
-    Where one has no rows left the others give theirs, which is then for the caller to refuse.
-    """
-    held = [_NONE] * len(streams)
-    while True:
-        held = [
-            rest if len(rest) else next(stream, _NONE) for rest, stream in zip(held, streams, strict=True)
-        ]
-        ends = [rest.column("cell")[-1].as_py() for rest in held if len(rest)]
-        if not ends:
-            return
-        cuts = [int(np.searchsorted(rest.column("cell").to_numpy(), min(ends), "right")) for rest in held]
-        yield [rest.slice(0, cut) for rest, cut in zip(held, cuts, strict=True)]
-        held = [rest.slice(cut) for rest, cut in zip(held, cuts, strict=True)]
-
-
-def _of(table: pa.Table, solver: str) -> pa.Table:
-    return table.filter(pc.field("solver") == solver)
-
-
-def _numbers(table: pa.Table, name: str) -> Floats:
-    if name not in table.column_names:
-        return np.empty(0)
-    return table.column(name).cast(pa.float64()).to_numpy().astype(float)
-
-
-def _check_same(a: RunFolder, b: RunFolder, mine: pa.Table, yours: pa.Table, names: tuple[str, ...]) -> None:
+def _check_same(a: RunFolder, b: RunFolder, rows: Frame) -> None:
     """Refuse two runs whose cells are not the same, to the last bit."""
     legal = "legal: two runs of the same cells"
-    if len(mine) != len(yours):
-        rows, shorter = (mine, b) if len(mine) > len(yours) else (yours, a)
-        numbers = set((yours if rows is mine else mine).column("cell").to_pylist())
-        first = next(cell for cell in rows.column("cell").to_pylist() if cell not in numbers)
-        raise UserError(f"{shorter.root}: has no cell {first}, which the other run has; {legal}")
-    for name in names:
-        if mine.column(name).equals(yours.column(name)):
-            continue
-        pairs = zip(mine.column(name).to_pylist(), yours.column(name).to_pylist(), strict=True)
-        for row, (x, y) in enumerate(pairs):
-            if x != y:
-                cell = mine.column("cell")[row].as_py()
-                raise UserError(f"cell {cell}: {name} = {x!r} in {a.root}, {y!r} in {b.root}; {legal}")
+    for folder, status in ((a, rows.status_a), (b, rows.status_b)):
+        if status.isna().any():
+            cell = rows.cell[status.isna()].iloc[0]
+            raise UserError(f"{folder.root}: has no cell {cell}, which the other run has; {legal}")
+    names = [name[:-2] for name in rows if name.endswith("_a")]
+    for name in names[: names.index("status")]:
+        x, y = rows[f"{name}_a"], rows[f"{name}_b"]
+        other = (x != y) & ~(x.isna() & y.isna())
+        if other.any():
+            i = other.idxmax()
+            raise UserError(f"cell {rows.cell[i]}: {name} = {x[i]} in {a.root}, {y[i]} in {b.root}; {legal}")
 
 
-def _count(
-    changes: SolverChanges,
-    solver: str,
-    mine: pa.Table,
-    yours: pa.Table,
-    velocities: tuple[str, ...],
-    divergence: Floats,
-    tolerance: float,
-) -> list[Moved]:
-    """Count the rows of a solver, and give the worst of those that moved."""
-    speed = np.abs(_numbers(mine, "v0"))
-    velocity = np.max([_change_of(mine, yours, name) for name in velocities], axis=0, initial=0.0) / speed
-    statuses = [table.column("status").to_pylist() for table in (mine, yours)]
-    other = np.array([x != y for x, y in zip(*statuses, strict=True)], dtype=bool)
-    moved = other | (velocity > tolerance) | (divergence > tolerance)
-    changes.compared += len(mine)
-    changes.moved += int(moved.sum())
-    changes.statuses += int(other.sum())
-    changes.velocity = max(changes.velocity, float(velocity[np.isfinite(velocity)].max(initial=0.0)))
-    changes.divergence = max(changes.divergence, float(divergence[np.isfinite(divergence)].max(initial=0.0)))
-    places = np.flatnonzero(moved)
-    worst_first = np.lexsort((places, -divergence[places], -velocity[places], ~other[places]))
-    cells = mine.column("cell").to_numpy()
-    return [
-        Moved(
-            bool(other[i]),
-            float(velocity[i]),
-            float(divergence[i]),
-            -int(cells[i]),
-            solver,
-            statuses[0][i],
-            statuses[1][i],
-        )
-        for i in places[worst_first][:LISTED]
-    ]
-
-
-def _change_of(mine: pa.Table, yours: pa.Table, name: str) -> Floats:
-    """Return the size of the change of a column of numbers, the largest of each row where it holds lists."""
-    if not pa.types.is_list(mine.schema.field(name).type):
-        return _change(_numbers(mine, name), _numbers(yours, name))
-    lists = zip(mine.column(name).to_pylist(), yours.column(name).to_pylist(), strict=True)
-    return np.array([_change_of_lists(x, y) for x, y in lists])
-
-
-def _change_of_lists(x: list[float | None] | None, y: list[float | None] | None) -> float:
-    if x is None or y is None or len(x) != len(y):
-        return 0.0 if x == y else math.inf
-    arrays = (np.array([math.nan if v is None else v for v in each], dtype=float) for each in (x, y))
-    return float(_change(*arrays).max(initial=0.0))
-
-
-def _change(x: Floats, y: Floats) -> Floats:
+def _change(rows: Frame, name: str) -> Frame:
     """Return the sizes of changes: 0 between equal numbers and where neither is there, infinite where one is not."""
-    missing_x, missing_y = np.isnan(x), np.isnan(y)
-    with np.errstate(invalid="ignore"):
-        size = np.where(x == y, 0.0, np.abs(x - y))
-    return np.where(missing_x & missing_y, 0.0, np.where(missing_x ^ missing_y, math.inf, size))
+    x, y = rows[f"{name}_a"], rows[f"{name}_b"]
+    size = (x - y).abs().mask(x == y, 0.0)
+    return size.mask(x.isna() & y.isna(), 0.0).mask(x.isna() ^ y.isna(), np.inf)

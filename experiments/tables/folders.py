@@ -11,7 +11,7 @@ from pathlib import Path
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.tables.files import is_regular
 from impact_xval.experiments.tables.lock import LOCK, OWNER
-from impact_xval.experiments.tables.schema import COLLISIONS, Layout
+from impact_xval.experiments.tables.schema import Layout
 from impact_xval.experiments.tables.store import FINISHED, MANIFEST, DamagedManifestError, RunFolder
 from impact_xval.experiments.tables.streams import replaced_by
 
@@ -24,7 +24,7 @@ def missing(root: Path) -> list[Path]:
     return [path for path in (root, *root.parents) if not path.exists()]
 
 
-def open_folder(root: Path, *, resume: bool, layout: Layout = COLLISIONS) -> tuple[RunFolder, bool]:
+def open_folder(root: Path, *, resume: bool, layout: Layout) -> tuple[RunFolder, bool]:
     """Check that a run may write to a folder, and create it.
 
     Parameters

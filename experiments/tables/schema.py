@@ -1,29 +1,30 @@
-"""Columns of the tables a run writes, with their units."""
+"""Columns of the tables a run writes, with their units: a row is a cell and a solver, of two balls or of N."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
-_TYPES = {
-    "int": pa.int64(),
-    "float": pa.float64(),
-    "text": pa.string(),
-    "bool": pa.bool_(),
-    "list": pa.list_(pa.float64()),
-}
+_TYPES = {"int": pa.int64(), "float": pa.float64(), "text": pa.string(), "bool": pa.bool_()}
+
+#: Type, unit ("-" is dimensionless) and meaning of a column.
+Column = tuple[str, str, str]
 
 
-def _columns(text: str) -> dict[str, tuple[str, str, str]]:
-    """Read a list of columns: name, type, unit ("-" is dimensionless) and meaning, two spaces between them."""
+def columns(text: str) -> dict[str, Column]:
+    """Read a list of columns: name, type, unit and meaning, two spaces between them."""
     rows = (re.split(r"\s{2,}", line.strip(), maxsplit=3) for line in text.strip().splitlines())
     return {name: (kind, unit, " ".join(meaning.split())) for name, kind, unit, meaning in rows}
 
 
-_PARAMETERS = _columns(
+#: Of cells of two balls on a table.
+PAIR = columns(
     """
     cell             int    -    number of the cell in the grid, from 0
     stiffness_ratio  float  -    k2/k1
@@ -37,110 +38,42 @@ _PARAMETERS = _columns(
     v0               float  m/s  velocity of B1 at first touch; up is positive
     """
 )
-_WHO = _columns(
-    """
-    solver  text   -    name of the solver
-    status  text   -    ok, limit, or why there is no result
-    marked  text   -    which jump of the solver's exact law or of the model is so near, or which \
-                        cut-off, that the row counts in no statistic; null if none
-    reason  text   -    one sentence where the status is not ok
-    differences  text  -  what an engine says it uses instead of what it was asked for; null if nothing
-    """
-)
-_OUTCOME = _columns(
-    """
-    v1               float  m/s  velocity of B1 when the collision is over
-    v2               float  m/s  velocity of B2 when the collision is over
-    impulse1         float  N s  total impulse, ball on ball
-    impulse2         float  N s  total impulse, ball on table
-    states           text   -    state sequence, separated by spaces; an engine's without states held too \
-                                 briefly
-    states_compared  text   -    state sequence without states held too briefly, for any solver
-    n_states         int    -    length of the state sequence
-    n_events         int    -    number of events
-    grazing_margin   float  -    nearness to a jump of the model, per amplitude of the rate; small is near
-    retained_energy  float  -    kinetic energy after over before
-    step             float  s    time step
-    n_steps          int    -    number of time steps
-    duration         float  s    from first touch to the end of the collision
-    gravity_number   float  -    g/(|v0| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity
-    """
-)
-_CERTIFICATE = _columns(
-    """
-    v1_limit        float  -    velocity of B1 per |v0|, extrapolated to a step of 0; engines only
-    v2_limit        float  -    velocity of B2 per |v0|, extrapolated to a step of 0; engines only
-    limit_error     float  -    estimated error of v1_limit and v2_limit as those of the contacts asked \
-                                for (naive mapping: of its own)
-    regularisation  float  -    the part of limit_error that no step removes: the engine's own doing
-    order           float  -    order in the step with which the velocities approach the limit, fitted
-    finest_step     float  s    the shortest time step that went into the limit
-    """
-)
-_MEASURES = _columns(
-    """
-    velocity_divergence   float  -    D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2))
-    dv1                   float  -    solver minus model, per |v0|
-    dv2                   float  -    solver minus model, per |v0|
-    dimpulse1             float  -    solver minus model, per m1 |v0|
-    dimpulse2             float  -    solver minus model, per m1 |v0|
-    dretained_energy      float  -    difference of the retained energy fractions, solver minus model
-    states_equal          bool   -    whether states_compared and model_states_compared are equal
-    states_part_at        int    -    position, from 1, of the first state that differs; null if equal
-    states_edit_distance  int    -    insertions, deletions and substitutions between the two
-    curve_distance        float  -    symmetric Hausdorff distance of the impulse curves, per m1 |v0|
-    """
-)
-_MODEL = _columns(
-    """
-    model_states           text   -    state sequence of the state-transition model
-    model_states_compared  text   -    states_compared of the state-transition model
-    model_status           text   -    status of the state-transition model
-    model_grazing_margin   float  -    grazing margin of the state-transition model
-    """
-)
-
-#: What a reader of the files finds documented beside each column: type, unit and meaning.
-COLUMNS = _PARAMETERS | _WHO | _OUTCOME | _CERTIFICATE | _MEASURES | _MODEL
-PARAMETERS, MEASURES, CERTIFICATE = tuple(_PARAMETERS), tuple(_MEASURES), tuple(_CERTIFICATE)
-CELLS = (*_PARAMETERS, *_WHO, *_OUTCOME, *_CERTIFICATE)
-DIVERGENCE = (*_PARAMETERS, *_WHO, *_MEASURES, "states", "states_compared", *_MODEL)
-
-
-def schema(names: Iterable[str], known: Mapping[str, tuple[str, str, str]] = COLUMNS) -> pa.Schema:
-    """Arrow schema of a table; unit and meaning of each column are in its metadata."""
-    fields = []
-    for name in names:
-        kind, unit, meaning = known[name]
-        fields.append(pa.field(name, _TYPES[kind], metadata={"unit": unit, "meaning": meaning}))
-    return pa.schema(fields)
-
-
-#: Everything known of one cell and solver: what a part holds, and the two tables are cut from.
-ROW_SCHEMA = schema(COLUMNS)
-CELLS_SCHEMA = schema(CELLS)
-DIVERGENCE_SCHEMA = schema(DIVERGENCE)
-
-_LINE_PARAMETERS = _columns(
+#: Of columns of N balls.
+LINE = columns(
     """
     cell             int    -      number of the column in the experiment, from 0
     arrangement      text   -      chain, cradle, drop or stack
     balls            int    -      number of balls, N
     strike           int    -      number of balls that strike the others; of a cradle only
-    e                float  -      restitution of every contact
     exponent         float  -      p of the contacts, F = k delta^p
     mass_taper       float  -      mass of every next ball over that of the last one
     stiffness_taper  float  -      stiffness of every next contact over that of the last one
     gap              float  m      of every contact but the struck one at first
+    e                float  -      restitution of every contact
     m1               float  kg     mass of ball 1, at the top
     k1               float  N/m^p  stiffness of contact 1
     v0               float  m/s    velocity of what strikes at first touch; up is positive
     """
 )
-_LINE_OUTCOME = _columns(
+WHO = columns(
     """
-    velocities         list   m/s  velocities of the balls when the collision is over, ball 1 first
-    n_states           int    -    length of the sequence of sets of contacts that act
+    solver       text  -  name of the solver
+    status       text  -  ok, limit, or why there is no result
+    marked       text  -  which jump of the solver's exact law or of the model is so near, or which \
+                          cut-off, that the row counts in no statistic; null if none
+    reason       text  -  one sentence where the status is not ok
+    differences  text  -  what an engine says it uses instead of what it was asked for; null if nothing
+    """
+)
+#: A column whose name ends in # is one of every ball, in @ of every contact.
+OUTCOME = columns(
+    """
+    v#                 float  m/s  velocity of ball # when the collision is over
+    impulse@           float  N s  total impulse of contact @
+    states             text   -    state sequence, separated by spaces; an engine's without states held too \
+                                   briefly
+    states_compared    text   -    state sequence without states held too briefly, for any solver
+    n_states           int    -    length of the state sequence
     n_events           int    -    number of events
     grazing_margin     float  -    nearness to a jump of the model, per amplitude of the rate; small is near
     retained_energy    float  -    kinetic energy after over before
@@ -149,49 +82,44 @@ _LINE_OUTCOME = _columns(
     n_steps            int    -    number of time steps
     duration           float  s    from first touch to the end of the collision
     velocity_error     float  -    error of a reference's velocities, per |v0|, as it states it; null if exact
+    gravity_number     float  -    g/(|v0| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity
     """
 )
-_LINE_CERTIFICATE = _columns(
+CERTIFICATE = columns(
     """
-    velocities_limit  list   -  velocities per |v0|, extrapolated to a step of 0; engines only
-    limit_error       float  -  estimated error of velocities_limit as those of the contacts asked for (naive \
-                                mapping: of its own)
-    order             float  -  order in the step with which the velocities approach the limit, fitted
-    finest_step       float  s  the shortest time step that went into the limit
-    """
-)
-_LINE_MEASURES = _columns(
-    """
-    velocity_divergence  float  -  D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2)
-    largest_dv           float  -  largest |dv_i| from the model, per |v0|
-    dretained_energy     float  -  difference of the retained energy fractions, solver minus model
-    limit_distance       float  -  largest |dv_i| of an engine's limit dt -> 0 from the exact solver of the law \
-                                   it was asked for, per |v0|; null without that solver, and with the naive mapping
+    v#_limit        float  -  velocity of ball # per |v0|, extrapolated to a step of 0; engines only
+    limit_error     float  -  estimated error of these velocities as those of the contacts asked for (naive \
+                              mapping: of its own)
+    limit_distance  float  -  their largest distance from the exact solver of the law the engine was asked \
+                              for; null without that solver, and with the naive mapping
+    regularisation  float  -  the part of limit_error that no step removes: the engine's own doing
+    order           float  -  order in the step with which the velocities approach the limit, fitted
+    finest_step     float  s  the shortest time step that went into the limit
     """
 )
-_LINE_MODEL = {name: _MODEL[name] for name in ("model_status", "model_grazing_margin")}
-
-#: As `COLUMNS`, of a run of columns of N balls.
-LINE_COLUMNS = _LINE_PARAMETERS | _WHO | _LINE_OUTCOME | _LINE_CERTIFICATE | _LINE_MEASURES | _LINE_MODEL
-LINE_PARAMETERS, LINE_MEASURES = tuple(_LINE_PARAMETERS), tuple(_LINE_MEASURES)
-
-
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """What the tables of a run hold.
-
-    Attributes
-    ----------
-    rows : Schema
-        Of a part: everything known of one cell and solver.
-    cells, divergence : Schema
-        Of the two tables that are cut from parts.
+MEASURES = columns(
     """
-
-    rows: pa.Schema
-    cells: pa.Schema
-    divergence: pa.Schema
-
+    velocity_divergence   float  -  D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2)
+    dv#                   float  -  solver minus model, per |v0|
+    dimpulse@             float  -  solver minus model, per m1 |v0|
+    largest_dv            float  -  largest |dv_i|
+    dretained_energy      float  -  difference of the retained energy fractions, solver minus model
+    states_equal          bool   -  whether states_compared and model_states_compared are equal
+    states_part_at        int    -  position, from 1, of the first state that differs; null if equal
+    states_edit_distance  int    -  insertions, deletions and substitutions between the two
+    curve_distance        float  -  symmetric Hausdorff distance of the impulse curves, per m1 |v0|
+    """
+)
+MODEL = columns(
+    """
+    model_states           text   -  state sequence of the state-transition model
+    model_states_compared  text   -  states_compared of the state-transition model
+    model_status           text   -  status of the state-transition model
+    model_grazing_margin   float  -  grazing margin of the state-transition model
+    """
+)
+#: Measured of two balls on a table alone.
+OF_TWO = re.compile(r"(model_)?states(_\w+)?|curve_distance|gravity_number")
 
 #: Names of the finished tables.
 TABLES = (
@@ -199,10 +127,96 @@ TABLES = (
     *("curves.parquet", "ladder.parquet", "ladder.csv"),
 )
 
-#: Of collisions of two balls, and of columns of N balls.
-COLLISIONS = Layout(ROW_SCHEMA, CELLS_SCHEMA, DIVERGENCE_SCHEMA)
-LINES = Layout(
-    schema(LINE_COLUMNS, LINE_COLUMNS),
-    schema((*_LINE_PARAMETERS, *_WHO, *_LINE_OUTCOME, *_LINE_CERTIFICATE), LINE_COLUMNS),
-    schema((*_LINE_PARAMETERS, *_WHO, *_LINE_MEASURES, "limit_error", *_LINE_MODEL), LINE_COLUMNS),
-)
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """A table of a run: some columns of the rows of its parts, under their names there, of some rows.
+
+    Attributes
+    ----------
+    columns : dict of str to Column
+        By name in the table.
+    source : tuple of str
+        Their names in a part.
+    keep : Expression or None
+        Which rows.
+    text : bool
+        Whether it is written as CSV too.
+    """
+
+    columns: dict[str, Column]
+    source: tuple[str, ...]
+    keep: pc.Expression | None
+    text: bool
+    schema: pa.Schema = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "schema", schema(self.columns))
+
+    def of(self, rows: pa.Table) -> pa.Table:
+        """Cut the table of some rows of parts."""
+        kept = rows if self.keep is None else rows.filter(self.keep)
+        return pa.table([kept[name] for name in self.source], schema=self.schema)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """What the parts and tables of an experiment hold.
+
+    Attributes
+    ----------
+    pair : bool
+        Whether its cells are two balls on a table.
+    balls, contacts : int
+        Most of a cell.
+    parameters : tuple of str
+        Columns that a cell has whatever its solver.
+    rows : Schema
+        Of a part: everything known of one cell and solver.
+    tables : dict of str to Cut
+        By name, without suffix.
+    """
+
+    pair: bool
+    balls: int
+    contacts: int
+    parameters: tuple[str, ...]
+    rows: pa.Schema
+    tables: dict[str, Cut]
+
+
+def expanded(columns: Mapping[str, Column], balls: int, contacts: int) -> dict[str, Column]:
+    """Give columns of every ball and contact their numbers."""
+    found = {}
+    for name, (kind, unit, meaning) in columns.items():
+        count = balls if "#" in name else contacts
+        numbers = map(str, range(1, 1 + count)) if re.search("[#@]", name) else ("",)
+        for i in numbers:
+            found[re.sub("[#@]", i, name)] = kind, unit, re.sub("[#@]", i, meaning)
+    return found
+
+
+def schema(columns: Mapping[str, Column]) -> pa.Schema:
+    """Arrow schema of a table; unit and meaning of each column are in its metadata."""
+    return pa.schema(
+        [
+            pa.field(name, _TYPES[kind], metadata={"unit": unit, "meaning": meaning})
+            for name, (kind, unit, meaning) in columns.items()
+        ]
+    )
+
+
+def to_table(columns: Mapping[str, Any], n: int, schema: pa.Schema) -> pa.Table:
+    """Make a table of arrays, shape (n,): NaN, None and an empty text are nulls, and so is a missing column."""
+    return pa.table([_array(columns.get(field.name), n, field.type) for field in schema], schema=schema)
+
+
+def _array(values: Any, n: int, kind: pa.DataType) -> pa.Array:
+    if values is None:
+        return pa.nulls(n, kind)
+    if pa.types.is_string(kind):
+        return pa.array([text or None for text in values], kind)
+    values = np.asarray(values)
+    if values.dtype == object:
+        return pa.array(values.tolist(), kind)
+    return pa.array(values, from_pandas=True).cast(kind)

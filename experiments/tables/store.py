@@ -7,6 +7,7 @@ that is stale, truncated or altered is recognised without trusting it.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import re
@@ -18,18 +19,17 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from pydantic import BaseModel, Field
 
 from impact_xval.experiments.config.axes import MAX_CELLS
 from impact_xval.experiments.config.config_errors import validated
-from impact_xval.experiments.config.configuration import REFERENCE, Config, from_canonical
+from impact_xval.experiments.config.configuration import Config, from_canonical
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.tables.files import is_regular, open_regular
 from impact_xval.experiments.tables.lock import OWNER
-from impact_xval.experiments.tables.schema import COLLISIONS, LINES, TABLES, Layout
+from impact_xval.experiments.tables.schema import TABLES, Layout
 from impact_xval.experiments.tables.streams import (
     blocks,
     replaced_by,
@@ -113,7 +113,7 @@ class RunFolder:
     """
 
     root: Path
-    layout: Layout = COLLISIONS
+    layout: Layout | None = None
 
     @property
     def parts(self) -> Path:
@@ -163,7 +163,7 @@ class RunFolder:
                 problem = "is there twice"
             elif identity not in identities[number : number + 1]:
                 problem = "belongs to another configuration or version"
-            elif (problem := _problem(path, digest, self.layout, rows(number))) == "":
+            elif (problem := self._problem_of(path, digest, rows(number))) == "":
                 parts[number] = path
                 continue
             findings.append(f"part {number} {problem}: computed again")
@@ -176,6 +176,10 @@ class RunFolder:
             match = PART.fullmatch(path.name)
             if match is not None:
                 yield path, int(match[1]), match[2], match[3]
+
+    def _problem_of(self, path: Path, digest: str, rows: pa.Table) -> str:
+        assert self.layout is not None
+        return _problem(path, digest, self.layout, rows)
 
     def has_parts(self, identities: Sequence[str] | None = None) -> bool:
         """Whether there are parts, by their names; those of some identities only, where they are given."""
@@ -193,18 +197,22 @@ class RunFolder:
 
     def assemble(self, parts: dict[int, Path]) -> None:
         """Write the finished tables from the parts, in the order of the cells, one part at a time."""
-        schema = self.layout.divergence
-        with (
-            table_writer(self.root / "cells.parquet", self.layout.cells) as cells,
-            table_writer(self.root / "divergence.parquet", schema) as divergence,
-            replacing(self.root / "divergence.csv") as text,
-            pacsv.CSVWriter(str(text), schema) as csv,
-        ):
+        assert self.layout is not None
+        with contextlib.ExitStack() as stack:
+            writers = []
+            for name, cut in self.layout.tables.items():
+                table = stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema))
+                csv = None
+                if cut.text:
+                    text = stack.enter_context(replacing(self.root / f"{name}.csv"))
+                    csv = stack.enter_context(pacsv.CSVWriter(str(text), cut.schema))
+                writers.append((cut, table, csv))
             for rows in _pieces((parts[number] for number in sorted(parts)), self.layout):
-                cells.add(rows)
-                compared = rows.filter(pc.field("solver") != REFERENCE)
-                divergence.add(compared)
-                csv.write_table(compared.select(schema.names).cast(schema))
+                for cut, table, csv in writers:
+                    some = cut.of(rows)
+                    table.add(some)
+                    if csv is not None:
+                        csv.write_table(some)
 
     def tally(self) -> Tally:
         """Count the rows of the finished table of cells by what became of them."""
@@ -212,7 +220,7 @@ class RunFolder:
 
     def digests(self) -> dict[str, str]:
         """SHA-256 of every finished table."""
-        return {name: _digest(self.root / name) for name in TABLES}
+        return {name: _digest(self.root / name) for name in TABLES if (self.root / name).exists()}
 
     def manifest(self) -> dict[str, Any]:
         """Read the manifest.
@@ -288,13 +296,13 @@ class RunFolder:
             except (OSError, ValueError, RecursionError, UserError, AttributeError, TypeError):
                 raise damage from None
 
-    def table_path(self, name: str, schema: pa.Schema) -> Path:
+    def table_path(self, name: str) -> Path:
         """Return the path of a finished table, after a look at whether it is what was written.
 
         Raises
         ------
         UserError
-            If it is missing, damaged, has other columns, or nothing says what was written.
+            If it is missing, damaged, or nothing says what was written.
         """
         path, manifest = self.root / name, self.manifest()
         again = "impact-xval run --resume writes it again"
@@ -304,20 +312,18 @@ class RunFolder:
         try:
             if recorded != _digest(path):
                 raise UserError(f"{path}: altered since it was written; {again}")
-            names = pq.read_schema(path).names
+            pq.read_schema(path)
         except FileNotFoundError:
             raise UserError(
                 f"{path}: no such file; finish the run first (impact-xval run --resume)"
             ) from None
         except (OSError, pa.ArrowException):
             raise UserError(f"{path}: damaged, not Parquet; {again}") from None
-        if names != schema.names:
-            raise UserError(f"{path}: has other columns than a run writes{_written_by(manifest)}; {again}")
         return path
 
-    def read_table(self, name: str, schema: pa.Schema) -> pa.Table:
+    def read_table(self, name: str) -> pa.Table:
         """Read a finished table whole; for small ones."""
-        return pq.read_table(self.table_path(name, schema))
+        return pq.read_table(self.table_path(name))
 
 
 def part_bytes(rows: pa.Table) -> bytes:
@@ -330,12 +336,7 @@ def part_bytes(rows: pa.Table) -> bytes:
     return sink.getvalue().to_pybytes()
 
 
-def layout_of(config: Config) -> Layout:
-    """Return the layout of the tables of an experiment."""
-    return COLLISIONS if config.column is None else LINES
-
-
-def read_part(source: Path | bytes, layout: Layout = COLLISIONS) -> pa.Table:
+def read_part(source: Path | bytes, layout: Layout) -> pa.Table:
     """Read the rows of a part, from its file or its content.
 
     Raises

@@ -13,6 +13,7 @@ import hashlib
 import json
 import math
 import platform
+import re
 from importlib.metadata import version
 
 import llvmlite.binding
@@ -32,7 +33,7 @@ from impact_xval.experiments.hypothesis.tables import (
     need_frame,
     point_frame,
 )
-from impact_xval.experiments.measures.columns.summary import summarise_columns
+from impact_xval.experiments.measures.column_summary import summarise_columns
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model import Collision, Collisions
@@ -168,6 +169,20 @@ def tables(spec, folder):
     return found | {"summary": _columns(statistics), "statuses": _columns(summary.statuses.reset_index())}
 
 
+def _listed(columns):
+    """Put numbers of every ball, a column each, together as the lists that golden values of N balls hold."""
+    wide = {}
+    for name, values in columns.items():
+        if found := re.fullmatch(r"(\w*?v)[1-9]\d*(_limit)?", name):
+            base = {"v": "velocities"}.get(found[1], found[1]) + (found[2] or "")
+            wide.setdefault(base, []).append(values)
+    lists = {
+        base: [[x for x in row if x is not None] or None for row in zip(*values, strict=True)]
+        for base, values in wide.items()
+    }
+    return columns | lists
+
+
 def hypothesis(spec):
     """Tables of a test of the hypothesis by exact solvers, those that `spec` names."""
     config = {name: value for name, value in spec.items() if name != "tables"}
@@ -182,7 +197,7 @@ def hypothesis(spec):
 
 
 def _columns(table):
-    data = table.to_pydict() if hasattr(table, "to_pydict") else table.to_dict("list")
+    data = _listed(table.to_pydict()) if hasattr(table, "to_pydict") else table.to_dict("list")
     return {str(name): [_field(value) for value in values] for name, values in data.items()}
 
 

@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame
-from impact_xval.experiments.measures.columns.summary import ColumnSummary
+from impact_xval.experiments.measures.column_summary import ColumnSummary
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing
-from impact_xval.experiments.sweep.curves import COLUMN_CURVES_SCHEMA, CURVES
+from impact_xval.experiments.sweep.curves import CURVES
 from impact_xval.experiments.tables.store import RunFolder
 
 #: Most panels of the wave in a row.
@@ -32,7 +32,7 @@ _FLOOR = 1e-6
 
 def draw_columns(folder: RunFolder, summary: ColumnSummary) -> Iterator[tuple[str, Figure, str]]:
     """Draw every figure of a finished run of columns; one that has nothing to show is left out."""
-    curves = folder.read_table(CURVES, COLUMN_CURVES_SCHEMA).to_pandas()
+    curves = folder.read_table(CURVES).to_pandas()
     config, rows = summary.config, summary.regular
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
     facts = {

@@ -6,7 +6,7 @@ from typing import Any
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
-from impact_xval.experiments.measures.columns.summary import SUMMARISED, ColumnSummary
+from impact_xval.experiments.measures.column_summary import SUMMARISED, ColumnSummary
 from impact_xval.experiments.presentation.ladder_page import ladder_facts, spread
 from impact_xval.experiments.tables.numbers import number, percent
 

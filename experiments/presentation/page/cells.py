@@ -23,7 +23,7 @@ from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
 from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.designs import cells_of_run
-from impact_xval.experiments.sweep.kinds.kind import settings_of
+from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.model.collision import RESULT_STATUSES, Collision

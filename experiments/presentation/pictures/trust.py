@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.configuration import Config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, Contribution
-from impact_xval.experiments.measures.ladder_table import LADDER, LADDER_SCHEMA
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.levels import Levels, grid_levels, levels_of
 from impact_xval.experiments.presentation.pages import phrase
@@ -106,7 +105,7 @@ def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
     TrustMap or None
         None where there is no plane, only one value along an axis, or no engine with a result.
     """
-    path = folder.table_path(LADDER, LADDER_SCHEMA)
+    path = folder.table_path("ladder.parquet")
     engines = [name for name in in_order_of_laws(config.solvers) if is_engine(name)]
     solver = codes(path, "solver", engines)
     regular = (codes(path, "status", ["ok"]) == 0) & ~present(path, "marked") & (solver >= 0)

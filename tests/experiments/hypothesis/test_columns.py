@@ -21,7 +21,7 @@ from impact_xval.experiments.hypothesis.columns import (
     welded,
 )
 from impact_xval.experiments.hypothesis.config import spaced
-from impact_xval.experiments.measures.columns.measuring import column_divergence
+from impact_xval.experiments.measures.single import column_divergence
 from impact_xval.model.collision import Collision
 from tests.model.columns import solved
 

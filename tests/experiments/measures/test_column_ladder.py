@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pyarrow as pa
 import pytest
+from impact_xval.experiments.measures.columns.ladder import column_ladder_rows
+from impact_xval.experiments.measures.ladder_table import NO_LIMIT, ladder_rows
 
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.configuration import REFERENCE
-from impact_xval.experiments.measures.columns.ladder import column_ladder_rows
-from impact_xval.experiments.measures.columns.measuring import column_divergence
 from impact_xval.experiments.measures.ladder import contributions_of
-from impact_xval.experiments.measures.ladder_table import NO_LIMIT, ladder_rows
+from impact_xval.experiments.measures.single import column_divergence
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, LINES
 from tests.compliant_baselines.column_in_time import integrate
 from tests.compliant_baselines.reference_cells import coefficients_of

@@ -8,6 +8,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from impact_xval.experiments.measures.ladder_table import LADDER_SCHEMA, NO_LIMIT, Part, ladder_rows, sentence
 
 from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.solver import Settings
@@ -17,9 +18,7 @@ from impact_xval.experiments.config.grid import CellGrid
 from impact_xval.experiments.measures.corners import LAWS, Corners, corner_marks, corner_names, corners
 from impact_xval.experiments.measures.ladder import by_order, contributions_of, split, weights_of_two
 from impact_xval.experiments.measures.ladder_summary import BAND, ladder_statistics, summarise_ladder
-from impact_xval.experiments.measures.ladder_table import LADDER_SCHEMA, NO_LIMIT, Part, ladder_rows, sentence
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables.schema import CELLS_SCHEMA
 from impact_xval.model import solve_batch
 from tests.experiments import fakes
 
@@ -44,7 +43,7 @@ def run(request, tmp_path_factory):
 
 
 def table_of(folder):
-    return folder.read_table("ladder.parquet", LADDER_SCHEMA).to_pandas()
+    return folder.read_table("ladder.parquet").to_pandas()
 
 
 def cells_of(n, seed):
@@ -119,7 +118,7 @@ def shapley(cube, cause):
     ("engine", "law"), [("mujoco", "kelvin-voigt"), ("drake-hunt-crossley", "hunt-crossley")]
 )
 def test_each_cause_is_the_shapley_value_of_the_solvers_at_the_corners(run, engine, law):
-    config, cells = run.config(), run.read_table("cells.parquet", CELLS_SCHEMA)
+    config, cells = run.config(), run.read_table("cells.parquet")
     names = [engine if name == "mujoco" else name for name in cells["solver"].to_pylist()]
     renamed = cells.set_column(cells.column_names.index("solver"), "solver", pa.array(names))
     table = ladder_rows(renamed).to_pandas()
@@ -273,7 +272,7 @@ def with_limits(cells, solvers):
 
 @IN_A_DROP
 def test_a_certified_limit_splits_the_last_contribution(run):
-    cells = with_limits(run.read_table("cells.parquet", CELLS_SCHEMA), ["mujoco"])
+    cells = with_limits(run.read_table("cells.parquet"), ["mujoco"])
     split_up, joined = (
         table[(table.solver == "mujoco") & (table.status == "ok")]
         for table in (ladder_rows(cells).to_pandas(), table_of(run))
@@ -293,7 +292,7 @@ def test_a_certified_limit_splits_the_last_contribution(run):
 
 @IN_A_DROP
 def test_an_unconverged_engine_has_a_joined_contribution_that_no_statistic_counts(run, tmp_path):
-    frame = with_limits(run.read_table("cells.parquet", CELLS_SCHEMA), ["mujoco"]).to_pandas()
+    frame = with_limits(run.read_table("cells.parquet"), ["mujoco"]).to_pandas()
     shaky = (frame.solver == "mujoco") & (frame.stiffness_ratio == 1.0) & (frame.status == "ok")
     frame.loc[shaky, ["status", "reason"]] = ["unconverged", "differs from its limit by 0.1"]
     table = ladder_rows(pa.Table.from_pandas(frame, preserve_index=False)).to_pandas()
@@ -375,7 +374,7 @@ def test_the_command_shows_a_run_and_a_cell(run, capsys):
 
 @IN_A_DROP
 def test_order_and_company_of_cells_change_no_number(run):
-    cells = run.read_table("cells.parquet", CELLS_SCHEMA)
+    cells = run.read_table("cells.parquet")
     some = cells.filter(pa.compute.greater(cells["cell"], 20))
     alone, whole = (ladder_rows(each).to_pandas() for each in (some, cells))
     pd.testing.assert_frame_equal(alone, whole[whole.cell > 20].reset_index(drop=True))

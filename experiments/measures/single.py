@@ -1,19 +1,19 @@
-"""How far the outcomes of a column of N balls lie from one another, and what they keep; all dimensionless."""
+"""How far the outcomes of one collision lie from one another, and what they keep; all dimensionless."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from impact_xval.compliant_baselines.registry import is_naive, law_of
 from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.measures.divergence import velocity_divergence
+from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
-from impact_xval.model.kinetic import column_norm
 
 
 @dataclass(frozen=True, slots=True)
-class ColumnMeasures:
+class Measures:
     """Of the outcome of one solver; None where there is nothing to measure.
 
     Attributes
@@ -38,7 +38,7 @@ class ColumnMeasures:
 
 def measures_of(
     column: Collision, outcomes: Mapping[str, Outcome], mapping: MappingName = "calibrated"
-) -> dict[str, ColumnMeasures]:
+) -> dict[str, Measures]:
     """Measure the outcomes of a column by several solvers; nothing of those without a result.
 
     Parameters
@@ -51,15 +51,15 @@ def measures_of(
     """
     results = {name: each for name, each in outcomes.items() if each.status in RESULT_STATUSES}
     model, speed = results.get(REFERENCE), max(map(abs, column.velocities))
-    measured = dict.fromkeys(outcomes, ColumnMeasures())
+    measured = dict.fromkeys(outcomes, Measures())
     for name, outcome in results.items():
         exact = results.get(exact_for(name, mapping))
         limit, error = _limit(outcome), outcome.diagnostics.get("limit_error")
         distance = None
         if exact is not None and limit is not None:
             distance = largest_difference(limit, exact.velocities) / speed
-        measured[name] = ColumnMeasures(
-            None if model is None else column_divergence(column, model.velocities, outcome.velocities),
+        measured[name] = Measures(
+            None if model is None else velocity_divergence(column, model, outcome),
             distance,
             None if error is None else error / speed,
             outcome.retained_energy(column),
@@ -68,20 +68,9 @@ def measures_of(
     return measured
 
 
-def exact_for(name: str, mapping: MappingName) -> str:
-    """Name the exact solver of the law a solver was asked for; empty without one, as with the naive mapping."""
-    return "" if mapping == "naive" or is_naive(name) else law_of(name) or ""
-
-
 def largest_difference(some: Sequence[float], others: Sequence[float]) -> float:
     """Largest difference of a velocity, in their unit."""
     return max(abs(a - b) for a, b in zip(some, others, strict=True))
-
-
-def column_divergence(column: Collision, model: Sequence[float], other: Sequence[float]) -> float:
-    """D of N balls: the kinetic norm of the difference of final velocities in m/s over that of the first ones."""
-    differences = [b - a for a, b in zip(model, other, strict=True)]
-    return column_norm(column.masses, differences) / column_norm(column.masses, column.velocities)
 
 
 def _limit(outcome: Outcome) -> list[float] | None:

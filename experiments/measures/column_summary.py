@@ -15,12 +15,9 @@ from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.configuration import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame, reasons_of
-from impact_xval.experiments.measures.columns.ladder import LINE_LADDERS
-from impact_xval.experiments.measures.ladder_summary import LadderSummary, ladder_statistics
-from impact_xval.experiments.measures.ladder_table import LADDER
+from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import marks_of, status_frame
-from impact_xval.experiments.tables.schema import LINES
 from impact_xval.experiments.tables.store import RunFolder
 
 #: Measures that are summarised, by their size, and how a reader knows them.
@@ -105,9 +102,9 @@ class ColumnSummary:
 def summarise_columns(folder: RunFolder) -> ColumnSummary:
     """Compute the statistics of a finished run of columns from its stored tables."""
     config = folder.config()
-    cells = folder.table_path("cells.parquet", LINES.cells)
+    cells = folder.table_path("cells.parquet")
     n_marked, marked_beyond = marks_of(cells, config.solvers)
-    table = folder.read_table("divergence.parquet", LINES.divergence).to_pandas()
+    table = folder.read_table("divergence.parquet").to_pandas()
     outcomes = folder.tally()
     compared, marked = table.velocity_divergence.notna(), table.marked.notna()
     regular = table[compared & ~marked]
@@ -124,7 +121,7 @@ def summarise_columns(folder: RunFolder) -> ColumnSummary:
         ),
         worst=worst.groupby("solver", sort=False).head(_WORST),
         engines=_engines(table[~marked], config),  # also where the model has no result
-        ladder=LadderSummary(ladder_statistics(folder.table_path(LADDER, LINE_LADDERS.schema), config)),
+        ladder=summarise_ladder(folder, config),
         statuses=status_frame(outcomes, config),
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         n_cells=sum(n for (name, _, _), n in outcomes.items() if name == REFERENCE),

@@ -1,0 +1,240 @@
+"""Ladders of engines as columns of their rows: why each diverges from the model, of two balls and of N."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.experiments.config.cells import Block
+from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.measures.corners import Corners, corner_names, corners
+from impact_xval.experiments.measures.ladder import (
+    CAUSES,
+    ENGINE,
+    NOTHING,
+    Floats,
+    Split,
+    cancelling,
+    split,
+)
+from impact_xval.experiments.tables.schema import Layout
+from impact_xval.model.collision import RESULT_STATUSES, Collisions
+
+#: Status of an engine's result that changes with its step: it has a ladder, which no statistic counts.
+UNCONVERGED = "unconverged"
+
+#: Why the last two contributions are one.
+NO_LIMIT = "no certified limit dt -> 0 for this cell"
+
+#: Least width of a range, and least share beside the largest, that a sentence mentions.
+_WIDE, _MENTIONED = 0.005, 0.02
+
+Columns = dict[str, np.ndarray]
+
+
+def ladders(config: Config, block: Block, model: pa.Table, engine: pa.Table, layout: Layout) -> Columns:
+    """Make the ladders of an engine.
+
+    Parameters
+    ----------
+    config : Config
+    block : Block
+    model, engine : Table
+        Rows of the model and of the engine, one a cell.
+    layout : Layout
+        Of the run; the columns are those of its table ``ladder``, by their names there.
+
+    Returns
+    -------
+    dict
+        Columns, shape (n,): NaN or None where there is no ladder.
+    """
+    name = engine["solver"][0].as_py()
+    columns: Columns = {}
+    for places, collisions in _kinds(block):
+        some = model.take(places), engine.take(places)
+        found = _of_kind(config, name, collisions, *some, layout)
+        for key, values in found.items():
+            nothing = np.nan if values.dtype.kind == "f" else None
+            column = columns.setdefault(key, np.full(len(block), nothing, values.dtype))
+            column[places] = values
+    return columns
+
+
+def failed_ladders(rows: pa.Table, engines: np.ndarray, status: str, reason: str) -> Columns:
+    """Say of the rows of engines that their ladder could not be made, and why."""
+    found = {"status": status, "reason": reason}
+    columns = {key: np.array([text if e else None for e in engines]) for key, text in found.items()}
+    marks = zip(rows["marked"].to_pylist(), engines, strict=True)
+    columns["marked"] = np.array([mark if engine else None for mark, engine in marks], dtype=object)
+    return columns | {"limit_error": np.where(engines, _numbers(rows, "limit_error"), np.nan)}
+
+
+def _kinds(block: Block) -> list[tuple[np.ndarray, Collisions]]:
+    """Group cells by number of balls, table and exponent: their places, and their collisions as arrays."""
+    if isinstance(block.collisions, Collisions):
+        return [(np.arange(len(block)), block.collisions)]
+    kinds: dict[tuple[Any, ...], list[int]] = {}
+    for i, c in enumerate(block.collisions):
+        kinds.setdefault((len(c.masses), c.table, c.exponent), []).append(i)
+    return [(np.array(some), Collisions.of(block.collisions[i] for i in some)) for some in kinds.values()]
+
+
+def _of_kind(
+    config: Config, name: str, collisions: Collisions, model: pa.Table, engine: pa.Table, layout: Layout
+) -> Columns:
+    """Ladders of an engine at cells of one kind."""
+    n, balls = collisions.masses.shape
+    speed = np.abs(collisions.velocities).max(axis=1)
+
+    def velocities(rows: pa.Table, *statuses: str) -> Floats:
+        there = np.isin(rows["status"].to_pylist(), statuses)
+        columns = np.column_stack([_numbers(rows, f"v{i}") for i in range(1, balls + 1)])
+        return np.where(there[:, None], columns / speed[:, None], np.nan)
+
+    gravity = np.full(n, config.gravity if config.scenario == "drop" else 0.0)
+    reference, result = velocities(model, *RESULT_STATUSES), velocities(engine, *RESULT_STATUSES, UNCONVERGED)
+    here = corners(reference, collisions, gravity, law_of(name) or "", pair=layout.pair)
+    limit = np.column_stack([_numbers(engine, f"v{i}_limit") for i in range(1, balls + 1)])
+    # A limit that did not converge is none.
+    limit[np.array(engine["status"].to_pylist()) == UNCONVERGED] = np.nan
+    moving = np.where(collisions.velocities != 0, collisions.masses, 0.0).sum(axis=1, keepdims=True)
+    ladder = split(collisions.masses / moving, here, limit, result)
+    status, reason = _statuses(name, engine, model, here, ladder)
+    ok = ~np.isnan(ladder.divergence) & np.isin(status.astype(str), ("ok", UNCONVERGED))
+    first = np.where(ok, ladder.dominant(), -1)
+    names = np.array([*(c.name for c in ladder.contributions), None], dtype=object)
+    marks = zip(engine["marked"].to_pylist(), here.mark, strict=True)
+    columns: Columns = {
+        "status": status,
+        "reason": reason,
+        "marked": np.array(["; ".join(filter(None, pair)) for pair in marks], dtype=object),
+        "model_grazing_margin": _numbers(model, "grazing_margin"),
+        "velocity_divergence": np.where(ok, ladder.divergence, np.nan),
+        "limit_error": _numbers(engine, "limit_error"),
+        "dominant": names[first],
+        "dominant_by_every_order": np.array(
+            [bool(a) if i >= 0 else None for a, i in zip(ladder.agreed(), first, strict=True)], dtype=object
+        ),
+        "sentence": _sentences(name, ladder, ok),
+    }
+    return columns | {key: np.where(ok, x, np.nan) for key, x in _parts(here, ladder, collisions).items()}
+
+
+def _parts(here: Corners, ladder: Split, collisions: Collisions) -> Columns:
+    """Columns of contributions and corners."""
+    columns: Columns = {f"dv{i}": x for i, x in enumerate(ladder.total.T, 1)}
+    shares, (low, high) = ladder.shares, ladder.ranges
+    for i, c in enumerate(ladder.contributions):
+        columns |= {f"{c.name}_dv{j}": x for j, x in enumerate(ladder.vectors[i].T, 1)}
+        columns |= {f"{c.name}_norm": ladder.norms[i], f"{c.name}_share": shares[i]}
+        if c in CAUSES:
+            columns |= {f"{c.name}_share_low": low[i], f"{c.name}_share_high": high[i]}
+    moving = np.where(collisions.velocities != 0, collisions.masses, 0.0).sum(axis=1, keepdims=True)
+    weights, d = collisions.masses / moving, ladder.divergence
+    for index, name in corner_names(gravity=here.velocities.shape[2] > 1).items():
+        corner = here.velocities[index]
+        columns |= {f"{name}_v{j}": x for j, x in enumerate(corner.T, 1)}
+        product = (weights * (corner - here.model) * ladder.total).sum(axis=1)
+        columns[f"{name}_along"] = np.divide(product, d, out=np.zeros_like(d), where=d > 0)
+    return columns
+
+
+def _numbers(table: pa.Table, name: str) -> Floats:
+    return table[name].to_numpy(zero_copy_only=False).astype(float)
+
+
+def _statuses(
+    name: str, engine: pa.Table, model: pa.Table, here: Corners, ladder: Split
+) -> tuple[np.ndarray, np.ndarray]:
+    """Status and reason of every row: the first outcome that is missing, or why two contributions are one."""
+    found, why, models = (
+        rows[column].to_pylist()
+        for rows, column in ((engine, "status"), (engine, "reason"), (model, "status"))
+    )
+    joined = ~np.isnan(ladder.norms[ladder.contributions.index(ENGINE)])
+    status, reason = [], []
+    for i, missing in enumerate(here.reason):
+        if found[i] not in RESULT_STATUSES:
+            both = found[i], f"{name}: {why[i] or found[i]}"
+        elif models[i] not in RESULT_STATUSES:
+            both = models[i], f"{REFERENCE}: {models[i]}"
+        elif missing:
+            both = missing.rpartition(" ")[2], missing
+        else:
+            both = "ok", NO_LIMIT if joined[i] else None
+        status.append(both[0])
+        reason.append(both[1])
+    return np.array(status, dtype=object), np.array(reason, dtype=object)
+
+
+class Part(NamedTuple):
+    """A contribution in a sentence: its phrase, share and norm, and its least and largest share by the orders."""
+
+    phrase: str
+    share: float
+    norm: float
+    low: float
+    high: float
+
+    @property
+    def percent(self) -> str:
+        """The share, with its range where that can be seen."""
+        text = f"{100 * self.share:.3g} %"
+        return f"{text}, by order {between(self.low, self.high)}" if self.high - self.low >= _WIDE else text
+
+
+def between(low: float, high: float) -> str:
+    """Write a range of shares, in per cent."""
+    return f"{100 * low:.3g} to {100 * high:.3g} %"
+
+
+def _sentences(name: str, ladder: Split, ok: Any) -> np.ndarray:
+    phrases = [c.phrase for c in ladder.contributions]
+    columns = ladder.shares, ladder.norms, *ladder.ranges
+    sentences, agreed = np.full(len(ok), None, dtype=object), ladder.agreed()
+    for i in np.flatnonzero(ok):
+        parts = [Part(*row) for row in zip(phrases, *(x[:, i].tolist() for x in columns), strict=True)]
+        found = [part for part in parts if not np.isnan(part.norm)]
+        sentences[i] = sentence(name, float(ladder.divergence[i]), found, bool(agreed[i]))
+    return sentences
+
+
+def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool = True) -> str:
+    """Write in words which contribution carries most of a divergence.
+
+    Parameters
+    ----------
+    solver : str
+        Name of the engine.
+    divergence : float
+        D.
+    parts : sequence of Part
+        Every contribution there is.
+    agreed : bool
+        Whether the largest is the same by every order.
+    """
+    if divergence < NOTHING:
+        return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."
+    pair = cancelling([part.share for part in parts])
+    if pair is not None:
+        one, two = (f"{parts[i].phrase} (norm {parts[i].norm:.3g})" for i in pair)
+        return f"{solver} ends D = {divergence:.3g} from the model, where two large causes cancel: {one} and {two}."
+    first, *others = sorted(parts, key=lambda part: -part.share)
+    sure = first.low if np.isfinite(first.low) else first.share
+    how_much = "most of it" if sure > 0.5 else "the largest part of it"
+    how_much += "" if agreed else " (another by another order)"
+    text = (
+        f"{solver} ends D = {divergence:.3g} from the model, {how_much} by {first.phrase} "
+        f"({first.percent}, norm {first.norm:.3g})"
+    )
+    other = max(others, key=lambda part: abs(part.share))
+    if other.share <= -_MENTIONED:
+        return f"{text}, taken back in part by {other.phrase} ({other.percent}, norm {other.norm:.3g})."
+    if other.share >= _MENTIONED:
+        return f"{text}, then by {other.phrase} ({other.percent})."
+    return f"{text}."

@@ -1,0 +1,118 @@
+"""What the parts and tables of an experiment hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import pyarrow.compute as pc
+
+from impact_xval.compliant_baselines.registry import is_engine, law_of
+from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.measures.corners import corner_names
+from impact_xval.experiments.measures.ladder import CAUSES, Contribution, contributions_of
+from impact_xval.experiments.tables.schema import (
+    CERTIFICATE,
+    LINE,
+    MEASURES,
+    MODEL,
+    OF_TWO,
+    OUTCOME,
+    PAIR,
+    WHO,
+    Column,
+    Cut,
+    Layout,
+    expanded,
+    schema,
+)
+
+
+def layout_of(config: Config) -> Layout:
+    """Lay out the tables of an experiment."""
+    pair, (balls, contacts) = config.column is None, size_of(config)
+    parameters = PAIR if pair else LINE
+
+    def block(*some: Mapping[str, Column]) -> dict[str, Column]:
+        every = {name: column for each in some for name, column in each.items()}
+        return expanded(
+            {name: column for name, column in every.items() if pair or not OF_TWO.fullmatch(name)},
+            balls,
+            contacts,
+        )
+
+    cells = block(parameters, WHO, OUTCOME, CERTIFICATE)
+    paths = {name: OUTCOME[name] for name in ("states", "states_compared")}
+    divergence = block(parameters, WHO, MEASURES, paths, CERTIFICATE, MODEL)
+    tables = {
+        "cells": Cut(cells, tuple(cells), None, False),
+        "divergence": Cut(divergence, tuple(divergence), pc.field("solver") != REFERENCE, True),
+    }
+    in_part: dict[str, Column] = {}
+    if laddered(config.solvers):
+        ladder = expanded(ladder_columns(gravity=pair), balls, contacts)
+        in_part = {f"ladder_{name}": column for name, column in ladder.items()}
+        of_cell = (*parameters, *(["gravity_number"] if pair else []), "solver")
+        known = {name: cells[name] for name in of_cell}
+        names = *of_cell, *in_part
+        tables["ladder"] = Cut(known | ladder, names, pc.field("ladder_status").is_valid(), True)
+    rows = schema(cells | divergence | in_part)
+    return Layout(pair, balls, contacts, tuple(parameters), rows, tables)
+
+
+def size_of(config: Config) -> tuple[int, int]:
+    """Return the largest numbers of balls and of contacts of a cell."""
+    if config.column is None:
+        return 2, 2
+    balls = int(max(config.column.axes("drop")["balls"]))
+    return balls, balls - 1 + bool({"drop", "stack"} & set(config.column.arrangement))
+
+
+def laddered(solvers: Sequence[str]) -> list[str]:
+    """List the engines that were asked for the law of an exact solver; others have no ladder."""
+    return [name for name in solvers if is_engine(name) and law_of(name) is not None]
+
+
+def ladder_columns(*, gravity: bool) -> dict[str, Column]:
+    """Columns of a ladder beside the parameters; without gravity there are fewer causes and orders of them."""
+    orders = "six" if gravity else "two"
+    found = {
+        "status": "text ok; unconverged: the engine's result is; or that of the outcome without which there is none",
+        "reason": "text which outcome that is, and why; or why mapping and time step are one contribution",
+        "marked": "text which jump of an outcome is so near that the row counts in no statistic; null if none",
+        "model_grazing_margin": "float grazing margin of the state-transition model",
+        "velocity_divergence": "float D, the kinetic norm of the difference of velocities",
+        "dv#": "float engine minus model, velocity of ball # per |v0|; the sum of those of the contributions",
+    }
+    for c in contributions_of(gravity=gravity):
+        found |= _contribution(c, orders)
+    found |= {
+        "limit_error": "float estimated error of the engine's limit dt -> 0",
+        "dominant": "text the contribution with the largest share",
+        "dominant_by_every_order": f"bool whether it has the largest by each of the {orders} orders",
+        "sentence": "text the row in words",
+    }
+    for name in corner_names(gravity=gravity).values():
+        called = name.replace("_", ", ")
+        found[f"{name}_v#"] = f"float corner {called}: final velocity of ball # per |v0|"
+        found[f"{name}_along"] = "float component of its difference from the model along dv, as in shares"
+    pairs = {name: text.split(" ", 1) for name, text in found.items()}
+    return {name: (kind, "-", meaning) for name, (kind, meaning) in pairs.items()}
+
+
+def _contribution(c: Contribution, orders: str) -> dict[str, str]:
+    """Columns of one contribution."""
+    cause = c in CAUSES
+    difference = (
+        f"{c.label}, mean over the {orders} orders of the causes (Shapley value): {c.before} -> {c.after}"
+        if cause
+        else f"{c.label}: {c.after} minus {c.before}"
+    )
+    found = {
+        f"{c.name}_dv#": f"float {difference}; velocity of ball # per |v0|",
+        f"{c.name}_norm": f"float kinetic norm of {c.name}'s difference of velocities",
+        f"{c.name}_share": "float component along the whole difference over D; shares of a row sum to 1",
+    }
+    if cause:
+        found[f"{c.name}_share_low"] = f"float least share by the {orders} orders of the causes"
+        found[f"{c.name}_share_high"] = f"float largest share by the {orders} orders of the causes"
+    return found
