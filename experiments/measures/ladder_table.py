@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine, law_of
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.corners import Corners, corner_marks, corner_names, corners
 from impact_xval.experiments.measures.ladder import (
     CAUSES,

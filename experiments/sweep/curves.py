@@ -13,9 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.columns import ColumnCell
-from impact_xval.experiments.config.configuration import Cell, Config
-from impact_xval.experiments.config.grid import GridCell, collision_of
+from impact_xval.experiments.config.cells import ColumnCell, GridCell, collision_of
+from impact_xval.experiments.config.experiment import Cell, Config
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.kinds.columns import Lines
 from impact_xval.experiments.sweep.rows import Experiment

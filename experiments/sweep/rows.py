@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Solver
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.sweep.kinds.collisions import Collisions
 from impact_xval.experiments.sweep.kinds.columns import Lines
 from impact_xval.experiments.sweep.kinds.kind import Kind, Numbered

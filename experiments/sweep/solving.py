@@ -18,7 +18,7 @@ import pyarrow as pa
 
 from impact_xval.compliant_baselines.answers import stated_version, why_unavailable
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.sweep.executors import in_flight, in_this_process
 from impact_xval.experiments.sweep.kernels import compile_once
 from impact_xval.experiments.sweep.kinds.kind import Numbered

@@ -17,8 +17,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.tables.schema import LINE_PARAMETERS, LINES, PARAMETERS
 from impact_xval.experiments.tables.store import RunFolder, layout_of
 from impact_xval.experiments.tables.streams import blocks

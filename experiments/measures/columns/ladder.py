@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 from impact_xval.compliant_baselines import marks, references
 from impact_xval.compliant_baselines.registry import KELVIN_VOIGT
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
-from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures import corners
 from impact_xval.experiments.measures.corners import (
     FREE,

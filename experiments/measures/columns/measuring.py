@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from impact_xval.compliant_baselines.registry import is_naive, law_of
 from impact_xval.compliant_baselines.solver import MappingName
-from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 from impact_xval.model.kinetic import column_norm
 

@@ -10,8 +10,8 @@ from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.engines.scene import periods
 from impact_xval.compliant_baselines.solver import Solver
 from impact_xval.compliant_baselines.states import compared_states
-from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
-from impact_xval.experiments.config.grid import GridCell, collision_of
+from impact_xval.experiments.config.cells import GridCell, collision_of
+from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
 from impact_xval.experiments.measures.divergence import divergence
 from impact_xval.experiments.measures.ladder_table import COLLISION_LADDERS
 from impact_xval.experiments.sweep.kernels import Kernels, kernels_of

@@ -12,8 +12,8 @@ import pyarrow as pa
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.solver import Solver
 from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged
-from impact_xval.experiments.config.columns import ColumnCell
-from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
+from impact_xval.experiments.config.cells import ColumnCell
+from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
 from impact_xval.experiments.measures.columns.ladder import LINE_LADDERS
 from impact_xval.experiments.measures.columns.measuring import exact_for, largest_difference, measures_of
 from impact_xval.experiments.sweep.kernels import Kernels, column_kernels_of

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from impact_xval.compliant_baselines.answers import said
 from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
-from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.ladder_table import Ladders
 from impact_xval.experiments.sweep.kernels import Kernels
 from impact_xval.experiments.tables.schema import Layout

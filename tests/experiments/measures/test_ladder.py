@@ -12,8 +12,8 @@ import pytest
 from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.config.grid import CellGrid
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.corners import LAWS, Corners, corner_marks, corner_names, corners
 from impact_xval.experiments.measures.ladder import by_order, contributions_of, split, weights_of_two
 from impact_xval.experiments.measures.ladder_summary import BAND, ladder_statistics, summarise_ladder
@@ -127,7 +127,7 @@ def test_each_cause_is_the_shapley_value_of_the_solvers_at_the_corners(run, engi
     assert len(rows) > 30
     # an engine of another law changes nothing for the others
     pd.testing.assert_frame_equal(table[table.solver != engine], table_of(run)[table.solver != engine])
-    grid = CellGrid(config)
+    grid = experiment_cells(config)
     for row in rows.itertuples():
         c = grid[row.cell].collision
         cube = cube_of(c, config, law)
