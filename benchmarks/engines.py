@@ -35,14 +35,14 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.solver import Convergence, Settings
-from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.config.grid import CellGrid
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.model.collision import Collision
 
 
 def cells(chunks: int) -> list[Collision]:
     """Take chunks of the default grid as a run hands them to a worker, evenly spread over it."""
-    grid = CellGrid(parse_config({}))
+    grid = experiment_cells(parse_config({}))
     numbers = np.linspace(0, grid.chunks() - 1, chunks + 2).round().astype(int)[1:-1]
     return [grid[index].collision for number in numbers for index in grid.chunk(int(number))]
 

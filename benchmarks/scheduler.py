@@ -27,8 +27,8 @@ from distributed import Client, LocalCluster
 from rich.console import Console
 from rich.table import Table
 
-from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.sweep.designs import cells_of
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.executors import in_flight
 from impact_xval.experiments.sweep.rows import Experiment, solve_all
 from impact_xval.experiments.tables.store import RunFolder, part_bytes
@@ -39,7 +39,7 @@ CHUNK = 16
 def chunk_times(solvers: Sequence[str], n_chunks: int) -> tuple[np.ndarray, bytes]:
     """Measure times of chunks of `CHUNK` cells in s, and return them with the content of one part."""
     config = parse_config({"solvers": list(solvers), "sample": {"n": CHUNK * n_chunks}})
-    experiment, cells = Experiment(config), cells_of(config)
+    experiment, cells = Experiment(config), experiment_cells(config)
     times, data = [], b""
     for chunk in [0, *range(n_chunks)]:
         start = time.process_time()

@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.corners import corners
 from impact_xval.experiments.measures.ladder import NOTHING, split, weights_of_two
 from impact_xval.experiments.measures.ladder_summary import BANDS, band_of

@@ -21,8 +21,8 @@ import numpy as np
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.config.grid import CellGrid
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
@@ -32,7 +32,7 @@ FRACTIONS = (1e-3, 1e-2, 0.03, 0.1)
 
 def sample(cells: int, seed: int) -> list[Collision]:
     """Draw cells of the default grid, without replacement and in the order of the grid."""
-    grid = CellGrid(parse_config({}))
+    grid = experiment_cells(parse_config({}))
     drawn = np.random.default_rng(seed).choice(len(grid), min(cells, len(grid)), replace=False)
     return [grid[int(index)].collision for index in np.sort(drawn)]
 

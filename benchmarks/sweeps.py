@@ -32,9 +32,9 @@ from rich.console import Console
 from rich.table import Table
 
 from impact_xval.compliant_baselines import get_solver, solver_names
-from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
 from impact_xval.experiments.presentation.report import write_tables
-from impact_xval.experiments.sweep.designs import cells_of
 from impact_xval.experiments.sweep.rows import Experiment, solve_all
 from impact_xval.experiments.sweep.run import run_sweep
 
@@ -50,7 +50,7 @@ def costs(repetitions: int) -> None:
     best: dict[str, float] = {}
     for name in names:
         config = parse_config({"solvers": [name], "sample": {"n": 64}})
-        cells = cells_of(config).cells(range(64))
+        cells = experiment_cells(config).cells(range(64))
         experiment = Experiment(config)
         solve_all(experiment, cells)
         for _ in range(repetitions):

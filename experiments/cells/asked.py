@@ -8,10 +8,9 @@ from typing import Any
 from urllib.parse import parse_qsl
 
 from impact_xval.experiments.config.arrangements import Arranged
-from impact_xval.experiments.config.config_errors import validated
-from impact_xval.experiments.config.configuration import Config, parse_config
-from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.grid import collision_of
+from impact_xval.experiments.config.cells import collision_of
+from impact_xval.experiments.config.errors import UserError, validated
+from impact_xval.experiments.config.experiment import Config, parse_config
 from impact_xval.model.collision import Collision
 
 #: Most balls of a column in the explorer: more have no room, neither in its table nor in the time of a redraw.

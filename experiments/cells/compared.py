@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.compliant_baselines.solver import MappingName
-from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.divergence import velocity_divergence
 from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
 from impact_xval.experiments.measures.single import Measures, measures_of
@@ -214,8 +214,8 @@ def compare(
         For names that are no solvers, or an illegal time; the message says what is legal.
     """
     from impact_xval.compliant_baselines.registry import get_solver, solver_names
-    from impact_xval.experiments.config.configuration import parse_config, solvers_problem
     from impact_xval.experiments.config.errors import UserError
+    from impact_xval.experiments.config.experiment import parse_config, solvers_problem
     from impact_xval.experiments.sweep.single import solvers_apart
 
     if not isinstance(problem, Collision):

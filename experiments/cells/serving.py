@@ -35,8 +35,8 @@ from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.cells.asked import CONTROLS, Asked, asked
 from impact_xval.experiments.cells.compared import Compared
 from impact_xval.experiments.cells.figures import Charts, compression_lines, drawn, lines_of
-from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.pages import phrase, render
 from impact_xval.experiments.sweep.single import SolversApart, solvers_apart

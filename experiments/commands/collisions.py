@@ -95,8 +95,8 @@ def solve(
         file_to_write("--plot", plot, (".png", ".svg", ".pdf"))
     with solvers_apart(solver or ()) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
-        from impact_xval.experiments.config.configuration import REFERENCE
-        from impact_xval.experiments.config.grid import collision_of
+        from impact_xval.experiments.config.cells import collision_of
+        from impact_xval.experiments.config.experiment import REFERENCE
 
         config = one_cell(context.params)
         collision = collision_of(config, config.figure_cell)
@@ -135,7 +135,7 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
     The model comes last where it was not asked for: the objects of ``--json`` begin with those that were.
     """
     from impact_xval.compliant_baselines.registry import solver_names
-    from impact_xval.experiments.config.configuration import REFERENCE, solvers_problem
+    from impact_xval.experiments.config.experiment import REFERENCE, solvers_problem
 
     names = solvers or list(solver_names())
     problem = solvers_problem(names)
@@ -295,10 +295,9 @@ def export_scene(
     has by default, by the other options. The scripts print their velocities beside the tabulated ones and fail where
     they differ by more than 1e-12 of the speed.
     """
-    from impact_xval.experiments.config.grid import collision_of
-    from impact_xval.experiments.sweep.designs import cells_of_run
+    from impact_xval.experiments.config.cells import collision_of
     from impact_xval.experiments.sweep.rows import settings_of
-    from impact_xval.experiments.tables.folders import finished_collisions
+    from impact_xval.experiments.tables.folders import cells_of_run, finished_collisions
 
     given = typed(context.params)
     if folder is not None:

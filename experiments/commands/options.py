@@ -17,7 +17,7 @@ from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.experiments.config.arrangements import Arranged
-    from impact_xval.experiments.config.configuration import Config
+    from impact_xval.experiments.config.experiment import Config
 
 #: What decides an impact, what else a collision has, and a key of a configuration that its option spells otherwise.
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
@@ -147,7 +147,7 @@ def one_cell(parameters: Mapping[str, Any]) -> Config:
     UserError
         If anything is illegal; it names the option.
     """
-    from impact_xval.experiments.config.configuration import parse_config
+    from impact_xval.experiments.config.experiment import parse_config
 
     data: dict[str, Any] = {key: number_or_text(text) for key, text in typed(parameters).items()}
     cell = {key: data.pop(key, 1.0) for key in RATIOS}
@@ -179,8 +179,8 @@ def one_column(parameters: Mapping[str, Any]) -> tuple[Arranged, Config]:
         If anything is illegal; it names the option.
     """
     from impact_xval.experiments.config.arrangements import Arranged
-    from impact_xval.experiments.config.config_errors import validated
-    from impact_xval.experiments.config.configuration import parse_config
+    from impact_xval.experiments.config.errors import validated
+    from impact_xval.experiments.config.experiment import parse_config
 
     def option(location: Any) -> str:
         return "--" + location[-1].replace("_", "-")

@@ -29,7 +29,7 @@ from impact_xval.experiments.commands.supervision import last_word
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 if TYPE_CHECKING:
-    from impact_xval.experiments.config.configuration import Config
+    from impact_xval.experiments.config.experiment import Config
     from impact_xval.experiments.presentation.terminal import MedianRows
     from impact_xval.experiments.sweep.run import Progress
     from impact_xval.experiments.tables.store import RunFolder
@@ -223,14 +223,14 @@ def compile_notice() -> str:
 
 
 def _experiment(path: Path | None, built_in: str) -> Config:
-    from impact_xval.experiments.config.configuration import load_config, parse_config
+    from impact_xval.experiments.config.experiment import load_config, parse_config
 
     return load_config(path) if path is not None else parse_config({}, built_in)
 
 
 def _quick() -> Config:
     """Return the built-in experiment on a few of its cells: five stiffness ratios, and the ends of the other axes."""
-    from impact_xval.experiments.config.configuration import parse_config
+    from impact_xval.experiments.config.experiment import parse_config
 
     steps = {"stiffness_ratio": 3, "mass_ratio": 2, "e1": 3, "e2": 3}
     axes = {name: values[:: steps[name]] for name, values in parse_config({}).grid.axes().items()}

@@ -49,7 +49,7 @@ def conform(
     from impact_xval.compliant_baselines import conformance
     from impact_xval.compliant_baselines.answers import why_unavailable
     from impact_xval.compliant_baselines.registry import get_solver, law_of
-    from impact_xval.experiments.config.configuration import solvers_problem
+    from impact_xval.experiments.config.experiment import solvers_problem
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.sweep.third_party import contained
 

@@ -10,7 +10,7 @@
     N balls fall together onto a table.
 
 Masses and stiffnesses taper from the top: of every next ball and contact they are so many times those of the one above.
-A drop of two balls is therefore the collision of `config.grid`, the tapers being m2/m1 and k2/k1.
+A drop of two balls is therefore the cell of two balls, the tapers being m2/m1 and k2/k1.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from impact_xval.experiments.config.axes import (
     axis_problem,
     expand_axis,
 )
-from impact_xval.experiments.config.config_errors import short
+from impact_xval.experiments.config.errors import short
 from impact_xval.model.collision import MAX_BALLS, Collision
 from impact_xval.model.inputs import E1, EXPONENT, V0, Legal
 

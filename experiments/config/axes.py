@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from impact_xval.experiments.config.config_errors import short
+from impact_xval.experiments.config.errors import short
 from impact_xval.model.inputs import E1, E2, MASS_RATIO, STIFFNESS_RATIO, Legal
 
 #: The parameters that decide an impact, and how a reader knows them.

@@ -1,29 +1,56 @@
-"""Some cells of an experiment as arrays: what a chunk is."""
+"""The cells of an experiment: a grid, a sample (`scipy.stats.qmc`), a list from a file, or columns of N balls.
+
+They are numbered and deterministic, and made block by block: ten million of them are never in memory at once.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from impact_xval.model.collision import Collision
+from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged, ColumnTable
+from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, Sample, value_problem
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import Cell, Config
+from impact_xval.model.collision import Collision, Collisions
+
+#: Cells of a chunk where an engine is among the solvers, a few seconds of work with their estimates: of two balls, of
+#: columns. Without an engine at most so many; a million cells then make a thousand parts.
+_CHUNK, _COLUMNS_CHUNK, _QUICK_CHUNK = 16, 4, 1024
+
+#: The number of chunks from which they become larger instead of more.
+_MOST_CHUNKS = 10_000
+
+#: Gives the parameters of some cells by their names, shape (n,) each.
+_Values = Callable[[range], dict[str, NDArray[Any]]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Block:
     """Some cells.
 
     Attributes
     ----------
-    index : ndarray of int, shape (n,)
-        Positions in the experiment, from 0.
+    index : ndarray, shape (n,)
+        Their numbers in the experiment, from 0.
     parameters : dict of str to ndarray, shape (n,)
-        Columns of the tables that a cell has whatever its solver, in their order.
+        Of two balls the four ratios (`AXES`), m1, m2, k1, k2 and v0. Of columns arrangement (texts), balls (whole
+        numbers), the other axes (`COLUMN_LEGAL`; strike is NaN but of a cradle), m1, k1 and v0.
     collisions : sequence of Collision
-        `Collisions` where all are of one kind.
+        In kg, N/m^p and m/s; a `Collisions` where all are of one kind.
     """
 
     index: NDArray[np.int64]
@@ -36,3 +63,282 @@ class Block:
     def __getitem__(self, place: slice) -> Block:
         parameters = {name: values[place] for name, values in self.parameters.items()}
         return Block(self.index[place], parameters, self.collisions[place])
+
+
+@dataclass(frozen=True, slots=True)
+class GridCell:
+    """A numbered cell of two balls: its ratios as written on the axes, and the collision in kg, N/m and m/s."""
+
+    index: int
+    stiffness_ratio: float
+    mass_ratio: float
+    collision: Collision
+
+
+@dataclass(frozen=True)
+class ColumnCell:
+    """A numbered column: the values of its axes."""
+
+    index: int
+    arranged: Arranged
+
+    @cached_property
+    def column(self) -> Collision:
+        """The column in kg, N/m^p and m/s."""
+        return self.arranged.column()
+
+
+class Cells:
+    """The cells of an experiment, in order, and their chunks.
+
+    Parameters
+    ----------
+    config : Config
+    count : int
+        Number of cells.
+    values : callable
+        Gives the ratios, or the axes of columns, of a range of cells.
+    """
+
+    def __init__(self, config: Config, count: int, values: _Values) -> None:
+        self._config, self._count, self._values = config, count, values
+
+    def __len__(self) -> int:
+        return self._count
+
+    def block(self, indices: range) -> Block:
+        """Make some cells."""
+        build = _two_balls if self._config.column is None else _columns
+        parameters, collisions = build(self._config, self._values(indices))
+        return Block(np.arange(indices.start, indices.stop), parameters, collisions)
+
+    def cells(self, indices: range) -> list[Any]:
+        """Make some cells, each a `GridCell` or a `ColumnCell`."""
+        if self._config.column is not None:
+            arranged = _arranged(self._config, self._values(indices))
+            return [ColumnCell(index, one) for index, one in zip(indices, arranged, strict=True)]
+        block = self.block(indices)
+        ratios = (block.parameters[name].tolist() for name in ("stiffness_ratio", "mass_ratio"))
+        return [GridCell(*cell) for cell in zip(indices, *ratios, block.collisions, strict=True)]
+
+    def __getitem__(self, index: int) -> Any:
+        if not 0 <= index < len(self):
+            raise IndexError(f"cell {index} of {len(self)}")
+        return self.cells(range(index, index + 1))[0]
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self[index] for index in range(len(self)))
+
+    def digest(self, indices: range) -> str:
+        """SHA-256 of the parameters of some cells, to the last bit."""
+        found = hashlib.sha256(f"{indices.start} ".encode())
+        for values in self._values(indices).values():
+            texts = values.dtype == object
+            found.update(" ".join(values).encode() if texts else values.astype("<f8").tobytes())
+        return found.hexdigest()
+
+    @property
+    def chunk_size(self) -> int:
+        """Cells of a chunk: as configured, or by whether an engine is among the solvers."""
+        if self._config.chunk_size is not None:
+            return self._config.chunk_size
+        usual = _CHUNK if self._config.column is None else _COLUMNS_CHUNK
+        if not any(map(is_engine, self._config.solvers)):
+            usual = max(_CHUNK, min(_QUICK_CHUNK, len(self) // 64))
+        return max(usual, -(-len(self) // _MOST_CHUNKS))
+
+    def chunks(self) -> int:
+        """Return the number of chunks."""
+        return -(-len(self) // self.chunk_size)
+
+    def chunk(self, number: int) -> range:
+        """Return the indices of the cells of a chunk."""
+        size = self.chunk_size
+        return range(number * size, min((number + 1) * size, len(self)))
+
+
+def experiment_cells(config: Config) -> Cells:
+    """Return the cells of an experiment of any kind.
+
+    Raises
+    ------
+    UserError
+        If they are in a file that cannot be read, or holds anything illegal.
+    """
+    if config.column is not None:
+        return Cells(config, config.column.columns(), _of_columns(config.column))
+    if config.sample is not None:
+        return listed(config, draw(config.sample))
+    if config.cells is not None:
+        values = read_cells(Path(config.cells))
+        _within_double_precision(config, values, config.cells)
+        return listed(config, values)
+    axes = config.grid.axes()
+    return Cells(config, math.prod(map(len, axes.values())), _of_grid(axes))
+
+
+def listed(config: Config, values: NDArray[np.float64]) -> Cells:
+    """Return cells in any order; `values` are their ratios in the order of `AXES`, shape (n, 4)."""
+
+    def of(indices: range) -> dict[str, NDArray[Any]]:
+        return dict(zip(AXES, values[indices.start : indices.stop].T, strict=True))
+
+    return Cells(config, len(values), of)
+
+
+def collision_of(config: Config, cell: Cell) -> Collision:
+    """Give a cell the masses, stiffnesses and velocity of an experiment."""
+    m2, k2 = config.m1 * cell.mass_ratio, config.k1 * cell.stiffness_ratio
+    return Collision.two_balls(config.m1, m2, config.k1, k2, cell.e1, cell.e2, config.v0)
+
+
+def _of_grid(axes: dict[str, list[float]]) -> _Values:
+    """Go through axes, the last fastest.
+
+    Stiffness ratios (or numbers of balls) vary slowest, so that neighbouring cells need about the same number of steps,
+    and an engine that runs them side by side wastes little.
+    """
+    arrays = {name: np.array(axis) for name, axis in axes.items()}
+    shape = tuple(map(len, arrays.values()))
+
+    def of(indices: range) -> dict[str, NDArray[Any]]:
+        places = np.unravel_index(np.arange(indices.start, indices.stop), shape)
+        return {name: axis[place] for (name, axis), place in zip(arrays.items(), places, strict=True)}
+
+    return of
+
+
+def _of_columns(table: ColumnTable) -> _Values:
+    """Go through the axes of one arrangement after the other."""
+    axes = {name: table.axes(name) for name in table.arrangement}
+    grids = [(name, math.prod(map(len, each.values())), _of_grid(each)) for name, each in axes.items()]
+
+    def of(indices: range) -> dict[str, NDArray[Any]]:
+        pieces, first = [], 0
+        for name, count, grid in grids:
+            inside = range(max(indices.start - first, 0), min(indices.stop - first, count))
+            if inside:
+                pieces.append({"arrangement": np.full(len(inside), name, object)} | grid(inside))
+            first += count
+        return {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+
+    return of
+
+
+def _two_balls(config: Config, ratios: dict[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]], Collisions]:
+    ones = np.ones(len(ratios["e1"]))
+    m1, k1, v0 = config.m1 * ones, config.k1 * ones, config.v0 * ones
+    m2, k2 = m1 * ratios["mass_ratio"], k1 * ratios["stiffness_ratio"]
+    pairs = ((m1, m2), (k1, k2), (ratios["e1"], ratios["e2"]), (v0, 0.0 * ones))
+    m, k, e, v = (np.column_stack(pair) for pair in pairs)
+    parameters = ratios | {"m1": m1, "m2": m2, "k1": k1, "k2": k2, "v0": v0}
+    return parameters, Collisions(m, k, e, v, True, np.zeros_like(k))
+
+
+def _columns(
+    config: Config, axes: dict[str, NDArray[Any]]
+) -> tuple[dict[str, NDArray[Any]], Sequence[Collision]]:
+    columns = [arranged.column() for arranged in _arranged(config, axes)]
+    kinds = {(len(each.masses), each.table, each.exponent) for each in columns}
+    ones = np.ones(len(columns))
+    scales = {"m1": config.m1 * ones, "k1": config.k1 * ones, "v0": config.v0 * ones}
+    parameters = axes | {"balls": axes["balls"].astype(int)} | scales
+    return parameters, Collisions.of(columns) if len(kinds) == 1 else columns
+
+
+def _arranged(config: Config, axes: dict[str, NDArray[Any]]) -> list[Arranged]:
+    scales = {"m": config.m1, "k": config.k1, "v0": config.v0}
+    found = []
+    for arrangement, *row in zip(*(values.tolist() for values in axes.values()), strict=True):
+        numbers = dict(zip(COLUMN_LEGAL, row, strict=True))
+        strike = None if math.isnan(numbers["strike"]) else int(numbers["strike"])
+        counts = {"arrangement": arrangement, "balls": int(numbers["balls"]), "strike": strike}
+        found.append(Arranged.model_validate(numbers | counts | scales))
+    return found
+
+
+def draw(sample: Sample) -> NDArray[np.float64]:
+    """Draw cells from a box: Sobol points (scrambled), a Latin hypercube, or independent ones.
+
+    Points of a Sobol sequence spread best where their number is a power of two; other numbers are its
+    beginning.
+
+    Returns
+    -------
+    ndarray, shape (n, 4)
+        Stiffness ratio, mass ratio, e1, e2; the same for the same seed.
+    """
+    d = len(sample.free())
+    return sample.place(unit_points(sample.method, sample.n, d, sample.seed))
+
+
+def unit_points(method: str, n: int, d: int, seed: int) -> NDArray[np.float64]:
+    """Draw n points of the unit cube of d dimensions, shape (n, d)."""
+    from scipy.stats import qmc
+
+    if d == 0:
+        return np.empty((n, 0))
+    if method == "sobol":
+        return qmc.Sobol(d, rng=seed).random_base2(math.ceil(math.log2(n)))[:n]
+    if method == "latin-hypercube":
+        return qmc.LatinHypercube(d, rng=seed).random(n)
+    return np.random.default_rng(seed).random((n, d))
+
+
+def read_cells(path: Path) -> NDArray[np.float64]:
+    """Read cells from a file, one a row; columns other than those of `AXES` are ignored.
+
+    Raises
+    ------
+    UserError
+        One line with the file, the column, the row (from 1, a header not counted) and what is legal.
+    """
+    table = _read(path)
+    missing = [name for name in AXES if name not in table.column_names]
+    if missing:
+        raise UserError(
+            f"{path}: column {missing[0]} is missing; legal: columns {', '.join(AXES)} (others are ignored)"
+        )
+    if not 1 <= table.num_rows <= MAX_CELLS:
+        raise UserError(f"{path}: {table.num_rows} rows; legal: 1 to {MAX_CELLS}")
+    return np.column_stack([_checked(path, name, table.column(name)) for name in AXES])
+
+
+def _read(path: Path) -> pa.Table:
+    try:
+        if path.suffix.lower() in (".parquet", ".pq"):
+            names = [name for name in AXES if name in pq.read_schema(path).names]
+            return pq.read_table(path, columns=names)
+        return pacsv.read_csv(path)
+    except FileNotFoundError:
+        raise UserError(f"cells = {str(path)!r}: no such file; legal: a CSV or Parquet file") from None
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        detail = " ".join(str(error).split())[:160]
+        raise UserError(f"{path}: cannot be read: {detail}; legal: a CSV or Parquet file") from None
+
+
+def _checked(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.float64]:
+    if column.null_count:
+        row = pc.index(column.is_null(), True).as_py()
+        raise UserError(f"{path}: row {row + 1}: {name} is empty; legal: a number")
+    try:
+        values = column.cast(pa.float64()).to_numpy().astype(float)
+    except pa.ArrowException:
+        raise UserError(f"{path}: {name} is not a column of numbers ({column.type})") from None
+    legal = (values >= LEGAL[name].low) & (values <= LEGAL[name].high)
+    if not legal.all():
+        row = int(np.argmin(legal))
+        raise UserError(f"{path}: row {row + 1}: {name} = {value_problem(LEGAL[name], float(values[row]))}")
+    return values
+
+
+def _within_double_precision(config: Config, values: NDArray[np.float64], where: str) -> None:
+    for i, name in enumerate(("stiffness_ratio", "mass_ratio")):
+        found = config.product_problem(name, values[:, i])
+        if found:
+            raise UserError(f"{where}: row {found[0] + 1}: {found[1]}")
+    masses = values[:, list(AXES).index("mass_ratio")]
+    for row in map(int, (np.argmin(masses), np.argmax(masses))):
+        problem = config.gravity_problem(float(masses[row]))
+        if problem:
+            raise UserError(f"{where}: row {row + 1}: {problem}")

@@ -1,6 +1,27 @@
-"""The exceptions whose messages are meant for the user."""
+"""The exceptions whose messages are meant for the user, and what is wrong with a file or a table, in one line.
+
+The line names the file, the field, the value and what is legal, which is the description of the field. Tables may be
+nested, and may come in lists.
+"""
 
 from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+#: Names a field by the keys, and the positions in lists, that lead to it.
+FieldName = Callable[[Sequence[str | int]], str]
+
+_Model = TypeVar("_Model", bound="BaseModel")
+
+#: What pydantic puts among the keys where a field has several types.
+_TYPES = ("list[float]", "dict[str,list[union[int,float]]]", "float")
 
 
 class _OneLineError(Exception):
@@ -19,3 +40,118 @@ class UserError(_OneLineError):
 
 class InterruptedRunError(_OneLineError):
     """The run was stopped before its end; what is done is kept. The message is one line."""
+
+
+def read_toml(path: Path | str) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    UserError
+        If it cannot be read; one line that says why.
+    """
+    try:
+        return tomllib.loads(Path(path).read_bytes().decode("utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file; legal: a TOML file") from None
+    except IsADirectoryError:
+        raise UserError(f"{path}: is a directory; legal: a TOML file") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: not UTF-8 (byte {error.start}); legal: a TOML file in UTF-8") from None
+    except (ValueError, RecursionError) as error:
+        # The parser recurses into nested brackets, and Python caps the digits of a whole number.
+        raise UserError(f"{path}: not TOML: {error}") from None
+
+
+def dotted(parts: Sequence[str | int]) -> str:
+    """Name a field as ``grid.e1``, an entry of a list by its index: ``solvers.0``."""
+    return ".".join(map(str, parts))
+
+
+def validated(model: type[_Model], data: dict[str, Any], where: str, name: FieldName = dotted) -> _Model:
+    """Validate a configuration given as plain values.
+
+    Parameters
+    ----------
+    model : type
+        The configuration; every field has a description, which says what is legal.
+    data : dict
+        As a TOML file holds it.
+    where : str
+        What an error begins with; the empty text leaves it out.
+    name : callable
+        How an error names a field.
+
+    Raises
+    ------
+    UserError
+        If anything is illegal; of several mistakes the first is told, and the others are counted.
+    """
+    from pydantic import ValidationError  # the commands that read no table start without it
+
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        line = one_line(problems[0], model, name)
+        raise UserError(f"{where}: {line}{more}".removeprefix(": ")) from None
+
+
+def one_line(problem: Any, model: type[BaseModel], name: FieldName = dotted) -> str:
+    """Turn one of pydantic's findings into ``field = value; legal: range``."""
+    kind = problem["type"]
+    location = [part for part in problem["loc"] if kind == "extra_forbidden" or part not in _TYPES]
+    field, value = name(location), short(problem["input"])
+    legal, inside = _legal(location, model)
+    match kind:
+        case "extra_forbidden":
+            known = list(inside)
+            instead = getattr(model, "replaced", {}).get(field)
+            if instead is not None:
+                return f"{field} = {value}: {instead}"
+            return (
+                f"{field} = {value}: unknown key{hint(str(location[-1]), known)}; legal: {', '.join(known)}"
+            )
+        case "missing":
+            return f"{field}: missing; legal: {legal}"
+        case "value_error":
+            # What a validator of ours says begins with the value, unless it is of a table as a whole.
+            text = problem["ctx"]["error"]
+            return f"{field}: {text}".removeprefix(": ") if inside else f"{field} = {text}"
+    return f"{field} = {value}; legal: {legal}" if location else f"{value}: {problem['msg']}"
+
+
+def _legal(location: Sequence[str | int], model: type[BaseModel]) -> tuple[str, dict[str, Any]]:
+    """Follow a location as far as it is known: description of its last field, and the fields of the table there."""
+    legal, inside = "", fields(model)
+    for part in location:
+        if isinstance(part, int):
+            continue
+        if part not in inside:
+            break
+        legal = inside[part].description or ""
+        inside = fields(inside[part].annotation)
+    return legal, inside
+
+
+def fields(annotation: Any) -> dict[str, Any]:
+    """Return the fields of a table, optional, in a list or neither; none of anything else."""
+    for each in (annotation, *get_args(annotation)):
+        if hasattr(each, "model_fields"):
+            return each.model_fields
+    return {}
+
+
+def hint(word: str, known: Sequence[str]) -> str:
+    """Ask in brackets whether a known word was meant; empty if none is like it."""
+    close = difflib.get_close_matches(word, known, n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def short(value: object, limit: int = 60) -> str:
+    """Write a value as Python does, cut at a length."""
+    text = repr(value)
+    return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from impact_xval.experiments.config.axes import whole
-from impact_xval.experiments.config.config_errors import counted, read_toml, short, validated
-from impact_xval.experiments.config.configuration import solvers_problem
+from impact_xval.experiments.config.errors import read_toml, short, validated
+from impact_xval.experiments.config.experiment import solvers_problem
 from impact_xval.experiments.hypothesis.cases import BY_KEY, Point, outside, point_of
 from impact_xval.experiments.hypothesis.solvers import default_names
 
@@ -190,4 +190,4 @@ def load(path: Path | None) -> HypothesisConfig:
 
 def parse(data: dict[str, Any], where: str) -> HypothesisConfig:
     """Validate a configuration given as plain values; as `load`."""
-    return validated(HypothesisConfig, data, where, counted)
+    return validated(HypothesisConfig, data, where)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.levels import Levels, grid_levels, levels_of
 from impact_xval.experiments.tables.store import Tally
 from impact_xval.experiments.tables.streams import blocks, codes, column, present

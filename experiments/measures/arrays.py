@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.tables.folders import finished_collisions
 from impact_xval.experiments.tables.schema import Column

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.cells import Block
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.corners import Corners, corner_names, corners
 from impact_xval.experiments.measures.ladder import (
     CAUSES,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.corners import corner_names
 from impact_xval.experiments.measures.ladder import (
     CAUSES,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import pyarrow.compute as pc
 
 from impact_xval.compliant_baselines.registry import is_engine, law_of
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.corners import corner_names
 from impact_xval.experiments.measures.ladder import CAUSES, Contribution, contributions_of
 from impact_xval.experiments.tables.schema import (

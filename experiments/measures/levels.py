@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.config.experiment import Config
 
 #: Scattered values up to this many are taken as they are; more go into this many bins.
 _FEW = 24

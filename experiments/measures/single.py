@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from impact_xval.compliant_baselines.solver import MappingName
-from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.divergence import velocity_divergence
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.summary import Frame
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.style import drawing

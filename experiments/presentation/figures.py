@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.column_summary import ColumnSummary, summarise_columns
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws

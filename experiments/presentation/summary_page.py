@@ -8,7 +8,7 @@ from typing import Any
 
 from impact_xval.compliant_baselines.registry import is_naive, law_of
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.estimates import HONEST
 from impact_xval.experiments.measures.summary import FULL_PATHS, OWN_LAW, SUMMARISED, Frame, Summary
 from impact_xval.experiments.presentation.ladder_page import ladder_facts, spread

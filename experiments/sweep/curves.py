@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import Cell, Config
-from impact_xval.experiments.config.grid import collision_of
+from impact_xval.experiments.config.cells import collision_of
+from impact_xval.experiments.config.experiment import Cell, Config
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.rows import Experiment, settings_of
 from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves

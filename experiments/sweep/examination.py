@@ -11,10 +11,9 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.inspect_mujoco import Finding, inspect_model
 from impact_xval.compliant_baselines.paste import mjcf
-from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.config.cells import Cells, experiment_cells
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.grid import Cells
-from impact_xval.experiments.sweep.designs import cells_of
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.sweep.rows import settings_of
 
 #: Cells of an experiment that are examined, evenly spread and the corners among them.
@@ -53,7 +52,7 @@ def experiment_findings(
     if "mujoco" not in config.solvers or solver.unavailable() is not None:
         return None
     assert isinstance(solver, Engine)
-    settings, grid = settings_of(config), cells_of(config) if cells is None else cells
+    settings, grid = settings_of(config), experiment_cells(config) if cells is None else cells
     count = min(len(grid), most)
     indices = sorted({round(i * (len(grid) - 1) / max(1, count - 1)) for i in range(count)})
     seen: dict[str, Finding] = {}

@@ -15,7 +15,7 @@ from impact_xval.compliant_baselines.engines.quiet import between
 from impact_xval.compliant_baselines.engines.stepping import scan
 from impact_xval.compliant_baselines.registry import engine_names, is_engine, is_ours, kind_of
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.hausdorff import hausdorff, measure_all
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.collision import ORDINARY, Collision

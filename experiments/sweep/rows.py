@@ -14,7 +14,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.answers import answer, said
 from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
 from impact_xval.experiments.config.cells import Block
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.divergence import divergence, retained_energy, retained_momentum
 from impact_xval.experiments.measures.ladder_rows import failed_ladders, ladders
 from impact_xval.experiments.measures.laws import exact_for

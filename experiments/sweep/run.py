@@ -19,12 +19,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.config.configuration import COSMETIC, REFERENCE, Config
+from impact_xval.experiments.config.cells import Cells, experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
-from impact_xval.experiments.config.grid import Chunked
+from impact_xval.experiments.config.experiment import COSMETIC, REFERENCE, Config
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.sweep.curves import write_column_curves, write_curves
-from impact_xval.experiments.sweep.designs import experiment_cells
 from impact_xval.experiments.sweep.executors import available_cores, open_executor
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.sweep.sandbox import ClosedError
@@ -181,7 +180,7 @@ class _Run:
     def __init__(
         self,
         experiment: Experiment,
-        cells: Chunked[Any],
+        cells: Cells,
         folder: RunFolder,
         continued: bool,
         progress: Progress,
@@ -340,7 +339,7 @@ def _same_experiment(folder: RunFolder, config: Config) -> None:
     raise UserError(f"--resume {folder.root}: holds a run of another configuration: {detail}")
 
 
-def _identities(config: Config, cells: Chunked[Any], versions: dict[str, str]) -> list[str]:
+def _identities(config: Config, cells: Cells, versions: dict[str, str]) -> list[str]:
     """Identity of every chunk: a hash of configuration, versions and cells."""
     columns = layout_of(config).rows.names
     common = json.dumps([config.identity(), versions, columns], sort_keys=True)
@@ -350,9 +349,7 @@ def _identities(config: Config, cells: Chunked[Any], versions: dict[str, str]) -
     ]
 
 
-def _manifest(
-    config: Config, cells: Chunked[Any], versions: dict[str, str], history: list[Any]
-) -> dict[str, Any]:
+def _manifest(config: Config, cells: Cells, versions: dict[str, str], history: list[Any]) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "state": "running",

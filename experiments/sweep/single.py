@@ -14,8 +14,8 @@ from concurrent.futures import wait
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from impact_xval.compliant_baselines.registry import is_ours
-from impact_xval.experiments.config.configuration import Config, parse_config
-from impact_xval.experiments.config.grid import collision_of
+from impact_xval.experiments.config.cells import collision_of
+from impact_xval.experiments.config.experiment import Config, parse_config
 from impact_xval.experiments.sweep.executors import open_executor
 from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox
 from impact_xval.experiments.sweep.third_party import contained, longest

@@ -18,10 +18,8 @@ import pyarrow as pa
 
 from impact_xval.compliant_baselines.answers import stated_version, why_unavailable
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.config.cells import Block
-from impact_xval.experiments.config.columns import Columns
-from impact_xval.experiments.config.configuration import REFERENCE, Config, parse_config
-from impact_xval.experiments.config.grid import block_of
+from impact_xval.experiments.config.cells import Block, experiment_cells
+from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
 from impact_xval.experiments.sweep.executors import in_flight, in_this_process
 from impact_xval.experiments.sweep.kernels import compile_once, kernels_for
 from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
@@ -203,8 +201,12 @@ def _ready_for(experiment: Experiment, name: str) -> None:
 def _try_out(experiment: Experiment, name: str) -> None:
     """Solve an ordinary cell; one of the experiment may take as long as it is let."""
     pair = experiment.layout.pair
-    usual = parse_config({} if pair else {"column": {"arrangement": "cradle", "balls": [2]}})
-    block = block_of(usual, np.array([[1.0, 2.0, 0.9, 0.7]])) if pair else Columns(usual).block(range(1))
+    usual = parse_config(
+        {"grid": {"stiffness_ratio": [1.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}}
+        if pair
+        else {"column": {"arrangement": "cradle", "balls": [2]}}
+    )
+    block = experiment_cells(usual).block(range(1))
     solve_by(Experiment(usual, experiment.resolve), name, block, {})
 
 

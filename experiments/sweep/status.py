@@ -20,8 +20,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.registry import law_of
-from impact_xval.experiments.config.configuration import REFERENCE
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import reasons_of
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.tables.files import open_regular

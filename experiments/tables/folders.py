@@ -8,12 +8,17 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+
+from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.tables.files import is_regular
 from impact_xval.experiments.tables.lock import LOCK, OWNER
 from impact_xval.experiments.tables.schema import Layout
 from impact_xval.experiments.tables.store import FINISHED, MANIFEST, DamagedManifestError, RunFolder
-from impact_xval.experiments.tables.streams import replaced_by
+from impact_xval.experiments.tables.streams import column, replaced_by
 
 #: Folders and files that are written to, and so must be the run's own: what is behind a link is another's.
 _FOLDERS, _FILES = ("parts", "figures"), (LOCK, OWNER, MANIFEST)
@@ -161,3 +166,11 @@ def new_folder(root: Path) -> None:
         raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
     if not empty:
         raise UserError(f"--out {root}: not empty; legal: a new or empty folder")
+
+
+def cells_of_run(folder: RunFolder, config: Config) -> Cells:
+    """Return the cells of a finished run; those of a list as its table has them, wherever their file is now."""
+    if config.cells is None:
+        return experiment_cells(config)
+    path = folder.table_path("cells.parquet")
+    return listed(config, np.column_stack([column(path, name)[:: len(config.solvers)] for name in AXES]))

@@ -24,9 +24,8 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, Field
 
 from impact_xval.experiments.config.axes import MAX_CELLS
-from impact_xval.experiments.config.config_errors import validated
-from impact_xval.experiments.config.configuration import Config, from_canonical
-from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.errors import UserError, validated
+from impact_xval.experiments.config.experiment import Config, from_canonical
 from impact_xval.experiments.tables.files import is_regular, open_regular
 from impact_xval.experiments.tables.lock import OWNER
 from impact_xval.experiments.tables.schema import TABLES, Layout

@@ -7,6 +7,7 @@ import sys
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from impact_xval.experiments.measures.ladder_table import engines_of
 
 from impact_xval.compliant_baselines import SolverError, get_solver, registry, solver_names
 from impact_xval.compliant_baselines.answers import answer
@@ -15,7 +16,6 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.registry import origins
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.measures.ladder_table import engines_of
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.summary_page import summary_facts
@@ -109,7 +109,7 @@ def test_a_run_uses_it_in_worker_processes_and_writes_its_version(site, tmp_path
     grid = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}
     config = {"solvers": ["kelvin-voigt", "toy"], "scenario": "impact", "chunk_size": 1, "grid": grid}
     code = (
-        "from pathlib import Path\nfrom impact_xval.experiments.config.configuration import parse_config\n"
+        "from pathlib import Path\nfrom impact_xval.experiments.config.experiment import parse_config\n"
         "from impact_xval.experiments.sweep.run import run_sweep\n"
         f"run_sweep(parse_config({config!r}), Path({str(tmp_path / 'run')!r}), workers=2)"
     )

@@ -9,8 +9,8 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.engines.scene import Scene, periods
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.compliant_baselines.states import Runs, compared_states, merge_runs
-from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.sweep.designs import cells_of
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.model import Collision
 
 SHARE = Settings().shortest_state
@@ -142,7 +142,7 @@ def test_the_states_of_an_engine_do_not_depend_on_its_step():
 
 def test_an_engine_takes_the_path_of_its_exact_law_and_is_no_nearer_to_the_model_than_that():
     """On 100 cells of the default grid, without gravity."""
-    cells = cells_of(parse_config({}))
+    cells = experiment_cells(parse_config({}))
     picked = np.sort(np.random.default_rng(20).choice(len(cells), 100, replace=False))
     cells = [cells[int(i)].collision for i in picked]
     ran = get_solver("mujoco").run([Scene.of(c, Settings()) for c in cells], Settings().max_steps)

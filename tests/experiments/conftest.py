@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.kernels import column_kernels_of, compile_once, kernels_of
 from impact_xval.experiments.sweep.run import run_sweep

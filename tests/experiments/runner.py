@@ -2,7 +2,7 @@
 
 import os
 
-from impact_xval.experiments.config.configuration import load_config
+from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import faulty
 

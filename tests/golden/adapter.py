@@ -24,7 +24,7 @@ from scipy.interpolate import PchipInterpolator
 
 from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.solver import Convergence, Settings
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.hypothesis.config import parse as parse_hypothesis
 from impact_xval.experiments.hypothesis.run import run_hypothesis
 from impact_xval.experiments.hypothesis.tables import (

@@ -79,8 +79,8 @@ def animate(
         raise UserError(f"--solver = {solver!r}; legal: another solver than the model, which is beside it")
     with solvers_apart(names) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
-        from impact_xval.experiments.config.configuration import REFERENCE
-        from impact_xval.experiments.config.grid import collision_of
+        from impact_xval.experiments.config.cells import collision_of
+        from impact_xval.experiments.config.experiment import REFERENCE
 
         config = one_cell(context.params)
         collision = collision_of(config, config.figure_cell)

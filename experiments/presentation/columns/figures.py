@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from impact_xval.experiments.config.configuration import REFERENCE, Config
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.column_summary import ColumnSummary
 from impact_xval.experiments.measures.laws import in_order_of_laws

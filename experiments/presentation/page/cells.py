@@ -19,11 +19,11 @@ from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.paste import mjcf
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_costly
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import Config
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
 from impact_xval.experiments.sweep.curves import needed
-from impact_xval.experiments.sweep.designs import cells_of_run
 from impact_xval.experiments.sweep.rows import settings_of
+from impact_xval.experiments.tables.folders import cells_of_run
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.model.collision import RESULT_STATUSES, Collision

@@ -28,7 +28,7 @@ from itables import options
 from markupsafe import Markup
 
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.page.html import render_markup
 from impact_xval.experiments.presentation.page.tiles import Tiles

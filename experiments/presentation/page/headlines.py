@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.page.html import render_markup
 from impact_xval.experiments.presentation.page.tiles import Tiles

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_xval.experiments.config.configuration import REFERENCE, Cell
+from impact_xval.experiments.config.experiment import REFERENCE, Cell
 from impact_xval.experiments.presentation.curve_figures import (
     STATE_LOOKS,
     compression_lines,

@@ -6,7 +6,7 @@ import pytest
 
 from impact_xval.experiments.commands import doctor
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import load_config, parse_config
+from impact_xval.experiments.config.experiment import load_config, parse_config
 from impact_xval.experiments.sweep import examination
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes

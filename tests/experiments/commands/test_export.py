@@ -12,7 +12,7 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.paste import scene_files
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model.collision import Collision
 

@@ -4,10 +4,10 @@ import json
 import shlex
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep import run as sweep
-from impact_xval.experiments.sweep.designs import cells_of
 
 GRID = "[grid]\nstiffness_ratio = [0.1, 2, 10]\nmass_ratio = [1.25]\ne2 = {linear = [0.5, 0.9, 3]}\n"
 
@@ -49,7 +49,7 @@ def test_a_quick_run_is_of_a_few_cells_of_the_built_in_grid_and_is_continued_as_
     assert main(words[1:]) == 1
     assert configs[0] == configs[1]
     quick, whole = configs[0], parse_config({})
-    assert len(cells_of(quick)) == 40
+    assert len(experiment_cells(quick)) == 40
     for name, values in whole.grid.axes().items():
         taken = quick.grid.axes()[name]
         assert set(taken) < set(values)

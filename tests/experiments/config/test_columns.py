@@ -1,7 +1,7 @@
 """Columns of an experiment: which there are, in which order, and what tells two experiments apart."""
 
-from impact_xval.experiments.config.columns import Columns
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import parse_config
 
 AXES = {
     "arrangement": ["cradle", "drop"],
@@ -14,7 +14,7 @@ AXES = {
 
 
 def _columns(**changed):
-    return Columns(parse_config({"column": AXES | changed}))
+    return experiment_cells(parse_config({"column": AXES | changed}))
 
 
 def test_an_arrangement_comes_after_the_other_and_e_varies_fastest():
@@ -35,7 +35,7 @@ def test_an_arrangement_comes_after_the_other_and_e_varies_fastest():
 
 def test_a_column_has_the_scales_of_the_experiment():
     axes = {"arrangement": "drop", "mass_taper": 2, "stiffness_taper": 1, "balls": 3}
-    column = Columns(parse_config({"m1": 2.0, "k1": 3e6, "v0": -0.5, "column": axes}))[1].column
+    column = experiment_cells(parse_config({"m1": 2.0, "k1": 3e6, "v0": -0.5, "column": axes}))[1].column
     assert column.masses == (2.0, 4.0, 8.0)
     assert (column.stiffnesses, column.velocities) == ((3e6,) * 3, (-0.5, 0.0, 0.0))
     assert column.table

@@ -5,13 +5,13 @@ import math
 
 import pytest
 
-from impact_xval.experiments.config.configuration import REFERENCE, Config, from_canonical, parse_config
-from impact_xval.experiments.config.grid import CellGrid
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import REFERENCE, Config, from_canonical, parse_config
 
 
 def test_cells_are_numbered_with_the_last_axis_fastest():
     axes = {"stiffness_ratio": [2, 1], "mass_ratio": [3.0], "e1": [0.1, 0.2], "e2": {"linear": [0, 1, 3]}}
-    grid = CellGrid(parse_config({"grid": axes, "chunk_size": 5}))
+    grid = experiment_cells(parse_config({"grid": axes, "chunk_size": 5}))
     cells = list(grid)
     assert [cell.index for cell in cells] == list(range(12))
     assert [cell.collision.e2 for cell in cells[:4]] == [0.0, 0.5, 1.0, 0.0]
@@ -22,7 +22,7 @@ def test_cells_are_numbered_with_the_last_axis_fastest():
 
 def test_cells_carry_the_physical_scale():
     config = parse_config({"m1": 2.0, "k1": 1e6, "v0": -3.0, "grid": {"stiffness_ratio": [0, math.inf, 4]}})
-    grid = CellGrid(config)
+    grid = experiment_cells(config)
     soft, rigid, stiff = (grid[i * len(grid) // 3].collision for i in range(3))
     assert (soft.k2, rigid.k2, stiff.k2) == (0.0, math.inf, 4e6)
     assert (stiff.m1, stiff.m2, stiff.v0) == (2.0, 1.0, -3.0)

@@ -31,14 +31,14 @@ e2 = 0.7
 #: A mistake, and what its one line says.
 BAD = {
     "[[point]]\ncase = 'zero-early'\nmass_ratio = 4.0\ne1 = 0.9\ne2 = 0.7": ["outside zero-early"],
-    '[[point]]\ncase = "zero"\nmass_ratio = 1.0': ["point[1].case = 'zero'", "zero-early"],
-    '[[point]]\ncase = "infinity"': ["point[1].mass_ratio", "missing"],
+    '[[point]]\ncase = "zero"\nmass_ratio = 1.0': ["point.0.case = 'zero'", "zero-early"],
+    '[[point]]\ncase = "infinity"': ["point.0.mass_ratio", "missing"],
     "contrast = [1e5, 10]": ["contrast = [100000.0, 10.0]", "lo < hi"],
     "engine_contrast = [0, 10]": ["engine_contrast", "1 < lo < hi <= 1e6"],
     "solvers = ['mujoko']": ["solvers", "'mujoko'", "did you mean 'mujoco'"],
     "[map]\nsise = 3": ["map.sise", "unknown key", "size"],
     "[map]\nstiffness_ratio = [2, 10]": ["map.stiffness_ratio", "lo < 1 < hi"],
-    "[map]\nrestitutions = [[0.9, 0.7], [0.9, 0.0]]": ["map.restitutions[2][2] = 0.0", "from 0.02 to 1"],
+    "[map]\nrestitutions = [[0.9, 0.7], [0.9, 0.0]]": ["map.restitutions.1.1 = 0.0", "from 0.02 to 1"],
     "[columns]\nballs = [3, 7]": ["columns.balls = [3, 7]", "whole numbers from 4 to 12"],
     "seed = 1.5": ["seed = 1.5", "a whole number from 0 to 2^32"],
     "points = 3\nsteps = 3": ["points = 3", "and 1 more"],

@@ -4,8 +4,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.arrays import to_xarray
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes

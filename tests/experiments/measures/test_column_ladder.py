@@ -9,7 +9,7 @@ from impact_xval.experiments.measures.columns.ladder import column_ladder_rows
 from impact_xval.experiments.measures.ladder_table import NO_LIMIT, ladder_rows
 
 from impact_xval.experiments.config.arrangements import Arranged
-from impact_xval.experiments.config.configuration import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.ladder import contributions_of
 from impact_xval.experiments.measures.single import column_divergence
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, LINES
@@ -35,7 +35,7 @@ def some_columns(count=12):
     return [arranged(rng, names[i % 4], int(rng.integers(2, 7))) for i in range(count)]
 
 
-def cells_of(columns, **changed):
+def experiment_cells(columns, **changed):
     """The table of cells of a run: the model's row of every column, and one of an engine that is off by so much."""
     rows = []
     for cell, a in enumerate(columns):
@@ -54,9 +54,9 @@ def cells_of(columns, **changed):
 def test_two_balls_are_the_ladder_of_two_balls():
     rng = np.random.default_rng(2)
     columns = [arranged(rng, "drop", 2) for _ in range(15)]
-    ours = column_ladder_rows(cells_of(columns)).to_pandas()
+    ours = column_ladder_rows(experiment_cells(columns)).to_pandas()
     pairs = []
-    for row in cells_of(columns).to_pylist():
+    for row in experiment_cells(columns).to_pylist():
         c = row | {"stiffness_ratio": row["stiffness_taper"], "mass_ratio": row["mass_taper"]}
         c |= {"e1": row["e"], "e2": row["e"], "gravity_number": 0.0}
         c |= {f"v{i + 1}": v for i, v in enumerate(row["velocities"])}
@@ -79,7 +79,7 @@ def test_two_balls_are_the_ladder_of_two_balls():
 
 def test_contributions_sum_to_the_difference():
     columns = some_columns()
-    cells = cells_of(columns)
+    cells = experiment_cells(columns)
     table = column_ladder_rows(cells).to_pylist()
     velocities = {(row["cell"], row["solver"]): row["velocities"] for row in cells.to_pylist()}
     for row, a in zip(table, columns, strict=True):
@@ -102,7 +102,7 @@ def test_contributions_sum_to_the_difference():
 def test_corners_are_those_of_an_integration_in_time():
     columns = [Arranged(arrangement=a, balls=n, e=e, k=1.0) for a, n, e in
                (("drop", 3, 0.8), ("stack", 4, 0.9), ("cradle", 5, 0.95))]  # fmt: skip
-    cells = cells_of([each.model_copy(update={"v0": -1.0}) for each in columns])
+    cells = experiment_cells([each.model_copy(update={"v0": -1.0}) for each in columns])
     for row, each in zip(column_ladder_rows(cells).to_pylist(), columns, strict=True):
         column = each.column()
         for corner, law, frozen in (
@@ -116,15 +116,17 @@ def test_corners_are_those_of_an_integration_in_time():
 
 def test_what_has_no_ladder_says_why():
     columns = some_columns(4)
-    (row, *_) = column_ladder_rows(cells_of(columns, status="timeout", reason="too many steps")).to_pylist()
+    (row, *_) = column_ladder_rows(
+        experiment_cells(columns, status="timeout", reason="too many steps")
+    ).to_pylist()
     assert (row["status"], row["reason"]) == ("timeout", "mujoco: too many steps")
     assert row["velocity_divergence"] is row["sentence"] is row["dv"] is row["free_asked_v"] is None
-    (row, *_) = column_ladder_rows(cells_of(columns, velocities_limit=None)).to_pylist()
+    (row, *_) = column_ladder_rows(experiment_cells(columns, velocities_limit=None)).to_pylist()
     assert (row["status"], row["reason"]) == ("ok", NO_LIMIT)
     assert row["mapping_dv"] is None
     assert math.isclose(
         row["engine_share"] + row["frozen_positions_share"] + row["dissipation_law_share"], 1, abs_tol=1e-9
     )
-    cells = cells_of(columns)
+    cells = experiment_cells(columns)
     only = cells.filter(pa.compute.equal(cells["solver"], REFERENCE))
     assert len(column_ladder_rows(only)) == 0

@@ -13,8 +13,8 @@ from impact_xval.experiments.measures.ladder_table import LADDER_SCHEMA, NO_LIMI
 from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
-from impact_xval.experiments.config.grid import CellGrid
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.corners import LAWS, Corners, corner_marks, corner_names, corners
 from impact_xval.experiments.measures.ladder import by_order, contributions_of, split, weights_of_two
 from impact_xval.experiments.measures.ladder_summary import BAND, ladder_statistics, summarise_ladder
@@ -46,7 +46,7 @@ def table_of(folder):
     return folder.read_table("ladder.parquet").to_pandas()
 
 
-def cells_of(n, seed):
+def random_cells(n, seed):
     low, high = [-2, -1, 0.3, 0.3], [2, 1, 1, 1]
     cells = np.random.default_rng(seed).uniform(low, high, (n, 4)).T
     return [10 ** cells[0], 10 ** cells[1], cells[2], cells[3]]
@@ -126,7 +126,7 @@ def test_each_cause_is_the_shapley_value_of_the_solvers_at_the_corners(run, engi
     assert len(rows) > 30
     # an engine of another law changes nothing for the others
     pd.testing.assert_frame_equal(table[table.solver != engine], table_of(run)[table.solver != engine])
-    grid = CellGrid(config)
+    grid = experiment_cells(config)
     for row in rows.itertuples():
         c = grid[row.cell].collision
         cube = cube_of(c, config, law)
@@ -171,7 +171,7 @@ def test_elastic_without_return_leaves_the_engine_alone():
 
 def test_closes_for_any_outcomes_in_between():
     n = 400
-    cells = cells_of(n, 3)
+    cells = experiment_cells(n, 3)
     model, rng = velocities(solve_batch(*cells)), np.random.default_rng(4)
     engine = rng.normal(size=(n, 2))
     limit = np.where(rng.uniform(size=(n, 1)) < 0.5, engine + 1e-3, np.nan)

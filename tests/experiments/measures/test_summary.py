@@ -7,7 +7,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.aggregates import between
 from impact_xval.experiments.measures.summary import SUMMARISED, summarise
 from impact_xval.experiments.presentation.figures import write_figures

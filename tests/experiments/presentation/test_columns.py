@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import load_config
+from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.measures.column_summary import summarise_columns
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep

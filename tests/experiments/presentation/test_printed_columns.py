@@ -7,7 +7,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 
 PAGE = (Path(__file__).parents[3] / "docs" / "columns.md").read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.report import write_tables
 from impact_xval.experiments.sweep.run import run_sweep
 

@@ -3,7 +3,7 @@
 import pytest
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL

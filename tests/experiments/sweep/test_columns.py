@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.schema import LINE_MEASURES, LINES
 from tests.experiments import fakes, faulty

@@ -6,8 +6,8 @@ import psutil
 import pytest
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep import dask_cluster
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments.conftest import tables_of

@@ -10,10 +10,10 @@ from scipy.stats import qmc
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.axes import AXES, Sample
-from impact_xval.experiments.config.configuration import load_config, parse_config
+from impact_xval.experiments.config.cells import draw, experiment_cells, read_cells
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import load_config, parse_config
 from impact_xval.experiments.measures.summary import summarise
-from impact_xval.experiments.sweep.designs import cells_of, draw, read_cells
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
 from tests.experiments.conftest import resumed
@@ -69,7 +69,7 @@ def test_a_list_is_read_to_the_last_bit_and_in_its_order(tmp_path, name):
     path = _write(tmp_path / name, values)
     assert read_cells(path).tolist() == values
     (tmp_path / "c.toml").write_text(f"cells = '{name}'\nsolvers = ['mujoco']\nk1 = 2.0\n")
-    cells = cells_of(load_config(tmp_path / "c.toml"))
+    cells = experiment_cells(load_config(tmp_path / "c.toml"))
     assert len(cells) == 3
     assert cells[0].collision.k2 == 2.0 / 3
     assert cells[0].stiffness_ratio == 1 / 3

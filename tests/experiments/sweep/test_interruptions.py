@@ -14,8 +14,8 @@ import psutil
 import pytest
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import load_config
 from impact_xval.experiments.config.errors import InterruptedRunError
+from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.status import status_of
 from tests.experiments import fakes, faulty, runner

@@ -7,8 +7,8 @@ import shlex
 import pytest
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep import run as sweep
 from impact_xval.experiments.sweep.run import run_sweep

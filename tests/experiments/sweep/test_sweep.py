@@ -7,8 +7,8 @@ import multiprocessing
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep, van_der_corput
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, MEASURES
 from tests.experiments import fakes

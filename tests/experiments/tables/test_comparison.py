@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.comparison import compare
 from impact_xval.model.collision import Outcome

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.configuration import parse_config
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.store import RunFolder
 from tests.experiments import fakes

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from impact_xval.experiments.config.configuration import parse_config
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
 from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
 from impact_xval.experiments.sweep.run import run_sweep

@@ -29,7 +29,7 @@ from impact_xval.experiments.config.axes import (
     expand_axis,
     whole,
 )
-from impact_xval.experiments.config.config_errors import (
+from impact_xval.experiments.config.errors import (
     FieldName,
     dotted,
     hint,
