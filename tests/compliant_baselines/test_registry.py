@@ -7,8 +7,6 @@ import sys
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from impact_xval.experiments.measures.ladder_table import engines_of
-
 from impact_xval.compliant_baselines import SolverError, get_solver, registry, solver_names
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.conformance import conform

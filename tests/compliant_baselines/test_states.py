@@ -12,6 +12,7 @@ from impact_xval.compliant_baselines.states import Runs, compared_states, merge_
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.model import Collision
+from impact_xval.model.collision import Paths
 
 SHARE = Settings().shortest_state
 
@@ -103,7 +104,8 @@ def collisions(n, seed, k1=1e8):
 
 
 def compared(outcome, collision, share=SHARE):
-    return compared_states(outcome, share * min(periods(collision)))
+    paths = Paths.of([outcome.path], 2, 2)
+    return tuple(compared_states(paths, np.array([share * min(periods(collision))]))[0].split())
 
 
 def test_exact_solvers_keep_their_states_and_are_compared_without_the_short_ones():

@@ -8,14 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from impact_xval.experiments.measures.divergence import (
-    curve_distance,
-    divergence,
-    edit_distance,
-    part_at,
-)
+from impact_xval.experiments.measures.divergence import divergence, edit_distance, part_at
 from impact_xval.experiments.measures.hausdorff import hausdorff
-from impact_xval.experiments.tables.schema import MEASURES
+from impact_xval.experiments.measures.results import results_of
+from impact_xval.experiments.tables.schema import MEASURES, expanded
 from impact_xval.model import Collision, Outcome, solve
 
 C = Collision.two_balls(m1=2.0, m2=8.0, k1=1.0, k2=1.0, e1=0.9, e2=0.7, v0=-5.0)
@@ -23,11 +19,19 @@ MODEL = Outcome("a", (3.0, 0.5), (16.0, 20.0), ("S1", "S2", "S4"))
 OTHER = Outcome("b", (2.0, 1.0), (14.0, 22.0), ("S1", "S3", "S1", "S4"))
 
 
+def measured(c, model, other):
+    speed = np.array([abs(c.v0)])
+    results = [results_of([each], speed, 2, 2, np.zeros(1)) for each in (model, other)]
+    found = divergence(np.array([c.masses]), np.array([c.velocities]), speed, *results)
+    return {name: values[0] for name, values in found.items()}
+
+
 def test_measures_by_hand():
-    found = divergence(C, MODEL, OTHER, (MODEL.states, OTHER.states))
-    assert set(found) == set(MEASURES)
+    found = measured(C, MODEL, OTHER)
+    assert set(found) == set(expanded(MEASURES, 2, 2))
     assert found["dv1"] == pytest.approx(-1 / 5)
     assert found["dv2"] == pytest.approx(0.5 / 5)
+    assert found["largest_dv"] == pytest.approx(1 / 5)
     # m1 dv1^2 + m2 dv2^2 = 2 + 2 = 4 J per m1 v0^2 = 50 J
     assert found["velocity_divergence"] == pytest.approx(math.sqrt(4 / 50))
     assert found["dimpulse1"] == pytest.approx(-2 / 10)
@@ -37,19 +41,19 @@ def test_measures_by_hand():
     assert found["states_equal"] is False
     assert found["states_part_at"] == 2
     assert found["states_edit_distance"] == 2
-    assert found["curve_distance"] is None
+    assert math.isnan(found["curve_distance"])
 
 
 def test_a_failure_has_no_measures():
     failure = Outcome.failure("x", C, "timeout", "gave up")
     for pair in ((failure, OTHER), (MODEL, failure)):
-        assert divergence(C, *pair, ((), ())) == dict.fromkeys(MEASURES)
+        assert all(value is None or math.isnan(value) for value in measured(C, *pair).values())
 
 
 def test_an_outcome_does_not_diverge_from_itself():
     c = Collision.from_ratios(1 / 40, 2 / math.sqrt(3), 0.9, 0.7)
     outcome = solve(c, path=True)
-    found = divergence(c, outcome, outcome, (outcome.states, list(outcome.states)))
+    found = measured(c, outcome, outcome)
     assert found.pop("states_equal") is True
     assert found.pop("states_part_at") is None
     assert set(found.values()) == {0}
@@ -112,9 +116,9 @@ def test_hausdorff_against_brute_force(seed, monotone, n, m):
 
 
 def test_curve_distance_is_per_impulse():
-    outcome = solve(Collision.from_ratios(3.0, 1.0, 0.9, 0.7), path=True)
-    assert outcome.path is not None
+    c = Collision.two_balls(m1=2.0, m2=2.0, k1=1.0, k2=3.0, e1=0.9, e2=0.7)
+    outcome = solve(c, path=True)
     moved = dataclasses.replace(outcome.path, impulses=outcome.path.impulses + np.array([0.0, 0.5]))
     # A curve shifted as a whole is no farther than the shift, and its end or its start is that far.
-    assert 0.1 < curve_distance(outcome.path, moved, 2.0) <= 0.25 * (1 + 1e-12)
-    assert curve_distance(None, moved, 2.0) is None
+    far = measured(c, outcome, dataclasses.replace(outcome, path=moved))["curve_distance"]
+    assert 0.1 < far <= 0.25 * (1 + 1e-12)

@@ -6,11 +6,16 @@ import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.estimates import convergence_estimates
+from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables.schema import CELLS_SCHEMA, CERTIFICATE
+from impact_xval.experiments.tables.schema import CERTIFICATE as OF_LIMITS
+from impact_xval.experiments.tables.schema import expanded
 from impact_xval.experiments.tables.store import RunFolder
 from tests.experiments.conftest import SMALL
+
+
+CERTIFICATE = expanded(OF_LIMITS, 2, 2)
 
 
 def run(tmp_path, **changes):
@@ -63,7 +68,8 @@ def row(solver, v1, limit=None):
 
 
 def held(path, rows, names, **options):
-    fields = [field for field in CELLS_SCHEMA if field.name in rows[0]]
+    schema = layout_of(parse_config({})).tables["cells"].schema
+    fields = [field for field in schema if field.name in rows[0]]
     pq.write_table(pa.Table.from_pylist(rows, pa.schema(fields)), path / "cells.parquet")
     return convergence_estimates(path / "cells.parquet", names, **options)
 

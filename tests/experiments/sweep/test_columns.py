@@ -8,7 +8,8 @@ import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables.schema import LINE_MEASURES, LINES
+from impact_xval.experiments.measures.layout import layout_of
+from impact_xval.experiments.tables.schema import MEASURES
 from tests.experiments import fakes, faulty
 
 pytestmark = pytest.mark.usefixtures("kernels")
@@ -27,17 +28,21 @@ def _rows(root, name="cells"):
     return pq.read_table(root / f"{name}.parquet").to_pylist()
 
 
+def _velocities(row):
+    return [row[f"v{i}"] for i in range(1, row["balls"] + 1) if row[f"v{i}"] is not None]
+
+
 def test_the_tables_are_long_and_tidy(tmp_path):
     folder = run_sweep(_config(), tmp_path / "a", isolate=False, resolve=fakes.columns)
     table = pq.read_table(tmp_path / "a/cells.parquet")
-    assert table.schema.equals(LINES.cells)
-    assert table.schema.field("velocities").metadata[b"unit"] == b"m/s"
+    assert table.schema.equals(layout_of(_config()).tables["cells"].schema)
+    assert table.schema.field("v3").metadata[b"unit"] == b"m/s"
     rows = table.to_pylist()
     assert [row["cell"] for row in rows] == [i for i in range(8) for _ in range(3)]
     assert [row["solver"] for row in rows[:3]] == ["state-transition", "mujoco", "pybullet"]
-    assert rows[1]["velocities"] == pytest.approx([v + 0.01 for v in rows[0]["velocities"]])
+    assert _velocities(rows[1]) == pytest.approx([v + 0.01 for v in _velocities(rows[0])])
     divergence = pq.read_table(tmp_path / "a/divergence.parquet")
-    assert divergence.schema.equals(LINES.divergence)
+    assert divergence.schema.equals(layout_of(_config()).tables["divergence"].schema)
     # Every ball of N faster by 0.01 per |v0|, of one that strikes: sqrt(N) 0.01.
     assert divergence.column("velocity_divergence").to_pylist()[::2] == pytest.approx(
         [0.01 * math.sqrt(n) for n in (2, 2, 3, 3)] * 2
@@ -59,11 +64,11 @@ def test_what_a_solver_cannot_represent_is_rows_with_the_reason(tmp_path):
         }[row["solver"]]
         assert (row["status"] == "unrepresentable") == refused, row
         if refused:
-            assert row["velocities"] is None
+            assert _velocities(row) == []
             assert row["reason"].startswith(reason)
     for row in _rows(tmp_path / "a", "divergence"):
         if row["status"] != "ok" or row["gap"]:
-            assert not [name for name in LINE_MEASURES if row[name] is not None and name != "limit_distance"]
+            assert not [name for name in MEASURES if row.get(name) is not None]
 
 
 def test_two_balls_that_drop_are_those_of_the_grid(tmp_path):
@@ -85,7 +90,7 @@ def test_two_balls_that_drop_are_those_of_the_grid(tmp_path):
             other = two_balls[key]
             assert row["status"] == other["status"]
             if table == "cells":
-                assert row["velocities"] == pytest.approx([other["v1"], other["v2"]], abs=1e-12)
+                assert _velocities(row) == pytest.approx([other["v1"], other["v2"]], abs=1e-12)
             else:
                 for measure in ("velocity_divergence", "dretained_energy"):
                     assert row[measure] == pytest.approx(other[measure], abs=1e-12)
@@ -107,7 +112,7 @@ def test_contacts_each_much_softer_than_the_last_are_single_impacts_one_after_th
             expected.append(speed * (1 - 0.8 * 0.5) / 1.5)
             speed *= 1.8 / 1.5
         for row in _rows(root):
-            errors.append(np.abs(np.subtract(row["velocities"], [*expected, speed])).max())
+            errors.append(np.abs(np.subtract(_velocities(row), [*expected, speed])).max())
             assert row["retained_momentum"] == pytest.approx(1, abs=1e-12)
     assert max(errors[2:]) < 3e-3
     assert np.divide(errors[:2], errors[2:]) == pytest.approx([100, 10], rel=0.05)

@@ -10,7 +10,8 @@ import pytest
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep, van_der_corput
-from impact_xval.experiments.tables.schema import CELLS_SCHEMA, DIVERGENCE_SCHEMA, MEASURES
+from impact_xval.experiments.measures.layout import layout_of
+from impact_xval.experiments.tables.schema import MEASURES, expanded
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL, resumed, tables_of
 
@@ -21,14 +22,15 @@ def _solved(root, name="mujoco", table="cells"):
 
 def test_the_tables_are_long_and_tidy(fake_run):
     cells = pq.read_table(fake_run.root / "cells.parquet")
-    assert cells.schema.equals(CELLS_SCHEMA)
+    tables = layout_of(fake_run.config()).tables
+    assert cells.schema.equals(tables["cells"].schema)
     assert cells.schema.field("v1").metadata[b"unit"] == b"m/s"
     rows = cells.to_pylist()
     assert [row["cell"] for row in rows] == [i for i in range(12) for _ in range(3)]
     assert [row["solver"] for row in rows[:3]] == ["state-transition", "mujoco", "pybullet"]
     assert rows[1]["v1"] == pytest.approx(rows[0]["v1"] + 0.01)
     divergence = pq.read_table(fake_run.root / "divergence.parquet")
-    assert divergence.schema.equals(DIVERGENCE_SCHEMA)
+    assert divergence.schema.equals(tables["divergence"].schema)
     assert divergence.num_rows == len((fake_run.root / "divergence.csv").read_text().splitlines()) - 1 == 24
     row = divergence.to_pylist()[0]
     assert (row["solver"], row["states_equal"], row["curve_distance"]) == ("mujoco", True, 0)
@@ -40,7 +42,7 @@ def test_an_unavailable_solver_is_rows_with_its_reason(fake_run):
     assert {(row["status"], row["reason"]) for row in rows} == {
         ("unavailable", "no wheel for this Python; use Python 3.11")
     }
-    assert all(row[measure] is None for row in rows for measure in MEASURES)
+    assert all(row[measure] is None for row in rows for measure in expanded(MEASURES, 2, 2))
 
 
 def test_chunks_done_so_far_lie_all_over_the_grid():

@@ -1,0 +1,24 @@
+"""Ladders of rows that a test makes or changes."""
+
+import pandas as pd
+import pyarrow.compute as pc
+
+from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.measures.ladder_rows import ladders
+from impact_xval.experiments.measures.layout import layout_of
+
+
+def ladder_rows(config, cells, block, engines=("mujoco",)):
+    """Ladders of the rows of a table of cells, of which `block` holds those that are there; by cell, then by solver."""
+    model = cells.filter(pc.field("solver") == REFERENCE)
+    frames = []
+    for name in engines:
+        rows = cells.filter(pc.field("solver") == name)
+        found = ladders(config, block, model, rows, layout_of(config))
+        frames.append(rows.to_pandas()[_known(rows)].assign(**found, place=len(frames)))
+    table = pd.concat(frames).sort_values(["cell", "place"], kind="stable").drop(columns="place")
+    return table.reset_index(drop=True)
+
+
+def _known(rows):
+    return [name for name in rows.column_names if name in ("cell", "solver", "stiffness_ratio", "mass_ratio", "e1")]
