@@ -15,13 +15,13 @@ from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.tables.files import is_regular
-from impact_xval.experiments.tables.lock import LOCK, OWNER
+from impact_xval.experiments.tables.lock import LOCK
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, COLLISIONS, Layout
 from impact_xval.experiments.tables.store import FINISHED, MANIFEST, DamagedManifestError, RunFolder
 from impact_xval.experiments.tables.streams import column, replaced_by
 
 #: Folders and files that are written to, and so must be the run's own: what is behind a link is another's.
-_FOLDERS, _FILES = ("parts", "figures"), (LOCK, OWNER, MANIFEST)
+_FOLDERS, _FILES = ("parts", "figures"), (LOCK, MANIFEST)
 
 
 def missing(root: Path) -> list[Path]:
@@ -29,15 +29,13 @@ def missing(root: Path) -> list[Path]:
     return [path for path in (root, *root.parents) if not path.exists()]
 
 
-def open_folder(root: Path, *, resume: bool, layout: Layout = COLLISIONS) -> tuple[RunFolder, bool]:
+def open_folder(root: Path, *, layout: Layout = COLLISIONS) -> tuple[RunFolder, bool]:
     """Check that a run may write to a folder, and create it.
 
     Parameters
     ----------
     root : Path
         The folder.
-    resume : bool
-        Whether a run that is there may be continued.
     layout : Layout
         Of the tables that are to be written.
 
@@ -50,7 +48,7 @@ def open_folder(root: Path, *, resume: bool, layout: Layout = COLLISIONS) -> tup
     Raises
     ------
     UserError
-        If the folder holds something else, holds a run and `resume` is false, or cannot be written to.
+        If the folder holds something else, or cannot be written to.
     """
     folder, new = RunFolder(root, layout), missing(root)
     try:
@@ -63,19 +61,15 @@ def open_folder(root: Path, *, resume: bool, layout: Layout = COLLISIONS) -> tup
     except OSError as error:
         raise UserError(f"--out {root}: cannot be read: {error.strerror}") from None
     # A run that lost its manifest is continued from its parts.
-    continued = MANIFEST in entries or (resume and folder.has_parts())
-    ours = (LOCK, OWNER, *(["parts"] if started else []))
-    foreign = [name for name in entries if replaced_by(name) not in (MANIFEST, OWNER) and name not in ours]
+    continued = MANIFEST in entries or folder.has_parts()
+    ours = (LOCK, *(["parts"] if started else []))
+    foreign = [name for name in entries if replaced_by(name) != MANIFEST and name not in ours]
     if continued:
         try:
             folder.manifest()
         except DamagedManifestError:
-            if not (resume and folder.parts.is_dir()):  # without parts, nothing is lost
+            if not folder.parts.is_dir():  # without parts, nothing is lost
                 raise
-        if not resume:
-            raise UserError(
-                f"--out {root}: already holds a run; add --resume to continue it, or name another folder"
-            )
     elif foreign:
         raise UserError(f"--out {root}: not empty ({foreign[0]}) and not a run; legal: a new or empty folder")
     try:

@@ -27,7 +27,6 @@ from impact_xval.experiments.config.axes import MAX_CELLS
 from impact_xval.experiments.config.errors import UserError, validated
 from impact_xval.experiments.config.experiment import REFERENCE, Config, from_canonical
 from impact_xval.experiments.tables.files import is_regular, open_regular
-from impact_xval.experiments.tables.lock import OWNER
 from impact_xval.experiments.tables.schema import COLLISIONS, LINES, TABLES, Layout
 from impact_xval.experiments.tables.streams import (
     blocks,
@@ -52,9 +51,7 @@ PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
 
 #: Files a run writes, by folder.
 _WRITTEN = {
-    ".": re.compile(
-        "|".join(map(re.escape, (MANIFEST, OWNER, *TABLES))) + r"|summary\.(md|csv|tex)|report\.html"
-    ),
+    ".": re.compile("|".join(map(re.escape, (MANIFEST, *TABLES))) + r"|summary\.(md|csv|tex)|report\.html"),
     "parts": re.compile(rf"{PART.pattern}|{re.escape(CONFIGURATION)}"),
     "figures": re.compile(r"[a-z0-9-]+\.(png|pdf)|captions\.json"),
 }

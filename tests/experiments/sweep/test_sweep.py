@@ -99,8 +99,6 @@ def test_another_configuration_in_the_folder_is_refused_with_what_differs(small,
     other = parse_config(SMALL | {"step_fraction": 1e-2})
     with pytest.raises(UserError, match=r"step_fraction = 0.001 there, 0.01 now"):
         resumed(other, run)
-    with pytest.raises(UserError, match="already holds a run; add --resume"):
-        run_sweep(small, run, isolate=False, resolve=fakes.shifted)
 
 
 def test_a_new_version_makes_parts_stale(small, run, monkeypatch):
