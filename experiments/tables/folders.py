@@ -14,14 +14,10 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.tables.files import is_regular
 from impact_xval.experiments.tables.lock import LOCK
 from impact_xval.experiments.tables.schema import CELLS_SCHEMA, COLLISIONS, Layout
 from impact_xval.experiments.tables.store import FINISHED, MANIFEST, DamagedManifestError, RunFolder
 from impact_xval.experiments.tables.streams import column, replaced_by
-
-#: Folders and files that are written to, and so must be the run's own: what is behind a link is another's.
-_FOLDERS, _FILES = ("parts", "figures"), (LOCK, MANIFEST)
 
 
 def missing(root: Path) -> list[Path]:
@@ -52,7 +48,6 @@ def open_folder(root: Path, *, layout: Layout = COLLISIONS) -> tuple[RunFolder, 
     """
     folder, new = RunFolder(root, layout), missing(root)
     try:
-        _check_own(root)
         entries = sorted(entry.name for entry in root.iterdir()) if not new else []
         # What a run leaves that was killed before its first line of work.
         started = folder.parts.is_dir() and not any(folder.parts.iterdir())
@@ -82,18 +77,6 @@ def open_folder(root: Path, *, layout: Layout = COLLISIONS) -> tuple[RunFolder, 
     return folder, continued
 
 
-def _check_own(root: Path) -> None:
-    """Raise a `UserError` if a name of the run's own is that of something else."""
-    for name in (*_FOLDERS, *_FILES):
-        path = root / name
-        if not (path.exists() or path.is_symlink()):
-            continue
-        if name in _FOLDERS and (path.is_symlink() or not path.is_dir()):
-            raise UserError(f"{path}: not a folder of its own; legal: a folder, no link, or nothing")
-        if name in _FILES and not is_regular(path):
-            raise UserError(f"{path}: not a regular file; legal: a file that a run wrote, or nothing")
-
-
 def discard(folder: RunFolder, new: Iterable[Path]) -> None:
     """Remove what was made for a run that was refused, unless something was kept there.
 
@@ -121,7 +104,6 @@ def finished(root: Path) -> RunFolder:
     if not root.is_dir():
         raise UserError(f"{root}: no such folder; legal: the folder of a run")
     folder = RunFolder(root)
-    _check_own(root)
     if folder.manifest()["state"] not in FINISHED:
         raise UserError(
             f"{root}: the run is not finished; continue it with impact-xval run --resume --out {shlex.quote(str(root))}"
