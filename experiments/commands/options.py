@@ -220,13 +220,7 @@ Scheduler = Annotated[
         help="Compute on a Dask cluster: the address of its scheduler.",
     ),
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Continue what was begun in the folder.")]
-TakeOver = Annotated[
-    bool,
-    typer.Option(
-        "--take-over", help="Write to the folder though the clock does not tell if its last run lives."
-    ),
-]
+Resume = Annotated[bool, typer.Option("--resume", help="Changes nothing: a run is continued anyway.")]
 JsonObject = Annotated[bool, typer.Option("--json", help="Print a JSON object.")]
 
 # Of one collision; type and default are the command's.

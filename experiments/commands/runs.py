@@ -18,7 +18,6 @@ from impact_xval.experiments.commands.options import (
     JsonObject,
     Resume,
     Scheduler,
-    TakeOver,
     Workers,
     config_file,
     folder_to_write,
@@ -43,19 +42,18 @@ def run(
         bool, typer.Option("--quick", help="A first taste: 40 cells of the built-in grid, in seconds.")
     ] = False,
     resume: Resume = False,
-    take_over: TakeOver = False,
     scheduler: Scheduler = None,
 ) -> None:
     """Run an experiment over its cells: tables, summary, figures and a report in one folder.
 
-    With --resume --out DIR and no file, the experiment is the one that was begun in the folder.
+    A folder that holds a run is continued; without a file, by the experiment that was begun there.
     """
     start = time.perf_counter()
     if quick and config is not None:
         raise UserError(f"--quick with {config}: it is for the built-in grid; legal: one of both")
-    kept = _kept(out) if resume and config is None and out is not None else None
+    kept = _kept(out) if config is None and out is not None and out.is_dir() else None
     if quick and kept is not None and kept.identity() != _quick().identity():
-        raise UserError(f"--quick with --resume --out {out}: holds another run; legal: --resume --out {out}")
+        raise UserError(f"--quick with --out {out}: holds another run; legal: --out {out}")
     experiment = kept or (_quick() if quick else _experiment(config, "built-in experiment"))
     # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
@@ -81,8 +79,6 @@ def run(
             root,
             workers=workers,
             scheduler=scheduler,
-            resume=resume,
-            take_over=take_over,
             progress=progress,
             on_rows=medians.add,
             present=presented,

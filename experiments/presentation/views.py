@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shlex
 from dataclasses import asdict
-from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -45,14 +44,12 @@ def show_end(console: Console, summary: Summary | ColumnSummary, seconds: float,
 def show_status(console: Console, root: str, status: RunStatus) -> None:
     """Print how far a run is."""
     names = sorted({name for counts in status.statuses.values() for name in counts})
-    left = status.seconds_left
     page = render(
         "status.md.j2",
         root=root,
         command=shlex.join(["impact-xval", "run", "--resume", "--out", root]),
         s=status,
         share=status.cells_done / status.cells if status.cells else 1.0,
-        left=None if left is None else str(timedelta(seconds=round(left))),
         names=names,
         statuses=[
             (solver, *(counts.get(name, 0) for name in names)) for solver, counts in status.statuses.items()

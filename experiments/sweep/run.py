@@ -59,8 +59,6 @@ def run_sweep(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    resume: bool = False,
-    take_over: bool = False,
     isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
     on_rows: OnRows | None = None,
@@ -74,15 +72,12 @@ def run_sweep(
     config : Config
         The experiment.
     root : Path
-        The folder; new, empty, or with `resume` the folder of the same experiment.
+        The folder; new, empty, or that of the same experiment, which is continued
+        from the parts that are there.
     workers : int, optional
         Processes on this machine, on which no result depends; by default the configuration's, else one a core.
     scheduler : str, optional
         Address of a Dask scheduler; by default no Dask.
-    resume : bool
-        Continue from the parts that are there; where the manifest is damaged, it is written again.
-    take_over : bool
-        Write to the folder though another run may, where the clock does not tell if that one lives.
     isolate : bool
         False runs the solvers in this process: one that crashes ends the run.
     progress : callable
@@ -109,7 +104,7 @@ def run_sweep(
         resolve = contained(resolve, config.cell_timeout)
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
     layout = experiment.layout
-    with kept(root, resume, progress, layout=layout, take_over=take_over) as (folder, continued):
+    with kept(root, layout) as (folder, continued):
         workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
         run, most = (
             _Run(experiment, cells, folder, continued, progress, on_rows),
@@ -125,19 +120,12 @@ def run_sweep(
 
 
 @contextlib.contextmanager
-def kept(
-    root: Path,
-    resume: bool,
-    progress: Progress,
-    *,
-    layout: Layout,
-    take_over: bool = False,
-) -> Iterator[tuple[RunFolder, bool]]:
+def kept(root: Path, layout: Layout) -> Iterator[tuple[RunFolder, bool]]:
     """Keep a folder to this process, and turn what can end a run from outside into one line.
 
     Parameters
     ----------
-    root, resume, progress, take_over
+    root : Path
         As for `run_sweep`.
     layout : Layout
         Of the tables that are to be written.
@@ -154,12 +142,11 @@ def kept(
         If the folder cannot be used; then, and after one in the block, what was made for nothing is removed.
     InterruptedRunError
     """
-    check_free(root, take_over=take_over)
+    check_free(root)
     new = missing(root)
-    folder, continued = open_folder(root, resume=resume, layout=layout)
+    folder, continued = open_folder(root, layout=layout)
     try:
-        with holding(root, take_over=take_over) as line:
-            progress(0, 0, line)
+        with holding(root):
             folder.remove_leftovers()
             yield folder, continued
     except UserError:
@@ -336,7 +323,7 @@ def _same_experiment(folder: RunFolder, config: Config) -> None:
         if differing
         else "other axes"
     )
-    raise UserError(f"--resume {folder.root}: holds a run of another configuration: {detail}")
+    raise UserError(f"--out {folder.root}: holds a run of another configuration: {detail}")
 
 
 def _identities(config: Config, cells: Cells, versions: dict[str, str]) -> list[str]:

@@ -14,14 +14,10 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.tables.files import is_regular
-from impact_xval.experiments.tables.lock import LOCK, OWNER
+from impact_xval.experiments.tables.lock import LOCK
 from impact_xval.experiments.tables.schema import Layout
 from impact_xval.experiments.tables.store import FINISHED, MANIFEST, DamagedManifestError, RunFolder
 from impact_xval.experiments.tables.streams import column, replaced_by
-
-#: Folders and files that are written to, and so must be the run's own: what is behind a link is another's.
-_FOLDERS, _FILES = ("parts", "figures"), (LOCK, OWNER, MANIFEST)
 
 
 def missing(root: Path) -> list[Path]:
@@ -29,15 +25,13 @@ def missing(root: Path) -> list[Path]:
     return [path for path in (root, *root.parents) if not path.exists()]
 
 
-def open_folder(root: Path, *, resume: bool, layout: Layout) -> tuple[RunFolder, bool]:
+def open_folder(root: Path, *, layout: Layout) -> tuple[RunFolder, bool]:
     """Check that a run may write to a folder, and create it.
 
     Parameters
     ----------
     root : Path
         The folder.
-    resume : bool
-        Whether a run that is there may be continued.
     layout : Layout
         Of the tables that are to be written.
 
@@ -50,11 +44,10 @@ def open_folder(root: Path, *, resume: bool, layout: Layout) -> tuple[RunFolder,
     Raises
     ------
     UserError
-        If the folder holds something else, holds a run and `resume` is false, or cannot be written to.
+        If the folder holds something else, or cannot be written to.
     """
     folder, new = RunFolder(root, layout), missing(root)
     try:
-        _check_own(root)
         entries = sorted(entry.name for entry in root.iterdir()) if not new else []
         # What a run leaves that was killed before its first line of work.
         started = folder.parts.is_dir() and not any(folder.parts.iterdir())
@@ -63,19 +56,15 @@ def open_folder(root: Path, *, resume: bool, layout: Layout) -> tuple[RunFolder,
     except OSError as error:
         raise UserError(f"--out {root}: cannot be read: {error.strerror}") from None
     # A run that lost its manifest is continued from its parts.
-    continued = MANIFEST in entries or (resume and folder.has_parts())
-    ours = (LOCK, OWNER, *(["parts"] if started else []))
-    foreign = [name for name in entries if replaced_by(name) not in (MANIFEST, OWNER) and name not in ours]
+    continued = MANIFEST in entries or folder.has_parts()
+    ours = (LOCK, *(["parts"] if started else []))
+    foreign = [name for name in entries if replaced_by(name) != MANIFEST and name not in ours]
     if continued:
         try:
             folder.manifest()
         except DamagedManifestError:
-            if not (resume and folder.parts.is_dir()):  # without parts, nothing is lost
+            if not folder.parts.is_dir():  # without parts, nothing is lost
                 raise
-        if not resume:
-            raise UserError(
-                f"--out {root}: already holds a run; add --resume to continue it, or name another folder"
-            )
     elif foreign:
         raise UserError(f"--out {root}: not empty ({foreign[0]}) and not a run; legal: a new or empty folder")
     try:
@@ -86,18 +75,6 @@ def open_folder(root: Path, *, resume: bool, layout: Layout) -> tuple[RunFolder,
         discard(folder, new)
         raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
     return folder, continued
-
-
-def _check_own(root: Path) -> None:
-    """Raise a `UserError` if a name of the run's own is that of something else."""
-    for name in (*_FOLDERS, *_FILES):
-        path = root / name
-        if not (path.exists() or path.is_symlink()):
-            continue
-        if name in _FOLDERS and (path.is_symlink() or not path.is_dir()):
-            raise UserError(f"{path}: not a folder of its own; legal: a folder, no link, or nothing")
-        if name in _FILES and not is_regular(path):
-            raise UserError(f"{path}: not a regular file; legal: a file that a run wrote, or nothing")
 
 
 def discard(folder: RunFolder, new: Iterable[Path]) -> None:
@@ -127,7 +104,6 @@ def finished(root: Path) -> RunFolder:
     if not root.is_dir():
         raise UserError(f"{root}: no such folder; legal: the folder of a run")
     folder = RunFolder(root)
-    _check_own(root)
     if folder.manifest()["state"] not in FINISHED:
         raise UserError(
             f"{root}: the run is not finished; continue it with impact-xval run --resume --out {shlex.quote(str(root))}"

@@ -26,8 +26,6 @@ from pydantic import BaseModel, Field
 from impact_xval.experiments.config.axes import MAX_CELLS
 from impact_xval.experiments.config.errors import UserError, validated
 from impact_xval.experiments.config.experiment import Config, from_canonical
-from impact_xval.experiments.tables.files import is_regular, open_regular
-from impact_xval.experiments.tables.lock import OWNER
 from impact_xval.experiments.tables.schema import TABLES, Layout
 from impact_xval.experiments.tables.streams import (
     blocks,
@@ -52,9 +50,7 @@ PART = re.compile(r"(\d{6,})-([0-9a-f]{32})-([0-9a-f]{64})\.parquet")
 
 #: Files a run writes, by folder.
 _WRITTEN = {
-    ".": re.compile(
-        "|".join(map(re.escape, (MANIFEST, OWNER, *TABLES))) + r"|summary\.(md|csv|tex)|report\.html"
-    ),
+    ".": re.compile("|".join(map(re.escape, (MANIFEST, *TABLES))) + r"|summary\.(md|csv|tex)|report\.html"),
     "parts": re.compile(rf"{PART.pattern}|{re.escape(CONFIGURATION)}"),
     "figures": re.compile(r"[a-z0-9-]+\.(png|pdf)|captions\.json"),
 }
@@ -156,7 +152,7 @@ class RunFolder:
         parts: dict[int, Path] = {}
         findings: list[str] = []
         for path, number, identity, digest in self._named_parts():
-            if not is_regular(path):
+            if not path.is_file():
                 raise UserError(f"{path}: not a regular file; legal: a part that a run wrote, or nothing")
             if number in parts:
                 problem = "is there twice"
@@ -191,7 +187,7 @@ class RunFolder:
         """Remove the temporary files of runs that were killed, where a run writes, and nothing else."""
         for folder, written in _WRITTEN.items():
             for path in sorted((self.root / folder).glob(".tmp-*")):
-                if written.fullmatch(replaced_by(path.name)) and is_regular(path):
+                if written.fullmatch(replaced_by(path.name)) and path.is_file():
                     path.unlink()
 
     def assemble(self, parts: dict[int, Path]) -> None:
@@ -234,7 +230,7 @@ class RunFolder:
         path = self.root / MANIFEST
         kept = "; --resume writes it again" if self.has_parts() else ""
         try:
-            with open_regular(path) as file:
+            with path.open("rb") as file:
                 value = json.loads(file.read().decode("utf-8"))
         except FileNotFoundError:
             raise DamagedManifestError(
@@ -290,7 +286,7 @@ class RunFolder:
         except DamagedManifestError as damage:
             path = self.parts / CONFIGURATION
             try:
-                with open_regular(path) as file:
+                with path.open("rb") as file:
                     return from_canonical(json.loads(file.read().decode("utf-8")), str(path))
             except (OSError, ValueError, RecursionError, UserError, AttributeError, TypeError):
                 raise damage from None
@@ -403,5 +399,5 @@ def _problem(path: Path, digest: str, layout: Layout, rows: pa.Table | None = No
 
 
 def _digest(path: Path) -> str:
-    with open_regular(path) as file:
+    with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -26,7 +26,6 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.tables.files import is_regular
 
 #: Rows of one row group of the tables, and of one block that is read.
 GROUP = 65_536
@@ -121,7 +120,7 @@ def blocks(
     pyarrow.Table
         About `GROUP` rows.
     """
-    if not is_regular(path):
+    if not path.is_file():
         raise UserError(f"{path}: no regular file; legal: a table that a run wrote")
     with pq.ParquetFile(path) as file:
         batches = file.iter_batches(GROUP, columns=list(columns) if columns is not None else None)

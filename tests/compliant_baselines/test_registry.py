@@ -4,9 +4,9 @@ import re
 import subprocess
 import sys
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from impact_xval.compliant_baselines import SolverError, get_solver, registry, solver_names
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.compliant_baselines.conformance import conform
@@ -15,6 +15,7 @@ from impact_xval.compliant_baselines.registry import origins
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.measures.laws import voters
+from impact_xval.experiments.measures.layout import laddered
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.summary_page import summary_facts
 from impact_xval.experiments.tables.store import RunFolder
@@ -150,8 +151,7 @@ def test_a_plug_in_states_its_kind_and_law(site):
     for name in ("gone", "of a table from elsewhere"):
         assert (registry.kind_of(name), registry.law_of(name)) == ("compliant", "kelvin-voigt")
     assert voters(["toy", "gone", "kelvin-voigt"]) == ["toy", "kelvin-voigt"]
-    cells = pa.table({"solver": ["toy", "gone", "kelvin-voigt"]})
-    assert engines_of(cells)["solver"].to_pylist() == ["gone"]  # the others have no ladder
+    assert laddered(["toy", "gone", "kelvin-voigt"]) == ["gone"]  # the others have no ladder
 
 
 def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, capsys):

@@ -31,9 +31,7 @@ def resumed(config, root, **how):
     """Continue a run in this process, with `fakes.shifted` unless told otherwise; what it said, line by line."""
     said = []
     how = {"resolve": fakes.shifted} | how
-    run_sweep(
-        config, root, resume=True, isolate=False, progress=lambda done, total, line: said.append(line), **how
-    )
+    run_sweep(config, root, isolate=False, progress=lambda done, total, line: said.append(line), **how)
     return said
 
 

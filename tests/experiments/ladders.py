@@ -21,4 +21,8 @@ def ladder_rows(config, cells, block, engines=("mujoco",)):
 
 
 def _known(rows):
-    return [name for name in rows.column_names if name in ("cell", "solver", "stiffness_ratio", "mass_ratio", "e1")]
+    return [
+        name
+        for name in rows.column_names
+        if name in ("cell", "solver", "stiffness_ratio", "mass_ratio", "e1")
+    ]

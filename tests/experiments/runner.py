@@ -9,5 +9,4 @@ from tests.experiments import faulty
 
 def run(config, root):
     os.setsid()
-    resume = (root / "manifest.json").exists()
-    run_sweep(load_config(config), root, workers=2, resume=resume, resolve=faulty.slow)
+    run_sweep(load_config(config), root, workers=2, resolve=faulty.slow)

@@ -64,4 +64,4 @@ def test_a_quick_run_takes_neither_a_file_nor_the_folder_of_another(tmp_path, ca
     (tmp_path / "a/parts").mkdir(parents=True)
     (tmp_path / "a/parts/configuration.json").write_text(json.dumps(parse_config({}).canonical()))
     assert main(["run", "--quick", "--resume", "--out", str(tmp_path / "a")]) == 2
-    assert f"--quick with --resume --out {tmp_path / 'a'}: holds another run" in capsys.readouterr().err
+    assert f"--quick with --out {tmp_path / 'a'}: holds another run" in capsys.readouterr().err

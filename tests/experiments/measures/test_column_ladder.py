@@ -12,9 +12,9 @@ from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures.ladder import contributions_of
 from impact_xval.experiments.measures.ladder_rows import NO_LIMIT
-from tests.experiments.ladders import ladder_rows
 from tests.compliant_baselines.column_in_time import integrate
 from tests.compliant_baselines.reference_cells import coefficients_of
+from tests.experiments.ladders import ladder_rows
 from tests.model.columns import solved
 
 NAMES = [c.name for c in contributions_of(gravity=False)]

@@ -14,7 +14,6 @@ from impact_xval.experiments.tables.schema import expanded
 from impact_xval.experiments.tables.store import RunFolder
 from tests.experiments.conftest import SMALL
 
-
 CERTIFICATE = expanded(OF_LIMITS, 2, 2)
 
 

@@ -4,23 +4,23 @@ import itertools
 import math
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.measures import corners as of_corners
 from impact_xval.experiments.measures.corners import LAWS, Corners, corner_names
 from impact_xval.experiments.measures.ladder import by_order, contributions_of, split
 from impact_xval.experiments.measures.ladder_rows import NO_LIMIT, Part, sentence
-from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.measures.ladder_summary import BAND, ladder_statistics, summarise_ladder
+from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model import solve_batch
-from impact_xval.experiments.measures import corners as of_corners
 from impact_xval.model.collision import Collisions
 from tests.experiments import fakes
 from tests.experiments.ladders import ladder_rows
@@ -220,7 +220,12 @@ def test_a_cell_in_which_the_order_matters():
     for index in np.ndindex(2, 2, 2):
         cube[index][0, 0] = v1(*index)
     engine = cube[1, 1, 1] + np.array([0.5, 0.0])
-    ladder = split(weights_of_two(np.ones(1)), Corners(cube, np.array([""]), np.array([""])), np.full((1, 2), np.nan), engine)
+    ladder = split(
+        weights_of_two(np.ones(1)),
+        Corners(cube, np.array([""]), np.array([""])),
+        np.full((1, 2), np.nan),
+        engine,
+    )
     # 2 positions law is shared by positions and law, 2 positions gravity by positions and gravity
     np.testing.assert_allclose(ladder.vectors[:3, 0, 0], [1 + 1 + 1, 1 + 1, 1], atol=1e-15)
     assert ladder.vectors[-1, 0, 0] == 0.5

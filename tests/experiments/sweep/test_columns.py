@@ -7,8 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.measures.layout import layout_of
+from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.schema import MEASURES
 from tests.experiments import fakes, faulty
 

@@ -63,7 +63,7 @@ def test_an_interrupted_run_leaves_no_process_and_goes_on_to_the_same_bytes(tmp_
     with pytest.raises(InterruptedRunError):
         run_sweep(CONFIG, tmp_path / "a", scheduler=address, progress=interrupt)
     wait_until(lambda: not _sandboxes(cluster))
-    run_sweep(CONFIG, tmp_path / "a", scheduler=address, resume=True)
+    run_sweep(CONFIG, tmp_path / "a", scheduler=address)
     assert tables_of(tmp_path / "a") == undisturbed
 
 

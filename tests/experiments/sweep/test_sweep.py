@@ -9,8 +9,8 @@ import pytest
 
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.sweep.run import run_sweep, van_der_corput
 from impact_xval.experiments.measures.layout import layout_of
+from impact_xval.experiments.sweep.run import run_sweep, van_der_corput
 from impact_xval.experiments.tables.schema import MEASURES, expanded
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL, resumed, tables_of
@@ -101,8 +101,6 @@ def test_another_configuration_in_the_folder_is_refused_with_what_differs(small,
     other = parse_config(SMALL | {"step_fraction": 1e-2})
     with pytest.raises(UserError, match=r"step_fraction = 0.001 there, 0.01 now"):
         resumed(other, run)
-    with pytest.raises(UserError, match="already holds a run; add --resume"):
-        run_sweep(small, run, isolate=False, resolve=fakes.shifted)
 
 
 def test_a_new_version_makes_parts_stale(small, run, monkeypatch):
