@@ -156,7 +156,9 @@ def solve(
         looser = replace(whole, tolerance=LOOSER * TOLERANCE).follow(states=False)
         moved = np.abs(looser.velocities - went.velocities).max(axis=1)
         diagnostics["velocity_error"] = np.where(none | looser.given_up, np.nan, moved)
-    drawn = problem(collisions[~none], g[~none]).paths().spread(~none) if paths else None
+    drawn = None
+    if paths:
+        drawn = problem(collisions[~none], g[~none]).paths(found["pieces"][~none]).spread(~none)
     return Outcomes(
         solver=law,
         velocities=velocities,

@@ -225,7 +225,9 @@ def _by_chain(collisions: Collisions, law: int, max_pieces: int, states: bool, p
         states=went.states,
         grazing_margin=np.where(none, np.nan, went.numbers["margin"]),
         diagnostics={"energy_residual": np.where(none, np.nan, 1 - went.numbers["loss"])},
-        paths=problem(collisions[~none]).paths().spread(~none) if paths else None,
+        paths=problem(collisions[~none]).paths(went.numbers["pieces"][~none]).spread(~none)
+        if paths
+        else None,
     )
 
 

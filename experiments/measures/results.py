@@ -172,5 +172,6 @@ def _padded(rows: Any, wide: int) -> Floats:
 def masses_and_starts(collisions: Sequence[Collision], balls: int) -> tuple[Floats, Floats]:
     """Masses in kg and velocities at first touch in m/s, shape (n, N), NaN where a cell has fewer balls."""
     if isinstance(collisions, Collisions):
-        return collisions.masses, collisions.velocities
-    return tuple(_padded([getattr(c, name) for c in collisions], balls) for name in ("masses", "velocities"))  # pyright: ignore[reportReturnType]
+        return _padded(collisions.masses, balls), _padded(collisions.velocities, balls)
+    masses, velocities = ([getattr(c, name) for c in collisions] for name in ("masses", "velocities"))
+    return _padded(masses, balls), _padded(velocities, balls)

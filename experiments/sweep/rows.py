@@ -108,9 +108,9 @@ def solve_by(experiment: Experiment, name: str, block: Block, lost: Lost) -> pa.
     Table
         A row for each cell, with the columns of a part.
     """
-    model = experiment.models(block, lost)
-    found = model if name == REFERENCE else experiment.results(name, block, lost)
     try:
+        model = experiment.models(block, lost)
+        found = model if name == REFERENCE else experiment.results(name, block, lost)
         return to_table(_columns(experiment, name, block, model, found), len(block), experiment.layout.rows)
     except Exception as error:  # an outcome of which no measure can be made costs its own row
         cell = name, int(block.index[0])

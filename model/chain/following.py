@@ -109,9 +109,8 @@ class Problem:
             logged = States(offsets, sets, starts * np.repeat(time, np.diff(offsets)))
         return Went(velocities * speed[:, None], found, logged)
 
-    def paths(self) -> Paths:
-        """Paths of all of them; of one that was left out there is none."""
-        pieces = np.nan_to_num(self.follow(states=False).numbers["pieces"])
+    def paths(self, pieces: Floats) -> Paths:
+        """Paths of all of them, given of how many pieces of segments each is (`follow`)."""
         c, cells = self.collisions, self._scaled()
         (n, balls), contacts = c.masses.shape, c.stiffnesses.shape[1]
         width = 1 + 2 * balls + contacts

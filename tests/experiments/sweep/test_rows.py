@@ -1,0 +1,99 @@
+"""Rows of a chunk: whole or in parts, as arrays or one by one, and what fails in one cell costs that cell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.measures.results import results_of
+from impact_xval.experiments.sweep import solving
+from impact_xval.experiments.sweep.rows import Experiment, completed, solve_all, solve_by
+from impact_xval.experiments.sweep.sandbox import FaultError
+from impact_xval.model.collision import Path
+from tests.experiments import fakes
+
+EXACT = ["state-transition", "bistiffness", "kelvin-voigt"]
+
+
+def config_of(**changes):
+    return parse_config({"solvers": EXACT, "sample": {"n": 40, "seed": 5}, "scenario": "impact"} | changes)
+
+
+@pytest.mark.parametrize("column", [False, True])
+def test_order_and_company_change_no_bit(column):
+    axes = {"balls": [2, 3], "e": [0.7, 0.9]}
+    config = parse_config({"solvers": EXACT, "column": axes}) if column else config_of()
+    experiment, cells = Experiment(config), experiment_cells(config)
+    whole = solve_all(experiment, cells.block(range(len(cells))))
+    for name in EXACT:
+        rows = whole.filter([each == name for each in whole["solver"].to_pylist()])
+        for start, stop in ((0, 1), (5, 12)):
+            assert solve_by(experiment, name, cells.block(range(start, stop)), {}).equals(rows[start:stop])
+
+
+def test_arrays_say_what_outcomes_say_one_by_one():
+    block = experiment_cells(config_of()).block(range(40))
+    speed, shortest = np.ones(40), np.full(40, 1e-6)
+    for name in EXACT:
+        outcomes = get_solver(name).solve_many(block.collisions, Settings(record_path=True))
+        arrays, single = (results_of(each, speed, 2, 2, shortest) for each in (outcomes, list(outcomes)))
+        for field in ("velocities", "impulses", "status", "reason", "mark", "n_states", "n_events", "margin"):
+            np.testing.assert_array_equal(
+                getattr(arrays, field), getattr(single, field), err_msg=f"{name} {field}"
+            )
+        assert (arrays.states, arrays.compared) == (single.states, single.compared)
+        np.testing.assert_array_equal(arrays.paths.impulses, single.paths.impulses)
+
+
+class _Nonsense(fakes.Shifted):
+    """Its paths are of nonsensical lengths where e1 is above 0.9."""
+
+    def moved(self, collision, settings):
+        outcome = super().moved(collision, settings)
+        if collision.e1 > 0.9:
+            two = np.ones((2, 2))
+            return replace(outcome, path=Path(np.ones(3), two, two, two, two > 0))
+        return outcome
+
+
+def test_an_outcome_of_which_no_measure_can_be_made_costs_its_own_row():
+    config = config_of(solvers=["mujoco"], sample={"n": 16, "seed": 1, "e1": {"linear": [0.5, 1.0]}})
+    experiment = Experiment(config, _Nonsense.resolve)
+    block = experiment_cells(config).block(range(16))
+    rows = solve_by(experiment, "mujoco", block, {}).to_pylist()
+    for row in rows:
+        assert (row["status"] == "crashed") == (row["e1"] > 0.9), row
+        assert row["status"] != "crashed" or row["reason"].startswith("measuring its outcome: ")
+    assert {row["status"] for row in rows} == {"ok", "limit", "crashed"}
+
+
+class _Spoiled:
+    """A sandbox in which the ladders of some cells crash or hang."""
+
+    def __init__(self, context, spoiled):
+        self.context, self._spoiled = context, spoiled
+
+    def call(self, function, block, rows, timeout):
+        if self._spoiled & set(block.index.tolist()):
+            raise FaultError("crashed", "its process died: SIGSEGV")
+        return function(self.context, block, rows)
+
+
+def test_a_ladder_that_fails_costs_its_own_cell():
+    config = config_of(solvers=["mujoco"], sample={"n": 8, "seed": 2})
+    experiment = Experiment(config, fakes.Shifted.resolve)
+    block = experiment_cells(config).block(range(8))
+    rows = solve_all(experiment, block).take(np.arange(16).reshape(2, 8).T.ravel())
+    whole = completed(experiment, block, rows)
+    chunk = solving._Chunk(_Spoiled(experiment, {3, 7}), block, config)
+    found = [row for piece in chunk.completed(rows) for row in piece.to_pylist()]
+    for row, other in zip(found, whole.to_pylist(), strict=True):
+        if row["solver"] == "mujoco" and row["cell"] in (3, 7):
+            assert (row["ladder_status"], row["ladder_dv1"]) == ("crashed", None)
+            assert row["ladder_reason"] == "ladder: its process died: SIGSEGV"
+        else:
+            assert row == other
