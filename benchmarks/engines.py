@@ -44,7 +44,7 @@ def cells(chunks: int) -> list[Collision]:
     """Take chunks of the default grid as a run hands them to a worker, evenly spread over it."""
     grid = experiment_cells(parse_config({}))
     numbers = np.linspace(0, grid.chunks() - 1, chunks + 2).round().astype(int)[1:-1]
-    return [grid[index].collision for number in numbers for index in grid.chunk(int(number))]
+    return [grid[index] for number in numbers for index in grid.chunk(int(number))]
 
 
 def best(run: Callable[[], float], repetitions: int) -> float:

@@ -34,7 +34,7 @@ def sample(cells: int, seed: int) -> list[Collision]:
     """Draw cells of the default grid, without replacement and in the order of the grid."""
     grid = experiment_cells(parse_config({}))
     drawn = np.random.default_rng(seed).choice(len(grid), min(cells, len(grid)), replace=False)
-    return [grid[int(index)].collision for index in np.sort(drawn)]
+    return [grid[int(index)] for index in np.sort(drawn)]
 
 
 def velocities(collisions: Sequence[Collision], outcomes: Sequence[Outcome]) -> np.ndarray:

@@ -308,7 +308,7 @@ def export_scene(
         cells = cells_of_run(run, config)
         index = whole("--cell", cell, 0, len(cells) - 1)
         names = _exportable(solver, config.solvers)
-        collision, table = cells[index].collision, _tabulated(run, index)
+        collision, table = cells[index], _tabulated(run, index)
         where = f"{folder.resolve().name}-cell-{index}"
     else:
         missing = [f"--{key.replace('_', '-')}" for key in RATIOS if key not in given]

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -65,29 +64,6 @@ class Block:
         return Block(self.index[place], parameters, self.collisions[place])
 
 
-@dataclass(frozen=True, slots=True)
-class GridCell:
-    """A numbered cell of two balls: its ratios as written on the axes, and the collision in kg, N/m and m/s."""
-
-    index: int
-    stiffness_ratio: float
-    mass_ratio: float
-    collision: Collision
-
-
-@dataclass(frozen=True)
-class ColumnCell:
-    """A numbered column: the values of its axes."""
-
-    index: int
-    arranged: Arranged
-
-    @cached_property
-    def column(self) -> Collision:
-        """The column in kg, N/m^p and m/s."""
-        return self.arranged.column()
-
-
 class Cells:
     """The cells of an experiment, in order, and their chunks.
 
@@ -112,22 +88,10 @@ class Cells:
         parameters, collisions = build(self._config, self._values(indices))
         return Block(np.arange(indices.start, indices.stop), parameters, collisions)
 
-    def cells(self, indices: range) -> list[Any]:
-        """Make some cells, each a `GridCell` or a `ColumnCell`."""
-        if self._config.column is not None:
-            arranged = _arranged(self._config, self._values(indices))
-            return [ColumnCell(index, one) for index, one in zip(indices, arranged, strict=True)]
-        block = self.block(indices)
-        ratios = (block.parameters[name].tolist() for name in ("stiffness_ratio", "mass_ratio"))
-        return [GridCell(*cell) for cell in zip(indices, *ratios, block.collisions, strict=True)]
-
-    def __getitem__(self, index: int) -> Any:
+    def __getitem__(self, index: int) -> Collision:
         if not 0 <= index < len(self):
             raise IndexError(f"cell {index} of {len(self)}")
-        return self.cells(range(index, index + 1))[0]
-
-    def __iter__(self) -> Iterator[Any]:
-        return (self[index] for index in range(len(self)))
+        return self.block(range(index, index + 1)).collisions[0]
 
     def digest(self, indices: range) -> str:
         """SHA-256 of the parameters of some cells, to the last bit."""
@@ -238,23 +202,17 @@ def _two_balls(config: Config, ratios: dict[str, NDArray[Any]]) -> tuple[dict[st
 def _columns(
     config: Config, axes: dict[str, NDArray[Any]]
 ) -> tuple[dict[str, NDArray[Any]], Sequence[Collision]]:
-    columns = [arranged.column() for arranged in _arranged(config, axes)]
+    columns, scales = [], {"m": config.m1, "k": config.k1, "v0": config.v0}
+    for arrangement, *row in zip(*(values.tolist() for values in axes.values()), strict=True):
+        numbers = dict(zip(COLUMN_LEGAL, row, strict=True))
+        strike = None if math.isnan(numbers["strike"]) else int(numbers["strike"])
+        counts = {"arrangement": arrangement, "balls": int(numbers["balls"]), "strike": strike}
+        columns.append(Arranged.model_validate(numbers | counts | scales).column())
     kinds = {(len(each.masses), each.table, each.exponent) for each in columns}
     ones = np.ones(len(columns))
     scales = {"m1": config.m1 * ones, "k1": config.k1 * ones, "v0": config.v0 * ones}
     parameters = axes | {"balls": axes["balls"].astype(int)} | scales
     return parameters, Collisions.of(columns) if len(kinds) == 1 else columns
-
-
-def _arranged(config: Config, axes: dict[str, NDArray[Any]]) -> list[Arranged]:
-    scales = {"m": config.m1, "k": config.k1, "v0": config.v0}
-    found = []
-    for arrangement, *row in zip(*(values.tolist() for values in axes.values()), strict=True):
-        numbers = dict(zip(COLUMN_LEGAL, row, strict=True))
-        strike = None if math.isnan(numbers["strike"]) else int(numbers["strike"])
-        counts = {"arrangement": arrangement, "balls": int(numbers["balls"]), "strike": strike}
-        found.append(Arranged.model_validate(numbers | counts | scales))
-    return found
 
 
 def draw(sample: Sample) -> NDArray[np.float64]:

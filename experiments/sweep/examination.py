@@ -58,7 +58,7 @@ def experiment_findings(
     seen: dict[str, Finding] = {}
     counts: Counter[str] = Counter()
     for index in indices:
-        scene = solver.scene_or_refusal(grid[index].collision, settings)
+        scene = solver.scene_or_refusal(grid[index], settings)
         if isinstance(scene, Scene):
             found = {f.trap: f for f in scene_findings(scene)}
             seen = {**found, **seen}

@@ -146,7 +146,7 @@ def test_an_engine_takes_the_path_of_its_exact_law_and_is_no_nearer_to_the_model
     """On 100 cells of the default grid, without gravity."""
     cells = experiment_cells(parse_config({}))
     picked = np.sort(np.random.default_rng(20).choice(len(cells), 100, replace=False))
-    cells = [cells[int(i)].collision for i in picked]
+    cells = [cells[int(i)] for i in picked]
     ran = get_solver("mujoco").run([Scene.of(c, Settings()) for c in cells], Settings().max_steps)
     engine = [run.states(SHARE).names(True) for run in ran]
     names, settings = ("kelvin-voigt", "state-transition"), Settings(record_path=True)

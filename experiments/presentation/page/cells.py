@@ -53,7 +53,7 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
     """
     config = folder.config()
     index = cells_of_run(folder, config)
-    collisions = [index[cell].collision for cell in cells]
+    collisions = [index[cell] for cell in cells]
     shown: dict[int, dict[str, Any]] = {cell: {"results": [], "causes": []} for cell in cells}
     divergences = {
         (row["cell"], row["solver"]): row["velocity_divergence"]

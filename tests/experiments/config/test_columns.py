@@ -1,5 +1,7 @@
 """Columns of an experiment: which there are, in which order, and what tells two experiments apart."""
 
+import numpy as np
+
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 
@@ -20,22 +22,29 @@ def _columns(**changed):
 def test_an_arrangement_comes_after_the_other_and_e_varies_fastest():
     columns = _columns()
     assert len(columns) == 2 * 2 * 2 * 3 + 2 * 2 * 3
-    arranged = [cell.arranged for cell in columns]
-    assert [a.arrangement for a in arranged] == ["cradle"] * 24 + ["drop"] * 12
-    assert [(a.balls, a.strike, a.stiffness_taper, a.e) for a in arranged[:4]] == [
+    block = columns.block(range(36))
+    rows = dict(block.parameters)
+    assert rows["arrangement"].tolist() == ["cradle"] * 24 + ["drop"] * 12
+    names = ("balls", "strike", "stiffness_taper", "e")
+    assert list(zip(*(rows[name][:4].tolist() for name in names), strict=True)) == [
         (3, 1, 1.0, 0.5),
         (3, 1, 1.0, 0.75),
         (3, 1, 1.0, 1.0),
         (3, 1, 0.5, 0.5),
     ]
-    assert [(a.balls, a.strike) for a in arranged[24::6]] == [(3, None), (4, None)]
-    assert [cell.index for cell in columns] == list(range(36))
-    assert columns.cells(range(20, 30)) == [columns[i] for i in range(20, 30)]
+    assert rows["balls"][24::6].tolist() == [3, 4]
+    assert np.isnan(rows["strike"][24:]).all()
+    assert block.index.tolist() == list(range(36))
+    part = columns.block(range(20, 30))
+    assert list(part.collisions) == list(block.collisions[20:30]) == [columns[i] for i in range(20, 30)]
+    assert all(
+        (values == rows[name][20:30]).all() for name, values in part.parameters.items() if name != "strike"
+    )
 
 
 def test_a_column_has_the_scales_of_the_experiment():
     axes = {"arrangement": "drop", "mass_taper": 2, "stiffness_taper": 1, "balls": 3}
-    column = experiment_cells(parse_config({"m1": 2.0, "k1": 3e6, "v0": -0.5, "column": axes}))[1].column
+    column = experiment_cells(parse_config({"m1": 2.0, "k1": 3e6, "v0": -0.5, "column": axes}))[1]
     assert column.masses == (2.0, 4.0, 8.0)
     assert (column.stiffnesses, column.velocities) == ((3e6,) * 3, (-0.5, 0.0, 0.0))
     assert column.table

@@ -143,7 +143,7 @@ def test_each_cause_is_the_shapley_value_of_the_solvers_at_the_corners(run, engi
     assert len(rows) > 30
     grid = experiment_cells(config)
     for row in rows.itertuples():
-        c = grid[row.cell].collision
+        c = grid[row.cell]
         cube = cube_of(c, config, law)
         for index, name in corner_names().items():
             found = getattr(row, f"{name}_v1"), getattr(row, f"{name}_v2")
