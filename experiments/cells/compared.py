@@ -14,9 +14,8 @@ from markupsafe import Markup
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.divergence import velocity_divergence
+from impact_xval.experiments.measures.divergence import Measures, measures_of, velocity_divergence
 from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
-from impact_xval.experiments.measures.single import Measures, measures_of
 from impact_xval.experiments.presentation.pages import blocks_of, phrase, render
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome

@@ -48,7 +48,7 @@ from impact_xval.experiments.config.errors import UserError
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
     from impact_xval.experiments.cells.compared import Compared
-    from impact_xval.experiments.measures.single import Measures
+    from impact_xval.experiments.measures.divergence import Measures
     from impact_xval.experiments.tables.store import RunFolder
     from impact_xval.model import Collision, Outcome
 
@@ -214,7 +214,7 @@ def cradle(
 
     with solvers_apart(solver or (), columns=True) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
-        from impact_xval.experiments.measures.single import measures_of
+        from impact_xval.experiments.measures.divergence import measures_of
 
         arranged, config = one_column(context.params)
         column = arranged.column()

@@ -21,6 +21,7 @@ from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
+from impact_xval.experiments.measures.aggregates import levels_of
 from impact_xval.experiments.measures.corners import corner_names
 from impact_xval.experiments.measures.ladder import (
     CAUSES,
@@ -32,8 +33,6 @@ from impact_xval.experiments.measures.ladder import (
     Floats,
     by_order,
 )
-from impact_xval.experiments.measures.layout import laddered
-from impact_xval.experiments.measures.levels import levels_of
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import codes, column, present, texts
 
@@ -129,8 +128,6 @@ def band_of(stiffness_ratio: Any) -> Any:
 
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
     """Compute the statistics of the ladders of a finished run."""
-    if not laddered(config.solvers):
-        return LadderSummary(pd.DataFrame(columns=[*_REGION, *_NUMBERS]))
     return LadderSummary(ladder_statistics(folder.table_path("ladder.parquet"), config))
 
 

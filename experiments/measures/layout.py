@@ -47,15 +47,12 @@ def layout_of(config: Config) -> Layout:
         "cells": Cut(cells, tuple(cells), None, False),
         "divergence": Cut(divergence, tuple(divergence), pc.field("solver") != REFERENCE, True),
     }
-    in_part: dict[str, Column] = {}
-    if laddered(config.solvers):
-        ladder = expanded(ladder_columns(gravity=pair), balls, contacts)
-        in_part = {f"ladder_{name}": column for name, column in ladder.items()}
-        of_cell = (*parameters, *(["gravity_number"] if pair else []), "solver")
-        known = {name: cells[name] for name in of_cell}
-        names = *of_cell, *in_part
-        tables["ladder"] = Cut(known | ladder, names, pc.field("ladder_status").is_valid(), True)
-    rows = schema(cells | divergence | in_part)
+    ladder = expanded(ladder_columns(gravity=pair), balls, contacts)
+    in_part = {f"ladder_{name}": column for name, column in ladder.items()}
+    of_cell = (*parameters, *(["gravity_number"] if pair else []), "solver")
+    known = {name: cells[name] for name in of_cell}
+    tables["ladder"] = Cut(known | ladder, (*of_cell, *in_part), pc.field("ladder_status").is_valid(), True)
+    rows = schema(cells | divergence | (in_part if laddered(config.solvers) else {}))
     return Layout(pair, balls, contacts, tuple(parameters), rows, tables)
 
 

@@ -21,6 +21,7 @@ from impact_xval.experiments.measures.aggregates import (
     OWN_LAW,
     Compared,
     Frame,
+    Levels,
     between,
     reasons_of,
     statistics,
@@ -29,7 +30,6 @@ from impact_xval.experiments.measures.aggregates import (
 from impact_xval.experiments.measures.estimates import convergence_estimates
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.measures.levels import Levels
 from impact_xval.experiments.tables.store import RunFolder, Tally, statuses_of
 from impact_xval.experiments.tables.streams import codes, present
 from impact_xval.model.collision import RESULT_STATUSES

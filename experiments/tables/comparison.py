@@ -122,7 +122,7 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
     both = [name for name in configs[0].solvers if name in there]
     rows = _rows(a, both).merge(_rows(b, both), on=["cell", "solver"], how="outer", suffixes=("_a", "_b"))
     _check_same(a, b, rows)
-    velocities = sorted(name[:-2] for name in rows if re.fullmatch(r"v\d+_a", name))
+    velocities = sorted(name[:-2] for name in rows if re.fullmatch(r"v[1-9]\d*_a", name))
     speed = rows.v0_a.abs()
     rows["velocity"] = np.max([_change(rows, name) / speed for name in velocities], axis=0, initial=0.0)
     rows["divergence"] = _change(rows, "velocity_divergence")
@@ -160,7 +160,10 @@ def _rows(run: RunFolder, solvers: Sequence[str]) -> Frame:
     """Read what is compared of a run: parameters, status, velocities and D of every cell and solver."""
     path = run.table_path("cells.parquet")
     names = pq.read_schema(path).names
-    wanted = [*names[: names.index("status") + 1], *(name for name in names if re.fullmatch(r"v\d+", name))]
+    wanted = [
+        *names[: names.index("status") + 1],
+        *(name for name in names if re.fullmatch(r"v[1-9]\d*", name)),
+    ]
     chosen = [("solver", "in", list(solvers))]
     cells = pq.read_table(path, columns=wanted, filters=chosen).to_pandas()
     keys = ["cell", "solver"]

@@ -154,7 +154,9 @@ class Cut:
         object.__setattr__(self, "schema", schema(self.columns))
 
     def of(self, rows: pa.Table) -> pa.Table:
-        """Cut the table of some rows of parts."""
+        """Cut the table of some rows of parts; a run without engines has no columns of ladders."""
+        if not set(self.source) <= set(rows.column_names):
+            return self.schema.empty_table()
         kept = rows if self.keep is None else rows.filter(self.keep)
         return pa.table([kept[name] for name in self.source], schema=self.schema)
 

@@ -116,8 +116,10 @@ class Problem:
         width = 1 + 2 * balls + contacts
         each = np.clip(LOG_NUMBERS // (pieces * width + 1), 1, POINTS)
         numbers, unused = np.full((n, len(Followed._fields)), np.nan), np.empty(0)
-        logs: list[Floats] = []
-        for i, j in pairwise([0, *np.flatnonzero(np.diff(each)) + 1, n]):  # as many points each
+        logs = [np.empty((0, width))]
+        for i, j in pairwise(
+            sorted({0, *(np.flatnonzero(np.diff(each)) + 1).tolist(), n})
+        ):  # as many points each
             log = np.empty((int((pieces[i:j] * each[i] + 1).sum()), width))
             out = np.empty((j - i, balls)), numbers[i:j], np.empty((0, 1), np.uint64), unused
             self._collide([x[i:j] for x in cells], int(each[i]), log, out)

@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.measures.aggregates import Compared
-from impact_xval.experiments.measures.levels import Levels, levels_of
+from impact_xval.experiments.measures.aggregates import Compared, Levels, levels_of
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.streams import column
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.experiment import Config
+from impact_xval.experiments.measures.aggregates import Levels, grid_levels, levels_of
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, Contribution
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.measures.levels import Levels, grid_levels, levels_of
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.tables.numbers import number

@@ -4,7 +4,7 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Convergence, Settings
-from impact_xval.experiments.measures.single import measures_of
+from impact_xval.experiments.measures.divergence import measures_of
 from impact_xval.model import Collision
 
 CELL = Collision.two_balls(m1=2.0, m2=3.0, k1=1e8, k2=3e8, e1=0.9, e2=0.7, v0=-3.0)
