@@ -44,7 +44,8 @@ def _answered(solver: Solver, collisions: Sequence[Collision], settings: Setting
     """Call a solver; halve the batch until the collision at fault is alone."""
     n = len(collisions)
     try:
-        outcomes = solver.solve_many(collisions, settings)
+        found = solver.solve_many(collisions, settings)
+        outcomes = found if isinstance(found, Outcomes) else list(found)
         if len(outcomes) != n:
             raise RuntimeError(f"{len(outcomes)} outcomes for {n} collisions")
         if isinstance(outcomes, Outcomes):

@@ -71,9 +71,9 @@ def test_a_list_is_read_to_the_last_bit_and_in_its_order(tmp_path, name):
     (tmp_path / "c.toml").write_text(f"cells = '{name}'\nsolvers = ['mujoco']\nk1 = 2.0\n")
     cells = experiment_cells(load_config(tmp_path / "c.toml"))
     assert len(cells) == 3
-    assert cells[0].collision.k2 == 2.0 / 3
+    assert cells[0].k2 == 2.0 / 3
     assert cells[0].stiffness_ratio == 1 / 3
-    assert math.isinf(cells[1].collision.k2)
+    assert math.isinf(cells[1].k2)
 
 
 def test_a_bad_list_is_one_line(tmp_path, capsys):
