@@ -29,7 +29,7 @@ from rich.table import Table
 
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.sweep.executors import in_flight
+from impact_xval.experiments.sweep.pool import in_flight
 from impact_xval.experiments.sweep.rows import Experiment, solve_all
 from impact_xval.experiments.tables.store import RunFolder, part_bytes
 

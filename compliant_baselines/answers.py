@@ -1,7 +1,7 @@
 """Calling a solver, whatever it does: one outcome a collision, and its words in one printable line.
 
 Every command and every sweep calls solvers by `answer`, those of this project and of others alike. What no process
-survives is for `experiments.sweep.sandbox`.
+survives is for `experiments.sweep.process`.
 """
 
 from __future__ import annotations

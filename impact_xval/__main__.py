@@ -15,7 +15,7 @@ def entry() -> int:
 def _main() -> int:
     # Takes a third of a second, in which signals come too.
     from impact_xval.experiments.commands.cli import main
-    from impact_xval.experiments.sweep.sandbox import NO_WINDOW
+    from impact_xval.experiments.sweep.process import NO_WINDOW
 
     os.environ.update(NO_WINDOW | os.environ)
     return main()

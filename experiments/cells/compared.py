@@ -215,7 +215,7 @@ def compare(
     from impact_xval.compliant_baselines.registry import get_solver, solver_names
     from impact_xval.experiments.config.errors import UserError
     from impact_xval.experiments.config.experiment import parse_config, solvers_problem
-    from impact_xval.experiments.sweep.single import solvers_apart
+    from impact_xval.experiments.sweep.one import solvers_apart
 
     if not isinstance(problem, Collision):
         raise TypeError(f"compare was given {type(problem).__name__}; legal: a Collision")
@@ -229,11 +229,7 @@ def compare(
     except UserError as error:
         raise ValueError(str(error)) from None
     with solvers_apart(names, columns=not problem.falls_on_resting) as apart:
-        if not problem.falls_on_resting:
-            solved = apart.solve_column(problem, config, names, get_solver, _say, points=None)
-        else:
-            solved = apart.solve(config, names, get_solver, _say, problem)
-    return Compared(problem, {name: each.outcome for name, each in solved.items()})
+        return Compared(problem, apart.solve(problem, config, names, get_solver, _say))
 
 
 def impulse_curves(

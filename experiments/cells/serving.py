@@ -1,7 +1,7 @@
 """The explorer: a page of this machine whose charts follow its sliders, served by Bokeh.
 
 What moves in a page is a query, as in its address; the server reads it, has the cell solved and sends charts and a
-table back. Solvers run in sandboxes, the exact ones beside the engines, so that neither a crash nor a long run of one
+table back. Solvers run in processes apart, the exact ones beside the engines, so that no crash or long run of one
 holds the page up; of queries that come while one is worked on only the last one is answered.
 """
 
@@ -39,7 +39,7 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.pages import phrase, render
-from impact_xval.experiments.sweep.single import SolversApart, solvers_apart
+from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
 
 #: Solved at every move, and on request.
 EXACT = tuple(name for name in solver_names() if not is_engine(name))
@@ -79,15 +79,14 @@ class Solvers:
         apart = self._solvers(
             engines=any(name not in EXACT for name in names), columns=cell.arranged is not None
         )
+        problem = cell.problem, cell.config
         if cell.arranged is None:
-            solved = apart.solve(cell.config, names, get_solver, say)
-        else:
-            problem = cell.arranged.column(), cell.config
-            solved = {}
-            for name in names:  # of the model alone forces are shown
-                points = _POINTS if name == REFERENCE else 0
-                solved |= apart.solve_column(*problem, [name], get_solver, say, points)
-        return {name: each.outcome for name, each in solved.items()}
+            return apart.solve(*problem, names, get_solver, say)
+        solved = {}
+        for name in names:  # of the model alone forces are shown
+            points = _POINTS if name == REFERENCE else 0
+            solved |= apart.solve(*problem, [name], get_solver, say, points)
+        return solved
 
     def _solvers(self, *, engines: bool, columns: bool) -> SolversApart:
         """Return solvers of a sort, started when they are first needed."""

@@ -89,7 +89,7 @@ def solve(
     """
     from json import dumps
 
-    from impact_xval.experiments.sweep.single import solvers_apart
+    from impact_xval.experiments.sweep.one import solvers_apart
 
     if plot is not None:
         file_to_write("--plot", plot, (".png", ".svg", ".pdf"))
@@ -100,13 +100,10 @@ def solve(
 
         config = one_cell(context.params)
         collision = collision_of(config, config.figure_cell)
-        solved = apart.solve(config, known_solvers(solver), get_solver, say)
-    outcomes = {name: each.outcome for name, each in solved.items()}
+        outcomes = apart.solve(collision, config, known_solvers(solver), get_solver, say)
     if json:
         model = outcomes[REFERENCE]
-        objects = [
-            _object(name, collision, each.outcome, model, each.diagnostics) for name, each in solved.items()
-        ]
+        objects = [_object(name, collision, each, model) for name, each in outcomes.items()]
         print(dumps(objects, indent=2, allow_nan=False))
     else:
         from impact_xval.experiments.cells.compared import Compared
@@ -159,9 +156,7 @@ def _show(compared: Compared) -> None:
     show(make_console(), compared.markdown())
 
 
-def _object(
-    name: str, collision: Collision, outcome: Outcome, model: Outcome, diagnostics: dict[str, float]
-) -> dict[str, Any]:
+def _object(name: str, collision: Collision, outcome: Outcome, model: Outcome) -> dict[str, Any]:
     """Return the JSON object of an outcome: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
     from impact_xval.experiments.measures.divergence import velocity_divergence
 
@@ -176,8 +171,14 @@ def _object(
         "states": list(outcome.states),
         **_said(outcome),
         "velocity_divergence": velocity_divergence(collision, model, outcome),
-        "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
+        "diagnostics": _diagnostics(outcome, speed),
     }
+
+
+def _diagnostics(outcome: Outcome, speed: float) -> dict[str, float | None]:
+    from impact_xval.experiments.measures.results import scaled_diagnostics
+
+    return {key: _finite(value) for key, value in scaled_diagnostics(outcome, speed).items()}
 
 
 def _finite(value: float | None) -> float | None:
@@ -210,7 +211,7 @@ def cradle(
     """
     from json import dumps
 
-    from impact_xval.experiments.sweep.single import solvers_apart
+    from impact_xval.experiments.sweep.one import solvers_apart
 
     with solvers_apart(solver or (), columns=True) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
@@ -218,15 +219,11 @@ def cradle(
 
         arranged, config = one_column(context.params)
         column = arranged.column()
-        solved = apart.solve_column(column, config, known_solvers(solver), get_solver, say)
-    outcomes = {name: each.outcome for name, each in solved.items()}
+        outcomes = apart.solve(column, config, known_solvers(solver), get_solver, say, points=0)
     if json:
         measures = measures_of(column, outcomes, config.mapping)
         units = abs(config.v0), arranged.m * abs(config.v0)
-        objects = [
-            _column_object(name, each.outcome, each.diagnostics, measures[name], *units)
-            for name, each in solved.items()
-        ]
+        objects = [_column_object(name, each, measures[name], *units) for name, each in outcomes.items()]
         print(dumps(objects, indent=2, allow_nan=False))
     else:
         from impact_xval.experiments.cells.compared import Compared
@@ -237,7 +234,6 @@ def cradle(
 def _column_object(
     name: str,
     outcome: Outcome,
-    diagnostics: dict[str, float],
     measures: Measures,
     speed: float,
     impulse: float,
@@ -252,7 +248,7 @@ def _column_object(
         "states": outcome.states,
         **_said(outcome),
         **{key: _finite(value) for key, value in asdict(measures).items()},
-        "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
+        "diagnostics": _diagnostics(outcome, speed),
     }
 
 

@@ -90,24 +90,24 @@ def _of_file(scene: Path) -> list[Finding]:
 
 def _apart(path: Path) -> list[Finding]:
     """Examine a file in a process of its own: a few bytes can be a scene of any size, and crash its engine."""
-    from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
+    from impact_xval.experiments.sweep.process import FaultError, Worker
 
-    sandbox = Sandbox(None, _limit_memory)
+    worker = Worker()
     try:
-        found = sandbox.call(_examined, path, timeout=_LONGEST)
+        found = worker.call(_examined, path, timeout=_LONGEST)
     except FaultError as fault:
         raise UserError(
             f"{path}: cannot be examined: {fault.reason}; legal: a scene that is loaded within {_LONGEST:g} s, "
             "by half of the memory of this machine"
         ) from None
     finally:
-        sandbox.close()
+        worker.close()
     if isinstance(found, str):
         raise UserError(found)
     return found
 
 
-def _limit_memory(_: None) -> None:
+def _limit_memory() -> None:
     with suppress(ImportError):  # of Unix
         import resource
 
@@ -117,6 +117,7 @@ def _limit_memory(_: None) -> None:
 
 def _examined(_: None, path: Path) -> list[Finding] | str:
     """Return what was found, or why nothing could be."""
+    _limit_memory()
     try:
         return _mjcf(path)
     except UserError as error:

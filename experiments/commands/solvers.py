@@ -19,19 +19,19 @@ _LONGEST = 300.0
 
 def solvers() -> None:
     """List the solvers: what each is, its version, where it comes from, and why one cannot run here."""
-    from impact_xval.compliant_baselines.answers import stated_version, why_unavailable
     from impact_xval.compliant_baselines.registry import description_of, get_solver, law_of, origins
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import at_work, make_console, show
-    from impact_xval.experiments.sweep.third_party import contained
+    from impact_xval.experiments.sweep.pool import Slot
+    from impact_xval.experiments.sweep.warmup import stated
 
-    rows, find = [], contained(get_solver, _LONGEST)
-    for name, origin in origins().items():
-        solver = find(name)
-        with at_work(f"asking {name} what it is"):
-            reason, version = why_unavailable(solver), stated_version(solver)
-        what = [description_of(name), "" if reason is None else f"unavailable: {reason}"]
-        rows.append((name, law_of(name) or "-", version or "-", origin, "; ".join(filter(None, what))))
+    rows = []
+    with contextlib.closing(Slot()) as slot:
+        for name, origin in origins().items():
+            with at_work(f"asking {name} what it is"):
+                version, reason = stated(slot, get_solver, name)
+            what = [description_of(name), "" if reason is None else f"unavailable: {reason}"]
+            rows.append((name, law_of(name) or "-", version or "-", origin, "; ".join(filter(None, what))))
     show(make_console(), render("solvers.md.j2", rows=rows))
 
 
@@ -47,11 +47,11 @@ def conform(
 ) -> None:
     """Check whether a solver keeps the contract; for authors of adapters. Exit code 1 if it does not."""
     from impact_xval.compliant_baselines import conformance
-    from impact_xval.compliant_baselines.answers import why_unavailable
     from impact_xval.compliant_baselines.registry import get_solver, law_of
     from impact_xval.experiments.config.experiment import solvers_problem
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
-    from impact_xval.experiments.sweep.third_party import contained
+    from impact_xval.experiments.sweep.pool import Slot
+    from impact_xval.experiments.sweep.warmup import stated
 
     problem = solvers_problem([name])
     if problem:
@@ -59,8 +59,8 @@ def conform(
     law = law or law_of(name) or "none"
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
-    with at_work(f"asking {name} what it is"):
-        reason = why_unavailable(contained(get_solver, _LONGEST)(name))
+    with at_work(f"asking {name} what it is"), contextlib.closing(Slot()) as slot:
+        _, reason = stated(slot, get_solver, name)
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
     console, failed = make_console(), 0
@@ -78,21 +78,16 @@ def _checked(name: str, law: str) -> Iterator[tuple[Check, str]]:
     """Check a solver in a process of its own; each check, and what it found."""
     from impact_xval.compliant_baselines.conformance import checks
     from impact_xval.experiments.presentation.terminal import at_work
-    from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox
+    from impact_xval.experiments.sweep.process import FaultError, Worker
 
-    with contextlib.closing(Sandbox((name, law), _ready, readable=frozenset())) as sandbox:
+    with contextlib.closing(Worker((name, law))) as worker:
         for number, check in enumerate(checks(law)):
             try:
                 with at_work(f"checking {name}"):
-                    found = sandbox.call(_found, number, timeout=_LONGEST)
+                    found = worker.call(_found, number, timeout=_LONGEST)
             except FaultError as fault:
                 found = fault.reason
             yield check, found
-
-
-def _ready(context: tuple[str, str]) -> None:
-    """Import what checks need."""
-    from impact_xval.compliant_baselines import conformance  # noqa: F401
 
 
 def _found(context: tuple[str, str], number: int) -> str:

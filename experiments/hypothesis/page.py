@@ -13,8 +13,6 @@ from typing import Any
 
 import pandas as pd
 
-from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.answers import stated_version
 from impact_xval.compliant_baselines.registry import engine_free_names, kind_of
 from impact_xval.experiments.hypothesis import (
     cases,
@@ -43,8 +41,7 @@ from impact_xval.experiments.hypothesis.verdicts import CaseResult, Group
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.page.html import html_of
 from impact_xval.experiments.presentation.pages import latex_of, render
-from impact_xval.experiments.sweep.executors import available_cores
-from impact_xval.experiments.sweep.third_party import contained
+from impact_xval.experiments.sweep.pool import available_cores
 from impact_xval.experiments.tables.store import write_json, write_text
 from impact_xval.experiments.tables.streams import replacing
 from impact_xval.model.collision import RESULT_STATUSES
@@ -66,8 +63,7 @@ Move = tuple[CaseResult, Group, Group | None]
 def write_all(results: Results, root: Path, seconds: float) -> Path:
     """Write everything into a folder; give the path of the page."""
     versions = {"impact-xval": version("impact-xval"), "Python": platform.python_version()}
-    find = contained(get_solver, results.config.cell_timeout)
-    versions |= {name: stated_version(find(name)) for name in results.solvers if name != MODEL}
+    versions |= {name: results.versions[name] for name in results.solvers if name != MODEL}
     needed, classes = need_frame(results), class_frame(results)
     texts = {"verdicts": classes, "points": point_frame(results), "mechanism": mechanism_frame(results)}
     texts["columns"] = column_class_frame(results)

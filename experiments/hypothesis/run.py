@@ -14,7 +14,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.answers import why_unavailable
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, Case, Point, distance, draw
 from impact_xval.experiments.hypothesis.columns import PLACES, ColumnResult, columns_solvers, examine_columns
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
@@ -29,13 +28,13 @@ from impact_xval.experiments.hypothesis.mechanism import (
     count_branches,
     observe,
 )
-from impact_xval.experiments.hypothesis.solvers import SolverUnderTest, isolated, under_test
+from impact_xval.experiments.hypothesis.solvers import SolverUnderTest, outcomes_of, under_test
 from impact_xval.experiments.hypothesis.verdicts import CaseResult, Series, examine
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.sweep.executors import available_cores, open_executor
+from impact_xval.experiments.sweep.pool import Slot, available_cores, open_pool
+from impact_xval.experiments.sweep.process import FaultError, in_halves
 from impact_xval.experiments.sweep.rows import Resolve
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
-from impact_xval.experiments.sweep.third_party import contained, longest
+from impact_xval.experiments.sweep.warmup import stated
 
 Floats = NDArray[np.float64]
 
@@ -75,6 +74,8 @@ class Results:
     control : dict
         By engine, all limits together: `distance` of its results from the exact column of its own law, and their own
         `error`.
+    versions : dict
+        By solver.
     unavailable : dict
         Why, by solver.
     seconds : dict
@@ -90,6 +91,7 @@ class Results:
     maps: pd.DataFrame
     columns: list[ColumnResult]
     control: dict[str, pd.DataFrame]
+    versions: dict[str, str]
     unavailable: dict[str, str]
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -143,18 +145,16 @@ def run_hypothesis(
     -------
     Results
     """
-    if isolate:
-        resolve = contained(resolve, config.cell_timeout)
-    reasons = {name: why_unavailable(resolve(name)) for name in in_order_of_laws(config.solvers)}
-    unavailable = {name: reason for name, reason in reasons.items() if reason is not None}
-    for name, reason in unavailable.items():
-        progress(0, 0, f"{name} is left out: {reason}")
-    solvers = tuple(under_test(name, config.steps, resolve) for name in reasons if name not in unavailable)
     points = {case.key: (*draw(case, config.points, config.seed), *config.given(case.key)) for case in CASES}
-    series, maps = _series(config, solvers, points), _maps(config, solvers)
     workers = workers or config.workers or available_cores()
-    with open_executor(_Context(solvers, resolve), _prepare, workers, isolate=isolate) as executor:
-        done = _solve(config, solvers, points, [*series, *maps], executor, progress)
+    with open_pool(resolve, workers, isolate=isolate) as pool:
+        said = {name: pool.here(stated, resolve, name) for name in in_order_of_laws(config.solvers)}
+        unavailable = {name: reason for name, (_, reason) in said.items() if reason is not None}
+        for name, reason in unavailable.items():
+            progress(0, 0, f"{name} is left out: {reason}")
+        solvers = tuple(under_test(name, config.steps, resolve) for name in said if name not in unavailable)
+        series, maps = _series(config, solvers, points), _maps(config, solvers)
+        done = _solve(config, solvers, points, [*series, *maps], pool, progress)
     found = [done.made[task] for task in series]
     return Results(
         config=config,
@@ -170,6 +170,7 @@ def run_hypothesis(
         maps=pd.concat([done.made[task] for task in maps], ignore_index=True),
         columns=done.columns,
         control=_control(found, config),
+        versions={name: version for name, (version, _) in said.items()},
         unavailable=unavailable,
         seconds=done.seconds,
     )
@@ -213,15 +214,15 @@ def _solve(
     solvers: Iterable[SolverUnderTest],
     points: dict[str, tuple[Point, ...]],
     tasks: Sequence[_Task],
-    executor: Any,
+    pool: Any,
     progress: Progress,
 ) -> _Done:
     """Hand out the work of the engines, and all trajectories; meanwhile do that of the exact solvers here."""
     own = [task for task in tasks if task.solver.kind == "exact"]
     others = [task for task in tasks if task.solver.kind != "exact"]
-    pieces = _hand_out(others, executor, config.cell_timeout)
+    pieces = _hand_out(others, pool, config.cell_timeout)
     observed = [
-        executor.submit(_follow, one.name, key, contrast, config.cell_timeout)
+        pool.submit(_follow, one, key, contrast, config.cell_timeout)
         for one in solvers
         for key in POINTS
         for contrast in (ENGINE_CONTRASTS if one.kind == "stepped" else CONTRASTS)
@@ -266,43 +267,33 @@ def ratios_of(case: Case, points: Sequence[Point], contrast: Floats) -> Floats:
     return np.array([point.ratios(case, float(x)) for point in points for x in contrast]).reshape(-1, 4).T
 
 
-@dataclass(frozen=True, slots=True)
-class _Context:
-    """What every process is given once."""
-
-    solvers: tuple[SolverUnderTest, ...]
-    resolve: Resolve
-
-
-def _prepare(context: _Context) -> None:
-    """Have every solver do once what it will have to do, so that all is imported and compiled."""
+def _warm(resolve: Resolve, one: SolverUnderTest) -> None:
+    """Have a solver do once what it will have to do, so that all is imported and compiled."""
     case, contrast = _EASY
     ratios = np.array(POINTS[case].ratios(BY_KEY[case], contrast))
-    for one in context.solvers:
-        if one.kind != "exact":
-            one.solve(*ratios[:, None])
-        observe(one.name, case, contrast, context.resolve)
+    if one.kind != "exact":
+        one.solve(*ratios[:, None])
+    observe(one.name, case, contrast, resolve)
 
 
 def _follow(
-    sandbox: Sandbox, solver: str, case: str, contrast: float, timeout: float
+    slot: Slot, one: SolverUnderTest, case: str, contrast: float, timeout: float
 ) -> tuple[Mechanism, Motion | None]:
     def call(_: slice) -> tuple[Mechanism, Motion | None]:
-        return sandbox.call(_observe, solver, case, contrast, timeout=longest(solver, 1, timeout))
+        slot.prepare(one.name, _warm, one)
+        return slot.call(one.name, _observe, one.name, case, contrast, timeout=timeout)
 
     def failure(_: slice, fault: FaultError) -> tuple[Mechanism, Motion | None]:
-        return Mechanism(solver, case, contrast, fault.status, fault.reason), None
+        return Mechanism(one.name, case, contrast, fault.status, fault.reason), None
 
     return in_halves(call, 1, failure)[0]
 
 
-def _observe(context: _Context, solver: str, case: str, contrast: float) -> tuple[Mechanism, Motion | None]:
-    return observe(solver, case, contrast, context.resolve)
+def _observe(resolve: Resolve, solver: str, case: str, contrast: float) -> tuple[Mechanism, Motion | None]:
+    return observe(solver, case, contrast, resolve)
 
 
-def _hand_out(
-    tasks: Iterable[_Task], executor: Any, timeout: float
-) -> dict[_Task, list[Future[pd.DataFrame]]]:
+def _hand_out(tasks: Iterable[_Task], pool: Any, timeout: float) -> dict[_Task, list[Future[pd.DataFrame]]]:
     """Hand out the work of the engines in pieces, those with the most steps first; of each task in order."""
     pieces = [
         (task, task.ratios[:, first : first + _PIECE])
@@ -314,12 +305,28 @@ def _hand_out(
     futures: dict[int, Future[pd.DataFrame]] = {}
     for i in most_first:
         solver, ratios = pieces[i][0].solver, pieces[i][1]
-        limit = longest(solver.name, ratios.shape[1], timeout)
-        futures[i] = executor.submit(isolated, solver.solve, ratios, limit)
+        futures[i] = pool.submit(_isolated, solver, ratios, timeout)
     handed: dict[_Task, list[Future[pd.DataFrame]]] = {}
     for i, (task, _) in enumerate(pieces):
         handed.setdefault(task, []).append(futures[i])
     return handed
+
+
+def _isolated(slot: Slot, one: SolverUnderTest, ratios: Floats, timeout: float) -> pd.DataFrame:
+    """Solve collisions by a solver in its process, whatever becomes of it, within a time for all of its steps."""
+
+    def call(place: slice) -> pd.DataFrame:
+        slot.prepare(one.name, _warm, one)
+        return slot.call(one.name, _solved, one, ratios[:, place], timeout=timeout)
+
+    def failure(_: slice, fault: FaultError) -> pd.DataFrame:
+        return outcomes_of([np.nan], [np.nan], np.nan, fault.status, reason=fault.reason)
+
+    return pd.concat(in_halves(call, ratios.shape[1], failure), ignore_index=True)
+
+
+def _solved(_: object, one: SolverUnderTest, ratios: Floats) -> pd.DataFrame:
+    return one.solve(*ratios)
 
 
 def _examined(config: HypothesisConfig, series: Series) -> CaseResult:

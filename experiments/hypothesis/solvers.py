@@ -8,7 +8,7 @@ Three kinds, told apart by how exact their outcomes are:
 * `single`: any other solver of the registry, collision by collision; taken as exact.
 
 What is not of this project can crash or hang: the last two run in processes of their own, and a collision that ends its
-process twice, or takes longer than `cell_timeout`, has the status ``crashed`` or ``timeout`` (`sandbox.in_halves`).
+process twice, or takes longer than `cell_timeout`, has the status ``crashed`` or ``timeout`` (`process.in_halves`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from impact_xval.compliant_baselines.engines.convergence import extrapolated
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.sweep.rows import Resolve
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
 from impact_xval.model import Collision, solve_batch
 from impact_xval.model.collision import RESULT_STATUSES
 
@@ -211,40 +210,7 @@ def under_test(name: str, steps: int, resolve: Resolve = get_solver) -> SolverUn
     settings = Settings(
         step_fraction=fraction, stiffness_ratio_cutoff=math.inf, mark=False, max_steps=MAX_STEPS
     )
-    solver = resolve(name)
-    if isinstance(solver, Engine):
+    if registry.is_ours(name) and isinstance(resolve(name), Engine):
         family = "kelvin-voigt" if name in solver_names() else "none"
         return SolverUnderTest(name, "stepped", partial(at_no_step, resolve, name, settings), family, costly)
     return SolverUnderTest(name, "single", partial(one_by_one, resolve, name, settings), name)
-
-
-def isolated(sandbox: Sandbox, solve: Solve, ratios: Floats, timeout: float) -> pd.DataFrame:
-    """Solve collisions in a sandbox, whatever becomes of its process.
-
-    Parameters
-    ----------
-    sandbox : Sandbox
-    solve : callable
-        Of a `SolverUnderTest`.
-    ratios : ndarray, shape (4, n)
-        k2/k1, m2/m1, e1, e2.
-    timeout : float
-        Seconds that they may take together, at all their steps; more, and they are halved.
-
-    Returns
-    -------
-    DataFrame
-        Of all n (`outcomes_of`).
-    """
-
-    def call(place: slice) -> pd.DataFrame:
-        return sandbox.call(_solve, solve, ratios[:, place], timeout=timeout)
-
-    def failure(_: slice, fault: FaultError) -> pd.DataFrame:
-        return outcomes_of([math.nan], [math.nan], math.nan, fault.status, reason=fault.reason)
-
-    return pd.concat(in_halves(call, ratios.shape[1], failure), ignore_index=True)
-
-
-def _solve(context: object, solve: Solve, ratios: Floats) -> pd.DataFrame:
-    return solve(*ratios)

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.sweep.executors import open_executor
-from impact_xval.experiments.sweep.sandbox import TO_PREPARE, FaultError, Sandbox, in_halves
+from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
+from impact_xval.experiments.sweep.process import FaultError, in_halves
 from impact_xval.experiments.tables.store import RunFolder
 
 #: Waits for an answer, and gives it.
@@ -22,10 +22,10 @@ def process_apart(folder: RunFolder) -> Iterator[Callable[[Callable[[RunFolder],
     The functions are at the top level of modules, and called one after the other. What waits raises an `OSError` or
     a `UserError` of the function, and a `FaultError` where the process died of it twice.
     """
-    with open_executor(folder, _ready, 1) as executor:
+    with open_pool(folder, 1) as pool:
 
         def begin(work: Callable[[RunFolder], Any]) -> Wait:
-            answer = executor.submit(_call, work)
+            answer = pool.submit(_call, work)
 
             def wait() -> Any:
                 found = answer.result()
@@ -38,13 +38,9 @@ def process_apart(folder: RunFolder) -> Iterator[Callable[[Callable[[RunFolder],
         yield begin
 
 
-def _ready(folder: RunFolder) -> None:
-    """Prepare for nothing: each function has imported what it needs."""
-
-
-def _call(sandbox: Sandbox, work: Callable[[RunFolder], Any]) -> Any:
+def _call(slot: Slot, work: Callable[[RunFolder], Any]) -> Any:
     def call(_: slice) -> Any:
-        return sandbox.call(_answer, work, timeout=TO_PREPARE)
+        return slot.call(None, _answer, work, timeout=TO_PREPARE)
 
     def lost(_: slice, fault: FaultError) -> Exception:
         return fault

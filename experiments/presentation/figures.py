@@ -24,7 +24,7 @@ from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.sweep.curves import CURVES, FIGURE_CELL
-from impact_xval.experiments.sweep.sandbox import FaultError
+from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_json
 

@@ -24,7 +24,7 @@ from impact_xval.experiments.presentation.page.tiles import Tiles, tiles_of
 from impact_xval.experiments.presentation.pages import latex_of, render
 from impact_xval.experiments.presentation.summary_page import summary_facts
 from impact_xval.experiments.sweep.examination import failed_note, traps_note
-from impact_xval.experiments.sweep.sandbox import FaultError
+from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folders import cells_of_run
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.store import RunFolder, write_text

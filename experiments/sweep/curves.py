@@ -17,10 +17,10 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.cells import collision_of
 from impact_xval.experiments.config.experiment import Cell, Config
 from impact_xval.experiments.measures.hausdorff import LARGEST
+from impact_xval.experiments.sweep.pool import Slot
+from impact_xval.experiments.sweep.process import FaultError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, settings_of
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
-from impact_xval.experiments.sweep.solving import make_ready
-from impact_xval.experiments.sweep.third_party import longest
+from impact_xval.experiments.sweep.warmup import make_ready
 from impact_xval.experiments.tables.schema import PAIR, WHO, schema
 from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.experiments.tables.streams import replacing
@@ -71,25 +71,25 @@ COLUMN_CURVES_SCHEMA = pa.schema(
 )
 
 
-def write_column_curves(config: Config, folder: RunFolder, executor: Any) -> None:
-    """Solve the column of the figures, in sandboxes, and keep its forces over time.
+def write_column_curves(config: Config, folder: RunFolder, pool: Any) -> None:
+    """Solve the column of the figures, in processes apart, and keep its forces over time.
 
     Parameters
     ----------
-    config, folder, executor
+    config, folder, pool
         As for `write_curves`.
     """
-    calls = [executor.submit(_solve_column, name, config.cell_timeout) for name in config.solvers]
+    calls = [pool.submit(_solve_column, name, config.cell_timeout) for name in config.solvers]
     rows = [call.result() for call in calls]
     with replacing(folder.root / CURVES) as temporary:
         table = pa.Table.from_pylist(rows, schema=COLUMN_CURVES_SCHEMA)
         pq.write_table(table, temporary, compression="zstd")
 
 
-def _solve_column(sandbox: Sandbox, name: str, timeout: float) -> dict[str, Any]:
+def _solve_column(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
     def call(_: slice) -> dict[str, Any]:
-        make_ready(sandbox, name)
-        return sandbox.call(_column_curve, name, timeout=longest(name, 1, timeout))
+        make_ready(slot, slot.context.resolve, name, pair=False)
+        return slot.call(name, _column_curve, name, timeout=timeout)
 
     def lost(_: slice, fault: FaultError) -> dict[str, Any]:
         return {"solver": name, "status": fault.status, "reason": fault.reason}
@@ -140,27 +140,27 @@ def needed(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
     return np.flatnonzero(kept)
 
 
-def write_curves(config: Config, folder: RunFolder, executor: Any) -> None:
-    """Solve the cells of the figures, in sandboxes, and keep their curves.
+def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
+    """Solve the cells of the figures, in processes apart, and keep their curves.
 
     Parameters
     ----------
     config : Config
     folder : RunFolder
-    executor
-        One of `sweep.executors`.
+    pool
+        As of `open_pool`.
     """
     wanted = [(FIGURE_CELL, config.figure_cell, name) for name in config.solvers]
-    calls = [executor.submit(_solve, *one, config.cell_timeout) for one in wanted]
+    calls = [pool.submit(_solve, *one, config.cell_timeout) for one in wanted]
     curves = [CURVES_SCHEMA.empty_table(), *(curve for call in calls if (curve := call.result()) is not None)]
     with replacing(folder.root / CURVES) as temporary:
         pq.write_table(pa.concat_tables(curves), temporary, compression="zstd")
 
 
-def _solve(sandbox: Sandbox, label: str, cell: Cell, name: str, timeout: float) -> pa.Table | None:
+def _solve(slot: Slot, label: str, cell: Cell, name: str, timeout: float) -> pa.Table | None:
     def call(_: slice) -> pa.Table | None:
-        make_ready(sandbox, name)
-        return sandbox.call(_curve, label, cell, name, timeout=longest(name, 1, timeout))
+        make_ready(slot, slot.context.resolve, name, pair=True)
+        return slot.call(name, _curve, label, cell, name, timeout=timeout)
 
     return in_halves(call, 1, lambda _, fault: None)[0]
 

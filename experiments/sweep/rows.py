@@ -43,13 +43,10 @@ class Experiment:
         The experiment; its first solver is the reference.
     resolve : callable
         Finds a solver by its name.
-    ready : set of str
-        The engines, and solvers of other distributions, that this process is ready for.
     """
 
     config: Config
     resolve: Resolve = get_solver
-    ready: set[str] = field(default_factory=set, init=False, repr=False)
     layout: Layout = field(init=False, repr=False)
     _models: tuple[Any, Any] = field(default=(None, None), init=False, repr=False)
 
@@ -68,7 +65,9 @@ class Experiment:
         asked: Any = (
             [c for i, c in enumerate(block.collisions) if i not in known] if known else block.collisions
         )
-        outcomes = answer(self.resolve(name), asked, settings_of(self.config, paths=self.layout.pair))
+        outcomes = []
+        if len(asked):  # a solver that is lost to all cells is not asked what it is either
+            outcomes = answer(self.resolve(name), asked, settings_of(self.config, paths=self.layout.pair))
         if known:
             found = iter(outcomes)
             outcomes = [

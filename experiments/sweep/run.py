@@ -23,19 +23,12 @@ from impact_xval.experiments.config.cells import Cells, experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import COSMETIC, REFERENCE, Config
 from impact_xval.experiments.measures.layout import layout_of
+from impact_xval.experiments.sweep.chunk import Report, solve_chunks, solver_versions
 from impact_xval.experiments.sweep.curves import write_column_curves, write_curves
-from impact_xval.experiments.sweep.executors import available_cores, open_executor
+from impact_xval.experiments.sweep.pool import available_cores, open_pool
+from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
-from impact_xval.experiments.sweep.sandbox import ClosedError
-from impact_xval.experiments.sweep.solving import (
-    OnRows,
-    Report,
-    prepare,
-    solve_chunks,
-    solver_versions,
-)
 from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS
-from impact_xval.experiments.sweep.third_party import contained
 from impact_xval.experiments.tables.folders import discard, missing, open_folder
 from impact_xval.experiments.tables.lock import check_free, holding
 from impact_xval.experiments.tables.schema import Layout
@@ -45,12 +38,19 @@ from impact_xval.experiments.tables.store import (
     MANIFEST,
     DamagedManifestError,
     RunFolder,
+    read_part,
     statuses_of,
     write_json,
 )
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
+
+#: Given the rows of a chunk as soon as they are there.
+OnRows = Callable[[pa.Table], None]
+
+#: What solvers write to standard error, in a run's folder.
+LOG = "solvers.log"
 
 
 def run_sweep(
@@ -81,9 +81,9 @@ def run_sweep(
     isolate : bool
         False runs the solvers in this process: one that crashes ends the run.
     progress : callable
-        Called after every chunk, and with `on_rows` after every solver of it.
+        Called after every chunk.
     on_rows : callable, optional
-        Given rows as soon as they are there, with the `MEDIAN_COLUMNS` at least; called from any thread.
+        Given rows of a chunk as soon as they are there, with the `MEDIAN_COLUMNS` at least.
     resolve : callable
         Finds a solver by its name; at the top level of a module.
     present : callable
@@ -100,8 +100,6 @@ def run_sweep(
     InterruptedRunError
         On Ctrl-C, a full disk or a lost cluster; finished parts are kept.
     """
-    if isolate:
-        resolve = contained(resolve, config.cell_timeout)
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
     layout = experiment.layout
     with kept(root, layout) as (folder, continued):
@@ -110,10 +108,9 @@ def run_sweep(
             _Run(experiment, cells, folder, continued, progress, on_rows),
             min(workers, cells.chunks()),
         )
-        with open_executor(
-            experiment, prepare, most, scheduler=scheduler, isolate=isolate, say=say
-        ) as executor:
-            run.solve(executor)
+        log = folder.root / LOG
+        with open_pool(experiment, most, scheduler=scheduler, isolate=isolate, say=say, log=log) as pool:
+            run.solve(pool)
             run.tabulate()
         run.finish({"where": scheduler or "this machine", "workers": workers}, present)
     return folder
@@ -189,10 +186,10 @@ class _Run:
         self._seconds: Counter[str] = Counter()
         self._faults = 0
 
-    def solve(self, executor: Any) -> None:
+    def solve(self, pool: Any) -> None:
         """Compute the parts that are not there, and the curves."""
         config, cells = self._experiment.config, self._cells
-        self._versions = solver_versions(self._experiment)
+        self._versions = pool.here(solver_versions)
         self._identities = _identities(config, cells, self._versions)
         self._check_damage()
         self._parts, findings = self._folder.find_parts(self._identities, self._rows_of)
@@ -207,25 +204,19 @@ class _Run:
         if self._on_rows is not None:
             for part in self._parts.values():
                 self._on_rows(pq.read_table(part, columns=MEDIAN_COLUMNS))
-        if self._reused < cells.chunks():
-            executor.submit(_ready).result()
         write_json(self._folder.parts / CONFIGURATION, config.canonical())
         self._stage("start")
         todo = (number for number in van_der_corput(cells.chunks()) if number not in self._parts)
         chunks = ((n, cells.block(cells.chunk(n))) for n in todo)
-        on_rows = self._on_rows and functools.partial(self._pass_on, self._on_rows)
-        for report in solve_chunks(executor, chunks, self._experiment.layout, on_rows):
+        for report in solve_chunks(pool, chunks):
             self._keep(report)
+            if self._on_rows is not None:
+                self._on_rows(read_part(report.data, self._experiment.layout))
             self._done += len(cells.chunk(report.number))
             self._progress(self._done, len(cells), "")
         self._stage("solve")
-        (write_curves if config.column is None else write_column_curves)(config, self._folder, executor)
+        (write_curves if config.column is None else write_column_curves)(config, self._folder, pool)
         self._stage("curves")
-
-    def _pass_on(self, on_rows: OnRows, rows: pa.Table) -> None:
-        """Pass on rows of a chunk that is not done yet."""
-        on_rows(rows)
-        self._progress(self._done, len(self._cells), "")
 
     def _check_damage(self) -> None:
         """Where the manifest does not tell what parts a folder holds are of, one must be of this experiment."""
@@ -245,7 +236,7 @@ class _Run:
         return pa.table(columns, schema=pa.schema(fields))
 
     def _keep(self, report: Report) -> None:
-        ours, theirs = self._versions, report.versions or self._versions
+        ours, theirs = self._versions, report.versions
         differing = sorted(name for name in ours if not _same_version(ours[name], theirs.get(name, "")))
         if differing:
             there = ", ".join(f"{name} {theirs.get(name)}" for name in differing)
@@ -299,11 +290,6 @@ def van_der_corput(count: int) -> Iterator[int]:
     digits = (count - 1).bit_length()
     mirrored = (int(f"{place:0{digits}b}"[::-1], 2) for place in range(1 << digits))
     return (number for number in mirrored if number < count)
-
-
-def _ready(sandbox: Any) -> None:
-    """Wait for the first sandbox there is: what comes before is the start of a run, what follows its work."""
-    sandbox.start()
 
 
 def _same_version(ours: str, theirs: str) -> bool:

@@ -3,10 +3,11 @@ from pathlib import Path
 
 import pytest
 
+from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.report import present
-from impact_xval.experiments.sweep.kernels import column_kernels_of, compile_once, kernels_of
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.warmup import warm
 from impact_xval.experiments.tables.store import TABLES, RunFolder
 from tests.experiments import fakes
 
@@ -37,9 +38,10 @@ def resumed(config, root, **how):
 
 @pytest.fixture(scope="session", autouse=True)
 def compiled_kernels():
-    """Compile what runs need before the first of them, once for all workers: `compile_once` locks."""
-    solvers = ["state-transition", "kelvin-voigt", "mujoco", "pybullet"]
-    compile_once([*kernels_of(solvers), *column_kernels_of(solvers)])
+    """Compile what runs need before the first of them, once for all workers: `warm` locks."""
+    for pair in (True, False):
+        for name in ("state-transition", "kelvin-voigt", "mujoco", "pybullet"):
+            warm(None, get_solver, name, pair)
 
 
 @pytest.fixture

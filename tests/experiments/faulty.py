@@ -1,4 +1,4 @@
-"""Solvers that crash or hang their process on chosen cells, in every way a process can end."""
+"""Solvers that fail on chosen cells, in every way a solver and its process can."""
 
 import ctypes
 import os
@@ -7,7 +7,7 @@ import time
 from tests.experiments.fakes import Shifted
 
 #: Values of e1 that make a cell fatal, by what happens.
-SEGFAULT, HANG, ABORT, LEAVE = 0.901, 0.902, 0.903, 0.904
+SEGFAULT, HANG, ABORT, LEAVE, RAISE, SHORT = 0.901, 0.902, 0.903, 0.904, 0.905, 0.906
 
 
 def _harm(e1):
@@ -20,6 +20,8 @@ def _harm(e1):
         os.abort()
     elif e1 == LEAVE:
         os._exit(3)
+    elif e1 == RAISE:
+        raise ZeroDivisionError("a bug")
 
 
 class Faulty(Shifted):
@@ -28,7 +30,7 @@ class Faulty(Shifted):
     def solve_many(self, collisions, settings):
         for c in collisions:
             _harm(c.e1)
-        return super().solve_many(collisions, settings)
+        return super().solve_many([c for c in collisions if c.e1 != SHORT], settings)
 
 
 class FaultyModel(Faulty):

@@ -72,7 +72,7 @@ def animate(
     """
     file_to_write("--out", out, (".gif", ".html", ".mp4"))
     from impact_xval.experiments.commands.collisions import known_solvers, say
-    from impact_xval.experiments.sweep.single import solvers_apart
+    from impact_xval.experiments.sweep.one import solvers_apart
 
     names = known_solvers([solver] if solver else list(_BESIDE[:1]))
     if len(names) < 2:
@@ -84,10 +84,10 @@ def animate(
 
         config = one_cell(context.params)
         collision = collision_of(config, config.figure_cell)
-        solved = apart.solve(config, names, get_solver, say)
-        if solver is None and solved[_BESIDE[0]].outcome.status == "unavailable":
+        solved = apart.solve(collision, config, names, get_solver, say)
+        if solver is None and solved[_BESIDE[0]].status == "unavailable":
             names = [_BESIDE[1], REFERENCE]
-            solved |= apart.solve(config, names[:1], get_solver, say)
+            solved |= apart.solve(collision, config, names[:1], get_solver, say)
     from impact_xval.experiments.presentation.pictures.motion import Motion, has_ffmpeg, write_animation
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
 
@@ -98,7 +98,7 @@ def animate(
     weight = config.gravity if config.scenario == "drop" else 0.0
     beside = next(name for name in names if name != REFERENCE)
     histories = {
-        name: _history(name, collision, solved[name].outcome, gravity)
+        name: _history(name, collision, solved[name], gravity)
         for name, gravity in ((REFERENCE, 0.0), (beside, weight))
     }
     motion = Motion(collision, config.scenario, histories)

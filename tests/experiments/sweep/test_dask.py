@@ -1,14 +1,12 @@
 """A real Dask cluster of two worker processes on loopback: the same bytes, whatever happens to its workers."""
 
-import contextlib
-
 import psutil
 import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.sweep import dask_cluster
+from impact_xval.experiments.sweep import pool
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments.conftest import tables_of
 from tests.waiting import wait_until
@@ -19,66 +17,40 @@ CONFIG = parse_config(
 )
 
 
-@pytest.fixture(scope="module")
-def cluster():
+@pytest.mark.nightly
+def test_neither_an_interrupt_nor_a_worker_that_dies_changes_a_byte(tmp_path):
+    """The interrupted run leaves no process on the cluster; that which goes on loses a worker of it."""
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
-    ) as made:
-        yield made
+    undisturbed = tables_of(run_sweep(CONFIG, tmp_path / "undisturbed", workers=1).root)
 
-
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
-    return tables_of(run_sweep(CONFIG, tmp_path_factory.mktemp("undisturbed") / "run", workers=1).root)
-
-
-def _workers(cluster):
-    return [psutil.Process(worker.pid) for worker in cluster.workers.values() if worker.pid is not None]
-
-
-@pytest.mark.nightly
-def test_a_worker_of_the_cluster_that_dies_costs_nothing(tmp_path, undisturbed, cluster):
-    killed = []
-
-    def kill(done, total, line):
-        if done >= 15 and not killed:
-            killed.append(_workers(cluster)[0])
-            killed[0].kill()
-
-    folder = run_sweep(CONFIG, tmp_path / "a", scheduler=cluster.scheduler_address, progress=kill)
-    assert killed
-    assert tables_of(tmp_path / "a") == undisturbed
-    assert folder.manifest()["sessions"][0]["where"] == cluster.scheduler_address
-
-
-@pytest.mark.nightly
-def test_an_interrupted_run_leaves_no_process_and_goes_on_to_the_same_bytes(tmp_path, undisturbed, cluster):
-    address = cluster.scheduler_address
+    def workers():
+        return [psutil.Process(each.pid) for each in cluster.workers.values() if each.pid is not None]
 
     def interrupt(done, total, line):
         if done >= 9:
+            assert any(each.children() for each in workers())
             raise KeyboardInterrupt
 
-    with pytest.raises(InterruptedRunError):
-        run_sweep(CONFIG, tmp_path / "a", scheduler=address, progress=interrupt)
-    wait_until(lambda: not _sandboxes(cluster))
-    run_sweep(CONFIG, tmp_path / "a", scheduler=address)
+    def kill(done, total, line):
+        if done >= 30 and not killed:
+            killed.append(workers()[0])
+            killed[0].kill()
+
+    killed = []
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        with pytest.raises(InterruptedRunError):
+            run_sweep(CONFIG, tmp_path / "a", scheduler=cluster.scheduler_address, progress=interrupt)
+        wait_until(lambda: not any(each.children() for each in workers()))
+        run_sweep(CONFIG, tmp_path / "a", scheduler=cluster.scheduler_address, progress=kill)
+    assert killed
     assert tables_of(tmp_path / "a") == undisturbed
-
-
-def _sandboxes(cluster):
-    found = []
-    for child in (child for worker in _workers(cluster) for child in worker.children(recursive=True)):
-        with contextlib.suppress(psutil.NoSuchProcess):
-            if "impact_xval.experiments.sweep.sandbox" in " ".join(child.cmdline()):
-                found.append(child)
-    return found
 
 
 def test_no_scheduler_is_one_line_and_leaves_nothing(tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(dask_cluster, "_ANSWER", 0.5)
+    monkeypatch.setattr(pool, "_TO_CONNECT", 0.5)
     (tmp_path / "c.toml").write_text("solvers = ['state-transition']")
     monkeypatch.chdir(tmp_path)
     for address in ("nonsense", "tcp://127.0.0.1:1"):

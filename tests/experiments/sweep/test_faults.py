@@ -1,63 +1,89 @@
-"""A solver that crashes or hangs costs its cells, and nothing else."""
+"""A solver that crashes, hangs or answers nonsense costs its cells, and nothing else."""
 
+import psutil
 import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
-from tests.experiments import faulty
+from tests.compliant_baselines.third_party import install
+from tests.experiments import fakes, faulty
+from tests.experiments.conftest import tables_of
 
-_HEADER = "stiffness_ratio,mass_ratio,e1,e2"
+#: By e1 the status and the reason of a cell where a solver lives up to 3 s.
+SAID = {
+    faulty.SEGFAULT: ("crashed", "its process died: SIGSEGV"),
+    faulty.HANG: ("timeout", "no answer within 3 s; its process was ended"),
+    faulty.ABORT: ("crashed", "its process died: SIGABRT"),
+    faulty.LEAVE: ("crashed", "its process died: exit code 3"),
+    faulty.RAISE: ("crashed", "ZeroDivisionError: a bug"),
+    faulty.SHORT: ("crashed", "RuntimeError: 0 outcomes for 1 collisions"),
+}
 
 
-def _config(tmp_path, n, fatal, **more):
-    lines = [f"{10 ** (2 * i / n - 1)!r},1.5,{fatal.get(i, 0.9)!r},0.7" for i in range(n)]
+def _config(tmp_path, e1, **more):
+    lines = [f"{10 ** (2 * i / len(e1) - 1)!r},1.5,{each!r},0.7" for i, each in enumerate(e1)]
     path = tmp_path / "cells.csv"
-    path.write_text("\n".join([_HEADER, *lines]) + "\n")
+    path.write_text("\n".join(["stiffness_ratio,mass_ratio,e1,e2", *lines]) + "\n")
     fields = {"solvers": ["mujoco"], "scenario": "impact", "cells": str(path), "cell_timeout": 3.0}
     return parse_config(fields | more)
 
 
 def _rows(root):
-    return pq.read_table(root / "cells.parquet").to_pylist()
+    rows = pq.read_table(root / "cells.parquet").to_pylist()
+    return {(row["cell"], row["solver"]): row for row in rows}
+
+
+def _failed(rows):
+    return {key: (row["status"], row["reason"]) for key, row in rows.items() if row["status"] != "ok"}
 
 
 @pytest.mark.slow
-def test_every_kind_of_death_is_found_named_and_survived(tmp_path):
-    fatal = {1: faulty.ABORT, 2: faulty.LEAVE}
-    config = _config(tmp_path, 4, fatal, chunk_size=2)
-    folder = run_sweep(config, tmp_path / "a", workers=2, resolve=faulty.faulty)
-    rows = _rows(tmp_path / "a")
-    assert len(rows) == 4 * 2
-    failed = {(r["cell"], r["solver"]): (r["status"], r["reason"]) for r in rows if r["status"] != "ok"}
-    assert failed == {
-        (1, "mujoco"): ("crashed", "its process died: SIGABRT"),
-        (2, "mujoco"): ("crashed", "its process died: exit code 3"),
-    }
-    assert folder.manifest()["sessions"][0]["processes_lost"] >= 2
+def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, monkeypatch):
+    """Of a distribution that runs, and of one that cannot be imported; ours goes on in its own process."""
+    text = "from tests.experiments.faulty import Faulty\nclass Bad(Faulty):\n    name, law = 'bad', None\n"
+    install(tmp_path / "site", "bad-dist", {"bad": "bad_solver:Bad"}, bad_solver=text)
+    install(tmp_path / "site", "lost-dist", {"lost": "no_such_module:Solver"})
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    e1 = [*[faulty.SEGFAULT] * 3, *[faulty.HANG] * 2, *[faulty.RAISE] * 2, faulty.LEAVE, faulty.SHORT]
+    config = _config(tmp_path, [*e1, *[0.9] * 11], solvers=["bad", "lost", "kelvin-voigt"], chunk_size=5)
+    folder = run_sweep(config, tmp_path / "a", workers=2)
+    failed = _failed(_rows(tmp_path / "a"))
+    lost = {failed.pop((cell, "lost")) for cell in range(20)}
+    assert failed == {(cell, "bad"): SAID[each] for cell, each in enumerate(e1)}
+    assert {status for status, _ in lost} == {"unavailable"}
+    assert "no_such_module" in lost.pop()[1]
+    assert folder.manifest()["sessions"][0]["processes_lost"] >= 8
 
 
 def test_a_reference_that_dies_leaves_the_others_a_result_without_a_comparison(tmp_path):
-    config = _config(tmp_path, 2, {1: faulty.SEGFAULT}, chunk_size=2, solvers=["kelvin-voigt"])
+    config = _config(tmp_path, [0.9, faulty.ABORT], solvers=["kelvin-voigt"])
     run_sweep(config, tmp_path / "a", workers=1, resolve=faulty.faulty_model)
-    rows = {(r["cell"], r["solver"]): r for r in _rows(tmp_path / "a")}
-    assert rows[1, "state-transition"]["status"] == "crashed"
-    assert rows[1, "kelvin-voigt"]["status"] == "ok"
+    rows = _rows(tmp_path / "a")
+    assert _failed(rows) == {(1, "state-transition"): SAID[faulty.ABORT]}
     assert rows[1, "kelvin-voigt"]["v1"] is not None
     compared, lost = pq.read_table(tmp_path / "a/divergence.parquet").to_pylist()
     assert compared["velocity_divergence"] is not None
     assert (lost["velocity_divergence"], lost["model_status"]) == (None, "crashed")
 
 
-def test_the_first_rows_wait_for_no_engine_and_its_first_call_has_no_limit(tmp_path):
-    config = _config(tmp_path, 2, {}, solvers=["bistiffness", "mujoco"])
-    seen = []
-    run_sweep(
-        config,
-        tmp_path / "a",
-        workers=1,
-        resolve=faulty.slow_to_start,
-        on_rows=lambda rows: seen.append(rows["solver"][0].as_py()),
-    )
-    assert [row["status"] for row in _rows(tmp_path / "a")] == ["ok"] * 6
-    assert seen == ["bistiffness", "mujoco"]
+def test_processes_that_are_killed_cost_nothing_but_time(tmp_path):
+    config = _config(tmp_path, [0.9] * 6, chunk_size=1)
+    killed = []
+
+    def kill(done, total, line):
+        if done in (1, 3):
+            killed.extend(psutil.Process().children())
+            for child in psutil.Process().children():
+                child.kill()
+
+    run_sweep(config, tmp_path / "a", workers=2, resolve=fakes.shifted, progress=kill)
+    assert len(killed) >= 2
+    whole = run_sweep(config, tmp_path / "b", isolate=False, resolve=fakes.shifted)
+    assert tables_of(tmp_path / "a") == tables_of(whole.root)
+
+
+def test_what_a_solver_needs_at_its_first_call_has_no_limit(tmp_path):
+    config = _config(tmp_path, [0.9] * 2, solvers=["mujoco"])
+    run_sweep(config, tmp_path / "a", workers=1, resolve=faulty.slow_to_start)
+    assert _failed(_rows(tmp_path / "a")) == {}

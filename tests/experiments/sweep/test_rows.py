@@ -10,9 +10,9 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.results import results_of
-from impact_xval.experiments.sweep import solving
+from impact_xval.experiments.sweep.chunk import Chunk
+from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.sweep.rows import Experiment, completed, solve_all, solve_by
-from impact_xval.experiments.sweep.sandbox import FaultError
 from impact_xval.model.collision import Path
 from tests.experiments import fakes
 
@@ -72,12 +72,12 @@ def test_an_outcome_of_which_no_measure_can_be_made_costs_its_own_row():
 
 
 class _Spoiled:
-    """A sandbox in which the ladders of some cells crash or hang."""
+    """A slot in which the ladders of some cells crash or hang."""
 
     def __init__(self, context, spoiled):
         self.context, self._spoiled = context, spoiled
 
-    def call(self, function, block, rows, timeout):
+    def call(self, solver, function, block, rows, timeout):
         if self._spoiled & set(block.index.tolist()):
             raise FaultError("crashed", "its process died: SIGSEGV")
         return function(self.context, block, rows)
@@ -89,7 +89,7 @@ def test_a_ladder_that_fails_costs_its_own_cell():
     block = experiment_cells(config).block(range(8))
     rows = solve_all(experiment, block).take(np.arange(16).reshape(2, 8).T.ravel())
     whole = completed(experiment, block, rows)
-    chunk = solving._Chunk(_Spoiled(experiment, {3, 7}), block, config)
+    chunk = Chunk(_Spoiled(experiment, {3, 7}), block)
     found = [row for piece in chunk.completed(rows) for row in piece.to_pylist()]
     for row, other in zip(found, whole.to_pylist(), strict=True):
         if row["solver"] == "mujoco" and row["cell"] in (3, 7):

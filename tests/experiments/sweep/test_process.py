@@ -1,5 +1,6 @@
 """A process of its own: what it answers, and what becomes of its deaths."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -8,15 +9,12 @@ import time
 
 import pytest
 
-from impact_xval.experiments.sweep.sandbox import FaultError, Sandbox, in_halves
+from impact_xval.experiments.sweep.process import FaultError, Worker, WorkerError, in_halves
 from tests.waiting import gone, wait_until
 
 
-def prepare(context):
-    return f"prepared with {context}"
-
-
 def echo(context, *values):
+    print("what is printed is no answer", flush=True)
     return context, values
 
 
@@ -29,24 +27,34 @@ def sleep(context, seconds):
 
 
 def die(context, how):
-    if how == "exit":
-        sys.exit(5)
+    if how == "leave":
+        os._exit(3)
     os.kill(os.getpid(), how)
-    time.sleep(60)
+    time.sleep(600)
+
+
+def fail(context):
+    raise LookupError("a bug")
+
+
+def orphan(context):
+    """Kill who waits for the answer, and go on: no end of a pipe is noticed."""
+    os.kill(os.getppid(), signal.SIGKILL)
+    time.sleep(600)
 
 
 @pytest.fixture
-def sandbox():
-    made = Sandbox("a context", prepare)
-    yield made
-    made.close()
+def worker():
+    with contextlib.closing(Worker("a context")) as made:
+        yield made
 
 
-def test_it_answers_with_its_context_from_one_process_of_its_own(sandbox):
-    assert sandbox.call(echo, 1, "two", timeout=60) == ("a context", (1, "two"))
-    first = sandbox.call(pid, timeout=60)
-    assert first != os.getpid()
-    assert sandbox.call(pid, timeout=60) == first
+def test_it_answers_from_one_process_with_its_context_and_says_what_is_raised(worker):
+    first = worker.call(pid, timeout=60)
+    assert worker.call(echo, 1, "two", timeout=60) == ("a context", (1, "two"))
+    with pytest.raises(WorkerError, match="in fail\n.*\nLookupError: a bug"):
+        worker.call(fail, timeout=60)
+    assert worker.call(pid, timeout=60) == first != os.getpid()
 
 
 @pytest.mark.parametrize(
@@ -54,26 +62,26 @@ def test_it_answers_with_its_context_from_one_process_of_its_own(sandbox):
     [
         ((die, signal.SIGSEGV), 60, "crashed", "its process died: SIGSEGV"),
         ((die, signal.SIGKILL), 60, "crashed", "its process died: SIGKILL (out of memory, or killed)"),
-        ((die, "exit"), 60, "crashed", "its process died: exit code 5"),
+        ((die, "leave"), 60, "crashed", "its process died: exit code 3"),
         ((sleep, 600), 0.5, "timeout", "no answer within 0.5 s; its process was ended"),
     ],
-    ids=["segfault", "killed", "exit", "hang"],
 )
 def test_a_death_is_a_fault_that_says_of_what_and_the_next_call_is_answered(
-    sandbox, work, timeout, status, reason
+    worker, work, timeout, status, reason
 ):
+    before = worker.call(pid, timeout=60)
     with pytest.raises(FaultError) as caught:
-        sandbox.call(*work, timeout=timeout)
+        worker.call(*work, timeout=timeout)
     assert (caught.value.status, caught.value.reason) == (status, reason)
-    assert sandbox.call(echo, 1, timeout=60) == ("a context", (1,))
+    assert gone(before)
+    assert worker.call(echo, 1, timeout=60) == ("a context", (1,))
 
 
-def test_it_does_not_outlive_a_killed_parent():
+def test_it_does_not_outlive_a_killed_parent_whatever_it_does():
     script = (
-        "import os, signal; from impact_xval.experiments.sweep.sandbox import Sandbox\n"
-        "from tests.experiments.sweep import test_sandbox as w\n"
-        "s = Sandbox(None, w.prepare); print(s.call(w.pid, timeout=60), flush=True)\n"
-        "os.kill(os.getpid(), signal.SIGKILL)"
+        "from impact_xval.experiments.sweep.process import Worker\n"
+        "from tests.experiments.sweep import test_process as w\n"
+        "s = Worker(); print(s.call(w.pid, timeout=60), flush=True); s.call(w.orphan, timeout=600)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == -signal.SIGKILL
@@ -107,14 +115,7 @@ def test_what_is_fatal_is_found_by_halving_and_everything_else_answered():
     assert _isolated(7, set()) == ([], [list(range(7))])
 
 
-def test_one_death_is_not_enough_to_lose_a_cell():
+def test_one_death_is_not_enough_to_lose_a_cell_but_one_hang_alone_is():
     assert _isolated(1, set(), once=[0]) == ([], [[0], [0]])
-    assert _isolated(4, set(), once=[3])[0] == []
     assert _isolated(2, {0}, once=[1])[0] == [0]
-
-
-def test_a_cell_that_hangs_alone_is_not_waited_for_again():
     assert _isolated(1, {0}, status="timeout") == ([0], [[0]])
-    lost, calls = _isolated(4, {3}, status="timeout")
-    assert lost == [3]
-    assert calls.count([3]) == 1

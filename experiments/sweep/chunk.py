@@ -1,0 +1,151 @@
+"""A chunk of cells by each solver, as the rows of a part; a call of a process is one solver's.
+
+What crashes or hangs is found by halving (`process.in_halves`), and becomes rows with that status.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from impact_xval.compliant_baselines.answers import one_line
+from impact_xval.experiments.config.cells import Block
+from impact_xval.experiments.config.experiment import Config
+from impact_xval.experiments.sweep.pool import Slot, in_flight
+from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves
+from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
+from impact_xval.experiments.sweep.warmup import make_ready, stated
+from impact_xval.experiments.tables.store import part_bytes
+
+#: Seconds for what follows the solvers of a chunk; not their limit, for these are references in closed form, and tables
+#: must not depend on how busy a machine is.
+_TO_COMPLETE = 600.0
+
+Versions = dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What came of a chunk.
+
+    Attributes
+    ----------
+    number : int
+        Number of the chunk.
+    data : bytes
+        Its rows, by cell, then by solver, as the content of a part.
+    seconds : dict
+        Wall time by solver.
+    versions : dict
+        Of the project and of every solver where the chunk was computed.
+    faults : int
+        Processes that died or were ended.
+    """
+
+    number: int
+    data: bytes
+    seconds: dict[str, float]
+    versions: Versions
+    faults: int
+
+
+def solve_chunks(pool: Any, chunks: Iterable[tuple[int, Block]]) -> Iterator[Report]:
+    """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come."""
+    return in_flight(lambda chunk: pool.submit(solve_chunk, *chunk), chunks, lambda: max(2, 2 * pool.workers))
+
+
+def solve_chunk(slot: Slot, number: int, block: Block) -> Report:
+    """Solve a chunk of cells by each solver of the experiment, whatever they do."""
+    names = slot.context.config.solvers
+    chunk = Chunk(slot, block)
+    rows = pa.concat_tables([part for name in names for part in chunk.solved_by(name)])
+    by_cell = np.arange(len(rows)).reshape(len(names), -1).T.ravel()
+    rows = pa.concat_tables(chunk.completed(rows.take(by_cell)))
+    return Report(number, part_bytes(rows), dict(chunk.seconds), solver_versions(slot), chunk.faults)
+
+
+class Chunk:
+    """Cells that are solved by the processes of a slot, and what was lost of them."""
+
+    def __init__(self, slot: Slot, block: Block) -> None:
+        self._slot, self._cells = slot, block
+        self._config: Config = slot.context.config
+        self._lost: Lost = {}
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.faults = 0
+
+    def solved_by(self, name: str) -> list[pa.Table]:
+        """Rows of a solver, in pieces: where it dies, without an answer."""
+        _, reason = self._slot.once(_stated)[name]
+        if reason is not None:
+            self._lost |= {(name, cell): ("unavailable", reason) for cell in self._cells.index.tolist()}
+            return [self._without(name, slice(0, len(self._cells)))]
+        rows, failed = functools.partial(self._rows, name), functools.partial(self._failed, name)
+        return in_halves(rows, len(self._cells), failed)
+
+    def _rows(self, name: str, place: slice) -> pa.Table:
+        experiment: Experiment = self._slot.context
+        make_ready(self._slot, experiment.resolve, name, pair=experiment.layout.pair)
+        start, limit = time.perf_counter(), self._config.cell_timeout
+        try:
+            return self._slot.call(name, solve_by, name, self._cells[place], self._lost, timeout=limit)
+        except FaultError:
+            self.faults += 1
+            raise
+        finally:
+            self.seconds[name] += time.perf_counter() - start
+
+    def _failed(self, name: str, place: slice, fault: FaultError) -> pa.Table:
+        self._lost[name, int(self._cells.index[place.start])] = fault.status, fault.reason
+        return self._without(name, place)
+
+    def _without(self, name: str, place: slice) -> pa.Table:
+        """Rows of cells that are lost to a solver, by our process: it asks that solver nothing."""
+
+        def call(_: slice) -> pa.Table:
+            return self._slot.call(None, solve_by, name, self._cells[place], self._lost, timeout=_TO_COMPLETE)
+
+        def give_up(_: slice, fault: FaultError) -> pa.Table:
+            raise WorkerError(f"cells {self._cells.index[place]}, outside of every solver: {fault.reason}")
+
+        return in_halves(call, 1, give_up)[0]
+
+    def completed(self, rows: pa.Table) -> list[pa.Table]:
+        """Add to rows, by cell, what needs several solvers; a cell for which that fails has no ladder."""
+        each = len(self._config.solvers)
+
+        def of(place: slice) -> pa.Table:
+            return rows.slice(place.start * each, (place.stop - place.start) * each)
+
+        def call(place: slice) -> pa.Table:
+            try:
+                return self._slot.call(None, completed, self._cells[place], of(place), timeout=_TO_COMPLETE)
+            except WorkerError as error:
+                last = str(error).strip().rpartition("\n")[2]
+                raise FaultError("crashed", one_line(last)) from None
+
+        def failed(place: slice, fault: FaultError) -> pa.Table:
+            return without_ladder(self._slot.context, of(place), fault.status, f"ladder: {fault.reason}")
+
+        return in_halves(call, len(self._cells), failed)
+
+
+def solver_versions(slot: Slot) -> Versions:
+    """Versions of the project and of every solver; why not, for one that is unavailable."""
+    found = slot.once(_stated).items()
+    return {"impact-xval": version("impact-xval")} | {
+        name: said if reason is None else f"unavailable: {reason}" for name, (said, reason) in found
+    }
+
+
+def _stated(slot: Slot) -> dict[str, tuple[str, str | None]]:
+    experiment: Experiment = slot.context
+    return {name: stated(slot, experiment.resolve, name) for name in experiment.config.solvers}

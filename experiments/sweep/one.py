@@ -1,0 +1,144 @@
+"""One collision by several solvers, each within a limit of time.
+
+They are imported, and run, in processes of their own only. The caller's needs no engine and no compiled code: it can be
+interrupted at any time, and reads its input while those start.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, wait
+from typing import Any
+
+from impact_xval.compliant_baselines.registry import get_solver, is_ours, solver_names
+from impact_xval.experiments.config.experiment import Config
+from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
+from impact_xval.experiments.sweep.process import FaultError
+from impact_xval.model.collision import Collision, Outcome, Path
+
+#: Seconds between two lines that say which solver is at work.
+_SAY = 20.0
+
+
+class SolversApart:
+    """Solvers in processes of their own; made by `solvers_apart`."""
+
+    def __init__(self, pool: Any, begun: Future[bool]) -> None:
+        self._pool, self._begun = pool, begun
+        self._said = False
+
+    def solve(
+        self,
+        collision: Collision,
+        config: Config,
+        names: Sequence[str],
+        resolve: Callable[[str], Any],
+        say: Callable[[str], None],
+        points: int | None = None,
+    ) -> dict[str, Outcome]:
+        """Solve a collision by solvers; one that crashed or did not answer in time has an outcome that says so.
+
+        Parameters
+        ----------
+        collision : Collision
+        config : Config
+            Settings of the solvers; its ``cell_timeout`` is the limit of each.
+        names : sequence of str
+        resolve : callable
+            Finds a solver by its name; at the top level of a module.
+        say : callable
+            Given a line about what is waited for; empty once kernels are about to be compiled.
+        points : int, optional
+            Of a path, at most; 0 for none, by default the whole.
+        """
+        pair = collision.falls_on_resting
+        if not (self._begun.result() or self._said):
+            self._said = True
+            say("")
+        ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"
+        at_work = f"has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
+        solved = {}
+        for name in names:
+            self._wait(say, f"making {name} ready {ended}", _prepared, resolve, name, pair)
+            try:
+                asked = resolve, name, config, collision, points
+                solved[name] = self._wait(say, f"{name} {at_work}", _solved, *asked)
+            except FaultError as fault:
+                solved[name] = Outcome.failure(name, collision, fault.status, fault.reason)
+        return solved
+
+    def _wait(self, say: Callable[[str], None], line: str, function: Callable[..., Any], *asked: Any) -> Any:
+        """Have a function called, and say a line every `_SAY` s, into which the seconds are put."""
+        start, called = time.monotonic(), self._pool.submit(function, *asked)
+        while not wait([called], _SAY).done:
+            say(line.format(time.monotonic() - start))
+        return called.result()
+
+
+@contextlib.contextmanager
+def solvers_apart(names: Sequence[str], *, columns: bool = False) -> Iterator[SolversApart]:
+    """Start a process, which imports solvers meanwhile; it is gone when the block ends.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the solvers, legal or not; none for those that a run has by default.
+    columns : bool
+        Whether they are to solve columns of N balls.
+    """
+    legal = [name for name in solver_names(on_request=True) if name in names] or list(solver_names())
+    with open_pool(None, 1) as pool:
+        yield SolversApart(pool, pool.submit(_begun, legal, not columns))
+
+
+def _begun(slot: Slot, names: Sequence[str], pair: bool) -> bool:
+    """Have our solvers imported; whether all kernels are compiled."""
+    try:
+        return slot.call(None, _import, names, pair, timeout=TO_PREPARE)
+    except FaultError:
+        return True
+
+
+def _import(_: object, names: Sequence[str], pair: bool) -> bool:
+    from impact_xval.experiments.sweep.warmup import are_compiled
+
+    for name in filter(is_ours, names):
+        get_solver(name).unavailable()
+    return all(are_compiled(name, pair=pair) for name in names)
+
+
+def _prepared(slot: Slot, resolve: Any, name: str, pair: bool) -> None:
+    slot.prepare(name, _warm, resolve, name, pair)
+
+
+def _warm(_: object, resolve: Any, name: str, pair: bool) -> None:
+    from impact_xval.experiments.sweep.warmup import warm
+
+    warm(_, resolve, name, pair)
+
+
+def _solved(slot: Slot, resolve: Any, name: str, config: Config, *asked: Any) -> Outcome:
+    return slot.call(name, _answer, resolve, name, config, *asked, timeout=config.cell_timeout)
+
+
+def _answer(
+    _: object, resolve: Any, name: str, config: Config, collision: Collision, points: int | None
+) -> Outcome:
+    from impact_xval.compliant_baselines.answers import answer
+    from impact_xval.experiments.sweep.rows import settings_of
+
+    outcome = answer(resolve(name), [collision], settings_of(config, paths=points != 0))[0]
+    if points and outcome.path is not None:
+        return dataclasses.replace(outcome, path=_fewer(outcome.path, points))
+    return outcome
+
+
+def _fewer(path: Path, points: int) -> Path:
+    """Pick so many points of a path at most, its ends among them: of many balls it is large to be sent."""
+    import numpy as np
+
+    kept = np.unique(np.linspace(0, len(path.time) - 1, points).astype(int))
+    return Path(*(getattr(path, each.name)[kept] for each in dataclasses.fields(Path)))

@@ -1,0 +1,294 @@
+"""Where the work of a sweep is done: threads of this process, or of a Dask cluster, each with processes of its own.
+
+What is submitted is called as ``function(slot, *arguments)``, in a thread that has the slot to itself. No result
+depends on where that is, nor on how many there are.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import threading
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, as_completed, wait
+from contextlib import closing, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from impact_xval.compliant_baselines.registry import is_ours, origins
+from impact_xval.experiments.config.errors import InterruptedRunError, UserError
+from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.sweep.process import ClosedError, FaultError, Worker
+
+_Answer = TypeVar("_Answer")
+
+#: Seconds for a process to be made ready, kernels to be compiled among it; and seconds that a plug-in has for that.
+TO_PREPARE, TO_STATE = 900.0, 60.0
+#: Seconds to wait for a scheduler to answer.
+_TO_CONNECT = 10
+
+
+class Slot:
+    """A process a distribution: one for our solvers and one for those of each plug-in, which costs its own cells only.
+
+    Parameters
+    ----------
+    context, log
+        Of every `Worker`.
+    isolate : bool
+        False calls in this process: for looking into solvers with a debugger, and for quick tests.
+    """
+
+    def __init__(self, context: Any = None, log: Path | None = None, *, isolate: bool = True) -> None:
+        self.context, self._isolate = context, isolate
+        self._origins = origins()
+        self._workers = {origin: Worker(context, log) for origin in self._origins.values()}
+        self._deaths: Counter[str] = Counter()
+        self._known: dict[Any, Any] = {}
+
+    def start(self) -> None:
+        """Start the process of our solvers, while the caller goes on."""
+        self._worker(None).start()
+
+    def call(self, solver: str | None, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
+        """Return ``function(context, *arguments)`` of the process of a solver, or of ours; as `Worker.call`."""
+        if not self._isolate:
+            return function(self.context, *arguments)
+        return self._worker(solver).call(function, *arguments, timeout=timeout)
+
+    def prepare(self, solver: str, function: Callable[..., Any], *arguments: Any) -> None:
+        """Call for a solver, once in each process; not where two have died of it: then its cells are to say so."""
+        ready = self._worker(solver).ready
+        if solver not in ready and self._deaths[solver] < 2:
+            limit = TO_PREPARE if is_ours(solver) else TO_STATE
+            try:
+                self.call(solver, function, *arguments, timeout=limit)
+                ready.add(solver)
+            except FaultError:
+                self._deaths[solver] += 1
+
+    def once(self, function: Callable[[Slot], _Answer]) -> _Answer:
+        """Return ``function(slot)``, which is called once."""
+        if function not in self._known:
+            self._known[function] = function(self)
+        return self._known[function]
+
+    def close(self) -> None:
+        """End all processes, whatever they do; safe from any thread, and at any time."""
+        for worker in self._workers.values():
+            worker.close()
+
+    def _worker(self, solver: str | None) -> Worker:
+        return self._workers[self._origins[solver or REFERENCE]]
+
+
+class Pool:
+    """Threads of this process, each with a slot."""
+
+    def __init__(self, make_slot: Callable[[], Slot], workers: int) -> None:
+        self.workers = workers
+        self._threads = ThreadPoolExecutor(workers)
+        self._slots = [make_slot() for _ in range(workers)]
+        self._unused: queue.SimpleQueue[Slot] = queue.SimpleQueue()
+        for slot in self._slots:
+            self._unused.put(slot)
+            self._threads.submit(
+                slot.start
+            )  # a process ends with its thread, and these live as long as the pool
+
+    def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
+        """Have ``function(slot, *arguments)`` called."""
+        return self._threads.submit(self._call, function, *arguments)
+
+    def here(self, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
+        """Return ``function(slot, *arguments)`` of this machine, wherever all else is called."""
+        return self.submit(function, *arguments).result()
+
+    def close(self, *, now: bool = False) -> None:
+        """End threads and processes; `now` whatever they do."""
+        self._threads.shutdown(wait=not now, cancel_futures=now)
+        for slot in self._slots:
+            slot.close()
+        self._threads.shutdown()
+
+    def _call(self, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
+        slot = self._unused.get()
+        try:
+            return function(slot, *arguments)
+        finally:
+            self._unused.put(slot)
+
+
+class _Direct:
+    """A pool without threads and processes: a crash of a solver is one of the caller."""
+
+    workers = 1
+
+    def __init__(self, context: Any) -> None:
+        self._slot = Slot(context, isolate=False)
+
+    def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
+        future: Future[_Answer] = Future()
+        try:
+            future.set_result(function(self._slot, *arguments))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def here(self, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
+        return function(self._slot, *arguments)
+
+
+#: In a worker of Dask: the pools of the runs that it works for; None of one that is over.
+_pools: dict[str, Pool | None] = {}
+_lock = threading.Lock()
+
+
+class _Dask:
+    """The threads of a cluster's workers. None of them runs a solver, so that Dask never sees a crash."""
+
+    def __init__(self, client: Any, make_slot: Callable[[], Slot]) -> None:
+        self._client, self._make_slot, self._run = client, make_slot, uuid.uuid4().hex
+        self._executor = client.get_executor(pure=False)
+
+    @property
+    def workers(self) -> int:
+        """How many there are now: a cluster may grow and shrink."""
+        return sum(self._client.nthreads().values())
+
+    def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
+        return self._executor.submit(_on_worker, self._run, self._make_slot, function, *arguments)
+
+    def here(self, function: Callable[..., _Answer], *arguments: Any) -> _Answer:
+        with closing(self._make_slot()) as slot:
+            return function(slot, *arguments)
+
+    def close(self, *, now: bool = False) -> None:
+        self._executor.shutdown(wait=False)
+        if self._client.status == "running":  # else it is gone
+            self._client.run(_end_on_worker, self._run, on_error="ignore")
+
+
+def _on_worker(run: str, make_slot: Callable[[], Slot], function: Callable[..., Any], *arguments: Any) -> Any:
+    from distributed import get_worker
+
+    with _lock:
+        if run not in _pools:
+            _pools[run] = Pool(make_slot, get_worker().state.nthreads)
+        pool = _pools[run]
+    if pool is None:
+        raise ClosedError
+    return pool.submit(function, *arguments).result()
+
+
+def _end_on_worker(run: str) -> None:
+    with _lock:
+        pool, _pools[run] = _pools.get(run), None
+    if pool is not None:
+        pool.close(now=True)
+
+
+@contextmanager
+def open_pool(
+    context: Any,
+    workers: int,
+    *,
+    scheduler: str | None = None,
+    isolate: bool = True,
+    say: Callable[[str], None] = lambda line: None,
+    log: Path | None = None,
+) -> Iterator[Any]:
+    """Give a pool; all it started is gone when the block ends, at once if by an exception.
+
+    Parameters
+    ----------
+    context, log, isolate
+        Of every `Slot`; those of a cluster have no log.
+    workers : int
+        Threads on this machine.
+    scheduler : str or None
+        Address of a Dask scheduler, such as ``tcp://host:8786``; None to work without Dask.
+    say : callable
+        Given a line about a cluster.
+
+    Raises
+    ------
+    UserError
+        If no scheduler answers there.
+    InterruptedRunError
+        If the cluster is lost.
+    """
+    if not isolate:
+        yield _Direct(context)
+    elif scheduler is None:
+        with _ended(Pool(partial(Slot, context, log), workers)) as pool:
+            yield pool
+    else:
+        with _cluster(scheduler) as client, _ended(_Dask(client, partial(Slot, context))) as pool:
+            say(f"Dask cluster at {scheduler}: {pool.workers} worker threads")
+            if not pool.workers:
+                say(f"waiting for a worker; start some: dask worker {scheduler} --nthreads 1")
+            client.wait_for_workers(1)
+            yield pool
+
+
+@contextmanager
+def _ended(pool: Any) -> Iterator[Any]:
+    try:
+        yield pool
+    except BaseException:
+        pool.close(now=True)
+        raise
+    pool.close()
+
+
+@contextmanager
+def _cluster(scheduler: str) -> Iterator[Any]:  # a Client; its calls are annotated as coroutines
+    try:
+        from distributed import Client
+        from distributed.comm.core import CommClosedError
+        from distributed.scheduler import KilledWorker
+    except ImportError as error:
+        raise UserError(
+            f"--scheduler {scheduler}: needs Dask ({error}); run pip install 'impact-xval[cluster]'"
+        ) from None
+    try:
+        client = Client(scheduler, timeout=_TO_CONNECT)
+    except (OSError, TimeoutError, ValueError, TypeError) as error:
+        raise UserError(
+            f"--scheduler {scheduler}: no Dask scheduler answers there ({_short(error)}); legal: an "
+            "address such as tcp://host:8786 or, with certificates, tls://host:8786"
+        ) from None
+    try:
+        yield client
+    except KilledWorker as error:
+        raise InterruptedRunError(f"too many workers of the cluster died: {_short(error)}") from None
+    except (CancelledError, CommClosedError) as error:
+        raise InterruptedRunError(f"the Dask cluster at {scheduler} is gone: {_short(error)}") from None
+    finally:
+        client.close(timeout=2)
+
+
+def _short(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+def in_flight(
+    submit: Callable[[Any], Future[_Answer]], tasks: Iterable[Any], capacity: Callable[[], int]
+) -> Iterator[_Answer]:
+    """Yield answers as they come, with so many tasks handed out at once; each is made when it is."""
+    pending: set[Future[_Answer]] = set()
+    for task in tasks:
+        pending.add(submit(task))
+        if len(pending) >= capacity():
+            finished, pending = wait(pending, return_when=FIRST_COMPLETED)
+            yield from (future.result() for future in finished)
+    yield from (future.result() for future in as_completed(pending))
+
+
+def available_cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,208 @@
+"""A process of its own for solvers: what crashes it, or hangs in it, costs an answer and nothing else.
+
+It is started as ``python -c``, and spoken to by pickles over a pair of sockets. Not by `multiprocessing.Process`: a
+worker of Dask is a daemon, which may have no children of that kind, and the main script of the caller would be imported
+again. Numerical libraries have one thread each there: collisions are shared out to processes, and no number may depend
+on how many threads there are.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+_Piece = TypeVar("_Piece")
+
+_THREADS = (
+    "NUMBA_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "ARROW_NUM_THREADS",
+)
+#: By this MuJoCo looks for no window: that takes a third of its import, and a process that prints a traceback when the
+#: one that imports it is ended.
+NO_WINDOW = {"MUJOCO_GL": "disable"}
+#: Linux ends the process with the highest score first when memory runs out: a worker, not the main process.
+_OOM_SCORE = "600"
+#: Seconds for a process that has closed its end to exit by itself, since its exit code is of interest.
+_TO_EXIT = 10.0
+#: Of Linux: the signal that a process gets when the thread that started it is gone.
+_PR_SET_PDEATHSIG = 1
+
+
+class FaultError(Exception):
+    """The process died, or did not answer in time; the reason is the same whenever the same happens."""
+
+    def __init__(self, status: Literal["crashed", "timeout"], reason: str) -> None:
+        super().__init__(reason)
+        self.status: Literal["crashed", "timeout"] = status
+        self.reason = reason
+
+
+class ClosedError(Exception):
+    """The worker was closed while it worked, or before."""
+
+
+class WorkerError(Exception):
+    """An exception in the worker that nobody expected: a bug, with the traceback of the other process."""
+
+
+class Worker:
+    """A process that works for one caller at a time; it is started when it is first needed, and after a fault.
+
+    On Linux it ends with the thread that started it: who calls it from a thread keeps that one as long.
+
+    Parameters
+    ----------
+    context : object
+        Sent once to each process, and handed to everything that is called there.
+    log : Path, optional
+        File to which its standard error is appended; by default it goes nowhere.
+    """
+
+    def __init__(self, context: Any = None, log: Path | None = None) -> None:
+        self.context, self._log = context, log
+        #: What the present process has been made ready for; of the caller, and empty in a new process.
+        self.ready: set[str] = set()
+        self._lock, self._closed = threading.Lock(), False
+        self._running: tuple[subprocess.Popen[bytes], Connection] | None = None
+
+    def start(self) -> tuple[subprocess.Popen[bytes], Connection]:
+        """Start the process, if there is none; it imports what the context needs while the caller goes on."""
+        with self._lock:
+            if self._closed:
+                raise ClosedError
+            if self._running is None:
+                self.ready.clear()
+                self._running = _started(self._log)
+                with contextlib.suppress(OSError):  # it is gone: noticed by who calls it
+                    self._running[1].send(self.context)
+            return self._running
+
+    def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
+        """Return ``function(context, *arguments)`` of the process, which is killed after so many seconds.
+
+        Raises
+        ------
+        FaultError, ClosedError, WorkerError
+        """
+        process, pipe = self.start()
+        try:
+            pipe.send((function, arguments))
+            if not pipe.poll(timeout):
+                raise TimeoutError
+            answer = pipe.recv_bytes()
+        except TimeoutError:
+            fault = FaultError("timeout", f"no answer within {timeout:g} s; its process was ended")
+        except (EOFError, OSError):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_TO_EXIT)
+            fault = FaultError("crashed", f"its process died: {_cause(_ended(process))}")
+        else:
+            done, value = pickle.loads(answer)
+            if done:
+                return value
+            raise WorkerError(value)
+        _ended(process)
+        pipe.close()
+        self._running = None
+        raise ClosedError if self._closed else fault
+
+    def close(self) -> None:
+        """End the process, whatever it does; safe from any thread, and at any time."""
+        with self._lock:
+            self._closed = True
+            if self._running is not None:
+                _ended(self._running[0])
+
+
+def in_halves(
+    call: Callable[[slice], _Piece], n: int, failure: Callable[[slice, FaultError], _Piece]
+) -> list[_Piece]:
+    """Call for n cells at once, in halves where their process dies or hangs, and so on down to single cells.
+
+    A cell is lost when its process died twice with this cell alone: one death may have been anybody's (a full memory,
+    an operator), and costs nothing but time. One that hangs alone is lost: it has had the time that one may take. Then
+    `failure` gives what stands for its answer. The answers are in the order of the cells.
+    """
+
+    def pieces(start: int, stop: int, again: bool) -> list[_Piece]:
+        place, middle = slice(start, stop), (start + stop) // 2
+        try:
+            return [call(place)]
+        except FaultError as fault:
+            if stop - start > 1:
+                return [*pieces(start, middle, False), *pieces(middle, stop, False)]
+            if again or fault.status == "timeout":
+                return [failure(place, fault)]
+        return pieces(start, stop, True)
+
+    return pieces(0, n, False)
+
+
+def _started(log: Path | None) -> tuple[subprocess.Popen[bytes], Connection]:
+    """Start a process that serves, and give our end of its sockets."""
+    ours, theirs = Pipe()
+    places = [place for place in sys.path if isinstance(place, str)]  # no import heeds another
+    serving = f"from {__name__} import serve; serve({theirs.fileno()}, {os.getpid()})"
+    with theirs, (log or Path(os.devnull)).open("ab") as said:
+        process = subprocess.Popen(
+            [sys.executable, "-c", f"import sys; sys.path[:] = {places!r}; {serving}"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,  # engines print there
+            stderr=said,
+            env=NO_WINDOW | os.environ | dict.fromkeys(_THREADS, "1"),
+            pass_fds=[theirs.fileno()],
+            start_new_session=True,
+        )
+    return process, ours
+
+
+def _ended(process: subprocess.Popen[bytes]) -> int:
+    """Kill a process and what it forked, if it has not ended; its exit code."""
+    if process.poll() is None:
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            os.killpg(process.pid, signal.SIGKILL)
+    return process.wait()
+
+
+def _cause(code: int) -> str:
+    if code >= 0:
+        return f"exit code {code}"
+    known = {number.value: number.name for number in signal.Signals}
+    name = known.get(-code, f"signal {-code}")
+    return f"{name} (out of memory, or killed)" if name == "SIGKILL" else name
+
+
+def serve(handle: int, parent: int) -> None:
+    """Work for the process at the other end of a socket until it is gone; the life of a worker."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it was gone before
+            return
+        Path("/proc/self/oom_score_adj").write_text(_OOM_SCORE)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
+    os.set_inheritable(handle, False)
+    with Connection(handle) as pipe, contextlib.suppress(EOFError, ConnectionError):
+        context = pipe.recv()
+        while True:
+            asked = pipe.recv_bytes()
+            try:
+                function, arguments = pickle.loads(asked)
+                answer = pickle.dumps((True, function(context, *arguments)))
+            except Exception:
+                answer = pickle.dumps((False, traceback.format_exc()))
+            pipe.send_bytes(answer)

@@ -1,0 +1,74 @@
+"""What a process needs before its first cell: solvers imported, kernels compiled, outside of every limit of a cell.
+
+Kernels are compiled by one process of an installation; others wait for its lock, and read them from the cache then.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+from filelock import FileLock
+
+from impact_xval.compliant_baselines.answers import stated_version, why_unavailable
+from impact_xval.compliant_baselines.engines.quiet import between
+from impact_xval.compliant_baselines.engines.stepping import scan
+from impact_xval.compliant_baselines.registry import is_engine, is_ours
+from impact_xval.experiments.config.cells import experiment_cells
+from impact_xval.experiments.config.experiment import REFERENCE, parse_config
+from impact_xval.experiments.measures.hausdorff import measure_all
+from impact_xval.experiments.sweep.pool import TO_STATE, Slot
+from impact_xval.experiments.sweep.process import FaultError, in_halves
+from impact_xval.experiments.sweep.rows import Experiment, Resolve, solve_by
+from impact_xval.model.chain.kernel import follow_chains
+from impact_xval.model.compiled import cache_folder, is_compiled
+from impact_xval.model.pair.kernel import collide_all
+
+#: An experiment of one cell that any solver does at once.
+_PAIR: dict[str, Any] = {"grid": {"stiffness_ratio": [1.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}}
+_COLUMN: dict[str, Any] = {"column": {"arrangement": "cradle", "balls": [2]}}
+
+
+def make_ready(slot: Slot, resolve: Resolve, name: str, *, pair: bool) -> None:
+    """Make a process ready for a solver, unless it is: for two balls on a table, or for columns."""
+    slot.prepare(name, warm, resolve, name, pair)
+
+
+def warm(_: object, resolve: Resolve, name: str, pair: bool) -> None:
+    """Solve an ordinary cell by a solver, so that all is imported and compiled."""
+    usual = parse_config(_PAIR if pair else _COLUMN)
+    with contextlib.nullcontext() if are_compiled(name, pair=pair) else _compiling():
+        solve_by(Experiment(usual, resolve), name, experiment_cells(usual).block(range(1)), {})
+
+
+def are_compiled(name: str, *, pair: bool) -> bool:
+    """Whether the kernels are in the cache that rows of a solver need."""
+    kernels: list[Any] = [collide_all] if pair else [follow_chains]
+    if name != REFERENCE and pair:
+        kernels += [measure_all]
+    if name != REFERENCE and is_ours(name):
+        kernels += [follow_chains]
+    if is_ours(name) and is_engine(name):
+        kernels += [between if pair else scan]
+    return all(map(is_compiled, kernels))
+
+
+def _compiling() -> FileLock:
+    return FileLock(cache_folder(follow_chains) / "compiling.lock")
+
+
+def stated(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:
+    """Ask a solver for its version, and why it cannot run; both in its own process."""
+
+    def call(_: slice) -> tuple[str, str | None]:
+        return slot.call(name, _stated, resolve, name, timeout=TO_STATE)
+
+    def lost(_: slice, fault: FaultError) -> tuple[str, str | None]:
+        return "", f"asked what it is, it gave no answer: {fault.reason}"
+
+    return in_halves(call, 1, lost)[0]
+
+
+def _stated(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:
+    solver = resolve(name)
+    return stated_version(solver), why_unavailable(solver)
