@@ -52,7 +52,7 @@ def worker():
 def test_it_answers_from_one_process_with_its_context_and_says_what_is_raised(worker):
     first = worker.call(pid, timeout=60)
     assert worker.call(echo, 1, "two", timeout=60) == ("a context", (1, "two"))
-    with pytest.raises(WorkerError, match="in fail\n.*\nLookupError: a bug"):
+    with pytest.raises(WorkerError, match=r"in fail\n.*\nLookupError: a bug"):
         worker.call(fail, timeout=60)
     assert worker.call(pid, timeout=60) == first != os.getpid()
 
