@@ -8,7 +8,7 @@ import pytest
 
 from impact_xval.compliant_baselines import registry, solver_names
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.sweep import single
+from impact_xval.experiments.sweep import one
 from tests.experiments import fakes, faulty
 
 ROOT = Path(__file__).parents[3]
@@ -131,7 +131,7 @@ def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
     def interrupted(*arguments, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(single, "wait", interrupted)
+    monkeypatch.setattr(one, "wait", interrupted)
     assert main(["solve", "--stiffness-ratio", "1", "--mass-ratio", "1", "--e1", "0.9", "--e2", "0.9"]) == 1
     assert capsys.readouterr().err == "impact-xval: interrupted\n"
 
