@@ -34,27 +34,13 @@ Versions = dict[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What came of a chunk.
-
-    Attributes
-    ----------
-    number : int
-        Number of the chunk.
-    data : bytes
-        Its rows, by cell, then by solver, as the content of a part.
-    seconds : dict
-        Wall time by solver.
-    versions : dict
-        Of the project and of every solver where the chunk was computed.
-    faults : int
-        Processes that died or were ended.
-    """
+    """What came of a chunk."""
 
     number: int
-    data: bytes
-    seconds: dict[str, float]
-    versions: Versions
-    faults: int
+    data: bytes  # the content of a part: rows by cell, then by solver
+    seconds: dict[str, float]  # wall time by solver
+    versions: Versions  # where it was computed
+    faults: int  # processes that died or were ended
 
 
 def solve_chunks(pool: Any, chunks: Iterable[tuple[int, Block]]) -> Iterator[Report]:

@@ -39,20 +39,10 @@ class SolversApart:
         say: Callable[[str], None],
         points: int | None = None,
     ) -> dict[str, Outcome]:
-        """Solve a collision by solvers; one that crashed or did not answer in time has an outcome that says so.
+        """Solve a collision by solvers; of one that crashed, or took longer than ``cell_timeout``, the outcome says so.
 
-        Parameters
-        ----------
-        collision : Collision
-        config : Config
-            Settings of the solvers; its ``cell_timeout`` is the limit of each.
-        names : sequence of str
-        resolve : callable
-            Finds a solver by its name; at the top level of a module.
-        say : callable
-            Given a line about what is waited for; empty once kernels are about to be compiled.
-        points : int, optional
-            Of a path, at most; 0 for none, by default the whole.
+        `say` is given a line about what is waited for, empty once kernels are about to be compiled. Paths have so many
+        points at most, none with 0.
         """
         pair = collision.falls_on_resting
         if not (self._begun.result() or self._said):

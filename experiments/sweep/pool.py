@@ -32,14 +32,9 @@ _TO_CONNECT = 10
 
 
 class Slot:
-    """A process a distribution: one for our solvers and one for those of each plug-in, which costs its own cells only.
+    """A `Worker` a distribution: one for our solvers and one for those of each plug-in, which costs its own cells only.
 
-    Parameters
-    ----------
-    context, log
-        Of every `Worker`.
-    isolate : bool
-        False calls in this process: for looking into solvers with a debugger, and for quick tests.
+    Without `isolate` all is called in this process: to look into solvers with a debugger, and for quick tests.
     """
 
     def __init__(self, context: Any = None, log: Path | None = None, *, isolate: bool = True) -> None:
@@ -62,7 +57,7 @@ class Slot:
     def prepare(self, solver: str, function: Callable[..., Any], *arguments: Any) -> None:
         """Call for a solver, once in each process; not where two have died of it: then its cells are to say so."""
         ready = self._worker(solver).ready
-        if solver not in ready and self._deaths[solver] < 2:
+        while solver not in ready and self._deaths[solver] < 2:
             limit = TO_PREPARE if is_ours(solver) else TO_STATE
             try:
                 self.call(solver, function, *arguments, timeout=limit)
@@ -201,25 +196,10 @@ def open_pool(
     say: Callable[[str], None] = lambda line: None,
     log: Path | None = None,
 ) -> Iterator[Any]:
-    """Give a pool; all it started is gone when the block ends, at once if by an exception.
+    """Give a pool, here or of a Dask cluster; all it started is gone when the block ends, at once if by an error.
 
-    Parameters
-    ----------
-    context, log, isolate
-        Of every `Slot`; those of a cluster have no log.
-    workers : int
-        Threads on this machine.
-    scheduler : str or None
-        Address of a Dask scheduler, such as ``tcp://host:8786``; None to work without Dask.
-    say : callable
-        Given a line about a cluster.
-
-    Raises
-    ------
-    UserError
-        If no scheduler answers there.
-    InterruptedRunError
-        If the cluster is lost.
+    `context`, `log` and `isolate` are of every `Slot`; those of a cluster have no log. A scheduler that does not answer
+    is a UserError, a cluster that is lost an InterruptedRunError.
     """
     if not isolate:
         yield _Direct(context)

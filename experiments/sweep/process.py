@@ -86,7 +86,6 @@ class Worker:
             if self._closed:
                 raise ClosedError
             if self._running is None:
-                self.ready.clear()
                 self._running = _started(self._log)
                 with contextlib.suppress(OSError):  # it is gone: noticed by who calls it
                     self._running[1].send(self.context)
@@ -118,6 +117,7 @@ class Worker:
             raise WorkerError(value)
         _ended(process)
         pipe.close()
+        self.ready.clear()
         self._running = None
         raise ClosedError if self._closed else fault
 

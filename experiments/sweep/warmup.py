@@ -11,7 +11,6 @@ from typing import Any
 from filelock import FileLock
 
 from impact_xval.compliant_baselines.answers import stated_version, why_unavailable
-from impact_xval.compliant_baselines.engines.quiet import between
 from impact_xval.compliant_baselines.engines.stepping import scan
 from impact_xval.compliant_baselines.registry import is_engine, is_ours
 from impact_xval.experiments.config.cells import experiment_cells
@@ -24,9 +23,11 @@ from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.compiled import cache_folder, is_compiled
 from impact_xval.model.pair.kernel import collide_all
 
-#: An experiment of one cell that any solver does at once.
-_PAIR: dict[str, Any] = {"grid": {"stiffness_ratio": [1.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}}
-_COLUMN: dict[str, Any] = {"column": {"arrangement": "cradle", "balls": [2]}}
+#: Experiments of two cells that any solver does at once.
+_PAIR: dict[str, Any] = {
+    "grid": {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [2.0], "e1": [0.9], "e2": [0.7]}
+}
+_COLUMN: dict[str, Any] = {"column": {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}}
 
 
 def make_ready(slot: Slot, resolve: Resolve, name: str, *, pair: bool) -> None:
@@ -35,10 +36,15 @@ def make_ready(slot: Slot, resolve: Resolve, name: str, *, pair: bool) -> None:
 
 
 def warm(_: object, resolve: Resolve, name: str, pair: bool) -> None:
-    """Solve an ordinary cell by a solver, so that all is imported and compiled."""
+    """Solve ordinary cells by a solver, so that all is imported and compiled.
+
+    One, and two: a column of an array is contiguous where that has one row only, and numba compiles for either.
+    """
     usual = parse_config(_PAIR if pair else _COLUMN)
+    experiment, cells = Experiment(usual, resolve), experiment_cells(usual)
     with contextlib.nullcontext() if are_compiled(name, pair=pair) else _compiling():
-        solve_by(Experiment(usual, resolve), name, experiment_cells(usual).block(range(1)), {})
+        for n in (1, 2):
+            solve_by(experiment, name, cells.block(range(n)), {})
 
 
 def are_compiled(name: str, *, pair: bool) -> bool:
@@ -49,7 +55,7 @@ def are_compiled(name: str, *, pair: bool) -> bool:
     if name != REFERENCE and is_ours(name):
         kernels += [follow_chains]
     if is_ours(name) and is_engine(name):
-        kernels += [between if pair else scan]
+        kernels += [scan]
     return all(map(is_compiled, kernels))
 
 

@@ -1,11 +1,21 @@
 """A solver that crashes, hangs or answers nonsense costs its cells, and nothing else."""
 
+import contextlib
+
 import psutil
 import pyarrow.parquet as pq
 import pytest
 
+from impact_xval.compliant_baselines.engines.stepping import scan
+from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.measures.hausdorff import measure_all
+from impact_xval.experiments.sweep.process import Worker
+from impact_xval.experiments.sweep.rows import Experiment, solve_by
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.sweep.warmup import warm
+from impact_xval.model.chain.kernel import follow_chains
+from impact_xval.model.pair.kernel import collide_all
 from tests.compliant_baselines.third_party import install
 from tests.experiments import fakes, faulty
 from tests.experiments.conftest import tables_of
@@ -84,6 +94,23 @@ def test_processes_that_are_killed_cost_nothing_but_time(tmp_path):
 
 
 def test_what_a_solver_needs_at_its_first_call_has_no_limit(tmp_path):
-    config = _config(tmp_path, [0.9] * 2, solvers=["mujoco"])
+    """Nor do kernels, which numba compiles for every kind of array anew: none is left after the warm-up."""
+    config = _config(tmp_path, [0.9] * 12, solvers=["kelvin-voigt", "mujoco"])
     run_sweep(config, tmp_path / "a", workers=1, resolve=faulty.slow_to_start)
     assert _failed(_rows(tmp_path / "a")) == {}
+    with contextlib.closing(Worker(Experiment(config))) as worker:
+        before, after = worker.call(_compiled, timeout=600)
+    assert before == after
+
+
+def _compiled(experiment):
+    """In a process of its own: signatures of kernels after the warm-up, and after cells by several at once."""
+    kernels, names = (collide_all, follow_chains, measure_all, scan), experiment.config.solvers
+    for name in names:
+        warm(None, experiment.resolve, name, True)
+    before = [kernel.signatures for kernel in kernels]
+    cells = experiment_cells(experiment.config)
+    for name in names:
+        for count in (1, 3, 12):
+            solve_by(experiment, name, cells.block(range(count)), {})
+    return before, [kernel.signatures for kernel in kernels]

@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.sweep.process import FaultError, Worker, WorkerError, in_halves
 from tests.waiting import gone, wait_until
 
@@ -35,6 +36,21 @@ def die(context, how):
 
 def fail(context):
     raise LookupError("a bug")
+
+
+_ready = []
+
+
+def ready(context):
+    return len(_ready)
+
+
+def make_ready(context, first):
+    """Make this process ready, and be killed the first time."""
+    if not first.exists():
+        first.touch()
+        die(context, signal.SIGKILL)
+    _ready.append("now")
 
 
 def orphan(context):
@@ -75,6 +91,19 @@ def test_a_death_is_a_fault_that_says_of_what_and_the_next_call_is_answered(
     assert (caught.value.status, caught.value.reason) == (status, reason)
     assert gone(before)
     assert worker.call(echo, 1, timeout=60) == ("a context", (1,))
+
+
+def test_every_process_is_made_ready_once_before_it_is_called(tmp_path):
+    with contextlib.closing(Slot()) as slot:
+
+        def ask(function, *arguments):
+            slot.prepare("mujoco", make_ready, tmp_path / "first")
+            return slot.call("mujoco", function, *arguments, timeout=60)
+
+        assert [ask(ready), ask(ready)] == [1, 1]
+        with pytest.raises(FaultError):
+            ask(die, signal.SIGSEGV)
+        assert ask(ready) == 1
 
 
 def test_it_does_not_outlive_a_killed_parent_whatever_it_does():
