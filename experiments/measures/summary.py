@@ -129,7 +129,7 @@ class Summary:
         place = self._places.get((solver, measure, axis, cells, "" if axis == "all" else value))
         if place is not None:
             return self.statistics.iloc[place]
-        return pd.Series({"n": 0, "mean": np.nan, "median": np.nan, "p95": np.nan, "max": np.nan})
+        return pd.Series({"n": 0} | dict.fromkeys(("mean", "median", "p95", "max"), np.nan), dtype=object)
 
 
 def summarise(folder: RunFolder) -> Summary:

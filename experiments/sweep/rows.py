@@ -154,11 +154,7 @@ def _columns(
         "retained_energy": kept(retained_energy(masses, starts, found)),
         "retained_momentum": kept(retained_momentum(masses, starts, found)),
         **{key: found.diagnostic(key) for key in ("step", "n_steps", "duration", "velocity_error")},
-        **{
-            key: found.diagnostic(f"v{i}_limit")
-            for i in range(1, 1 + layout.balls)
-            for key in (f"v{i}_limit",)
-        },
+        **{f"v{i}_limit": found.diagnostic(f"v{i}_limit") for i in range(1, 1 + layout.balls)},
         **{key: found.diagnostic(key) for key in ("limit_error", "regularisation", "order", "finest_step")},
         "model_states": model.states,
         "model_states_compared": model.compared,
