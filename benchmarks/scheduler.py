@@ -43,7 +43,7 @@ def chunk_times(solvers: Sequence[str], n_chunks: int) -> tuple[np.ndarray, byte
     times, data = [], b""
     for chunk in [0, *range(n_chunks)]:
         start = time.process_time()
-        data = part_bytes(solve_all(experiment, cells.cells(range(CHUNK * chunk, CHUNK * (chunk + 1)))))
+        data = part_bytes(solve_all(experiment, cells.block(range(CHUNK * chunk, CHUNK * (chunk + 1)))))
         times.append(time.process_time() - start)
     return np.array(times[1:]), data
 

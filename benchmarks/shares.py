@@ -19,10 +19,10 @@ import numpy as np
 
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.corners import corners
-from impact_xval.experiments.measures.ladder import NOTHING, split, weights_of_two
+from impact_xval.experiments.measures.ladder import NOTHING, split
 from impact_xval.experiments.measures.ladder_summary import BANDS, band_of
 from impact_xval.experiments.tables.numbers import percent
-from impact_xval.model import solve_batch
+from impact_xval.model import Collisions, solve_batch
 
 
 def _plain(share: float) -> str:
@@ -40,6 +40,7 @@ def main() -> None:
     axes = np.meshgrid(*config.grid.axes().values(), indexing="ij")
     cells = [axis.ravel() for axis in axes]
     kappa, mu = cells[:2]
+    collisions = Collisions.from_ratios(*cells)
     model = solve_batch(*cells, stiffness_ratio_cutoff=math.inf)
     velocities, band = np.column_stack([model.v1, model.v2]), band_of(kappa)
     print(
@@ -47,9 +48,10 @@ def main() -> None:
     )
     for exponent in range(arguments.exponents[0], arguments.exponents[1] + 1):
         k1 = 10.0**exponent
+        # That of m1 = k1 = 1 and v0 = -1.
         unit = config.gravity / (abs(config.v0) * math.sqrt(k1 / config.m1))
-        between = corners(velocities, cells, unit / np.sqrt(1 + 1 / mu))
-        ladder = split(weights_of_two(mu), between, np.full_like(velocities, np.nan), between.asked)
+        between = corners(velocities, collisions, np.full(len(mu), unit))
+        ladder = split(collisions.masses, between, np.full_like(velocities, np.nan), between.asked)
         counted = (between.reason == "") & (model.grazing_margin >= config.grazing_threshold)
         counted &= ladder.divergence >= NOTHING
         for edge, label in ((math.nan, "all"), *BANDS.items()):

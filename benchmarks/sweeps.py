@@ -50,7 +50,7 @@ def costs(repetitions: int) -> None:
     best: dict[str, float] = {}
     for name in names:
         config = parse_config({"solvers": [name], "sample": {"n": 64}})
-        cells = experiment_cells(config).cells(range(64))
+        cells = experiment_cells(config).block(range(64))
         experiment = Experiment(config)
         solve_all(experiment, cells)
         for _ in range(repetitions):

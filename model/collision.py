@@ -36,7 +36,7 @@ from impact_xval.model.inputs import (
     broadcast_inputs,
     checked_array,
 )
-from impact_xval.model.kinetic import column_norm
+from impact_xval.model.kinetic import kinetic_norm
 
 Floats = NDArray[np.float64]
 
@@ -613,8 +613,8 @@ class Outcome:
 
     def retained_energy(self, collision: Collision) -> float:
         """Kinetic energy after the collision over that before it, dimensionless."""
-        before, after = (column_norm(collision.masses, each.velocities) for each in (collision, self))
-        return (after / before) ** 2
+        before, after = (kinetic_norm(collision.masses, each.velocities) for each in (collision, self))
+        return float((after / before) ** 2)
 
     def retained_momentum(self, collision: Collision) -> float:
         """Momentum after the collision over that before it, dimensionless: 1 without a table."""

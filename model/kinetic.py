@@ -1,51 +1,31 @@
-"""How long a difference of velocities is."""
+"""How long a velocity, or a difference of velocities, of N balls is."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 
-def kinetic_norm(mass_ratio: ArrayLike, dv1: ArrayLike, dv2: ArrayLike) -> Any:
-    r"""Kinetic norm sqrt(dv1^2 + (m2/m1) dv2^2) of differences of final velocities.
-
-    Its square is the kinetic energy of the difference over that of the impact where velocities are per \|v0\|; D, the
-    velocity divergence, is the norm of solver minus model.
-
-    Parameters
-    ----------
-    mass_ratio : array_like
-        m2/m1.
-    dv1, dv2 : array_like
-        Differences of v1 and v2, in one unit; the arrays broadcast.
-
-    Returns
-    -------
-    float or ndarray
-        In that unit.
-    """
-    return np.hypot(dv1, np.sqrt(mass_ratio) * np.asarray(dv2))
-
-
-def column_norm(masses: Sequence[float], velocities: Sequence[float]) -> float:
+def kinetic_norm(masses: ArrayLike, velocities: ArrayLike) -> Any:
     """Kinetic norm sqrt(sum m_i v_i^2) of velocities of N balls, per root of the largest mass.
 
-    Only quotients of it are of use: that of a difference and of the velocities at first touch is D of N balls.
+    Only quotients of it are of use: that of a difference of final velocities and of the velocities at first touch is D,
+    the velocity divergence.
 
     Parameters
     ----------
-    masses : sequence of float, length N
-        In kg, positive.
-    velocities : sequence of float, length N
+    masses : array_like, shape (..., N)
+        In kg, positive; NaN where a collision has fewer balls.
+    velocities : array_like, shape (..., N)
 
     Returns
     -------
-    float
+    float or ndarray, shape (...)
         In the unit of the velocities.
     """
-    largest = max(masses)
-    return math.hypot(*(math.sqrt(m / largest) * v for m, v in zip(masses, velocities, strict=True)))
+    m, v = np.asarray(masses, float), np.asarray(velocities, float)
+    with np.errstate(over="ignore", invalid="ignore"):
+        weighted = np.sqrt(m / np.nanmax(m, axis=-1, keepdims=True)) * v
+    return np.hypot.reduce(np.where(np.isnan(m), 0.0, weighted), axis=-1)

@@ -235,7 +235,7 @@ def _by_diagram(
     collisions: Collisions, law: int, cutoff: float, max_events: int, effect: bool, states: bool, paths: bool
 ) -> Outcomes:
     c, stiffens = collisions, law == STATE_TRANSITION
-    cells = c.stiffness_ratio, c.mass_ratio, *c.restitutions.T
+    cells = _cells(c)
     velocities, numbers, sets, starts = _diagrams(cells, cutoff, max_events, stiffens, states)
     code, n_states, n_events, _, margin, residual = numbers.T
     code = code.astype(int)
@@ -277,6 +277,12 @@ def _by_diagram(
     )
 
 
+def _cells(collisions: Collisions) -> list[Floats]:
+    """k2/k1, m2/m1, e1 and e2, as arrays of one type: for any other the kernel would be compiled once more."""
+    c = collisions
+    return [np.array(each) for each in (c.stiffness_ratio, c.mass_ratio, *c.restitutions.T)]
+
+
 def _diagrams(
     cells: Sequence[Floats], cutoff: float, max_events: int, stiffens: bool, states: bool
 ) -> tuple[Floats, Floats, NDArray[np.uint64], Floats]:
@@ -299,7 +305,7 @@ def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiff
     stiff = np.isinf(k[:, 0])  # whose time unit would be 0: any such ratio is infinite to rounding
     k[stiff, 0] = 1e60 * k[stiff, 1]
     c = replace(c, stiffnesses=k)
-    cells = c.stiffness_ratio, c.mass_ratio, *c.restitutions.T
+    cells = _cells(c)
     while True:
         log, numbers = np.empty((rows, LOG_WIDTH)), np.empty((len(c), len(NUMBERS)))
         none: tuple[Any, ...] = np.empty((0, 1), np.uint64), np.empty(0), np.empty((len(c), 2))

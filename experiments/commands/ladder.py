@@ -38,14 +38,12 @@ def ladder(
 
 
 def _show_run(folder: RunFolder) -> None:
-    from impact_xval.experiments.measures.column_summary import summarise_columns
     from impact_xval.experiments.measures.ladder_summary import summarise_ladder
     from impact_xval.experiments.presentation.ladder_page import ladder_facts
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import make_console, show
 
-    config = folder.config()
-    found = summarise_ladder(folder, config) if config.column is None else summarise_columns(folder).ladder
+    found = summarise_ladder(folder, folder.config())
     show(make_console(), render("ladder_run.md.j2", ladder=ladder_facts(found)))
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, field_validator, model_validator
 
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
@@ -289,23 +289,18 @@ class Config(Strict):
             raise ValueError(problem)
         return self
 
-    def gravity_number(self, m2: float) -> float:
-        """Return g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 without gravity.
-
-        Parameters
-        ----------
-        m2 : float
-            Mass of the lower ball in kg.
-        """
+    def gravity_number(self, m2: ArrayLike) -> NDArray[np.float64]:
+        """Return g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)), of lower balls of m2 kg; 0 without gravity."""
+        m2 = np.asarray(m2, float)
         if self.scenario == "impact":
-            return 0.0
-        reduced_mass = self.m1 / (1 + self.m1 / m2)
-        speed = abs(self.v0) * math.sqrt(self.k1 / reduced_mass) if reduced_mass > 0 else math.inf
-        return self.gravity / speed if speed > 0 else math.inf
+            return np.zeros(m2.shape)
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            reduced_mass = self.m1 / (1 + self.m1 / m2)
+            return self.gravity / (abs(self.v0) * np.sqrt(self.k1 / reduced_mass))
 
     def gravity_problem(self, mass_ratio: float) -> str | None:
         """Say that the gravity number at a mass ratio leaves double precision, or return None."""
-        number = self.gravity_number(self.m1 * mass_ratio)
+        number = float(self.gravity_number(self.m1 * mass_ratio))
         if self.scenario == "impact" or 0 < number < math.inf:
             return None
         return (

@@ -222,7 +222,7 @@ def dashpots_kept(column: Collision, contact: int, solver: str) -> Collision | N
 def _apart(column: Collision, some: Sequence[float], others: Sequence[float]) -> float:
     """D of final velocities of a column from others."""
     difference = np.subtract(others, some)
-    return float(norms(*(np.atleast_2d(x) for x in (column.masses, difference, column.velocities)))[0])
+    return float(norms(np.array(column.masses), difference, np.array(column.velocities)))
 
 
 def _reduced_mass(column: Collision, contact: int) -> float:

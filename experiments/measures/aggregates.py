@@ -17,10 +17,11 @@ import pyarrow.dataset as ds
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.tables.store import Tally
-from impact_xval.experiments.tables.streams import blocks, codes, column, present
+from impact_xval.experiments.tables.streams import blocks, codes, column, present, texts
 from impact_xval.model.collision import RESULT_STATUSES
 
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
@@ -54,15 +55,17 @@ class Levels:
         Inner edges of the bins, between the finite positive levels; None where values are themselves levels.
     """
 
-    values: list[float]
+    values: list[Any]
     edges: NDArray[np.float64] | None = None
 
-    def codes(self, x: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Position in `values` of each x."""
+    def codes(self, x: NDArray[Any]) -> NDArray[np.int32]:
+        """Position in `values` of each x; -1 of NaN."""
         values = np.array(self.values)
         if self.edges is None:
-            order = np.argsort(values)
-            return order[np.searchsorted(values[order], x)].astype(np.int32)
+            order, known = np.argsort(values), x == x
+            codes = np.full(len(x), -1, np.int32)
+            codes[known] = order[np.searchsorted(values[order], x[known].astype(values.dtype))]
+            return codes
         codes = np.searchsorted(self.edges, x, side="right").astype(np.int32)
         if values[0] == 0:
             codes = np.where(x == 0, 0, codes + 1)
@@ -102,6 +105,8 @@ class Compared:
     ----------
     path : Path
         The table.
+    pair : bool
+        Whether it is of two balls on a table.
     solvers : list of str
         The compared solvers.
     levels : dict
@@ -117,6 +122,7 @@ class Compared:
     """
 
     path: Path
+    pair: bool
     solvers: list[str]
     levels: dict[str, Levels]
     solver: NDArray[np.int8]
@@ -128,14 +134,18 @@ class Compared:
     def of(cls, path: Path, config: Config) -> Compared:
         """Read the columns by which everything is grouped."""
         solvers = [name for name in config.solvers if name != REFERENCE]
-        levels = {} if config.sample or config.cells else grid_levels(config)
+        pair = config.column is None
+        levels = grid_levels(config) if pair and not (config.sample or config.cells) else {}
         where = {}
-        for axis in AXES:
-            x = column(path, axis)
+        for axis in AXES if pair else COLUMN_AXES:
+            x = texts(path, axis) if axis == "arrangement" else column(path, axis)
+            if not pair:
+                levels[axis] = Levels(sorted({value for value in x.tolist() if value == value}))
             levels.setdefault(axis, levels_of(x) if len(x) else Levels([]))
             where[axis] = levels[axis].codes(x)
         return cls(
             path=path,
+            pair=pair,
             solvers=solvers,
             levels=levels,
             solver=codes(path, "solver", solvers),
@@ -197,9 +207,10 @@ def statistics(table: Compared, measures: Sequence[str], shares: Sequence[str]) 
         sizes = np.abs(table.measure(measure))
         for label, rows in parts.items():
             part = pd.Series(sizes[rows])
-            for axis in ("all", *AXES) if label == "regular" else ("all",):
+            for axis in ("all", *table.levels) if label == "regular" or not table.pair else ("all",):
                 keys = [table.solver[rows], *([] if axis == "all" else [table.codes[axis][rows]])]
-                frame = _grouped(part, keys, quantiles=measure not in shares)
+                there = np.ones(len(part), bool) if axis == "all" else keys[1] >= 0
+                frame = _grouped(part[there], [key[there] for key in keys], quantiles=measure not in shares)
                 solver = [table.solvers[code] for code in frame.index.get_level_values(0)]
                 frame = frame.assign(solver=solver, cells=label, axis=axis, measure=measure)
                 if axis != "all":
@@ -207,11 +218,8 @@ def statistics(table: Compared, measures: Sequence[str], shares: Sequence[str]) 
                     frame["value"] = values[frame.index.get_level_values(1)]
                 frames.append(frame)
     columns = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
-    filled = [
-        frame.reindex(columns=columns).astype({"value": float, "median": float})
-        for frame in frames
-        if len(frame)
-    ]
+    kinds = {"median": float} | ({"value": float} if table.pair else {"value": object})
+    filled = [frame.reindex(columns=columns).astype(kinds) for frame in frames if len(frame)]
     return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=columns)
 
 

@@ -15,6 +15,7 @@ from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.results import Floats, Results
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.kinetic import kinetic_norm
 
 
 def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
@@ -22,20 +23,15 @@ def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
 
     Parameters
     ----------
-    masses, differences, starts : ndarray, shape (n, N)
+    masses, differences, starts : ndarray, shape (..., N)
         In kg and m/s; a ball whose mass is NaN is none.
 
     Returns
     -------
-    ndarray, shape (n,)
+    ndarray, shape (...)
     """
-    weights = np.sqrt(masses / np.nanmax(masses, axis=1, keepdims=True))
     with np.errstate(over="ignore", invalid="ignore"):
-        lengths = [
-            np.hypot.reduce(np.where(np.isnan(masses), 0.0, weights * v), axis=1)
-            for v in (differences, starts)
-        ]
-        return lengths[0] / lengths[1]
+        return kinetic_norm(masses, differences) / kinetic_norm(masses, starts)
 
 
 def divergence(
@@ -110,8 +106,7 @@ def velocity_divergence(collision: Collision, model: Outcome, other: Outcome) ->
     if model.status not in RESULT_STATUSES or other.status not in RESULT_STATUSES:
         return None
     difference = np.subtract(other.velocities, model.velocities)
-    arrays = (np.atleast_2d(x) for x in (collision.masses, difference, collision.velocities))
-    return float(norms(*arrays)[0])
+    return float(norms(np.array(collision.masses), difference, np.array(collision.velocities)))
 
 
 def part_at(a: Sequence[str], b: Sequence[str]) -> int | None:

@@ -261,8 +261,3 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
         orders=np.stack([np.concatenate([component(order), along[-len(rest) :]]) for order in causes]),
         divergence=divergence,
     )
-
-
-def weights_of_two(mass_ratio: Floats) -> Floats:
-    """Give the weights of two balls, of which the upper one moves at first, shape (n, 2), for m2/m1."""
-    return np.stack([np.ones_like(mass_ratio), mass_ratio], axis=1)

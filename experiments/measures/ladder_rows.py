@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,33 +36,48 @@ _WIDE, _MENTIONED = 0.005, 0.02
 Columns = dict[str, np.ndarray]
 
 
-def ladders(config: Config, block: Block, model: pa.Table, engine: pa.Table, layout: Layout) -> Columns:
-    """Make the ladders of an engine.
+def ladders(
+    config: Config, block: Block, model: pa.Table, engines: Mapping[str, pa.Table], layout: Layout
+) -> dict[str, Columns]:
+    """Make the ladders of engines.
 
     Parameters
     ----------
     config : Config
     block : Block
-    model, engine : Table
-        Rows of the model and of the engine, one a cell.
+    model : Table
+        Rows of the model, one a cell.
+    engines : mapping of str to Table
+        Rows of each engine, likewise.
     layout : Layout
         Of the run; the columns are those of its table ``ladder``, by their names there.
 
     Returns
     -------
     dict
-        Columns, shape (n,): NaN or None where there is no ladder.
+        By engine, columns of shape (n,): NaN or None where there is no ladder.
     """
-    name = engine["solver"][0].as_py()
-    columns: Columns = {}
-    for places, collisions in _kinds(block):
-        some = model.take(places), engine.take(places)
-        found = _of_kind(config, name, collisions, *some, layout)
-        for key, values in found.items():
-            nothing = np.nan if values.dtype.kind == "f" else None
-            column = columns.setdefault(key, np.full(len(block), nothing, values.dtype))
-            column[places] = values
+    columns: dict[str, Columns] = {name: {} for name in engines}
+    for places, collisions in _kinds(block) if engines else ():
+        speed, some = np.abs(collisions.velocities).max(axis=1), model.take(places)
+        gravity = np.full(len(places), config.gravity if config.scenario == "drop" else 0.0)
+        reference = _velocities(some, speed, collisions, *RESULT_STATUSES)
+        # The corners know nothing of engines: once a law.
+        laws = {name: law_of(name) or "" for name in engines}
+        known = {
+            law: corners(reference, collisions, gravity, law, pair=layout.pair) for law in set(laws.values())
+        }
+        for name, rows in engines.items():
+            found = _of_kind(name, collisions, known[laws[name]], some, rows.take(places), speed)
+            for key, values in found.items():
+                scatter(columns[name], key, values, places, len(block))
     return columns
+
+
+def scatter(columns: Columns, key: str, values: np.ndarray, places: np.ndarray, n: int) -> None:
+    """Put values in their places of a column of length n, which holds NaN or None elsewhere."""
+    nothing = np.nan if values.dtype.kind == "f" else None
+    columns.setdefault(key, np.full(n, nothing, values.dtype))[places] = values
 
 
 def failed_ladders(rows: pa.Table, engines: np.ndarray, status: str, reason: str) -> Columns:
@@ -84,26 +99,25 @@ def _kinds(block: Block) -> list[tuple[np.ndarray, Collisions]]:
     return [(np.array(some), Collisions.of(block.collisions[i] for i in some)) for some in kinds.values()]
 
 
+def _velocities(rows: pa.Table, speed: Floats, collisions: Collisions, *statuses: str) -> Floats:
+    """Return final velocities per abs(v0), shape (n, N); NaN where the status is none of these."""
+    there = np.isin(rows["status"].to_pylist(), statuses)
+    columns = [_numbers(rows, f"v{i}") for i in range(1, 1 + collisions.masses.shape[1])]
+    return np.where(there[:, None], np.column_stack(columns) / speed[:, None], np.nan)
+
+
 def _of_kind(
-    config: Config, name: str, collisions: Collisions, model: pa.Table, engine: pa.Table, layout: Layout
+    name: str, collisions: Collisions, here: Corners, model: pa.Table, engine: pa.Table, speed: Floats
 ) -> Columns:
     """Ladders of an engine at cells of one kind."""
-    n, balls = collisions.masses.shape
-    speed = np.abs(collisions.velocities).max(axis=1)
-
-    def velocities(rows: pa.Table, *statuses: str) -> Floats:
-        there = np.isin(rows["status"].to_pylist(), statuses)
-        columns = np.column_stack([_numbers(rows, f"v{i}") for i in range(1, balls + 1)])
-        return np.where(there[:, None], columns / speed[:, None], np.nan)
-
-    gravity = np.full(n, config.gravity if config.scenario == "drop" else 0.0)
-    reference, result = velocities(model, *RESULT_STATUSES), velocities(engine, *RESULT_STATUSES, UNCONVERGED)
-    here = corners(reference, collisions, gravity, law_of(name) or "", pair=layout.pair)
-    limit = np.column_stack([_numbers(engine, f"v{i}_limit") for i in range(1, balls + 1)])
+    result = _velocities(engine, speed, collisions, *RESULT_STATUSES, UNCONVERGED)
+    limits = (_numbers(engine, f"v{i}_limit") for i in range(1, 1 + result.shape[1]))
+    limit = np.column_stack(list(limits))
     # A limit that did not converge is none.
     limit[np.array(engine["status"].to_pylist()) == UNCONVERGED] = np.nan
     moving = np.where(collisions.velocities != 0, collisions.masses, 0.0).sum(axis=1, keepdims=True)
-    ladder = split(collisions.masses / moving, here, limit, result)
+    weights = collisions.masses / moving
+    ladder = split(weights, here, limit, result)
     status, reason = _statuses(name, engine, model, here, ladder)
     ok = ~np.isnan(ladder.divergence) & np.isin(status.astype(str), ("ok", UNCONVERGED))
     first = np.where(ok, ladder.dominant(), -1)
@@ -122,10 +136,10 @@ def _of_kind(
         ),
         "sentence": _sentences(name, ladder, ok),
     }
-    return columns | {key: np.where(ok, x, np.nan) for key, x in _parts(here, ladder, collisions).items()}
+    return columns | {key: np.where(ok, x, np.nan) for key, x in _parts(here, ladder, weights).items()}
 
 
-def _parts(here: Corners, ladder: Split, collisions: Collisions) -> Columns:
+def _parts(here: Corners, ladder: Split, weights: Floats) -> Columns:
     """Columns of contributions and corners."""
     columns: Columns = {f"dv{i}": x for i, x in enumerate(ladder.total.T, 1)}
     shares, (low, high) = ladder.shares, ladder.ranges
@@ -134,8 +148,7 @@ def _parts(here: Corners, ladder: Split, collisions: Collisions) -> Columns:
         columns |= {f"{c.name}_norm": ladder.norms[i], f"{c.name}_share": shares[i]}
         if c in CAUSES:
             columns |= {f"{c.name}_share_low": low[i], f"{c.name}_share_high": high[i]}
-    moving = np.where(collisions.velocities != 0, collisions.masses, 0.0).sum(axis=1, keepdims=True)
-    weights, d = collisions.masses / moving, ladder.divergence
+    d = ladder.divergence
     for index, name in corner_names(gravity=here.velocities.shape[2] > 1).items():
         corner = here.velocities[index]
         columns |= {f"{name}_v{j}": x for j, x in enumerate(corner.T, 1)}

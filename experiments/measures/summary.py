@@ -36,7 +36,7 @@ from impact_xval.model.collision import RESULT_STATUSES
 
 __all__ = ["FULL_PATHS", "OWN_LAW", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
 
-#: Measures that are summarised, by their size, and how a reader knows them.
+#: Measures that are summarised, by their size, and how a reader knows them: of two balls, and of columns of N.
 SUMMARISED = {
     "velocity_divergence": "D",
     "dv1": "|dv1|",
@@ -48,8 +48,15 @@ SUMMARISED = {
     "states_edit_distance": "path edits",
 }
 
+SUMMARISED_OF_COLUMNS = {
+    "velocity_divergence": "D",
+    "largest_dv": "largest |dv|",
+    "dretained_energy": "|d energy|",
+    "limit_distance": "limit's distance",
+}
+
 _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
-_WORST = 5
+_WORST = {True: 5, False: 3}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +68,7 @@ class Summary:
     config : Config
         The experiment.
     levels : dict of Levels
-        Values by which the statistics are grouped, by axis.
+        Values by which the statistics are grouped, by axis; of columns also arrangements.
     statistics : DataFrame
         ``solver, cells ("all", "regular" or "marked"), axis ("all" or an axis), value, measure, n, mean,
         median, p95, max``; measures are taken by size, those of `_SHARES` have only a mean.
@@ -72,8 +79,8 @@ class Summary:
     reasons : DataFrame
         ``solver, status, reason, n``: the most frequent reasons first.
     between : DataFrame
-        D between every two compliant solvers over the cells both solved: ``solver, other, n, median, p95,
-        max``.
+        D between every two compliant solvers over the cells of two balls that both solved: ``solver, other, n, median,
+        p95, max``.
     estimates : DataFrame
         Convergence estimates by solver (`measures.estimates`); empty without any.
     n_cells, n_marked : int
@@ -101,7 +108,7 @@ class Summary:
     def __post_init__(self) -> None:
         table = self.statistics
         keys = [table[name] for name in ("solver", "measure", "axis", "cells")]
-        values = table.value.where(table.axis != "all", 0.0)
+        values = table.value.where(table.axis != "all", "")
         places = dict(zip(zip(*keys, values, strict=True), range(len(table)), strict=True))
         object.__setattr__(self, "_places", places)
 
@@ -110,35 +117,41 @@ class Summary:
         """The solvers that were compared with the reference, grouped by the law they were asked for."""
         return in_order_of_laws(name for name in self.config.solvers if name != REFERENCE)
 
+    @property
+    def axes(self) -> dict[str, list[Any]]:
+        """Levels of the axes that have several."""
+        return {axis: levels.values for axis, levels in self.levels.items() if len(levels.values) > 1}
+
     def get(
-        self, solver: str, measure: str, axis: str = "all", value: float = np.nan, cells: str = "regular"
+        self, solver: str, measure: str, axis: str = "all", value: Any = "", cells: str = "regular"
     ) -> Frame:
         """Return one row of the statistics; NaN numbers and n = 0 where nothing was compared."""
-        place = self._places.get((solver, measure, axis, cells, 0.0 if axis == "all" else value))
+        place = self._places.get((solver, measure, axis, cells, "" if axis == "all" else value))
         if place is not None:
             return self.statistics.iloc[place]
-        return pd.Series({"n": 0, "mean": np.nan, "median": np.nan, "p95": np.nan, "max": np.nan})
+        return pd.Series({"n": 0} | dict.fromkeys(("mean", "median", "p95", "max"), np.nan), dtype=object)
 
 
 def summarise(folder: RunFolder) -> Summary:
     """Compute the statistics of a finished run from its stored tables, whatever their size."""
     config = folder.config()
-    cells = folder.table_path("cells.parquet")
+    cells, pair = folder.table_path("cells.parquet"), config.column is None
     table = load_divergence(folder, config)
+    measures, shares = (SUMMARISED, _SHARES) if pair else (SUMMARISED_OF_COLUMNS, ())
     outcomes = folder.tally()
     n_marked, marked_beyond = marks_of(cells, config.solvers)
     return Summary(
         config=config,
         levels=table.levels,
-        statistics=statistics(table, tuple(SUMMARISED), _SHARES),
-        worst=worst_rows(table, _WORST),
+        statistics=statistics(table, tuple(measures), shares),
+        worst=worst_rows(table, _WORST[pair]),
         statuses=status_frame(outcomes, config),
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
-        between=between(cells, config),
+        between=between(cells, config) if pair else pd.DataFrame(),
         n_cells=sum(n for (name, _, _), n in outcomes.items() if name == REFERENCE),
         n_marked=n_marked,
         marked_beyond=marked_beyond,
-        estimates=convergence_estimates(cells, config.solvers, config.mapping),
+        estimates=convergence_estimates(cells, config.solvers, config.mapping, marked=pair),
         ladder=summarise_ladder(folder, config),
     )
 

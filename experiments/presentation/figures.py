@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.measures.column_summary import ColumnSummary, summarise_columns
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, Summary, load_divergence
+from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, Summary, load_divergence, summarise
 from impact_xval.experiments.presentation.columns.figures import draw_columns
 from impact_xval.experiments.presentation.curve_figures import draw_cell_curves
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
@@ -60,7 +59,7 @@ class Data:
 
 def write_figures(
     folder: RunFolder,
-    summary: Summary | ColumnSummary | None = None,
+    summary: Summary | None = None,
     divergences: Callable[[], dict[str, str]] | None = None,
 ) -> list[tuple[Path, str]]:
     """Draw every figure of a finished run into ``figures/``.
@@ -68,7 +67,7 @@ def write_figures(
     Parameters
     ----------
     folder : RunFolder
-    summary : Summary or ColumnSummary, optional
+    summary : Summary, optional
         That of the run, where it is known; by default what is needed of it is computed.
     divergences : callable, optional
         Waits for `draw_divergences`, at which another process may be; by default it is called here.
@@ -80,10 +79,10 @@ def write_figures(
     """
     config, target = folder.config(), folder.root / "figures"
     if config.column is not None:
-        found = summary if isinstance(summary, ColumnSummary) else summarise_columns(folder)
+        found = summary or summarise(folder)
         captions = _saved(folder, draw_columns(folder, found))
     else:
-        known = summary.ladder if isinstance(summary, Summary) else None
+        known = summary.ladder if summary else None
         captions = _collision_figures(folder, config, known, divergences)
     write_json(target / CAPTIONS, captions)
     return [(target / f"{name}.png", caption) for name, caption in captions.items()]

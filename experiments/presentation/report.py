@@ -10,7 +10,6 @@ from typing import Any
 import pandas as pd
 from markupsafe import Markup
 
-from impact_xval.experiments.measures.column_summary import ColumnSummary, summarise_columns
 from impact_xval.experiments.measures.ladder_summary import csv_rows
 from impact_xval.experiments.measures.summary import Summary, load_divergence, summarise
 from impact_xval.experiments.presentation.apart import Wait, process_apart
@@ -31,10 +30,10 @@ from impact_xval.experiments.tables.store import RunFolder, write_text
 from impact_xval.experiments.tables.streams import column, replacing
 
 
-def write_tables(folder: RunFolder) -> Summary | ColumnSummary:
+def write_tables(folder: RunFolder) -> Summary:
     """Write ``summary.md``, ``summary.csv`` and ``summary.tex`` of a finished run."""
-    summary = _summarised(folder)
-    if isinstance(summary, ColumnSummary):
+    summary = summarise(folder)
+    if summary.config.column is not None:
         page, statistics = render("columns.md.j2", **column_facts(summary)), summary.statistics
     else:
         page = render("summary.md.j2", **summary_facts(summary))
@@ -46,11 +45,7 @@ def write_tables(folder: RunFolder) -> Summary | ColumnSummary:
     return summary
 
 
-def _summarised(folder: RunFolder) -> Summary | ColumnSummary:
-    return summarise(folder) if folder.config().column is None else summarise_columns(folder)
-
-
-def present(folder: RunFolder) -> Summary | ColumnSummary:
+def present(folder: RunFolder) -> Summary:
     """Write all that people look at of a finished run, with a process of its own for what does not need the summary."""
     if folder.config().column is not None:
         summary = write_tables(folder)
@@ -73,15 +68,13 @@ class Apart:
     traps: Wait
 
 
-def write_report(
-    folder: RunFolder, summary: Summary | ColumnSummary | None = None, apart: Apart | None = None
-) -> Path:
+def write_report(folder: RunFolder, summary: Summary | None = None, apart: Apart | None = None) -> Path:
     """Write ``report.html`` of a finished run; its figures are drawn if they are not there.
 
     Parameters
     ----------
     folder : RunFolder
-    summary : Summary or ColumnSummary, optional
+    summary : Summary, optional
         That of the run, where it is known; by default it is computed.
     apart : Apart, optional
         What another process is at; by default one is started. Of columns there is none.
@@ -95,7 +88,7 @@ def write_report(
     if apart is None and not of_columns:
         with process_apart(folder) as begin:
             return write_report(folder, summary, Apart(begin(_opened), begin(_traps)))
-    summary = _summarised(folder) if summary is None else summary
+    summary = summarise(folder) if summary is None else summary
     figures = folder.root / "figures"
     if not (figures / CAPTIONS).is_file():
         write_figures(folder, summary)
@@ -106,7 +99,7 @@ def write_report(
         "provenance": _provenance(folder.manifest()),
         "differences": _differences(folder),
     }
-    if isinstance(summary, ColumnSummary):
+    if of_columns:
         page, pieces = _page_of_columns(summary, facts)
     else:
         assert apart is not None
@@ -124,9 +117,9 @@ def _differences(folder: RunFolder) -> list[tuple[str, int, str]]:
     return [(str(name), len(each), each.iloc[0]) for name, each in rows.groupby("solver").differences]
 
 
-def _page_of_columns(summary: ColumnSummary, facts: dict[str, Any]) -> tuple[str, dict[str, Markup]]:
+def _page_of_columns(summary: Summary, facts: dict[str, Any]) -> tuple[str, dict[str, Markup]]:
     found = column_facts(summary)["facts"]
-    closest = [row | {"limit": True} for row in summary.engines]
+    closest = [row | {"limit": True} for row in found["engines"]]
     found = {**found, "closest": closest, "subjects": subjects(found["found"], closest)}
     page = render("report_columns.md.j2", **found, facts=found, **facts)
     return page, {"numbers": numbers(found, "columns")}

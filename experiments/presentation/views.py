@@ -14,7 +14,6 @@ from impact_xval.experiments.presentation.terminal import print_line, show
 from impact_xval.experiments.tables.numbers import number
 
 if TYPE_CHECKING:  # each command has imported what it shows, and needs none of the others
-    from impact_xval.experiments.measures.column_summary import ColumnSummary
     from impact_xval.experiments.measures.summary import Summary
     from impact_xval.experiments.sweep.status import RunStatus
     from impact_xval.experiments.tables.comparison import Comparison
@@ -23,19 +22,18 @@ if TYPE_CHECKING:  # each command has imported what it shows, and needs none of 
 _REASONS = 12
 
 
-def show_summary(console: Console, summary: Summary | ColumnSummary) -> None:
+def show_summary(console: Console, summary: Summary) -> None:
     """Print what a run found."""
-    from impact_xval.experiments.measures.column_summary import ColumnSummary
     from impact_xval.experiments.presentation.columns.page import column_facts
     from impact_xval.experiments.presentation.summary_page import summary_facts
 
-    if isinstance(summary, ColumnSummary):
+    if summary.config.column is not None:
         show(console, render("columns_run.md.j2", **column_facts(summary)))
         return
     show(console, render("summary_run.md.j2", **summary_facts(summary)))
 
 
-def show_end(console: Console, summary: Summary | ColumnSummary, seconds: float, root: str) -> None:
+def show_end(console: Console, summary: Summary, seconds: float, root: str) -> None:
     """Print what a run found, and where it is."""
     show_summary(console, summary)
     print_line(console, phrase("progress.md.j2", "ended", seconds, root))

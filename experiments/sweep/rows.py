@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.divergence import divergence, retained_energy, retained_momentum
-from impact_xval.experiments.measures.ladder_rows import failed_ladders, ladders
+from impact_xval.experiments.measures.ladder_rows import failed_ladders, ladders, scatter
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.layout import laddered, layout_of
 from impact_xval.experiments.measures.results import Floats, Results, masses_and_starts, results_of
@@ -47,17 +48,12 @@ class Experiment:
 
     config: Config
     resolve: Resolve = get_solver
-    layout: Layout = field(init=False, repr=False)
     _models: tuple[Any, Any] = field(default=(None, None), init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        self.layout = layout_of(self.config)
-
-    def __getstate__(self) -> tuple[Config, Resolve]:
-        return self.config, self.resolve
-
-    def __setstate__(self, state: tuple[Config, Resolve]) -> None:
-        self.__init__(*state)
+    @cached_property
+    def layout(self) -> Layout:
+        """Layout of the rows."""
+        return layout_of(self.config)
 
     def results(self, name: str, block: Block, lost: Lost) -> Results:
         """Solve cells by a solver; those that are lost to it are failures."""
@@ -145,19 +141,15 @@ def _columns(
         "differences": found.differences,
         **{f"v{i}": kept(v) for i, v in enumerate(found.velocities.T, 1)},
         **{f"impulse{i}": kept(v) for i, v in enumerate(found.impulses.T, 1)},
-        "states": found.states,
-        "states_compared": found.compared,
+        "states": np.where(numbers, np.array(found.states, dtype=object), ""),
+        "states_compared": np.where(numbers, np.array(found.compared, dtype=object), ""),
         "n_states": kept(found.n_states),
         "n_events": kept(found.n_events),
         "grazing_margin": found.margin,
         "retained_energy": kept(retained_energy(masses, starts, found)),
         "retained_momentum": kept(retained_momentum(masses, starts, found)),
         **{key: found.diagnostic(key) for key in ("step", "n_steps", "duration", "velocity_error")},
-        **{
-            key: found.diagnostic(f"v{i}_limit")
-            for i in range(1, 1 + layout.balls)
-            for key in (f"v{i}_limit",)
-        },
+        **{f"v{i}_limit": found.diagnostic(f"v{i}_limit") for i in range(1, 1 + layout.balls)},
         **{key: found.diagnostic(key) for key in ("limit_error", "regularisation", "order", "finest_step")},
         "model_states": model.states,
         "model_states_compared": model.compared,
@@ -165,7 +157,7 @@ def _columns(
         "model_grazing_margin": model.margin,
     }
     if layout.pair:
-        columns["gravity_number"] = gravity_numbers(config, block)
+        columns["gravity_number"] = config.gravity_number(block.parameters["m2"])
     if name != REFERENCE:  # the model's divergence from itself is in no table
         measured = divergence(masses, starts, speed, model, found)
         for key in ("velocity_divergence", "dretained_energy"):
@@ -187,16 +179,12 @@ def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
     names, layout = experiment.config.solvers, experiment.layout
     per_cell = {name: np.arange(i, len(rows), len(names)) for i, name in enumerate(names)}
     columns: dict[str, Any] = {"limit_distance": _limit_distances(experiment, block, rows, per_cell)}
-    engines = laddered(names)
-    if engines:
-        model = rows.take(per_cell[REFERENCE])
-        for name in engines:
-            found = ladders(experiment.config, block, model, rows.take(per_cell[name]), layout)
-            for key, values in found.items():
-                column = columns.setdefault(
-                    f"ladder_{key}", np.full(len(rows), _nothing(values), values.dtype)
-                )
-                column[per_cell[name]] = values
+    engines = {name: rows.take(per_cell[name]) for name in laddered(names)}
+    for name, found in ladders(
+        experiment.config, block, rows.take(per_cell[REFERENCE]), engines, layout
+    ).items():
+        for key, values in found.items():
+            scatter(columns, f"ladder_{key}", values, per_cell[name], len(rows))
     return _with(rows, columns)
 
 
@@ -214,10 +202,6 @@ def _with(rows: pa.Table, columns: dict[str, Any]) -> pa.Table:
     for name in columns:
         rows = rows.set_column(rows.schema.get_field_index(name), rows.schema.field(name), made[name])
     return rows
-
-
-def _nothing(values: NDArray[Any]) -> Any:
-    return np.nan if values.dtype.kind == "f" else None
 
 
 def _limit_distances(
@@ -264,15 +248,6 @@ def shortest_periods(block: Block) -> Floats:
     with np.errstate(divide="ignore", over="ignore"):
         rates = k / np.column_stack([1 / (1 / m[:, 0] + 1 / m[:, 1]), m[:, 1]])
         return 2 * np.pi / np.sqrt(rates.max(axis=1))
-
-
-def gravity_numbers(config: Config, block: Block) -> Floats:
-    """g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)), of each cell; 0 without gravity."""
-    if config.scenario == "impact":
-        return np.zeros(len(block))
-    p = block.parameters
-    reduced = p["m1"] / (1 + p["m1"] / p["m2"])
-    return config.gravity / (_speeds(block) * np.sqrt(p["k1"] / reduced))
 
 
 def settings_of(config: Config, *, paths: bool = True) -> Settings:

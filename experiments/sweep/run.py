@@ -31,7 +31,6 @@ from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS
 from impact_xval.experiments.tables.folders import discard, missing, open_folder
 from impact_xval.experiments.tables.lock import check_free, holding
-from impact_xval.experiments.tables.schema import Layout
 from impact_xval.experiments.tables.store import (
     CONFIGURATION,
     FORMAT,
@@ -101,8 +100,7 @@ def run_sweep(
         On Ctrl-C, a full disk or a lost cluster; finished parts are kept.
     """
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
-    layout = experiment.layout
-    with kept(root, layout) as (folder, continued):
+    with kept(root) as (folder, continued):
         workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
         run, most = (
             _Run(experiment, cells, folder, continued, progress, on_rows),
@@ -117,15 +115,13 @@ def run_sweep(
 
 
 @contextlib.contextmanager
-def kept(root: Path, layout: Layout) -> Iterator[tuple[RunFolder, bool]]:
+def kept(root: Path) -> Iterator[tuple[RunFolder, bool]]:
     """Keep a folder to this process, and turn what can end a run from outside into one line.
 
     Parameters
     ----------
     root : Path
         As for `run_sweep`.
-    layout : Layout
-        Of the tables that are to be written.
 
     Yields
     ------
@@ -141,7 +137,7 @@ def kept(root: Path, layout: Layout) -> Iterator[tuple[RunFolder, bool]]:
     """
     check_free(root)
     new = missing(root)
-    folder, continued = open_folder(root, layout=layout)
+    folder, continued = open_folder(root)
     try:
         with holding(root):
             folder.remove_leftovers()
@@ -192,7 +188,9 @@ class _Run:
         self._versions = pool.here(solver_versions)
         self._identities = _identities(config, cells, self._versions)
         self._check_damage()
-        self._parts, findings = self._folder.find_parts(self._identities, self._rows_of)
+        self._parts, findings = self._folder.find_parts(
+            self._identities, self._rows_of, self._experiment.layout
+        )
         for finding in findings:
             self._progress(0, 0, finding)
         self._manifest = _manifest(config, cells, self._versions, self._history)
@@ -250,7 +248,7 @@ class _Run:
 
     def tabulate(self) -> None:
         """Write the finished tables."""
-        self._folder.assemble(self._parts)
+        self._folder.assemble(self._parts, self._experiment.layout)
         self._stage("tables")
 
     def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:

@@ -15,7 +15,6 @@ from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.tables.lock import LOCK
-from impact_xval.experiments.tables.schema import Layout
 from impact_xval.experiments.tables.store import FINISHED, MANIFEST, DamagedManifestError, RunFolder
 from impact_xval.experiments.tables.streams import column, replaced_by
 
@@ -25,15 +24,13 @@ def missing(root: Path) -> list[Path]:
     return [path for path in (root, *root.parents) if not path.exists()]
 
 
-def open_folder(root: Path, *, layout: Layout) -> tuple[RunFolder, bool]:
+def open_folder(root: Path) -> tuple[RunFolder, bool]:
     """Check that a run may write to a folder, and create it.
 
     Parameters
     ----------
     root : Path
         The folder.
-    layout : Layout
-        Of the tables that are to be written.
 
     Returns
     -------
@@ -46,7 +43,7 @@ def open_folder(root: Path, *, layout: Layout) -> tuple[RunFolder, bool]:
     UserError
         If the folder holds something else, or cannot be written to.
     """
-    folder, new = RunFolder(root, layout), missing(root)
+    folder, new = RunFolder(root), missing(root)
     try:
         entries = sorted(entry.name for entry in root.iterdir()) if not new else []
         # What a run leaves that was killed before its first line of work.

@@ -103,12 +103,9 @@ class RunFolder:
     Attributes
     ----------
     root : Path
-    layout : Layout
-        Of the tables that are written to it.
     """
 
     root: Path
-    layout: Layout | None = None
 
     @property
     def parts(self) -> Path:
@@ -126,7 +123,7 @@ class RunFolder:
         return path
 
     def find_parts(
-        self, identities: Sequence[str], rows: Callable[[int], pa.Table]
+        self, identities: Sequence[str], rows: Callable[[int], pa.Table], layout: Layout
     ) -> tuple[dict[int, Path], list[str]]:
         """Find the parts that are whole and belong to this run; remove the others.
 
@@ -136,6 +133,8 @@ class RunFolder:
             The identity of every chunk, in order.
         rows : callable
             The columns ``cell`` and ``solver`` of a chunk, by its number.
+        layout : Layout
+            Of the run.
 
         Returns
         -------
@@ -158,7 +157,7 @@ class RunFolder:
                 problem = "is there twice"
             elif identity not in identities[number : number + 1]:
                 problem = "belongs to another configuration or version"
-            elif (problem := self._problem_of(path, digest, rows(number))) == "":
+            elif (problem := _problem(path, digest, layout, rows(number))) == "":
                 parts[number] = path
                 continue
             findings.append(f"part {number} {problem}: computed again")
@@ -171,10 +170,6 @@ class RunFolder:
             match = PART.fullmatch(path.name)
             if match is not None:
                 yield path, int(match[1]), match[2], match[3]
-
-    def _problem_of(self, path: Path, digest: str, rows: pa.Table) -> str:
-        assert self.layout is not None
-        return _problem(path, digest, self.layout, rows)
 
     def has_parts(self, identities: Sequence[str] | None = None) -> bool:
         """Whether there are parts, by their names; those of some identities only, where they are given."""
@@ -190,19 +185,18 @@ class RunFolder:
                 if written.fullmatch(replaced_by(path.name)) and path.is_file():
                     path.unlink()
 
-    def assemble(self, parts: dict[int, Path]) -> None:
+    def assemble(self, parts: dict[int, Path], layout: Layout) -> None:
         """Write the finished tables from the parts, in the order of the cells, one part at a time."""
-        assert self.layout is not None
         with contextlib.ExitStack() as stack:
             writers = []
-            for name, cut in self.layout.tables.items():
+            for name, cut in layout.tables.items():
                 table = stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema))
                 csv = None
                 if cut.text:
                     text = stack.enter_context(replacing(self.root / f"{name}.csv"))
                     csv = stack.enter_context(pacsv.CSVWriter(str(text), cut.schema))
                 writers.append((cut, table, csv))
-            for rows in _pieces((parts[number] for number in sorted(parts)), self.layout):
+            for rows in _pieces((parts[number] for number in sorted(parts)), layout):
                 for cut, table, csv in writers:
                     some = cut.of(rows)
                     table.add(some)

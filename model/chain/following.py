@@ -158,7 +158,8 @@ class Problem:
             gaps, gravity = c.gaps / (speed * time)[:, None], self.gravity * time / speed
         masses[too_far_apart(c) | ~np.isfinite(self.dampings).all(axis=1)] = np.nan
         rates = c.compression_rates / speed[:, None]
-        return [masses, stiffnesses, c.restitutions, self.dampings, rates, drift, gaps, gravity]
+        # Copied: the kernel would be compiled once more for arrays that are read-only.
+        return [masses, stiffnesses, c.restitutions.copy(), self.dampings, rates, drift, gaps, gravity]
 
     def _collide(self, cells: list[Any], points: int, log: Floats, out: tuple[Any, ...]) -> None:
         how = self.law, self.collisions.exponent, self.frozen, *cells, self.tolerance, self.max_pieces

@@ -11,11 +11,12 @@ from impact_xval.experiments.measures.layout import layout_of
 def ladder_rows(config, cells, block, engines=("mujoco",)):
     """Ladders of the rows of a table of cells, of which `block` holds those that are there; by cell, then by solver."""
     model = cells.filter(pc.field("solver") == REFERENCE)
-    frames = []
-    for name in engines:
-        rows = cells.filter(pc.field("solver") == name)
-        found = ladders(config, block, model, rows, layout_of(config))
-        frames.append(rows.to_pandas()[_known(rows)].assign(**found, place=len(frames)))
+    rows = {name: cells.filter(pc.field("solver") == name) for name in engines}
+    found = ladders(config, block, model, rows, layout_of(config))
+    frames = [
+        rows[name].to_pandas()[_known(rows[name])].assign(**found[name], place=i)
+        for i, name in enumerate(engines)
+    ]
     table = pd.concat(frames).sort_values(["cell", "place"], kind="stable").drop(columns="place")
     return table.reset_index(drop=True)
 

@@ -33,7 +33,6 @@ from impact_xval.experiments.hypothesis.tables import (
     need_frame,
     point_frame,
 )
-from impact_xval.experiments.measures.column_summary import summarise_columns
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model import Collision, Collisions
@@ -163,10 +162,27 @@ def tables(spec, folder):
     run = run_sweep(parse_config(config | {"chunk_size": 10}), folder / "run", workers=1, isolate=False)
     found = {name: _columns(pq.read_table(run.root / f"{name}.parquet")) for name in ("cells", "divergence")}
     found["ladder"] = _columns(pq.read_table(run.root / "ladder.parquet"))
-    summary = (summarise if "cells" in spec else summarise_columns)(run)
+    summary = summarise(run)
     # Statistics of a single row are in the table of divergence.
     statistics = summary.statistics[summary.statistics.n > 1]
+    if "cells" not in spec:
+        statistics = _in_golden_order(statistics, summary)
     return found | {"summary": _columns(statistics), "statuses": _columns(summary.statuses.reset_index())}
+
+
+def _in_golden_order(statistics, summary):
+    """Order statistics of columns as golden values have them, by cells, axis, measure, solver and value."""
+    orders = {
+        "cells": ["regular", "marked"],
+        "axis": ["all", *summary.levels],
+        "measure": list(dict.fromkeys(statistics.measure)),
+        "solver": sorted(summary.solvers),
+    }
+    found = statistics[statistics.cells.isin(orders["cells"])]
+    places = {name: found[name].map(order.index) for name, order in orders.items()}
+    found = found.assign(**{f"place_{name}": x for name, x in places.items()})
+    found = found.sort_values([f"place_{name}" for name in orders], kind="stable")
+    return found.assign(value=found.value.where(found.axis != "all", ""))[list(statistics)]
 
 
 def _listed(columns):

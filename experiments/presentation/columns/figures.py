@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame
-from impact_xval.experiments.measures.column_summary import ColumnSummary
 from impact_xval.experiments.measures.laws import in_order_of_laws
+from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pages import phrase
@@ -30,10 +30,11 @@ _TAIL = 1e-3
 _FLOOR = 1e-6
 
 
-def draw_columns(folder: RunFolder, summary: ColumnSummary) -> Iterator[tuple[str, Figure, str]]:
+def draw_columns(folder: RunFolder, summary: Summary) -> Iterator[tuple[str, Figure, str]]:
     """Draw every figure of a finished run of columns; one that has nothing to show is left out."""
     curves = folder.read_table(CURVES).to_pandas()
-    config, rows = summary.config, summary.regular
+    config, rows = summary.config, folder.read_table("divergence.parquet").to_pandas()
+    rows = rows[rows.velocity_divergence.notna() & rows.marked.isna()]
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
     facts = {
         "model": REFERENCE,

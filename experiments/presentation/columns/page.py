@@ -6,7 +6,8 @@ from typing import Any
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
-from impact_xval.experiments.measures.column_summary import SUMMARISED, ColumnSummary
+from impact_xval.experiments.measures.summary import SUMMARISED_OF_COLUMNS as SUMMARISED
+from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.ladder_page import ladder_facts, spread
 from impact_xval.experiments.tables.numbers import number, percent
 
@@ -14,7 +15,7 @@ _CUTS = ("median", "p95", "max")
 _REASONS = 10
 
 
-def column_facts(summary: ColumnSummary) -> dict[str, Any]:
+def column_facts(summary: Summary) -> dict[str, Any]:
     """Collect what ``columns.md.j2`` and the templates that share its macros show.
 
     Returns
@@ -32,8 +33,8 @@ def column_facts(summary: ColumnSummary) -> dict[str, Any]:
         "found": [
             _found(summary, name) for name in summary.solvers if summary.get(name, "velocity_divergence").n
         ],
-        "engines": summary.engines,
-        "engine_rows": _engine_rows(summary.engines),
+        "engines": (engines := _engines(summary)),
+        "engine_rows": _engine_rows(engines),
         "overall": [
             (law_of(name) or "-", name, label, str(row.n), *(number(row[cut]) for cut in _CUTS))
             for name in summary.solvers
@@ -57,16 +58,16 @@ def column_facts(summary: ColumnSummary) -> dict[str, Any]:
     return facts | {"facts": facts}
 
 
-def _balls(summary: ColumnSummary) -> list[int]:
+def _balls(summary: Summary) -> list[int]:
     """Numbers of balls, those that a table has room for."""
-    return [int(n) for n in spread(sorted(summary.regular.balls.unique()))]
+    return [int(n) for n in spread(summary.levels["balls"].values)]
 
 
-def _median(summary: ColumnSummary, name: str, axis: str, value: Any) -> str:
+def _median(summary: Summary, name: str, axis: str, value: Any) -> str:
     return number(summary.get(name, "velocity_divergence", axis, value)["median"])
 
 
-def _found(summary: ColumnSummary, name: str) -> dict[str, Any]:
+def _found(summary: Summary, name: str) -> dict[str, Any]:
     """How far a solver is from the model."""
     worst = summary.worst[summary.worst.solver == name].iloc[0]
     balls = _balls(summary)
@@ -79,7 +80,7 @@ def _found(summary: ColumnSummary, name: str) -> dict[str, Any]:
     }
 
 
-def _where(summary: ColumnSummary, row: Any) -> str:
+def _where(summary: Summary, row: Any) -> str:
     """Name a column by its balls and the values of those axes that have several."""
     strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
     axes = [axis for axis in summary.axes if axis not in ("arrangement", "balls", "strike")]
@@ -88,7 +89,7 @@ def _where(summary: ColumnSummary, row: Any) -> str:
     )
 
 
-def _short(summary: ColumnSummary, name: str) -> tuple[str, ...]:
+def _short(summary: Summary, name: str) -> tuple[str, ...]:
     """How far a solver is from the model, in a row for a terminal; not compared: one of the two has no result."""
     row, marked = (summary.get(name, "velocity_divergence", cells=cells) for cells in ("regular", "marked"))
     not_compared = summary.n_cells - row.n - marked.n
@@ -103,7 +104,7 @@ def _short(summary: ColumnSummary, name: str) -> tuple[str, ...]:
     )
 
 
-def _along(summary: ColumnSummary, axis: str, values: list[Any]) -> dict[str, Any]:
+def _along(summary: Summary, axis: str, values: list[Any]) -> dict[str, Any]:
     """D along one axis, a row a value."""
 
     def cuts(name: str, value: Any) -> str:
@@ -125,7 +126,7 @@ def _along(summary: ColumnSummary, axis: str, values: list[Any]) -> dict[str, An
     }
 
 
-def _worst(summary: ColumnSummary) -> list[tuple[str, ...]]:
+def _worst(summary: Summary) -> list[tuple[str, ...]]:
     order = summary.worst.solver.map(summary.solvers.index)
     rows = summary.worst.loc[order.sort_values(kind="stable").index]
     return [
@@ -138,6 +139,26 @@ def _worst(summary: ColumnSummary) -> list[tuple[str, ...]]:
             number(row.largest_dv),
         )
         for _, row in rows.iterrows()
+    ]
+
+
+def _engines(summary: Summary) -> list[dict[str, Any]]:
+    """Engines beside the exact solver of their law, by the limits dt -> 0 of columns that are not marked."""
+    if not len(summary.estimates):
+        return []
+    held = summary.estimates[summary.estimates.held > 0].set_index("solver")
+    return [
+        {
+            "solver": name,
+            "law": row.asked,
+            "n": row.held,
+            "median": row.asked_median,
+            "max": row.asked_max,
+            "error": row.error_median,
+            "within": row.within,
+            "within3": row.honest,
+        }
+        for name, row in held.reindex([name for name in summary.solvers if name in held.index]).iterrows()
     ]
 
 

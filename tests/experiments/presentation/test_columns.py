@@ -9,7 +9,8 @@ import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.experiment import load_config
-from impact_xval.experiments.measures.column_summary import summarise_columns
+from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.presentation.columns.page import column_facts
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folders import finished
@@ -38,7 +39,7 @@ def root(tmp_path_factory):
 
 
 def test_every_median_is_that_of_the_table(root):
-    summary = summarise_columns(finished(root))
+    summary = summarise(finished(root))
     rows = pq.read_table(root / "divergence.parquet").to_pandas()
     assert (summary.n_cells, list(summary.axes)) == (24, ["balls", "arrangement", "e", "exponent"])
     for name in ("bistiffness", "kelvin-voigt", "mujoco"):
@@ -59,7 +60,7 @@ def test_the_page_shows_it(root):
     assert page.count("data:image/png;base64,") == len(captions) >= 7
     for words in ("N = 2", "N = 3", "N = 4", "unrepresentable", "state-transition", "few columns"):
         assert words in page
-    median = summarise_columns(finished(root)).get("kelvin-voigt", "velocity_divergence")["median"]
+    median = summarise(finished(root)).get("kelvin-voigt", "velocity_divergence")["median"]
     assert f"kelvin-voigt diverges from the model by D = {median:.3g} (median)" in page
     assert not re.search(r"\bnan\b", re.sub(r"base64,[^\"]*", "", page))
 
@@ -80,7 +81,7 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
         "[column]\nballs = 3\ngap = [0.0, 1e-5]\ne = [0.8, 0.9]\nstiffness_taper = 1.0\narrangement = 'cradle'\n"
     )
     folder = run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
-    (engine,) = summarise_columns(folder).engines
+    (engine,) = column_facts(summarise(folder))["engines"]
     assert (engine["solver"], engine["n"]) == ("mujoco", 4)
     assert main(["table", str(tmp_path / "run")]) == 0
     shown = capsys.readouterr().out
