@@ -31,7 +31,7 @@ from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.pool import in_flight
 from impact_xval.experiments.sweep.rows import Experiment, solve_all
-from impact_xval.experiments.tables.store import RunFolder, part_bytes
+from impact_xval.experiments.tables.folder import RunFolder, part_bytes
 
 CHUNK = 16
 

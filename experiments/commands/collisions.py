@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
     from impact_xval.experiments.cells.compared import Compared
     from impact_xval.experiments.measures.divergence import Measures
-    from impact_xval.experiments.tables.store import RunFolder
+    from impact_xval.experiments.tables.folder import RunFolder
     from impact_xval.model import Collision, Outcome
 
 #: Difference, per |v0|, above which a tabulated velocity is not the one that was run again.
@@ -293,7 +293,7 @@ def export_scene(
     """
     from impact_xval.experiments.config.cells import collision_of
     from impact_xval.experiments.sweep.rows import settings_of
-    from impact_xval.experiments.tables.folders import cells_of_run, finished_collisions
+    from impact_xval.experiments.tables.folder import cells_of_run, finished_collisions
 
     given = typed(context.params)
     if folder is not None:
@@ -351,7 +351,7 @@ def _export(
         v1 and v2 in m/s of a run's table, by solver.
     """
     from impact_xval.experiments.presentation.terminal import make_console, print_line
-    from impact_xval.experiments.tables.store import write_text
+    from impact_xval.experiments.tables.folder import write_text
 
     texts: dict[Path, str] = {}
     lines: list[str] = []

@@ -57,8 +57,7 @@ def doctor(
 def _of_experiment(what: Path | None) -> tuple[str, list[Finding]]:
     from impact_xval.experiments.config.experiment import load_config, parse_config
     from impact_xval.experiments.sweep.examination import experiment_findings
-    from impact_xval.experiments.tables.folders import cells_of_run
-    from impact_xval.experiments.tables.store import FINISHED, RunFolder
+    from impact_xval.experiments.tables.folder import FINISHED, RunFolder, cells_of_run
 
     cells = None
     if what is None:

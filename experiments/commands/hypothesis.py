@@ -31,7 +31,7 @@ def hypothesis(
     from impact_xval.experiments.hypothesis.run import run_hypothesis
     from impact_xval.experiments.presentation.pages import phrase
     from impact_xval.experiments.presentation.terminal import make_console, print_line, show_progress
-    from impact_xval.experiments.tables.folders import new_folder
+    from impact_xval.experiments.tables.folder import new_folder
 
     start = time.perf_counter()
     design = load(config)

@@ -10,7 +10,7 @@ from impact_xval.experiments.commands.options import Folder, whole
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
-    from impact_xval.experiments.tables.store import RunFolder
+    from impact_xval.experiments.tables.folder import RunFolder
 
 
 #: Balls whose velocities have room beside one another.
@@ -28,7 +28,7 @@ def ladder(
     ] = None,
 ) -> None:
     """Show why the engines of a finished run diverge: frozen positions, law, gravity, mapping, time step."""
-    from impact_xval.experiments.tables.folders import finished
+    from impact_xval.experiments.tables.folder import finished
 
     run = finished(folder)
     if cell is None:

@@ -7,6 +7,7 @@ option, the value and the legal range. Nothing heavy is imported, so that help c
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -204,6 +205,16 @@ def folder_to_write(which: str) -> Any:
     return typer.Option(metavar="DIR", parser=path("--out"), help=f"Folder to write; {which}.")
 
 
+def part_of(shard: str | None) -> tuple[int, int]:
+    """Read ``I/N``: number of a shard, from 1, and how many there are; one of one without any."""
+    if shard is None:
+        return 1, 1
+    found = re.fullmatch(r"(\d{1,5})/(\d{1,5})", shard)
+    if found is None or not 1 <= int(found[1]) <= int(found[2]):
+        raise UserError(f"--shard = {shard!r:.60}; legal: I/N, I from 1 to N, such as 1/4")
+    return int(found[1]), int(found[2])
+
+
 def _workers(text: str) -> int:
     return whole("--workers", text, 1, 4096)
 
@@ -218,6 +229,13 @@ Scheduler = Annotated[
     typer.Option(
         metavar="ADDRESS",
         help="Compute on a Dask cluster: the address of its scheduler.",
+    ),
+]
+Shard = Annotated[
+    str | None,
+    typer.Option(
+        metavar="I/N",
+        help="Compute every N-th part only, from the I-th on, in a folder that all N write to.",
     ),
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Changes nothing: a run is continued anyway.")]

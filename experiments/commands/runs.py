@@ -18,10 +18,12 @@ from impact_xval.experiments.commands.options import (
     JsonObject,
     Resume,
     Scheduler,
+    Shard,
     Workers,
     config_file,
     folder_to_write,
     number,
+    part_of,
     path,
 )
 from impact_xval.experiments.commands.supervision import last_word
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.experiments.presentation.terminal import MedianRows
     from impact_xval.experiments.sweep.run import Progress
-    from impact_xval.experiments.tables.store import RunFolder
+    from impact_xval.experiments.tables.folder import RunFolder
 
 
 def run(
@@ -43,6 +45,7 @@ def run(
     ] = False,
     resume: Resume = False,
     scheduler: Scheduler = None,
+    shard: Shard = None,
 ) -> None:
     """Run an experiment over its cells: tables, summary, figures and a report in one folder.
 
@@ -62,7 +65,7 @@ def run(
 
     root = out if out is not None else Path("runs") / _slug(experiment.name)
     what = "--quick" if quick else config
-    words = ["run", what, "--out", root, "--resume", *_option("--scheduler", scheduler)]
+    words = ["run", what, "--out", root, *_option("--scheduler", scheduler), *_option("--shard", shard)]
     console = make_console()
     medians = Medians(experiment.solvers)
     summaries = []
@@ -79,13 +82,15 @@ def run(
             root,
             workers=workers,
             scheduler=scheduler,
+            shard=part_of(shard),
             progress=progress,
             on_rows=medians.add,
             present=presented,
         )
     from impact_xval.experiments.presentation.views import show_end
 
-    show_end(console, summaries[-1], time.perf_counter() - start, str(folder.root))
+    if summaries:  # else parts are left to other shards
+        show_end(console, summaries[-1], time.perf_counter() - start, str(folder.root))
 
 
 def status(
@@ -115,7 +120,7 @@ def table(folder: Folder) -> None:
     from impact_xval.experiments.presentation.report import write_tables
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.presentation.views import show_summary
-    from impact_xval.experiments.tables.folders import finished
+    from impact_xval.experiments.tables.folder import finished
 
     with at_work("writing the summary"):
         summary = write_tables(finished(folder))
@@ -135,7 +140,7 @@ def figures(
 ) -> None:
     """Draw the figures of a finished run again, or the six panels of the model's supplement."""
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
-    from impact_xval.experiments.tables.folders import finished, new_folder
+    from impact_xval.experiments.tables.folder import finished, new_folder
 
     if (folder is not None) == supplement:
         given = f"{folder} with --supplement" if supplement else "DIR missing"
@@ -162,7 +167,7 @@ def report(folder: Folder) -> None:
     """Write the report of a finished run again."""
     from impact_xval.experiments.presentation.report import write_report
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
-    from impact_xval.experiments.tables.folders import finished
+    from impact_xval.experiments.tables.folder import finished
 
     with at_work("writing the report"):
         page = write_report(finished(folder))
@@ -191,7 +196,7 @@ def compare_runs(
     from impact_xval.experiments.presentation.terminal import at_work, make_console
     from impact_xval.experiments.presentation.views import changes_object, show_changes
     from impact_xval.experiments.tables.comparison import compare
-    from impact_xval.experiments.tables.folders import finished
+    from impact_xval.experiments.tables.folder import finished
 
     allowed = number("--tolerance", tolerance)
     if not 0 <= allowed < math.inf:
@@ -247,13 +252,10 @@ def _size(experiment: Config) -> str:
 
 
 def _kept(root: Path) -> Config | None:
-    """Read the configuration of the run in a folder, if there is one that says what it is of."""
-    from impact_xval.experiments.tables.store import DamagedManifestError, RunFolder
+    """Read the experiment of the run in a folder, if there is one."""
+    from impact_xval.experiments.tables.folder import CONFIGURATION, RunFolder
 
-    try:
-        return RunFolder(root).kept_config()
-    except DamagedManifestError:
-        return None
+    return RunFolder(root).config() if (root / CONFIGURATION).exists() else None
 
 
 def _option(name: str, value: str | None) -> list[str]:

@@ -42,8 +42,8 @@ from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.page.html import html_of
 from impact_xval.experiments.presentation.pages import latex_of, render
 from impact_xval.experiments.sweep.pool import available_cores
-from impact_xval.experiments.tables.store import write_json, write_text
-from impact_xval.experiments.tables.streams import replacing
+from impact_xval.experiments.tables.folder import write_json, write_text
+from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.collision import RESULT_STATUSES
 
 PAGE, TITLE = "hypothesis.md", "impact-xval: does an infinitely stiff pair act as one body?"

@@ -20,8 +20,8 @@ from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.tables.store import Tally
-from impact_xval.experiments.tables.streams import blocks, codes, column, present, texts
+from impact_xval.experiments.tables.folder import Tally
+from impact_xval.experiments.tables.parquet import blocks, codes, column, present, texts
 from impact_xval.model.collision import RESULT_STATUSES
 
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be

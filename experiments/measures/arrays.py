@@ -11,10 +11,9 @@ import numpy as np
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.layout import layout_of
-from impact_xval.experiments.tables.folders import finished_collisions
+from impact_xval.experiments.tables.folder import RunFolder, finished_collisions
+from impact_xval.experiments.tables.parquet import column, texts
 from impact_xval.experiments.tables.schema import Column
-from impact_xval.experiments.tables.store import RunFolder
-from impact_xval.experiments.tables.streams import column, texts
 
 if TYPE_CHECKING:
     import xarray as xr

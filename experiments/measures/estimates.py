@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.measures.laws import exact_for
-from impact_xval.experiments.tables.streams import selected
+from impact_xval.experiments.tables.parquet import selected
 from impact_xval.model.collision import RESULT_STATUSES
 
 #: An estimate is honest where the true error is at most this many times as large.

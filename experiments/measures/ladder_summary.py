@@ -33,8 +33,8 @@ from impact_xval.experiments.measures.ladder import (
     Floats,
     by_order,
 )
-from impact_xval.experiments.tables.store import RunFolder
-from impact_xval.experiments.tables.streams import codes, column, present, texts
+from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.parquet import codes, column, present, texts
 
 #: A pandas DataFrame or Series; see `summary.Frame`.
 Frame = Any

@@ -30,8 +30,8 @@ from impact_xval.experiments.measures.aggregates import (
 from impact_xval.experiments.measures.estimates import convergence_estimates
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.tables.store import RunFolder, Tally, statuses_of
-from impact_xval.experiments.tables.streams import codes, present
+from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
+from impact_xval.experiments.tables.parquet import codes, present
 from impact_xval.model.collision import RESULT_STATUSES
 
 __all__ = ["FULL_PATHS", "OWN_LAW", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]

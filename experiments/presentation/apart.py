@@ -9,7 +9,7 @@ from typing import Any
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError, in_halves
-from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.folder import RunFolder
 
 #: Waits for an answer, and gives it.
 Wait = Callable[[], Any]

@@ -24,8 +24,8 @@ from impact_xval.experiments.presentation.pictures.trust import draw_trust, trus
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.sweep.curves import CURVES, FIGURE_CELL
 from impact_xval.experiments.sweep.process import FaultError
+from impact_xval.experiments.tables.folder import RunFolder, write_json
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.experiments.tables.store import RunFolder, write_json
 
 CAPTIONS = "captions.json"
 

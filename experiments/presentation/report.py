@@ -24,10 +24,9 @@ from impact_xval.experiments.presentation.pages import latex_of, render
 from impact_xval.experiments.presentation.summary_page import summary_facts
 from impact_xval.experiments.sweep.examination import failed_note, traps_note
 from impact_xval.experiments.sweep.process import FaultError
-from impact_xval.experiments.tables.folders import cells_of_run
+from impact_xval.experiments.tables.folder import RunFolder, cells_of_run, write_text
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.experiments.tables.store import RunFolder, write_text
-from impact_xval.experiments.tables.streams import column, replacing
+from impact_xval.experiments.tables.parquet import column, replacing
 
 
 def write_tables(folder: RunFolder) -> Summary:

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
 
-from impact_xval.experiments.tables.streams import replacing
+from impact_xval.experiments.tables.parquet import replacing
 
 _PARAMETERS: dict[Any, Any] = {
     "figure.constrained_layout.use": True,

@@ -45,7 +45,7 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
     page = render(
         "status.md.j2",
         root=root,
-        command=shlex.join(["impact-xval", "run", "--resume", "--out", root]),
+        command=shlex.join(["impact-xval", "run", "--out", root]),
         s=status,
         share=status.cells_done / status.cells if status.cells else 1.0,
         names=names,

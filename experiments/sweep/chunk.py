@@ -23,7 +23,7 @@ from impact_xval.experiments.sweep.pool import Slot, in_flight
 from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
 from impact_xval.experiments.sweep.warmup import make_ready, stated
-from impact_xval.experiments.tables.store import part_bytes
+from impact_xval.experiments.tables.folder import part_bytes
 
 #: Seconds for what follows the solvers of a chunk; not their limit, for these are references in closed form, and tables
 #: must not depend on how busy a machine is.

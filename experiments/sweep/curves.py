@@ -21,9 +21,9 @@ from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.sweep.process import FaultError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, settings_of
 from impact_xval.experiments.sweep.warmup import make_ready
+from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.experiments.tables.schema import PAIR, WHO, schema
-from impact_xval.experiments.tables.store import RunFolder
-from impact_xval.experiments.tables.streams import replacing
 from impact_xval.model.collision import RESULT_STATUSES
 
 FIGURE_CELL = "figure-cell"

@@ -21,25 +21,22 @@ import pyarrow.parquet as pq
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.cells import Cells, experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
-from impact_xval.experiments.config.experiment import COSMETIC, REFERENCE, Config
-from impact_xval.experiments.measures.layout import layout_of
-from impact_xval.experiments.sweep.chunk import Report, solve_chunks, solver_versions
+from impact_xval.experiments.config.experiment import REFERENCE, Config
+from impact_xval.experiments.sweep.chunk import Report, Versions, solve_chunks, solver_versions
 from impact_xval.experiments.sweep.curves import write_column_curves, write_curves
 from impact_xval.experiments.sweep.pool import available_cores, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS
-from impact_xval.experiments.tables.folders import discard, missing, open_folder
-from impact_xval.experiments.tables.lock import check_free, holding
-from impact_xval.experiments.tables.store import (
-    CONFIGURATION,
+from impact_xval.experiments.tables.folder import (
     FORMAT,
     MANIFEST,
-    DamagedManifestError,
     RunFolder,
     read_part,
     statuses_of,
+    tables_lock,
     write_json,
+    writing,
 )
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
@@ -47,6 +44,9 @@ Progress = Callable[[int, int, str], None]
 
 #: Given the rows of a chunk as soon as they are there.
 OnRows = Callable[[pa.Table], None]
+
+#: Number of a shard, from 1, and how many there are.
+Shard = tuple[int, int]
 
 #: What solvers write to standard error, in a run's folder.
 LOG = "solvers.log"
@@ -58,9 +58,10 @@ def run_sweep(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
+    shard: Shard = (1, 1),
     isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
-    on_rows: OnRows | None = None,
+    on_rows: OnRows = lambda rows: None,
     resolve: Resolve = get_solver,
     present: Callable[[RunFolder], None] = lambda folder: None,
 ) -> RunFolder:
@@ -71,17 +72,19 @@ def run_sweep(
     config : Config
         The experiment.
     root : Path
-        The folder; new, empty, or that of the same experiment, which is continued
-        from the parts that are there.
+        The folder; new, empty, or that of the same experiment, which is continued from the parts that are there.
     workers : int, optional
         Processes on this machine, on which no result depends; by default the configuration's, else one a core.
     scheduler : str, optional
         Address of a Dask scheduler; by default no Dask.
+    shard : tuple of int and int
+        Number of this shard, from 1, and how many there are: it computes its parts alone. Whichever finds all parts at
+        its end writes the tables.
     isolate : bool
         False runs the solvers in this process: one that crashes ends the run.
     progress : callable
         Called after every chunk.
-    on_rows : callable, optional
+    on_rows : callable
         Given rows of a chunk as soon as they are there, with the `MEDIAN_COLUMNS` at least.
     resolve : callable
         Finds a solver by its name; at the top level of a module.
@@ -100,51 +103,23 @@ def run_sweep(
         On Ctrl-C, a full disk or a lost cluster; finished parts are kept.
     """
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
-    with kept(root) as (folder, continued):
-        workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
-        run, most = (
-            _Run(experiment, cells, folder, continued, progress, on_rows),
-            min(workers, cells.chunks()),
-        )
-        log = folder.root / LOG
-        with open_pool(experiment, most, scheduler=scheduler, isolate=isolate, say=say, log=log) as pool:
+    workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
+    with _one_line(root), writing(root, config, shard) as (folder, continued):
+        run = _Run(experiment, cells, folder, shard, progress, on_rows)
+        how = {"scheduler": scheduler, "isolate": isolate, "say": say, "log": folder.root / LOG}
+        with open_pool(experiment, min(workers, cells.chunks()), **how) as pool:
+            run.begin(pool.here(solver_versions), continued)
             run.solve(pool)
-            run.tabulate()
+            run.curves(pool)
         run.finish({"where": scheduler or "this machine", "workers": workers}, present)
     return folder
 
 
 @contextlib.contextmanager
-def kept(root: Path) -> Iterator[tuple[RunFolder, bool]]:
-    """Keep a folder to this process, and turn what can end a run from outside into one line.
-
-    Parameters
-    ----------
-    root : Path
-        As for `run_sweep`.
-
-    Yields
-    ------
-    folder : RunFolder
-    continued : bool
-        Whether a run is there.
-
-    Raises
-    ------
-    UserError
-        If the folder cannot be used; then, and after one in the block, what was made for nothing is removed.
-    InterruptedRunError
-    """
-    check_free(root)
-    new = missing(root)
-    folder, continued = open_folder(root)
+def _one_line(root: Path) -> Iterator[None]:
+    """Turn what can end a run from outside into one line."""
     try:
-        with holding(root):
-            folder.remove_leftovers()
-            yield folder, continued
-    except UserError:
-        discard(folder, new)
-        raise
+        yield
     except (KeyboardInterrupt, ClosedError):
         raise InterruptedRunError("interrupted") from None
     except OSError as error:
@@ -162,76 +137,50 @@ class _Run:
         experiment: Experiment,
         cells: Cells,
         folder: RunFolder,
-        continued: bool,
+        shard: Shard,
         progress: Progress,
-        on_rows: OnRows | None,
+        on_rows: OnRows,
     ) -> None:
         self._experiment, self._cells, self._folder = experiment, cells, folder
-        self._continued, self._progress, self._on_rows = continued, progress, on_rows
-        self._done = 0
+        self._progress, self._on_rows = progress, on_rows
+        self._shard = shard
+        self._mine = [n for n in van_der_corput(cells.chunks()) if n % shard[1] == shard[0] - 1]
+        self._total = sum(len(cells.chunk(number)) for number in self._mine)
+        self._done = self._reused = self._faults = 0
         self._started = self._stamp = time.perf_counter()
-        self._history: list[Any] = []
-        self._damage = ""
-        if continued:
-            try:
-                _same_experiment(folder, experiment.config)
-                self._history = folder.manifest()["sessions"]
-            except DamagedManifestError as damage:
-                self._damage = str(damage)
         self._stages: dict[str, float] = {}
         self._seconds: Counter[str] = Counter()
-        self._faults = 0
 
-    def solve(self, pool: Any) -> None:
-        """Compute the parts that are not there, and the curves."""
-        config, cells = self._experiment.config, self._cells
-        self._versions = pool.here(solver_versions)
-        self._identities = _identities(config, cells, self._versions)
-        self._check_damage()
-        self._parts, findings = self._folder.find_parts(
-            self._identities, self._rows_of, self._experiment.layout
-        )
+    def begin(self, versions: Versions, continued: bool) -> None:
+        """Find the parts that are there, and say what the run is of."""
+        config, cells, folder = self._experiment.config, self._cells, self._folder
+        self._versions, self._identity = versions, _identity(self._experiment, cells, versions)
+        if not continued:
+            folder.write_config(config)
+        with tables_lock(folder):
+            write_json(folder.root / MANIFEST, self._manifest("running"))
+        parts, findings = folder.find_parts(cells.chunks(), self._identity, self._experiment.layout)
         for finding in findings:
             self._progress(0, 0, finding)
-        self._manifest = _manifest(config, cells, self._versions, self._history)
-        write_json(self._folder.root / MANIFEST, self._manifest)
-        self._done, self._reused = sum(len(cells.chunk(number)) for number in self._parts), len(self._parts)
-        if self._continued:
-            line = f"resumed: {self._reused} of {cells.chunks()} parts are there and whole"
-            self._progress(self._done, len(cells), line)
-        if self._on_rows is not None:
-            for part in self._parts.values():
-                self._on_rows(pq.read_table(part, columns=MEDIAN_COLUMNS))
-        write_json(self._folder.parts / CONFIGURATION, config.canonical())
+        there = set(self._mine) & set(parts)
+        self._mine = [number for number in self._mine if number not in there]
+        self._done, self._reused = sum(len(cells.chunk(number)) for number in there), len(there)
+        if continued:
+            line = f"resumed: {len(there)} of {len(there) + len(self._mine)} parts are there and whole"
+            self._progress(self._done, self._total, line)
+        for number in there:
+            self._on_rows(pq.read_table(parts[number], columns=MEDIAN_COLUMNS))
         self._stage("start")
-        todo = (number for number in van_der_corput(cells.chunks()) if number not in self._parts)
-        chunks = ((n, cells.block(cells.chunk(n))) for n in todo)
-        for report in solve_chunks(pool, chunks):
+
+    def solve(self, pool: Any) -> None:
+        """Compute the parts that are not there."""
+        cells = self._cells
+        for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
             self._keep(report)
-            if self._on_rows is not None:
-                self._on_rows(read_part(report.data, self._experiment.layout))
+            self._on_rows(read_part(report.data, self._experiment.layout))
             self._done += len(cells.chunk(report.number))
-            self._progress(self._done, len(cells), "")
+            self._progress(self._done, self._total, "")
         self._stage("solve")
-        (write_curves if config.column is None else write_column_curves)(config, self._folder, pool)
-        self._stage("curves")
-
-    def _check_damage(self) -> None:
-        """Where the manifest does not tell what parts a folder holds are of, one must be of this experiment."""
-        if self._damage and self._folder.has_parts() and not self._folder.has_parts(self._identities):
-            raise UserError(
-                f"{self._damage}: no part there is of this configuration by these versions, and all are left as "
-                "they are; legal: the configuration and the versions the run was begun with"
-            )
-        if self._damage:
-            self._progress(0, 0, f"{self._damage}: it is written now, and begins without earlier sessions")
-
-    def _rows_of(self, number: int) -> pa.Table:
-        """Give the cells and solvers that the rows of a part are of."""
-        chunk, solvers = self._cells.chunk(number), self._experiment.config.solvers
-        fields = [self._experiment.layout.rows.field(name) for name in ("cell", "solver")]
-        columns = [[cell for cell in chunk for _ in solvers], list(solvers) * len(chunk)]
-        return pa.table(columns, schema=pa.schema(fields))
 
     def _keep(self, report: Report) -> None:
         ours, theirs = self._versions, report.versions
@@ -240,38 +189,84 @@ class _Run:
             there = ", ".join(f"{name} {theirs.get(name)}" for name in differing)
             here = ", ".join(f"{name} {ours[name]}" for name in differing)
             raise UserError(f"a worker has {there}, this process {here}; legal: the same versions everywhere")
-        self._parts[report.number] = self._folder.write_part(
-            report.number, self._identities[report.number], report.data
-        )
+        self._folder.write_part(report.number, self._identity, report.data)
         self._seconds.update(report.seconds)
         self._faults += report.faults
 
-    def tabulate(self) -> None:
-        """Write the finished tables."""
-        self._folder.assemble(self._parts, self._experiment.layout)
-        self._stage("tables")
+    def _all_parts(self) -> dict[int, Path] | None:
+        """Find the parts of all shards; None where one is missing."""
+        parts = self._folder.named_parts(self._cells.chunks(), self._identity)
+        return parts if len(parts) == self._cells.chunks() else None
+
+    def curves(self, pool: Any) -> None:
+        """Compute the curves of the figures, once all parts are there."""
+        if self._all_parts() is not None:
+            config = self._experiment.config
+            (write_curves if config.column is None else write_column_curves)(config, self._folder, pool)
+            self._stage("curves")
 
     def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:
-        """Write the manifest, and have the tables presented; `by` is who computed them."""
-        statuses, digests = statuses_of(self._folder.tally()), self._folder.digests()
-        session = {
+        """Write the tables and have them presented, once all parts are there; `by` is who computed the parts."""
+        folder, parts, chunks = self._folder, self._all_parts(), self._cells.chunks()
+        with tables_lock(folder):
+            state = folder.manifest()["state"]  # complete where another shard has been faster
+            if parts is not None and state == "running":
+                folder.remove_leftovers()
+                rows = len(self._cells) * len(self._experiment.config.solvers)
+                folder.assemble(parts, self._experiment.layout, rows)
+                self._stage("tables")
+                state = "tables"
+            manifest = self._manifest(state, self._session(by))
+            if state != "running":
+                manifest["statuses"] = statuses_of(folder.tally())
+            write_json(folder.root / MANIFEST, manifest)
+            if state == "running":
+                there = len(folder.named_parts(chunks, self._identity))
+                line = f"{there} of {chunks} parts are there; the shard that finds all writes the tables"
+                self._progress(self._done, self._total, line)
+            if state == "tables":
+                present(folder)
+                write_json(folder.root / MANIFEST, manifest | {"state": "complete"})
+
+    def _session(self, by: dict[str, Any]) -> dict[str, Any]:
+        return {
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            "shard": "{} of {}".format(*self._shard),
             **by,
             "parts_reused": self._reused,
-            "parts_computed": len(self._parts) - self._reused,
+            "parts_computed": len(self._mine),
             "processes_lost": self._faults,
             "wall_time_s": round(time.perf_counter() - self._started, 3),
             "stages_s": self._stages,
             "solver_time_s": {name: round(value, 3) for name, value in self._seconds.items()},
         }
-        self._manifest |= {
-            "statuses": statuses,
-            "files": digests,
-            "sessions": [*self._history, session],
+
+    def _manifest(self, state: str, *session: Any) -> dict[str, Any]:
+        """Say what the run is of, and who has worked on it: earlier sessions, and this one once it is over."""
+        config = self._experiment.config
+        earlier: list[Any] = []
+        with contextlib.suppress(UserError):  # there is none, or none that can be read
+            earlier = self._folder.manifest()["sessions"]
+        return {
+            "format": FORMAT,
+            "state": state,
+            "name": config.name,
+            "cells": len(self._cells),
+            "chunks": self._cells.chunks(),
+            "reference": REFERENCE,
+            "identity": self._identity,
+            "versions": self._versions,
+            "libraries": {name: version(name) for name in ("numpy", "scipy", "numba", "pyarrow", "pandas")},
+            "machine": {
+                "system": platform.system(),
+                "release": platform.release(),
+                "processor": platform.processor() or platform.machine(),
+                "cores": available_cores(),
+                "python": platform.python_version(),
+            },
+            "seeds": _seeds(config),
+            "sessions": [*earlier, *session],
         }
-        write_json(self._folder.root / MANIFEST, self._manifest | {"state": "tables"})
-        present(self._folder)
-        write_json(self._folder.root / MANIFEST, self._manifest | {"state": "complete"})
 
     def _stage(self, name: str) -> None:
         now = time.perf_counter()
@@ -295,54 +290,12 @@ def _same_version(ours: str, theirs: str) -> bool:
     return ours == theirs or (ours.startswith("unavailable") and theirs.startswith("unavailable"))
 
 
-def _same_experiment(folder: RunFolder, config: Config) -> None:
-    stored = folder.config()
-    if stored.identity() == config.identity():
-        return
-    old, new = stored.canonical(), config.canonical()
-    keys = [key for key in {**old, **new} if key not in COSMETIC]
-    differing = [key for key in keys if old.get(key) != new.get(key)]
-    detail = (
-        f"{differing[0]} = {old.get(differing[0])} there, {new.get(differing[0])} now"
-        if differing
-        else "other axes"
-    )
-    raise UserError(f"--out {folder.root}: holds a run of another configuration: {detail}")
-
-
-def _identities(config: Config, cells: Cells, versions: dict[str, str]) -> list[str]:
-    """Identity of every chunk: a hash of configuration, versions and cells."""
-    columns = layout_of(config).rows.names
-    common = json.dumps([config.identity(), versions, columns], sort_keys=True)
-    return [
-        hashlib.sha256(f"{common} cells {cells.digest(cells.chunk(n))}".encode()).hexdigest()[:32]
-        for n in range(cells.chunks())
-    ]
-
-
-def _manifest(config: Config, cells: Cells, versions: dict[str, str], history: list[Any]) -> dict[str, Any]:
-    return {
-        "format": FORMAT,
-        "state": "running",
-        "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
-        "name": config.name,
-        "cells": len(cells),
-        "chunks": cells.chunks(),
-        "reference": REFERENCE,
-        "configuration": config.canonical(),
-        "identity": config.identity(),
-        "versions": versions,
-        "libraries": {name: version(name) for name in ("numpy", "scipy", "numba", "pyarrow", "pandas")},
-        "machine": {
-            "system": platform.system(),
-            "release": platform.release(),
-            "processor": platform.processor() or platform.machine(),
-            "cores": available_cores(),
-            "python": platform.python_version(),
-        },
-        "seeds": _seeds(config),
-        "sessions": history,
-    }
+def _identity(experiment: Experiment, cells: Cells, versions: Versions) -> str:
+    """Hash all that the content of a part depends on, but for its number."""
+    config, columns = experiment.config, experiment.layout.rows.names
+    of_list = cells.digest(range(len(cells))) if config.cells is not None else ""
+    found = json.dumps([config.identity(), versions, columns, of_list], sort_keys=True)
+    return hashlib.sha256(found.encode()).hexdigest()[:32]
 
 
 def _seeds(config: Config) -> str:

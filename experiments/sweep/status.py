@@ -20,8 +20,7 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import reasons_of
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.tables.lock import running
-from impact_xval.experiments.tables.store import PART, RunFolder, Tally, statuses_of, tally
+from impact_xval.experiments.tables.folder import RunFolder, Tally, running, statuses_of, tally
 
 #: Columns of a row that `Medians` are made of.
 MEDIAN_COLUMNS = ["solver", "velocity_divergence", "marked"]
@@ -76,32 +75,23 @@ def status_of(root: Path) -> RunStatus:
 
 
 def _complete(folder: RunFolder, cells: int, chunks: int) -> RunStatus:
-    try:
-        outcomes = folder.tally()
-    except (OSError, pa.ArrowException):
-        path = folder.root / "cells.parquet"
-        raise UserError(f"{path}: damaged or missing; impact-xval run --resume writes it again") from None
-    counts = (cells, cells, chunks, chunks, 0)
-    return RunStatus("complete", *counts, statuses_of(outcomes), reasons_of(outcomes))
+    outcomes = folder.tally()
+    return RunStatus("complete", cells, cells, chunks, chunks, 0, statuses_of(outcomes), reasons_of(outcomes))
 
 
 def _under_way(folder: RunFolder, cells: int, chunks: int, state: str) -> RunStatus:
-    done, damaged = 0, 0
+    done = damaged = 0
     outcomes: Tally = Counter()
-    seen: set[int] = set()
-    for path in sorted(folder.parts.glob("*")):
-        match = PART.fullmatch(path.name)
-        if match is None or int(match[1]) in seen:
-            continue
+    parts = folder.named_parts(chunks, folder.manifest()["identity"])
+    for path in parts.values():
         try:
             table = pq.ParquetFile(path).read(columns=["solver", "status", "reason", "cell"])
-        except (OSError, pa.ArrowException, KeyError):
+        except (OSError, pa.ArrowException):
             damaged += 1
             continue
-        seen.add(int(match[1]))
         done += len(table.column("cell").unique())
         outcomes += tally([table])
-    counts = (cells, min(done, cells), chunks, len(seen), damaged)
+    counts = cells, done, chunks, len(parts) - damaged, damaged
     return RunStatus(state, *counts, statuses_of(outcomes), reasons_of(outcomes))
 
 

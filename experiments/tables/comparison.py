@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.folder import RunFolder
 
 #: A pandas DataFrame or Series; their annotations are too wide to check code against.
 Frame = Any

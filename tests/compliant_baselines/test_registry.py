@@ -18,7 +18,7 @@ from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.measures.layout import laddered
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.summary_page import summary_facts
-from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.third_party import ANVIL, TOY, TOY_FILE, install
 

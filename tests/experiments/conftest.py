@@ -8,7 +8,8 @@ from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.warmup import warm
-from impact_xval.experiments.tables.store import TABLES, RunFolder
+from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.schema import TABLES
 from tests.experiments import fakes
 
 SMALL = {

@@ -18,7 +18,7 @@ from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.sweep.curves import CURVES
-from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.folder import RunFolder
 
 #: Most panels of the wave in a row.
 _ACROSS = 4

@@ -23,9 +23,8 @@ from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
 from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.rows import settings_of
-from impact_xval.experiments.tables.folders import cells_of_run
+from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.experiments.tables.store import RunFolder
 from impact_xval.model.collision import RESULT_STATUSES, Collision
 
 #: Digits of an impulse of a curve: a tenth of what a screen tells apart.

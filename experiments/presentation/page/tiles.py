@@ -11,7 +11,7 @@ import pandas as pd
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.measures.aggregates import Compared, Levels, levels_of
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.experiments.tables.streams import column
+from impact_xval.experiments.tables.parquet import column
 
 #: Tiles of a map at most: what a browser draws at once, and a page has room for.
 TILES = 1000

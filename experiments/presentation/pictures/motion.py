@@ -25,7 +25,7 @@ from impact_xval.experiments.presentation.pages import phrase, render
 from impact_xval.experiments.presentation.pictures.history import Floats, History
 from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.experiments.tables.streams import replacing
+from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.collision import Collision
 
 Pixels = NDArray[np.uint8]

@@ -24,7 +24,7 @@ from impact_xval.experiments.presentation.curve_figures import (
 )
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing, save
-from impact_xval.experiments.tables.store import write_json
+from impact_xval.experiments.tables.folder import write_json
 from impact_xval.model import Collision, Outcome, solve
 
 _TEMPLATE = "pictures.md.j2"

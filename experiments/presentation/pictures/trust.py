@@ -25,9 +25,9 @@ from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, Contribution
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing
+from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.experiments.tables.store import RunFolder
-from impact_xval.experiments.tables.streams import codes, column, present
+from impact_xval.experiments.tables.parquet import codes, column, present
 
 #: D that is trusted, from the strictest on.
 LEVELS = (0.01, 0.05, 0.2)

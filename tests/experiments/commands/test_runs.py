@@ -1,6 +1,5 @@
 """What runs say before they begin, and which cells they take."""
 
-import json
 import shlex
 
 from impact_xval.experiments.commands.cli import main
@@ -8,6 +7,7 @@ from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep import run as sweep
+from impact_xval.experiments.tables.folder import RunFolder
 
 GRID = "[grid]\nstiffness_ratio = [0.1, 2, 10]\nmass_ratio = [1.25]\ne2 = {linear = [0.5, 0.9, 3]}\n"
 
@@ -45,7 +45,7 @@ def test_a_quick_run_is_of_a_few_cells_of_the_built_in_grid_and_is_continued_as_
     assert main(["run", "--quick", "--out", str(root)]) == 1
     command = capsys.readouterr().err.strip().split("to continue: ")[1]
     words = shlex.split(command)
-    assert words == ["impact-xval", "run", "--quick", "--out", str(root), "--resume"]
+    assert words == ["impact-xval", "run", "--quick", "--out", str(root)]
     assert main(words[1:]) == 1
     assert configs[0] == configs[1]
     quick, whole = configs[0], parse_config({})
@@ -61,7 +61,7 @@ def test_a_quick_run_takes_neither_a_file_nor_the_folder_of_another(tmp_path, ca
     (tmp_path / "my.toml").write_text(GRID)
     assert main(["run", str(tmp_path / "my.toml"), "--quick"]) == 2
     assert f"--quick with {tmp_path / 'my.toml'}: " in capsys.readouterr().err
-    (tmp_path / "a/parts").mkdir(parents=True)
-    (tmp_path / "a/parts/configuration.json").write_text(json.dumps(parse_config({}).canonical()))
+    (tmp_path / "a").mkdir()
+    RunFolder(tmp_path / "a").write_config(parse_config({}))
     assert main(["run", "--quick", "--resume", "--out", str(tmp_path / "a")]) == 2
     assert f"--quick with --out {tmp_path / 'a'}: holds another run" in capsys.readouterr().err

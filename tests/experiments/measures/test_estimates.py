@@ -9,9 +9,9 @@ from impact_xval.experiments.measures.estimates import convergence_estimates
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.schema import CERTIFICATE as OF_LIMITS
 from impact_xval.experiments.tables.schema import expanded
-from impact_xval.experiments.tables.store import RunFolder
 from tests.experiments.conftest import SMALL
 
 CERTIFICATE = expanded(OF_LIMITS, 2, 2)

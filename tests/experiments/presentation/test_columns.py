@@ -13,7 +13,7 @@ from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.columns.page import column_facts
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.tables.folders import finished
+from impact_xval.experiments.tables.folder import finished
 
 CONFIG = """
 name = "few columns"

@@ -54,7 +54,7 @@ def test_a_stopped_run_counts_what_is_damaged_and_its_command_to_continue_can_be
     assert main(["status", str(root)]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("to continue: ")]
     program, *words = shlex.split(line.removeprefix("to continue: "))
-    assert (program, words) == ("impact-xval", ["run", "--resume", "--out", str(root)])
+    assert (program, words) == ("impact-xval", ["run", "--out", str(root)])
     begun = functools.partial(run_sweep, isolate=False, resolve=fakes.shifted)
     monkeypatch.setattr(sweep, "run_sweep", begun)
     before = kept.stat().st_mtime_ns

@@ -8,7 +8,7 @@ import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.presentation.page.cells import opened_cells
-from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.folder import RunFolder
 
 CELLS = [0, 7, 11]
 

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from impact_xval.experiments.presentation.report import write_report
-from impact_xval.experiments.tables.store import RunFolder
+from impact_xval.experiments.tables.folder import RunFolder
 from tests.browser import opened, violations
 from tests.experiments.conftest import HOSTILE
 from tests.waiting import wait_until

@@ -1,12 +1,4 @@
-"""Tables larger than the memory: read in blocks of whole cells, written in row groups of one size.
-
-A derived table is a function of blocks::
-
-    derive(folder.root / "cells.parquet", folder.root / "mine.parquet", schema, function)
-
-where ``function`` gets every row of some cells as a `pyarrow.Table` and returns the rows of the new
-table. All rows of a cell are in one block, blocks come in the order of the cells, and the file that is
-written does not depend on where the blocks were cut.
+"""Tables larger than the memory: read in blocks of whole cells, written in row groups of one size, put in place whole.
 
 Tables are written by Arrow: polars (2.1) and DuckDB (2.0) keep neither the units in the metadata of the
 columns nor the type of text, and their means differ from those of pandas in the last bits.
@@ -16,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -25,12 +16,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from impact_xval.experiments.config.errors import UserError
-
 #: Rows of one row group of the tables, and of one block that is read.
 GROUP = 65_536
-
-_TEMPORARY = re.compile(r"\.tmp-\d+-(.+)")
 
 
 @contextlib.contextmanager
@@ -46,26 +33,17 @@ def replacing(path: Path, *, sync: bool = True) -> Iterator[Path]:
     """
     temporary = path.with_name(f".tmp-{os.getpid()}-{path.name}")
     try:
-        temporary.unlink(missing_ok=True)  # not written through, should it be a link
         yield temporary
         if sync:
             with temporary.open("rb+") as file:
                 os.fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
-        error.filename = error.filename or str(
-            path
-        )  # a full disk does not say which file it had no place for
+        error.filename = error.filename or str(path)  # a full disk does not say for which file
         raise
     finally:
         with contextlib.suppress(OSError):  # what went wrong before is what is told
             temporary.unlink()
-
-
-def replaced_by(name: str) -> str:
-    """Return the name of the file whose place a temporary one of `replacing` was to take; "" for other files."""
-    match = _TEMPORARY.fullmatch(name)
-    return match[1] if match else ""
 
 
 class TableWriter:
@@ -101,31 +79,24 @@ def table_writer(path: Path, schema: pa.Schema) -> Iterator[TableWriter]:
         table.finish()
 
 
-def blocks(
-    path: Path, columns: Sequence[str] | None = None, *, whole_cells: bool = True
-) -> Iterator[pa.Table]:
-    """Read a table whose rows are ordered by ``cell``, a block at a time.
+def blocks(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+    """Read a table whose rows are ordered by ``cell``, a block of about `GROUP` rows at a time.
 
     Parameters
     ----------
     path : Path
         A Parquet table.
     columns : sequence of str, optional
-        Columns to read; by default all.
-    whole_cells : bool
-        Whether all rows of a cell must be in one block; then ``cell`` must be among the columns.
+        Columns to read; by default all. With ``cell`` among them all rows of a cell are in one block.
 
     Yields
     ------
     pyarrow.Table
-        About `GROUP` rows.
     """
-    if not path.is_file():
-        raise UserError(f"{path}: no regular file; legal: a table that a run wrote")
     with pq.ParquetFile(path) as file:
         batches = file.iter_batches(GROUP, columns=list(columns) if columns is not None else None)
         tables = (pa.Table.from_batches([batch]) for batch in batches)
-        if not whole_cells:
+        if columns is not None and "cell" not in columns:
             yield from tables
             return
         rest: list[pa.Table] = []
@@ -137,31 +108,6 @@ def blocks(
             if cut:
                 yield block.slice(0, cut)
         yield from rest
-
-
-def derive(
-    source: Path,
-    target: Path,
-    schema: pa.Schema,
-    transform: Callable[[pa.Table], pa.Table],
-    columns: Sequence[str] | None = None,
-) -> None:
-    """Write a table that is a function of another, block by block.
-
-    Parameters
-    ----------
-    source, target : Path
-        Parquet tables; the rows of `source` are ordered by ``cell``.
-    schema : pyarrow.Schema
-        Of the table that is written.
-    transform : callable
-        Makes the new rows of all rows of some cells.
-    columns : sequence of str, optional
-        Columns of `source` that are needed, ``cell`` among them; by default all.
-    """
-    with table_writer(target, schema) as table:
-        for block in blocks(source, columns):
-            table.add(transform(block))
 
 
 def selected(path: Path, columns: Sequence[str], keep: pc.Expression) -> pa.Table:
@@ -208,5 +154,5 @@ def texts(path: Path, name: str) -> np.ndarray:
 def _converted(path: Path, name: str, convert: Callable[[pa.ChunkedArray], np.ndarray]) -> np.ndarray:
     """Read one column, converted a block at a time: of text, no more than a block is ever in memory."""
     pieces = [convert(pq.read_schema(path).empty_table().column(name))]
-    pieces += [convert(block.column(0)) for block in blocks(path, [name], whole_cells=False)]
+    pieces += [convert(block.column(0)) for block in blocks(path, [name])]
     return np.concatenate(pieces)

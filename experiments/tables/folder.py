@@ -1,0 +1,431 @@
+"""The folder of a run: what was asked for, the parts that are there, the finished tables, and who writes.
+
+Every file is written under a temporary name and renamed. A part holds the rows of one chunk of cells; its name bears
+the identity of the run (configuration, versions, cells), and parts of another identity are left alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pacsv
+import pyarrow.parquet as pq
+import tomli_w
+from filelock import FileLock, Timeout
+
+from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import COSMETIC, Config, load_config
+from impact_xval.experiments.config.plain import revive
+from impact_xval.experiments.tables.parquet import blocks, column, replacing, table_writer
+from impact_xval.experiments.tables.schema import Layout
+
+FORMAT = "impact-xval run, format 2"
+#: States of a run whose tables are written; "complete" is one with its report.
+FINISHED = ("tables", "complete")
+MANIFEST, CONFIGURATION = "manifest.json", "experiment.toml"
+#: Every name in a folder that a lock, or a file half-written, begins with.
+_LOCK, _TEMPORARY = ".lock", ".tmp-"
+
+#: Rows that are joined together, at least.
+_PIECE = 8192
+#: A run of more rows than this writes no CSV: no spreadsheet opens it.
+_CSV = 100_000
+#: Number of rows by solver, status and reason ("" if none).
+Tally = Counter[tuple[str, str, str]]
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file (UTF-8, line feeds) in one step."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write strict JSON in one step."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """The folder of a run.
+
+    Attributes
+    ----------
+    root : Path
+    """
+
+    root: Path
+
+    @property
+    def parts(self) -> Path:
+        """Folder of the parts."""
+        return self.root / "parts"
+
+    def write_config(self, config: Config) -> None:
+        """Write the experiment as it is run."""
+        plain = _given(revive(config.canonical()))
+        if config.cells is not None:
+            plain["cells"] = str(Path(config.cells).resolve())
+        write_text(self.root / CONFIGURATION, tomli_w.dumps(plain))
+
+    def config(self) -> Config:
+        """Read the experiment of the run.
+
+        Raises
+        ------
+        UserError
+            If the folder is not that of a run, or its file was altered to anything illegal.
+        """
+        path = self.root / CONFIGURATION
+        if not path.exists():
+            raise UserError(f"{self.root}: no {CONFIGURATION}; legal: the folder of a run ({FORMAT})")
+        return load_config(path)
+
+    def manifest(self) -> dict[str, Any]:
+        """Read the manifest.
+
+        Raises
+        ------
+        UserError
+            If there is none that can be read, or it is of another format.
+        """
+        path = self.root / MANIFEST
+        again = "the command that began the run writes it again"
+        try:
+            value = json.loads(path.read_text(encoding="utf-8"))
+            found = value["format"]
+        except FileNotFoundError:
+            raise UserError(f"{self.root}: no {MANIFEST}; legal: the folder of a run, or {again}") from None
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+        except (ValueError, TypeError, KeyError):
+            raise UserError(f"{path}: damaged; {again}") from None
+        if found != FORMAT:
+            raise UserError(f"{path}: format = {found!r:.60}; legal: {FORMAT!r}, which this version writes")
+        return value
+
+    def write_part(self, number: int, identity: str, data: bytes) -> Path:
+        """Write a part.
+
+        It need not be on the disk when this returns: a part that a power cut emptied is told by its checksums.
+        """
+        path = self._part(number, identity)
+        with replacing(path, sync=False) as temporary:
+            temporary.write_bytes(data)
+        return path
+
+    def named_parts(self, count: int, identity: str) -> dict[int, Path]:
+        """Find the parts of a run of so many by their names; path by number."""
+        there = {path.name for path in self.parts.iterdir()} if self.parts.is_dir() else set()
+        paths = {number: self._part(number, identity) for number in range(count)}
+        return {number: path for number, path in paths.items() if path.name in there}
+
+    def find_parts(self, count: int, identity: str, layout: Layout) -> tuple[dict[int, Path], list[str]]:
+        """Find the parts that are whole.
+
+        Parameters
+        ----------
+        count : int
+            Number of chunks.
+        identity : str
+            Of the run.
+        layout : Layout
+            Of the run.
+
+        Returns
+        -------
+        parts : dict
+            Path by number of the chunk.
+        findings : list of str
+            One line for every part that is damaged; it is to be computed again.
+        """
+        parts, findings = {}, []
+        for number, path in self.named_parts(count, identity).items():
+            try:
+                read_part(path, layout)
+                parts[number] = path
+            except UserError:
+                findings.append(f"part {number} is damaged: computed again")
+        return parts, findings
+
+    def _part(self, number: int, identity: str) -> Path:
+        return self.parts / f"{number:06d}-{identity}.parquet"
+
+    def remove_leftovers(self) -> None:
+        """Remove the temporary files of runs that were killed."""
+        for folder in (self.root, self.parts, self.root / "figures"):
+            for path in folder.glob(f"{_TEMPORARY}[0-9]*-*"):
+                path.unlink(missing_ok=True)
+
+    def assemble(self, parts: dict[int, Path], layout: Layout, rows: int) -> None:
+        """Write the finished tables from the parts, in the order of the cells, in one pass; `rows` are in them all."""
+        with contextlib.ExitStack() as stack:
+            writers = []
+            for name, cut in layout.tables.items():
+                table = stack.enter_context(table_writer(self.root / f"{name}.parquet", cut.schema))
+                csv = None
+                if cut.text and rows <= _CSV:
+                    text = stack.enter_context(replacing(self.root / f"{name}.csv"))
+                    csv = stack.enter_context(pacsv.CSVWriter(str(text), cut.schema))
+                writers.append((cut, table, csv))
+            for piece in _pieces((parts[number] for number in sorted(parts)), layout):
+                for cut, table, csv in writers:
+                    some = cut.of(piece)
+                    table.add(some)
+                    if csv is not None:
+                        csv.write_table(some)
+
+    def tally(self) -> Tally:
+        """Count the rows of the finished table of cells by what became of them."""
+        return tally(blocks(self.table_path("cells.parquet"), ["solver", "status", "reason"]))
+
+    def table_path(self, name: str) -> Path:
+        """Return the path of a finished table.
+
+        Raises
+        ------
+        UserError
+            If it is missing or damaged.
+        """
+        path = self.root / name
+        try:
+            pq.read_schema(path)
+        except (OSError, pa.ArrowException):
+            raise UserError(
+                f"{path}: missing or damaged; the command that began the run writes it again"
+            ) from None
+        return path
+
+    def read_table(self, name: str) -> pa.Table:
+        """Read a finished table whole; for small ones."""
+        return pq.read_table(self.table_path(name))
+
+
+def part_bytes(rows: pa.Table) -> bytes:
+    """Return the rows of a chunk as the content of a part, without what is the same in every part."""
+    bare = pa.schema([pa.field(field.name, field.type) for field in rows.schema])
+    sink = pa.BufferOutputStream()
+    how: Any = {"compression": "zstd", "write_statistics": False, "store_schema": False}
+    pq.write_table(rows.combine_chunks().cast(bare), sink, write_page_checksum=True, **how)
+    return sink.getvalue().to_pybytes()
+
+
+def read_part(source: Path | bytes, layout: Layout) -> pa.Table:
+    """Read the rows of a part, from its file or its content.
+
+    Raises
+    ------
+    UserError
+        If it is damaged.
+    """
+    try:
+        content = pa.BufferReader(source) if isinstance(source, bytes) else source
+        with pq.ParquetFile(content, page_checksum_verification=True) as file:
+            return file.read(use_threads=False).cast(layout.rows)
+    except (pa.ArrowException, OSError, ValueError):
+        raise UserError(f"{source!s:.200}: damaged; the same command computes it again") from None
+
+
+def tally(tables: Iterable[pa.Table]) -> Tally:
+    """Count the rows of tables by solver, status and reason."""
+    counts: Tally = Counter()
+    for table in tables:
+        grouped = table.group_by(["solver", "status", "reason"], use_threads=False)
+        for row in grouped.aggregate([([], "count_all")]).to_pylist():
+            counts[row["solver"], row["status"], row["reason"] or ""] += row["count_all"]
+    return counts
+
+
+def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
+    """Count every status by solver."""
+    counts: dict[str, dict[str, int]] = {}
+    for (solver, status, _), n in outcomes.items():
+        of_solver = counts.setdefault(solver, {})
+        of_solver[status] = of_solver.get(status, 0) + n
+    return counts
+
+
+def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
+    """Read parts, several at a time: what is done with a table costs more for its columns than for its rows."""
+    tables: list[pa.Table] = []
+    for part in parts:
+        tables.append(read_part(part, layout))
+        if sum(map(len, tables)) >= _PIECE:
+            yield pa.concat_tables(tables)
+            tables = []
+    if tables:
+        yield pa.concat_tables(tables)
+
+
+def _given(value: Any) -> Any:
+    """Leave out what has no value, which TOML cannot write."""
+    if isinstance(value, dict):
+        return {key: _given(entry) for key, entry in value.items() if entry is not None}
+    return value
+
+
+@contextlib.contextmanager
+def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iterator[tuple[RunFolder, bool]]:
+    """Keep a folder to this process as the one that computes a run, or a shard of it.
+
+    The lock is the operating system's, which lets go of it the moment its process is gone, however it went.
+
+    Yields
+    ------
+    folder : RunFolder
+    continued : bool
+        Whether a run is there.
+
+    Raises
+    ------
+    UserError
+        If the folder holds anything else, is written to by another process, or cannot be written to. Then, and after
+        one in the block, what was made for nothing is removed.
+    """
+    folder = RunFolder(root)
+    continued = _looked_at(folder, config)
+    lock = FileLock(root / (_LOCK if shard == (1, 1) else f"{_LOCK}-{shard[0]}-of-{shard[1]}"), timeout=0)
+    made = [path for path in (folder.parts, root, *root.parents) if not path.exists()]
+    try:
+        folder.parts.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout:
+        raise UserError(
+            f"--out {root}: another run writes there; legal: wait for it, or another folder"
+        ) from None
+    except OSError as error:
+        _remove(made)
+        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
+    with lock:
+        try:
+            yield folder, continued
+        except UserError:
+            if made:
+                Path(lock.lock_file).unlink(missing_ok=True)
+            _remove(made)
+            raise
+
+
+def _remove(folders: Iterable[Path]) -> None:
+    for path in folders:
+        with contextlib.suppress(OSError):  # it holds something, or was never made
+            path.rmdir()
+
+
+def _looked_at(folder: RunFolder, config: Config) -> bool:
+    """Whether a run of an experiment is in a folder; a `UserError` where anything else is. Nothing is written."""
+    root = folder.root
+    try:
+        entries = sorted(entry.name for entry in root.iterdir()) if root.exists() else []
+    except NotADirectoryError:
+        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
+    except OSError as error:
+        raise UserError(f"--out {root}: cannot be read: {error.strerror}") from None
+    if CONFIGURATION in entries:
+        _check_same(folder, config)
+        return True
+    if MANIFEST in entries:
+        folder.manifest()  # one of another format is told as such
+    foreign = [name for name in entries if not name.startswith((_LOCK, _TEMPORARY)) and name != "parts"]
+    if foreign:
+        raise UserError(f"--out {root}: not empty ({foreign[0]}) and not a run; legal: a new or empty folder")
+    return False
+
+
+def _check_same(folder: RunFolder, config: Config) -> None:
+    stored = folder.config()
+    if stored.identity() == config.identity():
+        return
+    old, new = stored.canonical(), config.canonical()
+    keys = [key for key in {**old, **new} if key not in COSMETIC and old.get(key) != new.get(key)]
+    detail = f"{keys[0]} = {old.get(keys[0])} there, {new.get(keys[0])} now" if keys else "other axes"
+    raise UserError(f"--out {folder.root}: holds a run of another configuration: {detail}")
+
+
+def tables_lock(folder: RunFolder) -> FileLock:
+    """Return the lock of whoever writes the manifest or the tables; it is waited for."""
+    return FileLock(folder.root / f"{_LOCK}-tables")
+
+
+def running(root: Path) -> bool:
+    """Whether a process writes to a folder now; one that may not be written to is left alone."""
+    return any(map(_held, root.glob(f"{_LOCK}*")))
+
+
+def _held(path: Path) -> bool:
+    try:
+        with FileLock(path, timeout=0):
+            return False
+    except Timeout:
+        return True
+    except OSError:
+        return False
+
+
+def finished(root: Path) -> RunFolder:
+    """Return the folder of a run whose tables are complete; its report may be missing.
+
+    Raises
+    ------
+    UserError
+        If they are not.
+    """
+    if not root.is_dir():
+        raise UserError(f"{root}: no such folder; legal: the folder of a run")
+    folder = RunFolder(root)
+    if folder.manifest()["state"] not in FINISHED:
+        command = f"impact-xval run --out {shlex.quote(str(root))}"
+        raise UserError(f"{root}: the run is not finished; to continue: {command}")
+    return folder
+
+
+def finished_collisions(root: Path) -> RunFolder:
+    """Return the folder of a finished run of two balls.
+
+    Raises
+    ------
+    UserError
+        As `finished`, and where it is a run of columns.
+    """
+    folder = finished(root)
+    if folder.config().column is not None:
+        raise UserError(f"{root}: a run of columns of N balls; legal: a run of collisions of two balls")
+    return folder
+
+
+def new_folder(root: Path) -> None:
+    """Make the folder of a command that does not continue what it finds there.
+
+    Raises
+    ------
+    UserError
+        If it holds anything, is a file, or cannot be made or read.
+    """
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        empty = next(root.iterdir(), None) is None
+    except FileExistsError:
+        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
+    except OSError as error:
+        raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
+    if not empty:
+        raise UserError(f"--out {root}: not empty; legal: a new or empty folder")
+
+
+def cells_of_run(folder: RunFolder, config: Config) -> Cells:
+    """Return the cells of a finished run; those of a list as its table has them, wherever their file is now."""
+    if config.cells is None:
+        return experiment_cells(config)
+    path = folder.table_path("cells.parquet")
+    return listed(config, np.column_stack([column(path, name)[:: len(config.solvers)] for name in AXES]))

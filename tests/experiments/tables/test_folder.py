@@ -1,0 +1,153 @@
+"""Folders of runs: one writer each, nothing lost that is damaged, and one line for what is no run."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import load_config, parse_config
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables.folder import running, writing
+from tests.experiments import fakes
+from tests.experiments.conftest import SMALL, resumed, tables_of
+
+_HOLD = (
+    "import sys, time; from pathlib import Path\n"
+    "from impact_xval.experiments.config.experiment import parse_config\n"
+    "from impact_xval.experiments.tables.folder import writing\n"
+    "with writing(Path(sys.argv[1]), parse_config({})):\n    print('held', flush=True); time.sleep(600)"
+)
+
+
+@pytest.fixture
+def other(tmp_path):
+    """Another process that holds the folder."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", _HOLD, str(tmp_path / "a")], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def _entries(root):
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and not path.name.startswith(".lock")
+    }
+
+
+@pytest.mark.smoke
+def test_the_second_run_refuses_and_a_killed_one_blocks_nobody(tmp_path, other, capsys):
+    assert running(tmp_path / "a")
+    assert main(["run", "--out", str(tmp_path / "a"), "--resume"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert f"--out {tmp_path / 'a'}: another run writes there" in error
+    other.send_signal(signal.SIGKILL)
+    other.wait()
+    assert not running(tmp_path / "a")
+    with writing(tmp_path / "a", parse_config({})) as (folder, continued):
+        assert running(folder.root)
+        assert not continued
+
+
+def test_what_is_no_run_is_one_line_and_is_left_as_it_is(tmp_path, run, capsys):
+    """A file, a folder with something else in it, one of an earlier format, of another experiment."""
+    (tmp_path / "file").write_text("")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/notes.txt").write_text("mine")
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old/manifest.json").write_text('{"format": "impact-xval run, format 1"}')
+    before = _entries(tmp_path)
+    for name, says in (
+        ("file", "is a file; legal: a new or empty folder"),
+        ("mine", "not empty (notes.txt) and not a run"),
+        ("old", "format = 'impact-xval run, format 1'; legal: 'impact-xval run, format 2'"),
+        ("run", "holds another run; legal"),
+    ):
+        assert main(["run", "--quick", "--out", str(tmp_path / name)]) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert says in error
+    assert _entries(tmp_path) == before
+
+
+def test_the_experiment_in_the_folder_is_that_which_was_asked_for(run, tmp_path):
+    """Of any kind, infinities and values that are not given included."""
+    for data in (
+        {},
+        {"stiffness_ratio_cutoff": float("inf"), "grid": {"stiffness_ratio": [0, 1, float("inf")]}},
+        {"sample": {"n": 7, "seed": 3}, "workers": 2},
+        {"column": {"arrangement": "cradle", "balls": [3], "strike": [1, 2]}},
+    ):
+        config = parse_config(data)
+        with writing(tmp_path / str(len(str(data))), config) as (folder, _):
+            folder.write_config(config)
+            assert folder.config().identity() == config.identity()
+            assert folder.config() == load_config(folder.root / "experiment.toml")
+
+
+def test_another_experiment_is_refused_with_what_differs(small, run):
+    before = _entries(run)
+    with pytest.raises(UserError, match=r"step_fraction = 0.001 there, 0.01 now"):
+        resumed(parse_config(SMALL | {"step_fraction": 1e-2}), run)
+    assert _entries(run) == before
+
+
+def test_files_of_the_user_in_the_folder_stay(run):
+    (run / "mine").mkdir()
+    names = ("notes.txt", ".tmp-notes", "parts/.tmp-notes", "mine/cells.parquet")
+    for name in names:
+        (run / name).write_text("mine")
+    resumed(parse_config(SMALL), run)
+    assert all((run / name).read_text() == "mine" for name in names)
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [lambda path: path.unlink(), lambda path: path.write_bytes(path.read_bytes()[:300])],
+    ids=["missing", "cut"],
+)
+def test_a_damaged_manifest_strands_no_part(run, harm, capsys):
+    before = tables_of(run)
+    harm(run / "manifest.json")
+    assert main(["table", str(run)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert any("3 of 3 parts are there and whole" in line for line in resumed(parse_config(SMALL), run))
+    assert tables_of(run) == before
+    assert main(["status", str(run)]) == 0
+
+
+def test_shards_in_any_order_make_the_tables_of_one_run(small, tmp_path, fake_run):
+    root, said = tmp_path / "a", []
+    for shard in ((2, 4), (1, 4), (4, 4), (3, 4)):
+        assert not (root / "cells.parquet").exists()
+        run_sweep(
+            small,
+            root,
+            shard=shard,
+            isolate=False,
+            resolve=fakes.shifted,
+            progress=lambda done, total, line: said.append(line),
+        )
+    assert "1 of 3 parts are there; the shard that finds all writes the tables" in said
+    assert tables_of(root) == tables_of(fake_run.root)
+    sessions = json.loads((root / "manifest.json").read_text())["sessions"]
+    assert [each["shard"] for each in sessions] == ["2 of 4", "1 of 4", "4 of 4", "3 of 4"]
+    assert [each["parts_computed"] for each in sessions] == [1, 1, 0, 1]
+
+
+@pytest.mark.parametrize("shard", ["0/4", "5/4", "1", "x/y", "1/0"])
+def test_a_wrong_shard_is_one_line(shard, tmp_path, capsys):
+    assert main(["run", "--out", str(tmp_path / "a"), "--shard", shard]) == 2
+    error = capsys.readouterr().err
+    assert f"--shard = {shard!r}; legal: I/N, I from 1 to N" in error
+    assert error.count("\n") == 1
