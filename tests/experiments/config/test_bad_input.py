@@ -5,6 +5,7 @@ import json
 import pytest
 
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.tables.folder import FORMAT
 
 BELOW_ONE = "from 0 to 1"
 #: By subject, pairs of a configuration's text and what the line holds.
@@ -129,7 +130,7 @@ def test_a_configuration_that_cannot_be_read_is_one_line(tmp_path, capsys):
     [
         ("thesis.txt", "mine", ["--out", "thesis.txt", "not a run"]),
         ("manifest.json", "{", ["manifest.json", "damaged"]),
-        ("manifest.json", '{"format": "another program"}', ["manifest.json", "not the manifest"]),
+        ("manifest.json", '{"format": "another"}', ["manifest.json", "'another'; legal: 'impact-xval run"]),
     ],
     ids=["foreign", "damaged", "other"],
 )
@@ -148,17 +149,8 @@ def test_a_folder_that_cannot_be_written_is_one_line(capsys):
 def test_what_is_shown_of_a_run_needs_a_finished_one(command, tmp_path, capsys):
     _fails(capsys, [command, str(tmp_path / "none")], ["none", "no such folder"])
     _fails(capsys, [command, str(tmp_path)], ["no manifest.json", "legal: the folder of a run"])
-    manifest = {
-        "format": "impact-xval run, format 1",
-        "state": "running",
-        "cells": 1,
-        "chunks": 1,
-        "sessions": [],
-        **{key: {} for key in ("configuration", "versions", "libraries", "machine")},
-        **dict.fromkeys(("started", "identity", "seeds"), ""),
-    }
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    _fails(capsys, [command, str(tmp_path)], ["not finished", "--resume"])
+    (tmp_path / "manifest.json").write_text(json.dumps({"format": FORMAT, "state": "running"}))
+    _fails(capsys, [command, str(tmp_path)], ["not finished", "to continue: impact-xval run --out"])
 
 
 CELL = {"--stiffness-ratio": "1", "--mass-ratio": "1", "--e1": "0.9", "--e2": "0.7"}
