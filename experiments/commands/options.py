@@ -29,8 +29,11 @@ _COUNTS = ("balls", "strike")
 _OF_COLUMN = ("e", "exponent", "gap", "m", "mass_taper", "k", "stiffness_taper", "v0")
 _OF_SOLVING = ("v0", "step_fraction", "mapping", "cell_timeout")
 
-#: Options whose values may be legal one by one, and not together.
-_TOGETHER = "--stiffness-ratio, --mass-ratio, --gravity, --m1, --k1, --v0"
+
+def _option(location: Sequence[str | int]) -> str:
+    """Name the option of a key; values that are not legal together are named by what is said of them."""
+    key = str(location[-1]) if location else ""
+    return _SPELT.get(key, "--" + key.replace("_", "-")) if key else ""
 
 
 def number_or_text(text: str) -> float | str:
@@ -153,11 +156,7 @@ def one_cell(parameters: Mapping[str, Any]) -> Config:
     cell = {key: data.pop(key, 1.0) for key in RATIOS}
     data |= {"name": "collision", "figure_cell": cell, "grid": {key: [1.0] for key in cell}}
 
-    def option(location: Any) -> str:
-        key: str = location[-1] if location else ""
-        return _SPELT.get(key, "--" + key.replace("_", "-")) if key else _TOGETHER
-
-    config = parse_config(data, where="", name=option)
+    config = parse_config(data, where="", name=_option)
     if "gravity" in data and config.scenario == "impact":
         raise UserError(
             f"--gravity = {data['gravity']!r} with --scenario impact, which has no gravity; legal: --scenario drop"
@@ -182,16 +181,13 @@ def one_column(parameters: Mapping[str, Any]) -> tuple[Arranged, Config]:
     from impact_xval.experiments.config.errors import validated
     from impact_xval.experiments.config.experiment import parse_config
 
-    def option(location: Any) -> str:
-        return "--" + location[-1].replace("_", "-")
-
     data: dict[str, Any] = {key: number_or_text(parameters[key]) for key in _OF_COLUMN}
     counts = {key: parameters[key] for key in _COUNTS if parameters[key] is not None}
     data |= {key: whole_or_text(text) for key, text in counts.items()}
     data["arrangement"] = parameters["arrangement"]
-    arranged = validated(Arranged, data, "", option)
+    arranged = validated(Arranged, data, "", _option)
     data = {key: number_or_text(parameters[key]) for key in _OF_SOLVING}
-    return arranged, parse_config({"scenario": "impact"} | data, where="", name=option)
+    return arranged, parse_config({"scenario": "impact"} | data, where="", name=_option)
 
 
 def config_file(what: str) -> Any:

@@ -239,11 +239,10 @@ def _size(experiment: Config) -> str:
 
     if experiment.sample is not None or experiment.cells is not None:
         return ""
-    table, column = experiment.column or experiment.grid, experiment.column
-    lengths, given = table.lengths(), table.model_fields_set
-    total = column.columns() if column is not None else math.prod(lengths.values())
-    axes = [(name, length, name in given) for name, length in lengths.items()]
-    return phrase("progress.md.j2", "size", total, "cells" if column is None else "columns", axes)
+    table = experiment.column or experiment.grid
+    axes = [(name, length, name in table.model_fields_set) for name, length in table.lengths().items()]
+    what = "cells" if experiment.column is None else "columns"
+    return phrase("progress.md.j2", "size", table.count(), what, axes)
 
 
 def _kept(root: Path) -> Config | None:

@@ -10,35 +10,35 @@ import hashlib
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, field_validator, model_validator
 
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
-from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged, ColumnTable
+from impact_xval.experiments.config.arrangements import Arranged, ColumnTable
 from impact_xval.experiments.config.axes import (
     LEGAL,
-    MAX_CELLS,
+    Axes,
     Axis,
     Sample,
     Strict,
-    axis_length,
-    axis_problem,
     expand_axis,
+    parameter,
+    positive,
     whole,
 )
 from impact_xval.experiments.config.errors import (
     FieldName,
+    UserError,
     dotted,
     hint,
     read_toml,
     short,
     validated,
 )
-from impact_xval.experiments.config.plain import plain_values, revive
-from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
+from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
 DESIGNS = ("grid", "sample", "cells", "column")
@@ -49,61 +49,29 @@ COSMETIC = ("name", "workers", "figure_cell", "figure_column", "cells")
 #: The solver every other one is compared with; part of every run.
 REFERENCE = "state-transition"
 
-_Name = Annotated[str, Field(description="1 to 100 printable characters", min_length=1, max_length=100)]
-
-
-def _parameter(name: str, default: float) -> Any:
-    legal = LEGAL[name]
-    return Field(default, ge=legal.low, le=legal.high, description=legal.text)
-
-
-def _positive(default: float, unit: str) -> Any:
-    return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({unit})")
-
-
-def _axis(name: str, default: Axis) -> Any:
-    return Field(default, description=LEGAL[name].text)
+_NAME = "1 to 100 printable characters"
 
 
 class Cell(Strict):
     """One collision by its ratios; the numbers that decide an impact (Theorem 5)."""
 
-    stiffness_ratio: float = _parameter("stiffness_ratio", 1.0)
-    mass_ratio: float = _parameter("mass_ratio", 2 / math.sqrt(3))
-    e1: float = _parameter("e1", 0.9)
-    e2: float = _parameter("e2", 0.7)
+    stiffness_ratio: float = parameter(LEGAL["stiffness_ratio"], 1.0)
+    mass_ratio: float = parameter(LEGAL["mass_ratio"], 2 / math.sqrt(3))
+    e1: float = parameter(LEGAL["e1"], 0.9)
+    e2: float = parameter(LEGAL["e2"], 0.7)
 
 
-class Grid(Strict):
-    """Axes of the grid: each a list of numbers, ``{log = [lo, hi, n]}`` or ``{linear = [lo, hi, n]}``."""
+class Grid(Axes):
+    """Axes of the grid."""
 
-    stiffness_ratio: Axis = _axis("stiffness_ratio", {"log": [1e-3, 1e3, 13]})
-    mass_ratio: Axis = _axis("mass_ratio", [0.5, 2 / math.sqrt(3), 2.0])
-    e1: Axis = _axis("e1", [0.5, 0.7, 0.9, 1.0])
-    e2: Axis = _axis("e2", [0.5, 0.7, 0.9, 1.0])
-
-    @field_validator(*LEGAL, mode="before")
-    @classmethod
-    def _legal_axis(cls, value: object, info: Any) -> object:
-        problem = axis_problem(LEGAL[info.field_name], value)
-        if problem:
-            raise ValueError(problem)
-        return value
-
-    @model_validator(mode="after")
-    def _affordable(self) -> Grid:
-        cells = math.prod(self.lengths().values())
-        if cells > MAX_CELLS:
-            raise ValueError(f"the axes make {cells} cells; legal: 1 to {MAX_CELLS}")
-        return self
+    stiffness_ratio: Axis = Field(default={"log": [1e-3, 1e3, 13]})
+    mass_ratio: Axis = Field(default=[0.5, 2 / math.sqrt(3), 2.0])
+    e1: Axis = Field(default=[0.5, 0.7, 0.9, 1.0])
+    e2: Axis = Field(default=[0.5, 0.7, 0.9, 1.0])
 
     def axes(self) -> dict[str, list[float]]:
         """Values of every axis, in the order of the grid: the last axis varies fastest."""
-        return {name: expand_axis(getattr(self, name)) for name in type(self).model_fields}
-
-    def lengths(self) -> dict[str, int]:
-        """Count the values of every axis, without making them."""
-        return {name: axis_length(getattr(self, name)) for name in type(self).model_fields}
+        return {name: expand_axis(axis) for name, axis in self}
 
 
 class ConvergenceTable(Strict):
@@ -123,14 +91,12 @@ class Config(Strict):
         "(3 steps of 0.001: 0.0025); a run that has it must be computed again, in another folder"
     }
 
-    name: _Name = "default"
+    name: str = Field("default", description=_NAME)
     scenario: Literal["impact", "drop"] = Field("drop", description="'impact' or 'drop'")
-    gravity: float = _positive(9.81, "m/s^2")
-    m1: float = _positive(1.0, "kg")
-    k1: float = _positive(1e8, "N/m")
-    v0: float = Field(
-        -1.0, lt=0, allow_inf_nan=False, description="a finite number < 0 (m/s, up is positive)"
-    )
+    gravity: float = positive(9.81, "m/s^2")
+    m1: float = positive(1.0, "kg")
+    k1: float = positive(1e8, "N/m")
+    v0: float = parameter(V0, -1.0)
     solvers: list[str] = Field(
         [REFERENCE, "bistiffness", "kelvin-voigt", "mujoco", "pybullet"],
         description="a list of names of solvers, each once",
@@ -154,7 +120,7 @@ class Config(Strict):
     sample: Sample | None = Field(None, description="a table: method, n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
     column: ColumnTable | None = Field(
-        None, description=f"a table of axes: arrangement, {', '.join(COLUMN_LEGAL)}"
+        None, description=f"a table of axes: {', '.join(ColumnTable.model_fields)}"
     )
     convergence: ConvergenceTable = Field(
         default_factory=lambda: ConvergenceTable.model_validate({}),
@@ -179,8 +145,8 @@ class Config(Strict):
     @field_validator("name")
     @classmethod
     def _printable(cls, value: str) -> str:
-        if not value.isprintable() or not value.strip():
-            raise ValueError(f"{value!r}; legal: 1 to 100 printable characters")
+        if not value.isprintable() or not value.strip() or len(value) > 100:
+            raise ValueError(f"{short(value)}; legal: {_NAME}")
         return value
 
     @field_validator("stiffness_ratio_cutoff", mode="plain")
@@ -201,93 +167,73 @@ class Config(Strict):
         return [REFERENCE, *(name for name in value if name != REFERENCE)]
 
     @model_validator(mode="after")
-    def _within_double_precision(self) -> Config:
-        ratios = self._ratios()
-        for name, values in ratios.items():
-            found = self.product_problem(name, values)
-            if found:
-                raise ValueError(found[1])
-        if not 0 < self.m1 * abs(self.v0) < math.inf:
-            raise ValueError(
-                f"m1 = {self.m1!r} times |v0| = {abs(self.v0)!r} leaves double precision; "
-                "legal: a finite product > 0 (the unit of impulses)"
-            )
-        for ratio in ratios["mass_ratio"]:
-            problem = self.gravity_problem(ratio)
-            if problem:
-                raise ValueError(problem)
+    def _one_design(self) -> Config:
+        given = self.model_fields_set
+        designs = [name for name in DESIGNS if name in given and getattr(self, name) is not None]
+        if len(designs) > 1:
+            raise ValueError(f"{' and '.join(designs)} are given; legal: one of {', '.join(DESIGNS)}")
+        if self.column is None and "figure_column" in given:
+            raise ValueError("figure_column is given without column; legal: figure_cell")
+        if self.column is not None:
+            if "figure_cell" in given:
+                raise ValueError("figure_cell is given with column; legal: figure_column")
+            if "gravity" in given or self.scenario != "impact":
+                wrong = f"gravity = {self.gravity!r}, scenario = {self.scenario!r}: columns are solved without gravity"
+                raise ValueError(f"{wrong}; legal with column: scenario = 'impact', no gravity")
         return self
 
-    def product_problem(self, name: str, ratios: ArrayLike) -> tuple[int, str] | None:
-        """Find the first ratio whose mass or stiffness leaves double precision.
+    @model_validator(mode="after")
+    def _computable(self) -> Config:
+        # The built-in grid stands beside other designs too, and nothing computes it there.
+        of_grid = self.sample is None and self.cells is None and self.column is None
+        ends = self.grid.axes() if of_grid else self.sample.ends() if self.sample is not None else {}
+        names = ("stiffness_ratio", "mass_ratio")
+        pairs = ([*ends.get(name, ()), getattr(self.figure_cell, name)] for name in names)
+        found = self.beyond_precision(*pairs)
+        if found:
+            raise ValueError(found[1])
+        for corner in self.column.corners() if self.column is not None else ():
+            try:
+                validated(Arranged, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "column")
+            except UserError as error:
+                raise ValueError(str(error)) from None
+        return self
+
+    def beyond_precision(self, stiffness_ratios: ArrayLike, mass_ratios: ArrayLike) -> tuple[int, str] | None:
+        """Find a ratio with which a number of a cell leaves double precision.
 
         Parameters
         ----------
-        name : {"stiffness_ratio", "mass_ratio"}
-        ratios : array_like, shape (n,)
+        stiffness_ratios, mass_ratios : array_like, one-dimensional
+            Of cells, or all values that cells have.
 
         Returns
         -------
         tuple of int and str, or None
             Its place, and what is wrong with it.
         """
-        base = self.k1 if name == "stiffness_ratio" else self.m1
-        values = np.asarray(ratios, dtype=np.float64)
+        k, m = np.asarray(stiffness_ratios, float), np.asarray(mass_ratios, float)
+        v0 = np.array([self.v0])
         with np.errstate(over="ignore", under="ignore"):
-            products = values * base
-        bad = (values > 0) & np.isfinite(values) & ~((products > 0) & np.isfinite(products))
-        if not bad.any():
-            return None
-        first = int(np.argmax(bad))
-        return first, (
-            f"{name} = {float(values[first])!r} times {base!r} = {float(products[first])!r} leaves double precision; "
-            "legal: a finite product > 0"
-        )
-
-    def _ratios(self) -> dict[str, list[float]]:
-        """Ratios of the figures' cell and of the cells known so far: those of a list are read later."""
-        ends = self.sample.ends() if self.sample is not None else {}
-        # The built-in grid stands beside other designs too, and nothing computes it there.
-        axes = self.grid.axes() if self.sample is None and self.cells is None and self.column is None else {}
-        return {
-            name: [
-                *axes.get(name, []),
-                getattr(self.figure_cell, name),
-                *ends.get(name, ()),
+            numbers = [
+                ("stiffness_ratio", k, "k2", self.k1 * k),
+                ("mass_ratio", m, "m2", self.m1 * m),
+                ("v0", v0, "m1 |v0|", self.m1 * abs(v0)),
             ]
-            for name in ("stiffness_ratio", "mass_ratio")
-        }
-
-    @model_validator(mode="after")
-    def _one_design(self) -> Config:
-        given = [
-            name for name in DESIGNS if name in self.model_fields_set and getattr(self, name) is not None
-        ]
-        if len(given) > 1:
-            raise ValueError(f"{' and '.join(given)} are given; legal: one of {', '.join(DESIGNS)}")
-        return self
-
-    @model_validator(mode="after")
-    def _of_one_kind(self) -> Config:
-        if self.column is None:
-            if "figure_column" in self.model_fields_set:
-                raise ValueError("figure_column is given without column; legal: figure_cell")
-            return self
-        if "figure_cell" in self.model_fields_set:
-            raise ValueError("figure_cell is given with column; legal: figure_column")
-        if "gravity" in self.model_fields_set:
-            raise ValueError(
-                "gravity is given with column; legal: none, columns of N balls are solved without it"
-            )
-        if self.scenario != "impact":
-            raise ValueError(
-                f"scenario = {self.scenario!r}: columns of N balls are solved without gravity; "
-                "legal with column: 'impact'"
-            )
-        problem = self.column.taper_problem(self.m1, self.k1)
-        if problem:
-            raise ValueError(problem)
-        return self
+            if self.scenario == "drop":
+                number = self.gravity_number(self.m1 * m)
+                numbers.append(("mass_ratio", m, "g/(|v0| sqrt(k1 (1/m1 + 1/m2)))", number))
+        for name, given, what, made in numbers:
+            limit = (given == 0) | np.isinf(given)
+            lost = np.flatnonzero(~limit & ~((made > 0) & np.isfinite(made)))
+            if lost.size:
+                scales = f"m1 = {self.m1!r}, k1 = {self.k1!r}, v0 = {self.v0!r}, gravity = {self.gravity!r}"
+                value, number = float(given[lost[0]]), float(made[lost[0]])
+                return int(lost[0]), (
+                    f"{name} = {value!r} with {scales}: {what} = {number!r} leaves double precision; "
+                    "legal: a finite number > 0"
+                )
+        return None
 
     def gravity_number(self, m2: ArrayLike) -> NDArray[np.float64]:
         """Return g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)), of lower balls of m2 kg; 0 without gravity."""
@@ -298,35 +244,26 @@ class Config(Strict):
             reduced_mass = self.m1 / (1 + self.m1 / m2)
             return self.gravity / (abs(self.v0) * np.sqrt(self.k1 / reduced_mass))
 
-    def gravity_problem(self, mass_ratio: float) -> str | None:
-        """Say that the gravity number at a mass ratio leaves double precision, or return None."""
-        number = float(self.gravity_number(self.m1 * mass_ratio))
-        if self.scenario == "impact" or 0 < number < math.inf:
-            return None
-        return (
-            f"v0 = {self.v0!r}, with gravity = {self.gravity!r}, k1 = {self.k1!r}, m1 = {self.m1!r} and mass_ratio = "
-            f"{mass_ratio!r}: g/(|v0| sqrt(k1 (1/m1 + 1/m2))) = {number!r} leaves double precision; "
-            "legal: a finite number > 0"
-        )
-
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
-        plain = plain_values(self.model_dump())
-        of_others = ("column", "figure_column") if self.column is None else ("grid", "figure_cell", "gravity")
+        of_others = {"column", "figure_column"} if self.column is None else {"grid", "figure_cell", "gravity"}
         if self.sample is not None or self.cells is not None:
-            of_others = (*of_others, "grid")
-        return {key: value for key, value in plain.items() if key not in of_others}
+            of_others.add("grid")
+        return _plain(self.model_dump(exclude=of_others))
 
     def identity(self) -> str:
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""
-        plain = self.canonical()
-        for cosmetic in COSMETIC:
-            plain.pop(cosmetic, None)
+        plain = {key: value for key, value in self.canonical().items() if key not in COSMETIC}
         if "grid" in plain:
-            plain["grid"] = plain_values(self.grid.axes())
+            plain["grid"] = _plain(self.grid.axes())
         if self.column is not None:
             plain["column"] = [[name, self.column.axes(name)] for name in self.column.arrangement]
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Make plain JSON values; an infinity is the text ``"inf"``."""
+    return json.loads(json.dumps(value), parse_constant=lambda _: "inf")
 
 
 def solvers_problem(names: list[str]) -> str | None:
@@ -359,25 +296,11 @@ def load_config(path: Path | str) -> Config:
 
 
 def parse_config(data: dict[str, Any], where: str = "configuration", name: FieldName = dotted) -> Config:
-    """Validate an experiment given as plain values.
-
-    Parameters
-    ----------
-    data : dict
-        As a TOML file holds it.
-    where : str
-        What an error begins with; the empty text leaves it out.
-    name : callable
-        How an error names a field.
-
-    Raises
-    ------
-    UserError
-        If anything is illegal.
-    """
+    """Validate an experiment given as a TOML file holds it; arguments and errors are those of `validated`."""
     return validated(Config, data, where, name)
 
 
 def from_canonical(plain: dict[str, Any], where: str) -> Config:
     """Undo `Config.canonical`."""
-    return parse_config(revive(plain), where)
+    texts = {key: plain[key] for key in ("name", "cells") if key in plain}
+    return parse_config(json.loads(json.dumps(plain).replace('"inf"', "Infinity")) | texts, where)

@@ -16,8 +16,7 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[grid]\ne1 = [0.5, 1.5]", ["grid.e1", "1.5", BELOW_ONE]),
         ("[grid]\ne2 = [-0.1]", ["grid.e2", "-0.1", BELOW_ONE]),
         ("[grid]\ne2 = ['half']", ["grid.e2", "half", "not a number", BELOW_ONE]),
-        ("[grid]\ne1 = 0.5", ["grid.e1", "0.5", "a list of numbers", "linear"]),
-        ("[grid]\ne1 = []", ["grid.e1", "empty", "one value or more"]),
+        ("[grid]\ne1 = []", ["grid.e1 = []", "a list of them (one or more)", "linear"]),
         ("[grid]\ne1 = [0.5, 0.7, 0.5]", ["grid.e1", "0.5", "more than once", "each value once"]),
         ("[grid]\nmas_ratio = [1]", ["grid.mas_ratio", "unknown key", "did you mean 'mass_ratio'", "e1"]),
         ("grid = [1]", ["grid = [1]", "a table of axes"]),
@@ -41,11 +40,14 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[column]\ngap = [0.0, -1e-5]", ["column.gap = -1e-05", "a finite number >= 0 (m)"]),
         ("[column]\nexponent = 0.5", ["column.exponent = 0.5", "1.5: Hertz) to 3"]),
         ("[column]\nmass_taper = [0.0]", ["column.mass_taper = 0.0", "> 0 (m_(i+1)/m_i)"]),
-        ("[column]\nballs = 10\nstiffness_taper = [1, 1e200]", ["stiffness_taper = 1e+200", "power 9"]),
-        ("[column]\narrangement = ['pile']", ["column.arrangement = 'pile'", "'drop' or 'stack'"]),
+        (
+            "[column]\nballs = 10\nstiffness_taper = [1, 1e200]",
+            ["k = 100000000.0, stiffness_taper = 1e+200", "finite numbers > 0"],
+        ),
+        ("[column]\narrangement = ['pile']", ["column.arrangement = ['pile']", "'drop' or 'stack'"]),
         ("[column]\nballs = [3, 4]\nstrike = [1, 3]", ["strike = 3", "from 1 to 2, for 3 balls"]),
-        ("[column]\narrangement = 'drop'\nstrike = 1", ["strike = 1", "none without a cradle"]),
-        ("scenario = 'drop'\n[column]", ["scenario = 'drop'", "legal with column: 'impact'"]),
+        ("[column]\narrangement = 'drop'\nstrike = 1", ["column: strike = [1.0]", "none without a cradle"]),
+        ("scenario = 'drop'\n[column]", ["scenario = 'drop'", "legal with column: scenario = 'impact'"]),
         ("[column]\n[figure_cell]", ["figure_cell is given with column", "figure_column"]),
         ("[column]\nball = 3", ["column.ball = 3", "did you mean 'balls'"]),
     ],
@@ -55,10 +57,13 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("k1 = inf", ["k1 = inf", "a finite number > 0 (N/m)"]),
         ("v0 = 1.0", ["v0 = 1.0", "a finite number < 0"]),
         ("m1 = -1\nv0 = 1", ["m1 = -1", "and 1 more"]),
-        ("k1 = 1e300\n[grid]\nstiffness_ratio = [1e200]", ["stiffness_ratio = 1e+200", "precision"]),
+        (
+            "k1 = 1e300\n[grid]\nstiffness_ratio = [1e200]",
+            ["stiffness_ratio = 1e+200", "k1 = 1e+300", "precision"],
+        ),
         (
             "scenario = 'impact'\nm1 = 1e-200\nv0 = -1e-200",
-            ["m1 = 1e-200 times |v0| = 1e-200", "product > 0"],
+            ["v0 = -1e-200", "m1 = 1e-200", "a finite number > 0"],
         ),
     ],
     "settings": [
@@ -119,8 +124,8 @@ def test_a_configuration_that_cannot_be_read_is_one_line(tmp_path, capsys):
     latin = tmp_path / "latin.toml"
     latin.write_bytes("name = 'é'".encode("latin-1"))
     _fails(capsys, ["run", str(latin), *out], ["latin.toml", "not UTF-8"])
-    _fails(capsys, ["run", str(tmp_path), *out], [str(tmp_path), "is a directory"])
-    _fails(capsys, ["run", str(tmp_path / "none.toml"), *out], ["none.toml", "no such file"])
+    _fails(capsys, ["run", str(tmp_path), *out], [str(tmp_path), "Is a directory"])
+    _fails(capsys, ["run", str(tmp_path / "none.toml"), *out], ["none.toml", "No such file"])
     assert sorted(tmp_path.iterdir()) == [latin]
 
 
@@ -179,8 +184,8 @@ OPTIONS = [
     ({"--cutoff": "none"}, ["--cutoff = 'none'", "greater than 1, up to inf, or 'exact'"]),
     ({"--cell-timeout": "0"}, ["--cell-timeout = 0.0; legal: "]),
     ({"--solver": "bullet"}, ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
-    ({"--m1": "1e-200", "--v0": "-1e-200"}, ["--m1", "times |v0| = 1e-200", "product > 0"]),
-    ({"--stiffness-ratio": "1e305"}, ["--stiffness-ratio", "1e+305", "double precision"]),
+    ({"--m1": "1e-200", "--v0": "-1e-200"}, ["v0 = -1e-200", "m1 = 1e-200", "a finite number > 0"]),
+    ({"--stiffness-ratio": "1e305"}, ["stiffness_ratio = 1e+305", "k1 = 100000000.0", "double precision"]),
 ]
 CRADLE = [
     ({"--balls": "1"}, ["--balls = 1", "from 2 to 1000, for a cradle"]),
@@ -195,8 +200,8 @@ CRADLE = [
     ({"--v0": "1"}, ["--v0 = 1.0", "a finite number < 0 (m/s, up is positive)"]),
     ({"--arrangement": "tower"}, ["'tower'", "'chain', 'cradle', 'drop' or 'stack'"]),
     ({"--mass-taper": "0"}, ["--mass-taper = 0.0", "a finite number > 0 (m_(i+1)/m_i)"]),
-    ({"--k": "1e300", "--stiffness-taper": "1e10"}, ["--stiffness-taper = 1", "k = 1e+300 times that"]),
-    ({"--m": "1e-200", "--v0": "-1e-200"}, ["--v0 = -1e-200", "m = 1e-200", "product > 0"]),
+    ({"--k": "1e300", "--stiffness-taper": "1e10"}, ["k = 1e+300, stiffness_taper = 1", "numbers > 0"]),
+    ({"--m": "1e-200", "--v0": "-1e-200"}, ["v0 = -1e-200", "m = 1e-200", "product > 0"]),
     ({"--e": "2", "--gap": "-1"}, ["--e = 2.0", "(and 1 more)"]),
 ]
 
