@@ -48,18 +48,12 @@ _AXIS = "a number, a list of them (one or more), {log = [lo, hi, n]} or {linear 
 _RANGE = "a number, {log = [lo, hi]} or {linear = [lo, hi]}"
 
 
-def value_problem(legal: Legal, value: Any) -> str | None:
-    """Write what is wrong with one value of a parameter as ``value; legal: range``, or return None."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return f"{short(value)} is not a number; legal: {legal.text}"
-    fits = legal.includes(value) and (legal.name not in _WHOLE or value == int(value))
-    return None if fits else f"{short(value)}; legal: {legal.text}"
-
-
 def _check_values(legal: Legal, values: list[Any]) -> None:
-    problem = next(filter(None, (value_problem(legal, value) for value in values)), None)
-    if problem:
-        raise ValueError(problem)
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{short(value)} is not a number; legal: {legal.text}")
+        if not legal.includes(value) or (legal.name in _WHOLE and value != int(value)):
+            raise ValueError(f"{short(value)}; legal: {legal.text}")
 
 
 def _check_ends(legal: Legal, spacing: dict[str, Any], lo: Any, hi: Any) -> None:
@@ -76,14 +70,13 @@ def _legal_axis(value: Any, info: ValidationInfo) -> Any:
         case {"log": [lo, hi, n]} | {"linear": [lo, hi, n]} if len(value) == 1:
             _check_ends(legal, value, lo, hi)
             if isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= _MAX_VALUES:
-                legal_n = f"a whole number from 2 to {_MAX_VALUES}"
-                raise ValueError(f"{short(value)}: n = {short(n)}; legal: {legal_n}")
-        case [_, *_]:
-            pass
-        case bool() | int() | float() | str():
-            value = [value]
-        case _:
+                raise ValueError(f"{short(value)}: n = {short(n)}; legal: whole, from 2 to {_MAX_VALUES}")
+        case dict() | []:
             raise ValueError(f"{short(value)}; legal: {_AXIS}")
+        case list():
+            pass
+        case _:
+            value = [value]
     values = expand_axis(value) if isinstance(value, dict) else value
     _check_values(legal, values)
     ((most, times),) = Counter(values).most_common(1)
@@ -161,9 +154,19 @@ def positive(default: float, unit: str) -> Any:
     return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({unit})")
 
 
+def at_most(default: float, high: float, what: str) -> Any:
+    """Give a field of numbers greater than 0 that has an upper end."""
+    return Field(default, gt=0, le=high, description=f"greater than 0, at most {high:g} ({what})")
+
+
 def parameter(legal: Legal, default: float) -> Any:
     """Give a field of what is legal."""
     return Field(default, ge=legal.low, le=legal.high, description=legal.text)
+
+
+def table(model: type[BaseModel]) -> Any:
+    """Give a field of a table, all of whose keys have defaults."""
+    return Field(default_factory=model, description=f"a table: {', '.join(model.model_fields)}")
 
 
 class Sample(Strict):
@@ -181,9 +184,11 @@ class Sample(Strict):
 
     def ends(self) -> dict[str, list[float]]:
         """Least and greatest value of every parameter, in the order of a grid's axes; of a number only itself."""
-        ranges = {name: getattr(self, name) for name in AXES}
-        ends = {name: next(iter(r.values())) if isinstance(r, dict) else [r] for name, r in ranges.items()}
-        return {name: [float(end) for end in each] for name, each in ends.items()}
+        ranges = ((name, getattr(self, name)) for name in AXES)
+        return {
+            name: [float(end) for end in (next(iter(r.values())) if isinstance(r, dict) else [r])]
+            for name, r in ranges
+        }
 
     def free(self) -> list[str]:
         """Names of the parameters that are ranges."""

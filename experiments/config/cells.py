@@ -46,7 +46,7 @@ class Block:
         Their numbers in the experiment, from 0.
     parameters : dict of str to ndarray, shape (n,)
         Of two balls the four ratios (`AXES`), m1, m2, k1, k2 and v0. Of columns arrangement (texts), balls (whole
-        numbers), the other axes (`COLUMN_LEGAL`; strike is NaN but of a cradle), m1, k1 and v0.
+        numbers), the other axes of a `ColumnTable` (strike is NaN but of a cradle), m1, k1 and v0.
     collisions : sequence of Collision
         In kg, N/m^p and m/s; a `Collisions` where all are of one kind.
     """
@@ -66,13 +66,7 @@ class Block:
 class Cells:
     """The cells of an experiment, in order, and their chunks.
 
-    Parameters
-    ----------
-    config : Config
-    count : int
-        Number of cells.
-    values : callable
-        Gives the ratios, or the axes of columns, of a range of cells.
+    `values` gives the ratios, or the axes of columns, of a range of the `count` cells.
     """
 
     def __init__(self, config: Config, count: int, values: _Values) -> None:
@@ -203,11 +197,10 @@ def _columns(
     config: Config, axes: dict[str, NDArray[Any]]
 ) -> tuple[dict[str, NDArray[Any]], Sequence[Collision]]:
     scales = {"m": config.m1, "k": config.k1, "v0": config.v0}
-    rows = [
-        dict(zip(axes, row, strict=True)) for row in zip(*(v.tolist() for v in axes.values()), strict=True)
-    ]
+    rows = zip(*(values.tolist() for values in axes.values()), strict=True)
+    given = [arranged(dict(zip(axes, row, strict=True))) | scales for row in rows]
     # The corners of the table have been validated, and no other column is illegal where they are legal.
-    columns = [Arranged.model_construct(**arranged(row), **scales).column() for row in rows]
+    columns = [Arranged.model_construct(None, **each).column() for each in given]
     kinds = {(len(each.masses), each.table, each.exponent) for each in columns}
     ones = np.ones(len(columns))
     scales = {"m1": config.m1 * ones, "k1": config.k1 * ones, "v0": config.v0 * ones}

@@ -24,9 +24,11 @@ from impact_xval.experiments.config.axes import (
     Axis,
     Sample,
     Strict,
+    at_most,
     expand_axis,
     parameter,
     positive,
+    table,
     whole,
 )
 from impact_xval.experiments.config.errors import (
@@ -78,7 +80,7 @@ class ConvergenceTable(Strict):
     """How far engines are followed towards a step of zero, cell by cell."""
 
     enabled: bool = Field(True, description="true or false")
-    tolerance: float = Field(1e-3, gt=0, le=1, description="greater than 0, at most 1 (of |v0|)")
+    tolerance: float = at_most(1e-3, 1, "of |v0|")
     halvings: int = whole(4, 0, 10, " (of the step)")
 
 
@@ -101,9 +103,7 @@ class Config(Strict):
         [REFERENCE, "bistiffness", "kelvin-voigt", "mujoco", "pybullet"],
         description="a list of names of solvers, each once",
     )
-    step_fraction: float = Field(
-        1e-3, gt=0, le=0.1, description="greater than 0, at most 0.1 (of a contact period)"
-    )
+    step_fraction: float = at_most(1e-3, 0.1, "of a contact period")
     max_steps: int = Field(2_000_000, ge=1, le=10**12, description="a whole number >= 1")
     shortest_state: float = Field(
         SHORTEST_STATE, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
@@ -111,29 +111,16 @@ class Config(Strict):
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
     stiffness_ratio_cutoff: Cutoff = Field("exact", description=LEGAL_CUTOFF)
     grazing_threshold: float = Field(GRAZING_THRESHOLD, ge=0, le=1, description="from 0 to 1")
-    cell_timeout: float = Field(
-        300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"
-    )
+    cell_timeout: float = at_most(300.0, 1e6, "s of wall time")
     chunk_size: int | None = whole(None, 1, 100_000, " (cells)")
     workers: int | None = whole(None, 1, 4096)
-    grid: Grid = Field(default_factory=Grid, description="a table of axes")
+    grid: Grid = table(Grid)
     sample: Sample | None = Field(None, description="a table: method, n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
-    column: ColumnTable | None = Field(
-        None, description=f"a table of axes: {', '.join(ColumnTable.model_fields)}"
-    )
-    convergence: ConvergenceTable = Field(
-        default_factory=lambda: ConvergenceTable.model_validate({}),
-        description="a table: enabled, tolerance, halvings",
-    )
-    figure_cell: Cell = Field(
-        default_factory=Cell,
-        description="a table: stiffness_ratio, mass_ratio, e1, e2",
-    )
-    figure_column: Arranged = Field(
-        default_factory=lambda: Arranged.model_validate({}),
-        description=f"a table: {', '.join(Arranged.model_fields)}",
-    )
+    column: ColumnTable | None = Field(None, description=f"a table: {', '.join(ColumnTable.model_fields)}")
+    convergence: ConvergenceTable = table(ConvergenceTable)
+    figure_cell: Cell = table(Cell)
+    figure_column: Arranged = table(Arranged)
 
     @model_validator(mode="before")
     @classmethod
@@ -172,14 +159,17 @@ class Config(Strict):
         designs = [name for name in DESIGNS if name in given and getattr(self, name) is not None]
         if len(designs) > 1:
             raise ValueError(f"{' and '.join(designs)} are given; legal: one of {', '.join(DESIGNS)}")
-        if self.column is None and "figure_column" in given:
-            raise ValueError("figure_column is given without column; legal: figure_cell")
-        if self.column is not None:
-            if "figure_cell" in given:
-                raise ValueError("figure_cell is given with column; legal: figure_column")
-            if "gravity" in given or self.scenario != "impact":
-                wrong = f"gravity = {self.gravity!r}, scenario = {self.scenario!r}: columns are solved without gravity"
-                raise ValueError(f"{wrong}; legal with column: scenario = 'impact', no gravity")
+        if self.column is None:
+            others = {"figure_column": "figure_cell"}
+        else:
+            others = {"figure_cell": "figure_column", "gravity": "none, columns are solved without it"}
+        for name in (each for each in others if each in given):
+            where = "without column" if self.column is None else "with column"
+            raise ValueError(f"{name} is given {where}; legal: {others[name]}")
+        if self.column is not None and self.scenario != "impact":
+            raise ValueError(
+                f"scenario = {self.scenario!r}: columns have no gravity; legal with column: 'impact'"
+            )
         return self
 
     @model_validator(mode="after")
@@ -200,17 +190,9 @@ class Config(Strict):
         return self
 
     def beyond_precision(self, stiffness_ratios: ArrayLike, mass_ratios: ArrayLike) -> tuple[int, str] | None:
-        """Find a ratio with which a number of a cell leaves double precision.
+        """Find the place of a ratio with which a number of a cell leaves double precision, and say so.
 
-        Parameters
-        ----------
-        stiffness_ratios, mass_ratios : array_like, one-dimensional
-            Of cells, or all values that cells have.
-
-        Returns
-        -------
-        tuple of int and str, or None
-            Its place, and what is wrong with it.
+        Both are one-dimensional: of the cells of a list, or all values that cells have.
         """
         k, m = np.asarray(stiffness_ratios, float), np.asarray(mass_ratios, float)
         v0 = np.array([self.v0])
@@ -225,14 +207,10 @@ class Config(Strict):
                 numbers.append(("mass_ratio", m, "g/(|v0| sqrt(k1 (1/m1 + 1/m2)))", number))
         for name, given, what, made in numbers:
             limit = (given == 0) | np.isinf(given)
-            lost = np.flatnonzero(~limit & ~((made > 0) & np.isfinite(made)))
-            if lost.size:
+            for i in np.flatnonzero(~limit & ~((made > 0) & np.isfinite(made)))[:1].tolist():
                 scales = f"m1 = {self.m1!r}, k1 = {self.k1!r}, v0 = {self.v0!r}, gravity = {self.gravity!r}"
-                value, number = float(given[lost[0]]), float(made[lost[0]])
-                return int(lost[0]), (
-                    f"{name} = {value!r} with {scales}: {what} = {number!r} leaves double precision; "
-                    "legal: a finite number > 0"
-                )
+                wrong = f"{name} = {float(given[i])!r} with {scales}: {what} = {float(made[i])!r}"
+                return i, f"{wrong} leaves double precision; legal: a finite number > 0"
         return None
 
     def gravity_number(self, m2: ArrayLike) -> NDArray[np.float64]:

@@ -5,6 +5,8 @@ import json
 import pytest
 
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.cells import read_cells
+from impact_xval.experiments.config.errors import UserError
 
 BELOW_ONE = "from 0 to 1"
 #: By subject, pairs of a configuration's text and what the line holds.
@@ -19,7 +21,7 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[grid]\ne1 = []", ["grid.e1 = []", "a list of them (one or more)", "linear"]),
         ("[grid]\ne1 = [0.5, 0.7, 0.5]", ["grid.e1", "0.5", "more than once", "each value once"]),
         ("[grid]\nmas_ratio = [1]", ["grid.mas_ratio", "unknown key", "did you mean 'mass_ratio'", "e1"]),
-        ("grid = [1]", ["grid = [1]", "a table of axes"]),
+        ("grid = [1]", ["grid = [1]", "a table: stiffness_ratio"]),
     ],
     "ranges": [
         ("[grid]\ne1 = {cubic = [0, 1, 3]}", ["grid.e1", "cubic", "log = [lo, hi, n]"]),
@@ -29,8 +31,16 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[grid]\nstiffness_ratio = {log = [0, 1, 3]}", ["grid.stiffness_ratio", "lo = 0", "lo > 0"]),
         ("[grid]\nstiffness_ratio = {log = [1, inf, 3]}", ["grid.stiffness_ratio", "both finite"]),
         ("[grid]\ne1 = {linear = [0, 1, 1]}", ["grid.e1", "n = 1", "from 2 to"]),
-        ("[grid]\ne1 = {linear = [0, 1, 2.5]}", ["grid.e1", "n = 2.5", "a whole number"]),
+        ("[grid]\ne1 = {linear = [0, 1, 2.5]}", ["grid.e1", "n = 2.5", "whole"]),
         ("[grid]\ne1 = {linear = [0, 1, 9000]}\ne2 = {linear = [0, 1, 9000]}", ["grid", "1 to 10000000"]),
+    ],
+    "samples": [
+        ("[sample]\nn = 0", ["sample.n = 0", "a whole number from 1"]),
+        ("[sample]\ne1 = 2", ["sample.e1 = 2", BELOW_ONE]),
+        ("[sample]\ne1 = [0, 1]", ["sample.e1 = [0, 1]", "a number, {log = [lo, hi]}"]),
+        ("[sample]\ne1 = {linear = [0, 1, 3]}", ["sample.e1", "[0, 1, 3]", "{linear = [lo, hi]}"]),
+        ("[sample]\ne1 = {log = [0, 1]}", ["sample.e1", "lo = 0", "lo > 0"]),
+        ("[sample]\nmethod = 'halton'", ["sample.method = 'halton'", "'sobol'"]),
     ],
     "columns": [
         ("[grid]\n[column]", ["grid and column are given", "legal: one of grid, sample, cells, column"]),
@@ -47,14 +57,21 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[column]\narrangement = ['pile']", ["column.arrangement = ['pile']", "'drop' or 'stack'"]),
         ("[column]\nballs = [3, 4]\nstrike = [1, 3]", ["strike = 3", "from 1 to 2, for 3 balls"]),
         ("[column]\narrangement = 'drop'\nstrike = 1", ["column: strike = [1.0]", "none without a cradle"]),
-        ("scenario = 'drop'\n[column]", ["scenario = 'drop'", "legal with column: scenario = 'impact'"]),
+        ("scenario = 'drop'\n[column]", ["scenario = 'drop'", "legal with column: 'impact'"]),
         ("[column]\n[figure_cell]", ["figure_cell is given with column", "figure_column"]),
+        ("gravity = 9.81\n[column]", ["gravity is given with column", "legal: none"]),
+        ("[figure_column]", ["figure_column is given without column", "figure_cell"]),
+        ("[column]\n[figure_column]\nballs = 1", ["figure_column.balls = 1", "from 2 to 1000, for a cradle"]),
+        ("[column]\narrangement = ['drop', 'drop']", ["column.arrangement", "each once"]),
         ("[column]\nball = 3", ["column.ball = 3", "did you mean 'balls'"]),
     ],
     "scales": [
         ("gravity = 0", ["gravity = 0", "a finite number > 0"]),
         ("m1 = '1'", ["m1 = '1'", "a finite number > 0 (kg)"]),
         ("k1 = inf", ["k1 = inf", "a finite number > 0 (N/m)"]),
+        ("v0 = -1e-300\ngravity = 1e300", ["v0 = -1e-300, gravity = 1e+300", "a finite number > 0"]),
+        ("k1 = 1e300\n[sample]\nstiffness_ratio = {log = [1, 1e200]}", ["= 1e+200 with", "k1 = 1e+300"]),
+        ("m1 = 1e300\n[figure_cell]\nmass_ratio = 1e200", ["mass_ratio = 1e+200 with m1 = 1e+300"]),
         ("v0 = 1.0", ["v0 = 1.0", "a finite number < 0"]),
         ("m1 = -1\nv0 = 1", ["m1 = -1", "and 1 more"]),
         (
@@ -127,6 +144,34 @@ def test_a_configuration_that_cannot_be_read_is_one_line(tmp_path, capsys):
     _fails(capsys, ["run", str(tmp_path), *out], [str(tmp_path), "Is a directory"])
     _fails(capsys, ["run", str(tmp_path / "none.toml"), *out], ["none.toml", "No such file"])
     assert sorted(tmp_path.iterdir()) == [latin]
+
+
+HEADER = "stiffness_ratio,mass_ratio,e1,e2\n"
+LISTS = [
+    (None, ["no such file"]),
+    ("stiffness_ratio,mass_ratio,e1\n1,1,1\n", ["column e2 is missing", "legal: columns"]),
+    (HEADER, ["0 rows", "legal: 1 to"]),
+    (HEADER + "1,1,1,half\n", ["e2 is not a column of numbers"]),
+    (HEADER + "1,1,1,1\n1,,1,1\n", ["row 2: mass_ratio is empty"]),
+    (HEADER + "1,1,1,1\n1,1,1.5,1\n", ["row 2: e1 = 1.5", BELOW_ONE]),
+    (HEADER + "1,inf,1,1\n", ["row 1: mass_ratio = inf"]),
+    (HEADER + "1,1,1,1\n1e305,1,1,1\n", ["row 2: stiffness_ratio = 1e+305", "precision"]),
+    (HEADER + "1,1e-320,1,1\n", ["row 1: mass_ratio = 1e-320", "gravity = 9.81", "precision"]),
+    (HEADER + "1,1\n", ["cannot be read"]),
+]
+
+
+def test_a_wrong_list_of_cells_is_one_line(tmp_path, capsys):
+    (tmp_path / "c.toml").write_text("cells = 'cells.csv'")
+    for text, expected in LISTS:
+        if text is not None:
+            (tmp_path / "cells.csv").write_text(text)
+        run = ["run", str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")]
+        _fails(capsys, run, ["cells.csv", *expected])
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "x.parquet").write_bytes(b"PAR1 and no more")
+    with pytest.raises(UserError, match="cannot be read"):
+        read_cells(tmp_path / "x.parquet")
 
 
 @pytest.mark.parametrize(
