@@ -163,13 +163,12 @@ class Config(Strict):
             others = {"figure_column": "figure_cell"}
         else:
             others = {"figure_cell": "figure_column", "gravity": "none, columns are solved without it"}
-        for name in (each for each in others if each in given):
-            where = "without column" if self.column is None else "with column"
-            raise ValueError(f"{name} is given {where}; legal: {others[name]}")
+        wrong = [name for name in others if name in given]
+        if wrong:
+            beside = "without" if self.column is None else "with"
+            raise ValueError(f"{wrong[0]} is given {beside} column; legal: {others[wrong[0]]}")
         if self.column is not None and self.scenario != "impact":
-            raise ValueError(
-                f"scenario = {self.scenario!r}: columns have no gravity; legal with column: 'impact'"
-            )
+            raise ValueError(f"scenario = {self.scenario!r} is given with column; legal: 'impact'")
         return self
 
     @model_validator(mode="after")

@@ -57,7 +57,7 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[column]\narrangement = ['pile']", ["column.arrangement = ['pile']", "'drop' or 'stack'"]),
         ("[column]\nballs = [3, 4]\nstrike = [1, 3]", ["strike = 3", "from 1 to 2, for 3 balls"]),
         ("[column]\narrangement = 'drop'\nstrike = 1", ["column: strike = [1.0]", "none without a cradle"]),
-        ("scenario = 'drop'\n[column]", ["scenario = 'drop'", "legal with column: 'impact'"]),
+        ("scenario = 'drop'\n[column]", ["scenario = 'drop'", "with column; legal: 'impact'"]),
         ("[column]\n[figure_cell]", ["figure_cell is given with column", "figure_column"]),
         ("gravity = 9.81\n[column]", ["gravity is given with column", "legal: none"]),
         ("[figure_column]", ["figure_column is given without column", "figure_cell"]),
