@@ -18,8 +18,8 @@ import pyarrow.parquet as pq
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.aggregates import reasons_of
 from impact_xval.experiments.measures.laws import in_order_of_laws
+from impact_xval.experiments.measures.summary import reasons_of
 from impact_xval.experiments.tables.lock import running
 from impact_xval.experiments.tables.store import PART, RunFolder, Tally, statuses_of, tally
 

@@ -5,9 +5,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.measures.estimates import convergence_estimates
 from impact_xval.experiments.measures.layout import layout_of
-from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.measures.summary import convergence_estimates, summarise
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.schema import CERTIFICATE as OF_LIMITS
 from impact_xval.experiments.tables.schema import expanded
