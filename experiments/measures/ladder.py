@@ -35,6 +35,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations
 
 import numpy as np
@@ -163,7 +164,7 @@ def cancelling(shares: Sequence[float]) -> tuple[int, int] | None:
     return (high, low) if found[high] > CANCEL[1] and found[low] < CANCEL[0] else None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Split:
     """The contributions to the divergence of n cells of N balls.
 
@@ -171,26 +172,48 @@ class Split:
     ----------
     contributions : tuple of Contribution
         The m of them, in order.
+    weights : ndarray, shape (n, N)
+        Masses over that of what moves at first.
     vectors : ndarray, shape (m, n, N)
         Differences of velocities of each per abs(v0); NaN for one that a cell does not have.
+    causes : ndarray, shape (6, c, n, N)
+        Those of the causes by each of their orders, without gravity two orders three times each.
     total : ndarray, shape (n, N)
         Engine minus model.
-    norms, along : ndarray, shape (m, n)
-        Kinetic norm of each, and its component along the total; `along` is NaN where D is 0.
-    orders : ndarray, shape (6, m, n)
-        `along` by each order of the causes, without gravity two orders three times each; all the same for those that
-        have one order.
-    divergence : ndarray, shape (n,)
-        D.
     """
 
     contributions: tuple[Contribution, ...]
+    weights: Floats
     vectors: Floats
+    causes: Floats
     total: Floats
-    norms: Floats
-    along: Floats
-    orders: Floats
-    divergence: Floats
+
+    @cached_property
+    def divergence(self) -> Floats:
+        """D, shape (n,)."""
+        return np.sqrt((self.weights * self.total**2).sum(axis=1))
+
+    @cached_property
+    def norms(self) -> Floats:
+        """Kinetic norm of each contribution, shape (m, n)."""
+        return np.sqrt((self.weights * self.vectors**2).sum(axis=2))
+
+    def component(self, differences: Floats) -> Floats:
+        """Component of differences of velocities along the total, shape (..., n); NaN where D is 0."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return (self.weights * differences * self.total).sum(axis=-1) / self.divergence
+
+    @cached_property
+    def along(self) -> Floats:
+        """Component of each contribution along the total, shape (m, n)."""
+        return self.component(self.vectors)
+
+    @cached_property
+    def orders(self) -> Floats:
+        """`along` by each order of the causes, shape (6, m, n); all the same for those that have one order."""
+        causes = self.component(self.causes)
+        rest = self.along[causes.shape[1] :]
+        return np.concatenate([causes, np.broadcast_to(rest, (len(causes), *rest.shape))], axis=1)
 
     @property
     def shares(self) -> Floats:
@@ -236,28 +259,7 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
     """
     known = ~np.isnan(limit).any(axis=1, keepdims=True)
     causes = by_order(corners.velocities)
-    rest = np.stack(
-        [
-            np.where(known, limit - corners.asked, np.nan),
-            np.where(known, engine - limit, np.nan),
-            np.where(known, np.nan, engine - corners.asked),
-        ]
-    )
-    vectors = np.concatenate([causes.mean(axis=0), rest])
-    total = engine - corners.model
-    divergence = np.sqrt((weights * total**2).sum(axis=1))
-
-    def component(differences: Floats) -> Floats:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return (weights * differences * total).sum(axis=-1) / divergence
-
-    along = component(vectors)
-    return Split(
-        contributions=contributions_of(gravity=corners.velocities.shape[2] > 1),
-        vectors=vectors,
-        total=total,
-        norms=np.sqrt((weights * vectors**2).sum(axis=2)),
-        along=along,
-        orders=np.stack([np.concatenate([component(order), along[-len(rest) :]]) for order in causes]),
-        divergence=divergence,
-    )
+    mapping, step = (np.where(known, x, np.nan) for x in (limit - corners.asked, engine - limit))
+    joined = np.where(known, np.nan, engine - corners.asked)
+    vectors = np.concatenate([causes.mean(axis=0), [mapping, step, joined]])
+    return Split(contributions_of(gravity=corners.gravity), weights, vectors, causes, engine - corners.model)

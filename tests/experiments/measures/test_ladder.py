@@ -14,7 +14,7 @@ from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures import corners as of_corners
-from impact_xval.experiments.measures.corners import LAWS, Corners, corner_names
+from impact_xval.experiments.measures.corners import Corners, corner_names
 from impact_xval.experiments.measures.ladder import by_order, contributions_of, split
 from impact_xval.experiments.measures.ladder_rows import NO_LIMIT, Part, sentence
 from impact_xval.experiments.measures.ladder_summary import BAND, ladder_statistics, summarise_ladder
@@ -190,7 +190,7 @@ def test_closes_for_any_outcomes_in_between():
     model, rng = velocities(solve_batch(*cells)), np.random.default_rng(4)
     engine = rng.normal(size=(n, 2))
     limit = np.where(rng.uniform(size=(n, 1)) < 0.5, engine + 1e-3, np.nan)
-    for law in LAWS:
+    for law in ("kelvin-voigt", "hunt-crossley"):
         between = corners(model, cells, np.full(n, 0.05), law)
         assert set(between.reason) == {""}
         ladder = split(weights_of_two(cells[1]), between, limit, engine)
