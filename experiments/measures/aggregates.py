@@ -57,9 +57,10 @@ class Levels:
         return np.searchsorted(self.edges, x, side="right")
 
 
-def grid_levels(config: Config) -> dict[str, Levels]:
-    """Levels of a grid: the values of its axes."""
-    return {name: Levels(values) for name, values in config.grid.axes().items()}
+def axis_levels(config: Config, axis: str, x: NDArray[np.float64]) -> Levels:
+    """Levels of an axis of two balls: the values of a grid, else what scattered values fall into."""
+    scattered = config.sample is not None or config.cells is not None
+    return levels_of(x) if scattered else Levels(config.grid.axes()[axis])
 
 
 def levels_of(x: NDArray[np.float64]) -> Levels:
@@ -106,15 +107,14 @@ class Compared:
     def of(cls, path: Path, config: Config) -> Compared:
         """Read the columns by which everything is grouped."""
         solvers = [name for name in config.solvers if name != REFERENCE]
-        pair = config.column is None
-        levels = grid_levels(config) if pair and not (config.sample or config.cells) else {}
         rows = pd.DataFrame({"solver": pd.Categorical.from_codes(codes(path, "solver", solvers), solvers)})
-        for axis in AXES if pair else COLUMN_AXES:
+        levels = {}
+        for axis in AXES if config.column is None else COLUMN_AXES:
             x = texts(path, axis) if axis == "arrangement" else column(path, axis)
-            if not pair:
+            if config.column is None:
+                levels[axis] = axis_levels(config, axis, x)
+            else:
                 levels[axis] = Levels(sorted(set(pd.Series(x).dropna())))
-            elif axis not in levels:
-                levels[axis] = levels_of(x)
             rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)
         rows["compared"] = ~np.isnan(column(path, "velocity_divergence"))
         rows["marked"] = present(path, "marked")
@@ -137,17 +137,14 @@ class Compared:
 
     def _own_law(self) -> NDArray[np.float64]:
         """Compare each path with that of the exact solver of its law, a row above or below in the same cell."""
-        laws = [
-            law if law != name else None
-            for name, law in zip(self.solvers, map(law_of, self.solvers), strict=True)
-        ]
+        laws = ["" if law_of(name) == name else law_of(name) for name in self.solvers]
         law = np.array([self.solvers.index(name) if name in self.solvers else -1 for name in laws])
         if not (law >= 0).any():
             return np.full(len(self.rows), np.nan)
-        cells = blocks(self.path, ["cell", "states_compared"])
-        paths = (
-            np.array(some["states_compared"].to_pylist(), object).reshape(-1, len(law)) for some in cells
+        cells = (
+            block["states_compared"].to_pylist() for block in blocks(self.path, ["cell", "states_compared"])
         )
+        paths = (np.array(some, dtype=object).reshape(-1, len(law)) for some in cells)
         equal = np.concatenate([each == each[:, law] for each in paths])
         compared = self.rows.compared.to_numpy().reshape(-1, len(law))
         there = compared & compared[:, law] & (law >= 0)

@@ -127,7 +127,7 @@ def directed(a: np.ndarray, b: np.ndarray, tolerance: float) -> float:
 
 @njit(cache=True)
 def _within(one, near1, two, near2, b, lowest, highest, worst, tolerance):
-    """Return the larger of `worst` and of all distances of a piece of a from b; near1 and near2 are nearest to its ends."""
+    """Return the larger of `worst` and of all distances from b of a piece of a, with what its ends are nearest to."""
     # By convexity the farthest point of the piece is no farther from a segment than the farther end.
     bound = max(_to_segment(one[0], one[1], b, near1), _to_segment(two[0], two[1], b, near1))
     if near2 != near1:

@@ -1,34 +1,27 @@
-r"""Why an engine diverges from the model: the difference of final velocities, split into its causes.
+r"""Why an engine diverges from the model: the difference of final velocities, split into its causes (docs/ladder.md).
 
-In every cell, for (v1, v2), to rounding,
+In every cell, for the velocities of all balls, to rounding,
 
     engine - model = frozen positions + dissipation law + gravity + regularisation and mapping + time step
 
-**The three causes** stand between the model and the law that the engine was asked for in its scenario. They are three
-switches, and every combination of them is known without an engine (`corners`). "Frozen positions" is short for the
-fixed-configuration assumption of the model. What a switch changes depends on the
-others: gravity moves more with free positions than with frozen ones. There are six orders in which to turn the three
-on, each of which splits the difference another way, and none is the right one. The vector of a cause is the mean of
-what it changes over the six (its *Shapley value*): the three still sum to the difference, and none depends on an order.
-How far the orders are apart is given beside it, as the least and the largest share.
+**The three causes** stand between the model and the law that the engine was asked for in its scenario: three switches,
+every combination of which is known without an engine (`corners`). What a switch changes depends on the others, and no
+order of the six in which to turn them on is the right one. The vector of a cause is the mean of what it changes over
+the six (its *Shapley value*); how far the orders are apart is given as the least and the largest share. Columns of N
+balls know no gravity, and have two switches with two orders.
 
 **The last two contributions** have one order, since nothing is known of an engine with the model's law: the limit
 dt -> 0 minus the law it was asked for, then the engine minus that limit. Where no limit was computed, or it did not
 converge, the two are one, `ENGINE`.
 
-**Columns of N balls** are split likewise. There is no gravity, so that two switches are left, with two orders.
-
-**Sizes.** The size of a contribution is its kinetic norm (`model.kinetic`) per \|v0\|, as D is that of the total.
-Norms do not add: contributions are vectors, and may oppose each other. What does add is their component along the
-total,
+**Sizes.** The size of a contribution is its kinetic norm (`model.kinetic`) per \|v0\|. Norms do not add; components
+along the total do:
 
     along_i = <contribution_i, total>/D,    <a, b> = a1 b1 + (m2/m1) a2 b2,    sum along_i = D,
 
-and share_i = along_i/D, of which the sum is 1. A negative share is one that takes the engine back towards the
-model; a share above 1 one that others take back. Where one is above `CANCEL[1]` and another below `CANCEL[0]` the
-shares say little but that D is small: two large causes cancel (`cancelling`). Over many cells the share of one is
-sum(along_i)/sum(D): what it contributes to the mean D, cells of large D counting for as much as they diverge; its
-range is that of this quotient over the six orders.
+and share_i = along_i/D. A negative share takes the engine back towards the model; where one is above `CANCEL[1]` and
+another below `CANCEL[0]`, two large causes cancel (`cancelling`). Over many cells a share is sum(along_i)/sum(D), its
+range that of this quotient over the six orders.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.measures.aggregates import Frame, levels_of, statistics_of
+from impact_xval.experiments.measures.aggregates import Frame, axis_levels, statistics_of
 from impact_xval.experiments.measures.corners import Index, corner_names
 from impact_xval.experiments.measures.ladder import (
     CONTRIBUTIONS,
@@ -41,21 +41,8 @@ BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
 
 _LABELS = AXES | COLUMN_AXES
 
-_COLUMNS = [
-    "solver",
-    "axis",
-    "value",
-    "contribution",
-    "n",
-    "total",
-    "share",
-    "low",
-    "high",
-    "mean",
-    "median",
-    "p95",
-]
-_COLUMNS += ["max", "dominant", "agreed", "doubt"]
+_COLUMNS = ["solver", "axis", "value", "contribution", "n", "total", "share", "low", "high"]
+_COLUMNS += ["mean", "median", "p95", "max", "dominant", "agreed", "doubt"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,12 +116,16 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
 
 def ladder_statistics(path: Path, config: Config) -> Frame:
     """Compute `LadderSummary.statistics` from a table of ladders, the rows of an engine in memory at a time."""
-    frames = [_engine_statistics(path, name, config) for name in config.solvers if is_engine(name)]
-    frames = [frame for frame in frames if len(frame)]
-    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=_COLUMNS)
+    frames = [frame for name in config.solvers if is_engine(name) for frame in _of_engine(path, name, config)]
+    if not frames:
+        return pd.DataFrame(columns=_COLUMNS)
+    statistics = pd.concat(frames, ignore_index=True)
+    statistics.loc[statistics.axis == "all", "value"] = np.nan
+    return statistics.loc[statistics.n > 0, _COLUMNS].reset_index(drop=True)
 
 
-def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
+def _of_engine(path: Path, solver: str, config: Config) -> list[Frame]:
+    """Compute the statistics of an engine, a frame an axis; none where it has no ladder."""
     there = set(pq.read_schema(path).names)
     contributions = [c for c in CONTRIBUTIONS if f"{c.name}_norm" in there]
     corners = corner_names(gravity=GRAVITY in contributions)
@@ -145,15 +136,12 @@ def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
     regular = (pc.field("solver") == solver) & (pc.field("status") == "ok") & pc.field("marked").is_null()
     rows = selected(path, ["solver", "status", "marked", *axes, *columns], regular).to_pandas()
     regions = _regions(rows, config) if len(rows) else {}
-    found = [
+    return [
         _by_region(rows, pd.Series(region, name="value"), contributions, corners).assign(
             solver=solver, axis=axis
         )
         for axis, region in regions.items()
     ]
-    statistics = pd.concat(found, ignore_index=True) if found else pd.DataFrame(columns=_COLUMNS)
-    statistics.loc[statistics.axis == "all", "value"] = np.nan
-    return statistics.loc[statistics.n > 0, _COLUMNS]
 
 
 def _regions(rows: Frame, config: Config) -> dict[str, Any]:
@@ -163,13 +151,12 @@ def _regions(rows: Frame, config: Config) -> dict[str, Any]:
         # strikers are of cradles alone
         several = [axis for axis in COLUMN_AXES if rows[axis].nunique() > 1 and rows[axis].notna().all()]
         return regions | {axis: np.asarray(rows[axis]) for axis in several}
-    scattered = config.sample is not None or config.cells is not None
     for axis in AXES:
         x = rows[axis].to_numpy()
         if axis == "stiffness_ratio":
             regions[BAND] = band_of(x)
-        levels = levels_of(x) if scattered else None
-        regions[axis] = x if levels is None else np.array(levels.values)[levels.codes(x)]
+        levels = axis_levels(config, axis, x)
+        regions[axis] = np.array(levels.values)[levels.codes(x)]
     return regions
 
 
