@@ -1,6 +1,6 @@
 """Whether a solver keeps the contract: checks that its author can run, each named by what it demands.
 
-From the command line, for a solver that is installed: ``impact-xval conform NAME``. In the author's own tests:
+From the command line, for a solver that is installed: ``impact-xval solvers NAME``. In the author's own tests:
 
     import pytest
     from impact_xval.compliant_baselines.conformance import checks

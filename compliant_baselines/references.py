@@ -171,7 +171,7 @@ def solve(
             _LIMITS,
             _PLASTIC,
             solving.TOO_FAR_APART,
-            f"not over after max_steps = {max_steps} segments",
+            f"not over after {max_steps} segments",
         ),
         mark=np.zeros(n, np.int32),
         marks=("",),

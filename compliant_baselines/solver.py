@@ -23,6 +23,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Collisions, Outcome, Status
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
@@ -203,24 +206,29 @@ class OneByOne(Solver):
 _Answer = TypeVar("_Answer")
 
 
-def by_kind(
-    collisions: Sequence[Collision], solve: Callable[[Collisions], Sequence[_Answer]]
-) -> Sequence[_Answer]:
-    """Answer collisions in groups that are solved alike, with or without gaps; in their order."""
+def kinds(collisions: Sequence[Collision]) -> list[tuple[NDArray[np.intp], Collisions]]:
+    """Group collisions that are solved alike, with or without gaps: their places, and they as arrays."""
     if isinstance(collisions, Collisions):
         flags = collisions.falls_on_resting, collisions.gaps.any(axis=1)
         if all(flag.all() or not flag.any() for flag in flags):
-            return solve(collisions)
-    kinds: dict[tuple[object, ...], list[int]] = {}
+            return [(np.arange(len(collisions)), collisions)]
+    found: dict[tuple[object, ...], list[int]] = {}
     for i, c in enumerate(collisions):
         kind = len(c.masses), c.table, c.exponent, c.falls_on_resting, any(c.gaps)
-        kinds.setdefault(kind, []).append(i)
+        found.setdefault(kind, []).append(i)
+    return [(np.array(some), Collisions.of(collisions[i] for i in some)) for some in found.values()]
+
+
+def by_kind(
+    collisions: Sequence[Collision], solve: Callable[[Collisions], Sequence[_Answer]]
+) -> Sequence[_Answer]:
+    """Answer collisions by their kinds, in their order."""
+    groups = kinds(collisions)
+    if len(groups) == 1:
+        return solve(groups[0][1])
     found: dict[int, _Answer] = {}
-    for places in kinds.values():
-        outcomes = solve(Collisions.of(collisions[i] for i in places))
-        if len(kinds) == 1:
-            return outcomes
-        found |= zip(places, outcomes, strict=True)
+    for places, some in groups:
+        found |= zip(places.tolist(), solve(some), strict=True)
     return [found[i] for i in range(len(collisions))]
 
 

@@ -278,7 +278,7 @@ class Run:
         if self.end == BROKEN:
             why = self.failure or "velocities are no longer finite"
             return f"after {self.n_steps} steps of {self.scene.step:.3g} s: {why}"
-        reason = f"not over after max_steps = {self.max_steps} steps of {self.scene.step:.3g} s"
+        reason = f"not over after {self.max_steps} steps of {self.scene.step:.3g} s"
         if self.end == ALOFT:
             reason += f" (after {self.n_steps} all balls are in flight, and meet again only after the last)"
         return reason

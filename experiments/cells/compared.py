@@ -16,7 +16,7 @@ from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.divergence import Measures, measures_of, velocity_divergence
 from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
-from impact_xval.experiments.presentation.pages import blocks_of, phrase, render
+from impact_xval.experiments.presentation.pages import blocks_of, render
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
@@ -79,6 +79,32 @@ class Compared:
     def states(self) -> dict[str, tuple[Any, ...]]:
         """State path by solver: of two balls names of states, of a column the sets of contacts that act."""
         return {name: each.states for name, each in self.outcomes.items()}
+
+    def objects(self) -> list[dict[str, Any]]:
+        """Return a JSON object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
+        from impact_xval.experiments.measures.results import scaled_diagnostics
+
+        c, away, found = self.problem, self.divergences, []
+        speed = max(map(abs, c.velocities))
+        for name, outcome in self.outcomes.items():
+            velocities = [_finite(v / speed) for v in outcome.velocities]
+            diagnostics = scaled_diagnostics(outcome, speed)
+            found.append(
+                {
+                    "solver": name,
+                    "velocities": velocities,
+                    **{f"v{i}": v for i, v in enumerate(velocities, 1)},
+                    "impulses": [_finite(i / (c.masses[0] * speed)) for i in outcome.impulses],
+                    "states": list(outcome.states),
+                    "status": outcome.status,
+                    "reason": outcome.reason,
+                    "grazing_margin": _finite(outcome.grazing_margin),
+                    "marked": outcome.marked,
+                    "D": away[name],
+                    "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
+                }
+            )
+        return found
 
     def plot(self) -> Figure:
         """Draw the impulse curves of two balls, or the final velocities of a column, of all that have a result.
@@ -250,9 +276,13 @@ def impulse_curves(
 
 def _say(line: str) -> None:
     """Say what is waited for, on standard error."""
-    from impact_xval.experiments.presentation.terminal import error_line
+    from impact_xval.experiments.presentation.terminal import COMPILING, error_line
 
-    error_line(line or phrase("compared_words.md.j2", "compiling"))
+    error_line(line or COMPILING)
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def _blocks(markdown: str) -> list[tuple[str, Any]]:

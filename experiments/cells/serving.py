@@ -39,6 +39,7 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.pages import phrase, render
+from impact_xval.experiments.presentation.terminal import COMPILING
 from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
 
 #: Solved at every move, and on request.
@@ -174,7 +175,7 @@ class Page:
             return
 
         def say(line: str) -> None:
-            self._next(partial(self._send, said=line or phrase("compared_words.md.j2", "compiling")))
+            self._next(partial(self._send, said=line or COMPILING))
 
         if engine:
             say(phrase(_WORDS, "at_work", engine))

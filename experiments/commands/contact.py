@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands.options import JsonObject, number
+from impact_xval.experiments.commands.options import Json, number
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
@@ -40,12 +40,13 @@ def contact(
     tolerance: Annotated[
         str, typer.Option(metavar="X", help="Allowed relative error of restitution and duration.")
     ] = "0.01",
-    json: JsonObject = False,
+    json: Json = False,
 ) -> None:
-    """Print what to paste into a scene for one contact, and the largest step at which it means what it says.
+    """Print what to paste into a scene for a contact.
 
-    Give the two masses, the restitution, and the stiffness or the duration. Beside what was asked stands what
-    verifying drops in the engine gave.
+    And the largest step at which it means what it says. Beside what was asked stands what verifying drops gave.
+
+    Example: impact-xval contact --engine mujoco --masses 1 inf --restitution 0.7 --duration 1e-3
     """
     from json import dumps
 

@@ -1,4 +1,4 @@
-"""Options that several commands share, spelt once, and the reading of what is typed for any of them.
+"""Options that several commands share, and the reading of what is typed for any of them.
 
 A number stays text until a configuration judges it, or is read here: either way an error is one line that names the
 option, the value and the legal range. Nothing heavy is imported, so that help comes at once.
@@ -6,6 +6,7 @@ option, the value and the legal range. Nothing heavy is imported, so that help c
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -19,33 +20,24 @@ from impact_xval.experiments.config.errors import UserError
 if TYPE_CHECKING:
     from impact_xval.experiments.config.arrangements import Arranged
     from impact_xval.experiments.config.experiment import Config
+    from impact_xval.model import Collision
 
-#: What decides an impact, what else a collision has, and a key of a configuration that its option spells otherwise.
+#: What decides an impact, and what a collision has beside.
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
-_SCALES = ("scenario", "gravity", "m1", "k1", "v0", "step_fraction", "mapping", "cell_timeout")
-_SPELT = {"stiffness_ratio_cutoff": "--cutoff"}
-
-#: What a column is made of beside its arrangement, and what else decides how it is solved.
-_COUNTS = ("balls", "strike")
-_OF_COLUMN = ("e", "exponent", "gap", "m", "mass_taper", "k", "stiffness_taper", "v0")
-_OF_SOLVING = ("v0", "step_fraction", "mapping", "cell_timeout")
-
-#: Options whose values may be legal one by one, and not together.
-_TOGETHER = "--stiffness-ratio, --mass-ratio, --gravity, --m1, --k1, --v0"
+_SCALES = ("m1", "k1", "v0")
+#: Of a ratio the quantity in SI units that may be given instead, and that which it is divided by.
+_IN_SI = {"stiffness_ratio": ("k2", "k1"), "mass_ratio": ("m2", "m1")}
+#: How a collision is solved.
+_SOLVING = ("scenario", "gravity", "step_fraction", "cell_timeout")
+#: What a column of N balls has beside its arrangement; its first mass and stiffness are m1 and k1.
+_COUNTS = "balls", "strike"
+OF_COLUMN = (*_COUNTS, "e", "exponent", "gap", "mass_taper", "stiffness_taper")
 
 
 def number_or_text(text: str) -> float | str:
     """Read a number; a text that is none stays as it is, for a configuration to refuse."""
     try:
         return float(text)
-    except ValueError:
-        return text
-
-
-def whole_or_text(text: str) -> int | str:
-    """Read a whole number; a text that is none stays as it is, for a configuration to refuse."""
-    try:
-        return int(text)
     except ValueError:
         return text
 
@@ -64,145 +56,27 @@ def number(option: str, text: str) -> float:
     return value
 
 
-def whole(option: str, text: str, low: int, high: int) -> int:
-    """Read a whole number.
+def whole(option: str, low: int, high: int) -> Callable[[str], int]:
+    """Return a parser of whole numbers in a range."""
 
-    Raises
-    ------
-    UserError
-        If it is none, or out of range.
-    """
-    try:
-        value = int(text)
-    except ValueError:
-        value = low - 1
-    if not low <= value <= high:
-        raise UserError(f"{option} = {text!r:.60}; legal: a whole number from {low} to {high}")
-    return value
-
-
-def path(name: str) -> Callable[[str], Path]:
-    """Return a parser of paths; whether something is there, and what, is for the command to judge.
-
-    Parameters
-    ----------
-    name : str
-        Of the option or argument, for its errors.
-    """
-
-    def read(text: str) -> Path:
-        try:
-            str(text).encode()  # Parquet files are opened by names in UTF-8
-            if str(text):  # pathlib takes the empty text, a variable of the shell that is not set, for "."
-                Path(text).stat()
-                return Path(text)
-            problem = "the empty text"
-        except (FileNotFoundError, NotADirectoryError):
-            return Path(text)
-        except OSError as error:  # too long, or behind a closed door
-            problem = str(error.strerror)
-        except UnicodeEncodeError:
-            problem = "not UTF-8"
-        except ValueError as error:
-            problem = str(error)
-        raise UserError(f"{name} = {text!r:.60}: {problem}; legal: a path")
+    def read(text: str) -> int:
+        if not re.fullmatch(r"-?\d{1,18}", text) or not low <= int(text) <= high:
+            raise UserError(f"{option} = {text!r:.60}; legal: a whole number from {low} to {high}")
+        return int(text)
 
     return read
 
 
-def file_to_write(option: str, file: Path, suffixes: Sequence[str]) -> None:
-    """Check that a file may be written, before anything is computed.
+def path(name: str) -> Callable[[str], Path]:
+    """Return a parser of paths, for the option or argument of a name; what is there is for the command to judge."""
 
-    Raises
-    ------
-    UserError
-        If its suffix is none of these, it is a folder, or its folder is not there.
-    """
-    if file.suffix not in suffixes:
-        raise UserError(f"{option} {file}: legal: a file that ends in {', '.join(suffixes)}")
-    if file.is_dir():
-        raise UserError(f"{option} {file}: is a folder; legal: a file")
-    if not file.parent.is_dir():
-        raise UserError(
-            f"{option} {file}: {file.parent} is no folder; legal: a file in a folder that is there"
-        )
+    def read(text: str) -> Path:
+        # pathlib takes the empty text, a variable of the shell that is not set, for ".".
+        if not text or "\0" in text or not text.isprintable():
+            raise UserError(f"{name} = {text!r:.60}; legal: a path")
+        return Path(text)
 
-
-def typed(parameters: Mapping[str, Any]) -> dict[str, str]:
-    """Pick what was typed of a collision from the parameters of a command, by key of a configuration and ratio."""
-    given = {key: parameters.get(key) for key in (*RATIOS, *_SCALES)}
-    given["stiffness_ratio_cutoff"] = parameters.get("cutoff")
-    return {key: value for key, value in given.items() if isinstance(value, str)}
-
-
-def one_cell(parameters: Mapping[str, Any]) -> Config:
-    """Make a configuration of what is typed for one collision.
-
-    Parameters
-    ----------
-    parameters : mapping
-        Of the command, as typer has read them; a ratio that is not a text among them is 1.
-
-    Raises
-    ------
-    UserError
-        If anything is illegal; it names the option.
-    """
-    from impact_xval.experiments.config.experiment import parse_config
-
-    data: dict[str, Any] = {key: number_or_text(text) for key, text in typed(parameters).items()}
-    cell = {key: data.pop(key, 1.0) for key in RATIOS}
-    data |= {"name": "collision", "figure_cell": cell, "grid": {key: [1.0] for key in cell}}
-
-    def option(location: Any) -> str:
-        key: str = location[-1] if location else ""
-        return _SPELT.get(key, "--" + key.replace("_", "-")) if key else _TOGETHER
-
-    config = parse_config(data, where="", name=option)
-    if "gravity" in data and config.scenario == "impact":
-        raise UserError(
-            f"--gravity = {data['gravity']!r} with --scenario impact, which has no gravity; legal: --scenario drop"
-        )
-    return config
-
-
-def one_column(parameters: Mapping[str, Any]) -> tuple[Arranged, Config]:
-    """Make an arrangement of what is typed for one column, and a configuration of how it is solved.
-
-    Parameters
-    ----------
-    parameters : mapping
-        Of the command, as typer has read them.
-
-    Raises
-    ------
-    UserError
-        If anything is illegal; it names the option.
-    """
-    from impact_xval.experiments.config.arrangements import Arranged
-    from impact_xval.experiments.config.errors import validated
-    from impact_xval.experiments.config.experiment import parse_config
-
-    def option(location: Any) -> str:
-        return "--" + location[-1].replace("_", "-")
-
-    data: dict[str, Any] = {key: number_or_text(parameters[key]) for key in _OF_COLUMN}
-    counts = {key: parameters[key] for key in _COUNTS if parameters[key] is not None}
-    data |= {key: whole_or_text(text) for key, text in counts.items()}
-    data["arrangement"] = parameters["arrangement"]
-    arranged = validated(Arranged, data, "", option)
-    data = {key: number_or_text(parameters[key]) for key in _OF_SOLVING}
-    return arranged, parse_config({"scenario": "impact"} | data, where="", name=option)
-
-
-def config_file(what: str) -> Any:
-    """Return the argument that names a file of TOML."""
-    return typer.Argument(metavar="[CONFIG.toml]", parser=path("CONFIG.toml"), help=what)
-
-
-def folder_to_write(which: str) -> Any:
-    """Return the option that names the folder to write."""
-    return typer.Option(metavar="DIR", parser=path("--out"), help=f"Folder to write; {which}.")
+    return read
 
 
 def part_of(shard: str | None) -> tuple[int, int]:
@@ -215,71 +89,204 @@ def part_of(shard: str | None) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def _workers(text: str) -> int:
-    return whole("--workers", text, 1, 4096)
+def file_to_write(option: str, file: Path, suffixes: Sequence[str]) -> None:
+    """Check that a file may be written, before anything is computed.
+
+    Raises
+    ------
+    UserError
+        If its suffix is none of these, it is a folder, or its folder is not there.
+    """
+    if file.suffix not in suffixes or file.is_dir():
+        raise UserError(f"{option} {file}; legal: a file that ends in {', '.join(suffixes)}")
+    if not file.parent.is_dir():
+        raise UserError(f"{option} {file}: no folder {file.parent}; legal: a file in a folder that is there")
 
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a finished run.")]
+def known_solvers(solvers: list[str] | None) -> list[str]:
+    """Check the names of solvers, and add the model, as a run does; without any, those that a run has by default.
+
+    The model comes last where it was not asked for.
+    """
+    from impact_xval.compliant_baselines.registry import solver_names
+    from impact_xval.experiments.config.experiment import REFERENCE, solvers_problem
+
+    names = solvers or list(solver_names())
+    problem = solvers_problem(names)
+    if problem:
+        raise UserError(f"--solver {problem}")
+    return names if REFERENCE in names else [*names, REFERENCE]
+
+
+def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Config]:
+    """Make a collision of what is typed for one: two balls by ratios or in SI units, or a column of N.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Of a command with the options below, as typer has read them; None where nothing was typed.
+
+    Returns
+    -------
+    collision : Collision
+    arranged : Arranged or None
+        How a column is set up.
+    config : Config
+        How it is solved.
+
+    Raises
+    ------
+    UserError
+        If anything is illegal; it names the option.
+    """
+    given = {key: value for key, value in parameters.items() if value is not None}
+    column = given.get("arrangement") is not None or "balls" in given
+    here = (*OF_COLUMN, "arrangement") if column else (*RATIOS, "m2", "k2")
+    there = (*RATIOS, "m2", "k2", "gravity") if column else OF_COLUMN
+    for key in there:
+        if key in given:
+            why = "of two balls on a table" if column else "of N balls, with --arrangement"
+            raise UserError(f"{_option(key)} = {given[key]!r:.60}; legal: none here, it is {why}")
+    plain = {key: number_or_text(given[key]) for key in (*here, *_SCALES, *_SOLVING) if key in given}
+    return _column(plain) if column else _two_balls(plain)
+
+
+def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
+    from impact_xval.experiments.config.cells import collision_of
+    from impact_xval.experiments.config.experiment import parse_config
+
+    for ratio, (upper, lower) in _IN_SI.items():
+        if upper in plain:
+            if ratio in plain:
+                raise UserError(f"{_option(ratio)} and --{upper} are given; legal: one of both")
+            if lower not in plain:
+                raise UserError(f"--{upper} without --{lower}; legal: both, or {_option(ratio)}")
+            plain[ratio] = _quotient(f"--{upper}", plain.pop(upper), f"--{lower}", plain[lower])
+    missing = [_option(key) for key in RATIOS if key not in plain]
+    if missing:
+        raise UserError(
+            f"{', '.join(missing)} missing; legal: k2/k1 and m2/m1, or --m1 --m2 --k1 --k2, with --e1 and --e2"
+        )
+    cell = {key: plain.pop(key) for key in RATIOS}
+    plain = {"scenario": "impact"} | plain
+    if "gravity" in plain and plain["scenario"] == "impact":
+        value = plain["gravity"]
+        raise UserError(
+            f"--gravity = {value!r:.60}: an impact has no gravity; legal: > 0, with --scenario drop"
+        )
+    data = plain | {"name": "collision", "figure_cell": cell, "grid": {key: [1.0] for key in cell}}
+    config = parse_config(data, where="", name=_named)
+    return collision_of(config, config.figure_cell), None, config
+
+
+def _quotient(upper: str, over: Any, lower: str, under: Any) -> float:
+    for option, value in ((upper, over), (lower, under)):
+        if isinstance(value, str) or not (
+            0 < value < math.inf or (option == upper and value in (0, math.inf))
+        ):
+            raise UserError(f"{option} = {value!r:.60}; legal: a number > 0")
+    return over / under
+
+
+def _column(plain: dict[str, Any]) -> tuple[Collision, Arranged, Config]:
+    from impact_xval.experiments.config.arrangements import Arranged
+    from impact_xval.experiments.config.errors import validated
+    from impact_xval.experiments.config.experiment import parse_config
+
+    if plain.get("scenario", "impact") != "impact":
+        raise UserError(
+            f"--scenario = {plain['scenario']!r}; legal: 'impact' for a column, which has no gravity"
+        )
+    numbers = {key: plain[key] for key in (*OF_COLUMN, "v0", "arrangement") if key in plain}
+    numbers |= {key[0]: plain[key] for key in ("m1", "k1") if key in plain}
+    numbers |= {key: _integral(numbers[key]) for key in _COUNTS if key in numbers}
+    arranged = validated(Arranged, numbers, "", _named)
+    solving = {key: plain[key] for key in ("v0", "step_fraction", "cell_timeout") if key in plain}
+    return arranged.column(), arranged, parse_config({"scenario": "impact"} | solving, where="", name=_named)
+
+
+def _integral(value: Any) -> Any:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _named(location: Sequence[str | int]) -> str:
+    """Name the option of a key; values that are not legal together are named by what is said of them."""
+    key = str(location[-1]) if location else ""
+    return _option({"m": "m1", "k": "k1"}.get(key, key)) if key else ""
+
+
+def _option(key: str) -> str:
+    return "--" + key.replace("_", "-")
+
+
+def config_file(what: str) -> Any:
+    """Return the argument that names a file of TOML."""
+    return typer.Argument(metavar="[FILE.toml]", parser=path("FILE"), help=what)
+
+
+def folder_to_write(which: str) -> Any:
+    """Return the option that names the folder to write."""
+    return typer.Option(metavar="DIR", parser=path("--out"), help=f"Folder to write; {which}.")
+
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a run.")]
 Workers = Annotated[
     int | None,
-    typer.Option(metavar="N", parser=_workers, help="Processes; by default one for every core."),
+    typer.Option(metavar="N", parser=whole("--workers", 1, 4096), help="Processes; by default one a core."),
 ]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Compute on a Dask cluster: the address of its scheduler.",
-    ),
-]
-Shard = Annotated[
-    str | None,
-    typer.Option(
-        metavar="I/N",
-        help="Compute every N-th part only, from the I-th on, in a folder that all N write to.",
-    ),
-]
-Resume = Annotated[bool, typer.Option("--resume", help="Changes nothing: a run is continued anyway.")]
-JsonObject = Annotated[bool, typer.Option("--json", help="Print a JSON object.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
-# Of one collision; type and default are the command's.
-STIFFNESS_RATIO: Any = typer.Option(metavar="R", help="k2/k1, from 0 to inf.")
-MASS_RATIO: Any = typer.Option(metavar="R", help="m2/m1, greater than 0.")
-E1: Any = typer.Option(metavar="E", help="Restitution of ball on ball, from 0 to 1.")
-E2: Any = typer.Option(metavar="E", help="Restitution of ball on table, from 0 to 1.")
-SCENARIO: Any = typer.Option(metavar="NAME", help="'impact' (no gravity) or 'drop'.")
-GRAVITY: Any = typer.Option(metavar="G", help="In m/s^2, for a drop only; by default 9.81.")
-M1: Any = typer.Option(metavar="KG", help="Mass of the upper ball.")
-K1: Any = typer.Option(metavar="N/M", help="Stiffness of ball on ball.")
-V0: Any = typer.Option(metavar="M/S", help="Velocity of what falls or strikes, less than 0.")
-STEP_FRACTION: Any = typer.Option(
-    metavar="X", help="Time step over the period of the fastest contact, at most 0.1."
-)
-SOLVER: Any = typer.Option(
-    metavar="NAME", help="A solver; may be repeated, the model is added. By default all."
-)
-JSON_LIST: Any = typer.Option("--json", help="Print a JSON list, an object a solver.")
-CELL_TIMEOUT: Any = typer.Option(metavar="S", help="Seconds after which a solver is ended.")
-MAPPING: Any = typer.Option(metavar="NAME", help="'calibrated' or 'naive'.")
-CUTOFF: Any = typer.Option(
-    metavar="X",
-    help="Stiffness ratio beyond which the model takes a limit (the supplement: 1e5; inf: never), or "
-    "'exact': as soon as it no longer matters.",
-)
+#: What is typed of one collision, or column, and of how it is solved.
+ONE: dict[str, Any] = {
+    name: Annotated[str | None, typer.Option(metavar=metavar, help=help)]
+    for name, metavar, help in (
+        ("stiffness_ratio", "R", "k2/k1, from 0 to inf."),
+        ("mass_ratio", "R", "m2/m1, greater than 0."),
+        ("e1", "E", "Restitution of ball on ball, 0 to 1."),
+        ("e2", "E", "Restitution of ball on table, 0 to 1."),
+        ("m1", "KG", "Mass of the first ball; by default 1."),
+        ("m2", "KG", "Mass of the lower ball, for --mass-ratio."),
+        ("k1", "N/M", "Stiffness of the first contact; by default 1e8."),
+        ("k2", "N/M", "Stiffness of ball on table, for --stiffness-ratio."),
+        ("v0", "M/S", "Velocity of what falls or strikes; by default -1."),
+        ("scenario", "NAME", "'impact' (by default; no gravity) or 'drop'."),
+        ("gravity", "G", "Of a drop, in m/s^2; by default 9.81."),
+        ("arrangement", "NAME", "N balls: 'chain', 'cradle', 'drop' or 'stack'."),
+        ("balls", "N", "Number of balls; by default 5."),
+        ("strike", "J", "Balls of a cradle that strike; by default 1."),
+        ("e", "E", "Restitution of every contact; by default 0.95."),
+        ("exponent", "P", "Of forces k delta^p, 1 to 3; 1.5 is Hertz's."),
+        ("gap", "M", "Of every contact but the one that is struck."),
+        ("mass_taper", "R", "Mass of each next ball over the one before."),
+        ("stiffness_taper", "R", "Stiffness of each next contact over the one before."),
+        ("step_fraction", "X", "Time step over the shortest contact period."),
+        ("cell_timeout", "S", "Seconds that a solver has; by default 300."),
+    )
+}
+Solvers = Annotated[
+    list[str] | None,
+    typer.Option("--solver", metavar="NAME", help="A solver; may be repeated, the model is added."),
+]
 
-# Of one column.
-ARRANGEMENT: Any = typer.Option(
-    metavar="NAME",
-    help="'cradle'; 'chain' (one strikes a row), 'drop' (one falls on a stack that rests on a table) or 'stack' "
-    "(all fall together onto a table).",
-)
-BALLS: Any = typer.Option(metavar="N", help="Number of balls, at most 1000.")
-STRIKE: Any = typer.Option(metavar="J", help="Balls of a cradle that strike the others; by default 1.")
-E: Any = typer.Option(metavar="E", help="Restitution of every contact, from 0 to 1.")
-EXPONENT: Any = typer.Option(metavar="P", help="Of the springs' forces k delta^p, from 1 to 3; 1.5: Hertz.")
-GAP: Any = typer.Option(metavar="M", help="Gap of every contact but the one that is struck.")
-M: Any = typer.Option(metavar="KG", help="Mass of the first ball.")
-MASS_TAPER: Any = typer.Option(metavar="R", help="Mass of every next ball over that of the one before.")
-K: Any = typer.Option(metavar="N/M^P", help="Stiffness of the first contact.")
-STIFFNESS_TAPER: Any = typer.Option(
-    metavar="R", help="Stiffness of every next contact over that of the one before."
-)
+
+def of_one_collision(*without: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options `ONE`, before its own, in the place of its keywords."""
+
+    def add(command: Callable[..., None]) -> Callable[..., None]:
+        signature, options = (
+            inspect.signature(command, eval_str=True),
+            {k: v for k, v in ONE.items() if k not in without},
+        )
+        shared = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+            for name, annotation in options.items()
+        ]
+        own = [each for each in signature.parameters.values() if each.kind != each.VAR_KEYWORD]
+        leading = [each for each in own if each.kind != each.KEYWORD_ONLY]
+        command.__signature__ = signature.replace(  # type: ignore[attr-defined]
+            parameters=[*leading, *shared, *own[len(leading) :]]
+        )
+        command.__annotations__ |= options
+        return command
+
+    return add

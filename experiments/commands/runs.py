@@ -6,31 +6,30 @@ import contextlib
 import math
 import re
 import shlex
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from impact_xval.experiments.commands.options import (
     Folder,
-    JsonObject,
-    Resume,
-    Scheduler,
-    Shard,
+    Json,
     Workers,
     config_file,
     folder_to_write,
     number,
     part_of,
     path,
+    whole,
 )
-from impact_xval.experiments.commands.supervision import last_word
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 if TYPE_CHECKING:
     from impact_xval.experiments.config.experiment import Config
+    from impact_xval.experiments.measures.summary import Summary
     from impact_xval.experiments.presentation.terminal import MedianRows
     from impact_xval.experiments.sweep.run import Progress
     from impact_xval.experiments.tables.folder import RunFolder
@@ -40,35 +39,43 @@ def run(
     config: Annotated[Path | None, config_file("The experiment; without it, the built-in grid.")] = None,
     out: Annotated[Path | None, folder_to_write("by default runs/NAME")] = None,
     workers: Workers = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Compute on a Dask cluster, by its scheduler.")
+    ] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(metavar="I/N", help="Compute every N-th part, from the I-th, in a folder of all N."),
+    ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="A first taste: 40 cells of the built-in grid, in seconds.")
     ] = False,
-    resume: Resume = False,
-    scheduler: Scheduler = None,
-    shard: Shard = None,
+    resume: Annotated[bool, typer.Option("--resume", hidden=True)] = False,
 ) -> None:
-    """Run an experiment over its cells: tables, summary, figures and a report in one folder.
+    """Run an experiment: tables, figures, a page.
 
-    A folder that holds a run is continued; without a file, by the experiment that was begun there.
+    Everything goes into one folder; report.html there is the page to read.
+    The same command continues a run; so does --out DIR alone, by the experiment that was begun there.
+
+    Example: impact-xval run my.toml --out my-run
     """
     start = time.perf_counter()
     if quick and config is not None:
         raise UserError(f"--quick with {config}: it is for the built-in grid; legal: one of both")
-    kept = _kept(out) if config is None and out is not None and out.is_dir() else None
+    share = part_of(shard)
+    kept = _kept(out) if config is None and out is not None else None
     if quick and kept is not None and kept.identity() != _quick().identity():
         raise UserError(f"--quick with --out {out}: holds another run; legal: --out {out}")
-    experiment = kept or (_quick() if quick else _experiment(config, "built-in experiment"))
+    experiment = kept or (_quick() if quick else _experiment(config))
     # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import run_sweep
     from impact_xval.experiments.sweep.status import Medians
 
     root = out if out is not None else Path("runs") / _slug(experiment.name)
-    what = "--quick" if quick else config
-    words = ["run", what, "--out", root, *_option("--scheduler", scheduler), *_option("--shard", shard)]
-    console = make_console()
-    medians = Medians(experiment.solvers)
-    summaries = []
+    words: list[Any] = ["run", *(["--quick"] if quick else []), *([config] if config else []), "--out", root]
+    words += [*(["--scheduler", scheduler] if scheduler else []), *(["--shard", shard] if shard else [])]
+    console, medians = make_console(), Medians(experiment.solvers)
+    summaries: list[Summary] = []
 
     def presented(folder: RunFolder) -> None:
         # Imported when the cells are done: matplotlib takes a second that the first cells would have to wait for.
@@ -76,157 +83,191 @@ def run(
 
         summaries.append(present(folder))
 
-    with _writing(root, words, console, medians.rows, _size(experiment)) as progress:
+    with _writing(words, console, medians.rows, _size(experiment)) as progress:
         folder = run_sweep(
             experiment,
             root,
             workers=workers,
             scheduler=scheduler,
-            shard=part_of(shard),
+            shard=share,
             progress=progress,
             on_rows=medians.add,
             present=presented,
         )
-    from impact_xval.experiments.presentation.views import show_end
-
     if summaries:  # else parts are left to other shards
+        from impact_xval.experiments.presentation.terminal import error_line
+        from impact_xval.experiments.presentation.views import show_end
+
         show_end(console, summaries[-1], time.perf_counter() - start, str(folder.root))
+        if len(experiment.solvers) > 1 and not _compared(summaries[-1]):
+            error_line("no cell could be compared; impact-xval show DIR says why, solver by solver")
+            raise typer.Exit(1)
 
 
-def status(
-    folder: Annotated[
-        Path,
-        typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a run, finished or not."),
-    ],
-    json: JsonObject = False,
+def show(
+    folder: Folder,
+    cell: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", parser=whole("--cell", 0, 10**7), help="One cell: outcomes, and why they differ."
+        ),
+    ] = None,
+    json: Json = False,
 ) -> None:
-    """Say what a run has done, what failed and why, and how fast it goes; also while it runs."""
+    """Show how far a run is, and what it found.
+
+    Once it is finished: medians, and why engines diverge; with --cell one cell by every solver, and its causes.
+
+    Example: impact-xval show runs/default --cell 17
+    """
     from dataclasses import asdict
     from json import dumps
 
+    from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import make_console
-    from impact_xval.experiments.presentation.views import show_status
     from impact_xval.experiments.sweep.status import status_of
+    from impact_xval.experiments.tables.folder import FINISHED, RunFolder, finished
 
+    if cell is not None:
+        rows = views.rows_of_cell(finished(folder), cell)
+        if json:
+            typer.echo(dumps(rows, indent=2, allow_nan=False))
+        else:
+            views.show_cell(make_console(), cell, rows)
+        return
     found = status_of(folder)
     if json:
         typer.echo(dumps(asdict(found), indent=2, allow_nan=False))
-    else:
-        show_status(make_console(), str(folder), found)
-
-
-def table(folder: Folder) -> None:
-    """Write the summary of a finished run again, and show it."""
-    from impact_xval.experiments.presentation.report import write_tables
-    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
-    from impact_xval.experiments.presentation.views import show_summary
-    from impact_xval.experiments.tables.folder import finished
-
-    with at_work("writing the summary"):
-        summary = write_tables(finished(folder))
+        return
     console = make_console()
-    show_summary(console, summary)
-    print_line(console, f"summary.md, summary.csv and summary.tex are in {folder}")
+    views.show_status(console, str(folder), found)
+    if RunFolder(folder).manifest()["state"] in FINISHED:
+        from impact_xval.experiments.measures.summary import summarise
+
+        summary = summarise(RunFolder(folder))
+        views.show_summary(console, summary)
+        views.show_causes(console, summary)
 
 
-def figures(
+def report(
     folder: Annotated[
-        Path | None, typer.Argument(metavar="[DIR]", parser=path("DIR"), help="Folder of a finished run.")
+        Path,
+        typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a finished run, or a new one."),
+    ],
+    only: Annotated[
+        Literal["page", "tables", "figures"] | None, typer.Option(help="Write one of these again.")
     ] = None,
     supplement: Annotated[
-        bool, typer.Option("--supplement", help="Draw the figures of the model's supplement; needs no run.")
+        bool,
+        typer.Option("--supplement", help="Draw the six panels of the model's supplement into a new folder."),
     ] = False,
-    out: Annotated[Path | None, folder_to_write("with --supplement, by default supplement")] = None,
 ) -> None:
-    """Draw the figures of a finished run again, or the six panels of the model's supplement."""
+    """Write the page of a finished run again.
+
+    And its summary and figures, or one of the three.
+
+    Example: impact-xval report runs/default --only figures
+    """
+    from impact_xval.experiments.presentation import report as reports
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.tables.folder import finished, new_folder
 
-    if (folder is not None) == supplement:
-        given = f"{folder} with --supplement" if supplement else "DIR missing"
-        raise UserError(f"{given}; legal: the folder of a run, or --supplement")
-    if out is not None and not supplement:
-        raise UserError(f"--out {out}: figures of a run are in its folder; legal: with --supplement")
     console = make_console()
-    with at_work("drawing the figures"):
-        if folder is not None:
+    if supplement:
+        from impact_xval.experiments.presentation.pictures.supplement import write_supplement_figures
+
+        new_folder(folder)
+        with at_work("drawing the figures"):
+            for drawn, caption in write_supplement_figures(folder):
+                print_line(console, f"{drawn}: {caption}")
+        return
+    run = finished(folder)
+    with at_work("writing the report"):
+        if only in (None, "tables"):
+            reports.write_tables(run)
+            print_line(console, f"summary.md, summary.csv and summary.tex are in {folder}")
+        if only in (None, "figures"):
             from impact_xval.experiments.presentation.figures import write_figures
 
-            there = write_figures(finished(folder))
-        else:
-            from impact_xval.experiments.presentation.pictures.supplement import write_supplement_figures
-
-            root = out or Path("supplement")
-            new_folder(root)
-            there = write_supplement_figures(root)
-    for drawn, caption in there:
-        print_line(console, f"{drawn}: {caption}")
+            for drawn, caption in write_figures(run):
+                print_line(console, f"{drawn}: {caption}")
+        if only in (None, "page"):
+            print_line(console, str(reports.write_report(run)))
 
 
-def report(folder: Folder) -> None:
-    """Write the report of a finished run again."""
-    from impact_xval.experiments.presentation.report import write_report
-    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
-    from impact_xval.experiments.tables.folder import finished
-
-    with at_work("writing the report"):
-        page = write_report(finished(folder))
-    print_line(make_console(), str(page))
-
-
-def compare_runs(
-    run_a: Annotated[Path, typer.Argument(metavar="RUN_A", parser=path("RUN_A"), help="A finished run.")],
-    run_b: Annotated[
-        Path, typer.Argument(metavar="RUN_B", parser=path("RUN_B"), help="A finished run of the same cells.")
-    ],
+def compare(
+    run_a: Annotated[Path, typer.Argument(metavar="A", parser=path("A"), help="A finished run.")],
+    run_b: Annotated[Path, typer.Argument(metavar="B", parser=path("B"), help="One of the same cells.")],
     tolerance: Annotated[
         str,
-        typer.Option(
-            metavar="X", help="Largest change of a velocity per |v0|, and of D, that is none; 0: no bit."
-        ),
+        typer.Option(metavar="T", help="Change of a velocity per |v0|, and of D, that is none; 0: no bit."),
     ] = "1e-9",
-    json: JsonObject = False,
+    json: Json = False,
 ) -> None:
-    """Show what moved between two runs, by solver and cell: after an upgrade of an engine, or in CI.
+    """Show what moved between two runs.
 
-    Exit code 0 if nothing moved, 1 if something did: a status, a velocity or D.
+    By solver and cell: after an upgrade of an engine, or in CI. Exit code 3 if anything did: a status, a velocity or D.
+
+    Example: impact-xval compare before after --tolerance 1e-6
     """
     from json import dumps
 
+    from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import at_work, make_console
-    from impact_xval.experiments.presentation.views import changes_object, show_changes
-    from impact_xval.experiments.tables.comparison import compare
+    from impact_xval.experiments.tables.comparison import compare as compared
     from impact_xval.experiments.tables.folder import finished
 
     allowed = number("--tolerance", tolerance)
     if not 0 <= allowed < math.inf:
         raise UserError(f"--tolerance = {tolerance!r:.60}; legal: a finite number >= 0 (of |v0|)")
     with at_work("comparing the runs"):
-        found = compare(finished(run_a), finished(run_b), allowed)
+        found = compared(finished(run_a), finished(run_b), allowed)
     if json:
-        typer.echo(dumps(changes_object(found), indent=2, allow_nan=False))
+        typer.echo(dumps(views.changes_object(found), indent=2, allow_nan=False))
     else:
-        show_changes(make_console(), str(run_a), str(run_b), found)
+        views.show_changes(make_console(), str(run_a), str(run_b), found)
     if found.moved:
-        raise typer.Exit(1)
+        raise typer.Exit(3)
 
 
-#: What is said before.
-COMPILING = "compiling the kernels, once for each installation: half a minute or more"
+def hypothesis(
+    config: Annotated[Path | None, config_file("What to test; without it, the built-in design.")] = None,
+    out: Annotated[Path | None, folder_to_write("by default runs/hypothesis")] = None,
+    workers: Workers = None,
+) -> None:
+    """Test whether infinitely stiff pairs move as one.
+
+    The supplement's hypothesis, limit by limit and solver by solver: verdicts, tables, a page.
+
+    Example: impact-xval hypothesis --out my-verdicts
+    """
+    from impact_xval.experiments.hypothesis.config import load
+    from impact_xval.experiments.hypothesis.page import show_verdicts, write_all
+    from impact_xval.experiments.hypothesis.run import run_hypothesis
+    from impact_xval.experiments.presentation.terminal import make_console, print_line, show_progress
+    from impact_xval.experiments.tables.folder import new_folder
+
+    start = time.perf_counter()
+    design = load(config)
+    root = out if out is not None else Path("runs") / "hypothesis"
+    new_folder(root)
+    console = make_console()
+    with show_progress(console) as progress:
+        results = run_hypothesis(design, workers=workers, progress=progress)
+    page = write_all(results, root, time.perf_counter() - start)
+    show_verdicts(console, results)
+    print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {page}")
 
 
-def compile_notice() -> str:
-    """Say that kernels are about to be compiled; nothing where they have been."""
-    from impact_xval.model.compiled import is_compiled
-    from impact_xval.model.pair.kernel import collide_all
-
-    return "" if is_compiled(collide_all) else COMPILING
-
-
-def _experiment(path: Path | None, built_in: str) -> Config:
+def _experiment(file: Path | None) -> Config:
     from impact_xval.experiments.config.experiment import load_config, parse_config
 
-    return load_config(path) if path is not None else parse_config({}, built_in)
+    if file is None:
+        return parse_config({}, "built-in experiment")
+    config = load_config(file)
+    if config.cells is not None and not Path(config.cells).is_file():
+        raise UserError(f"{file}: cells = {config.cells!r}: no such file; legal: a CSV or Parquet file")
+    return config
 
 
 def _quick() -> Config:
@@ -238,19 +279,6 @@ def _quick() -> Config:
     return parse_config({"name": "quick", "grid": axes}, "built-in experiment")
 
 
-def _size(experiment: Config) -> str:
-    """Say how many cells the axes of an experiment make, and which of them took their defaults; "" without axes."""
-    from impact_xval.experiments.presentation.pages import phrase
-
-    if experiment.sample is not None or experiment.cells is not None:
-        return ""
-    table, column = experiment.column or experiment.grid, experiment.column
-    lengths, given = table.lengths(), table.model_fields_set
-    total = column.columns() if column is not None else math.prod(lengths.values())
-    axes = [(name, length, name in given) for name, length in lengths.items()]
-    return phrase("progress.md.j2", "size", total, "cells" if column is None else "columns", axes)
-
-
 def _kept(root: Path) -> Config | None:
     """Read the experiment of the run in a folder, if there is one."""
     from impact_xval.experiments.tables.folder import CONFIGURATION, RunFolder
@@ -258,8 +286,22 @@ def _kept(root: Path) -> Config | None:
     return RunFolder(root).config() if (root / CONFIGURATION).exists() else None
 
 
-def _option(name: str, value: str | None) -> list[str]:
-    return [] if value is None else [name, value]
+def _size(experiment: Config) -> str:
+    """Say how many cells the axes of an experiment make, and which of them took their defaults; "" without axes."""
+    from impact_xval.experiments.presentation.pages import phrase
+
+    if experiment.sample is not None or experiment.cells is not None:
+        return ""
+    table = experiment.column or experiment.grid
+    axes = [(name, length, name in table.model_fields_set) for name, length in table.lengths().items()]
+    what = "cells" if experiment.column is None else "columns"
+    return phrase("progress.md.j2", "size", table.count(), what, axes)
+
+
+def _compared(summary: Summary) -> bool:
+    """Whether any cell has a D."""
+    found = summary.statistics
+    return bool((found.n[(found.measure == "velocity_divergence") & (found.axis == "all")] > 0).any())
 
 
 def _slug(name: str) -> str:
@@ -268,48 +310,38 @@ def _slug(name: str) -> str:
 
 
 @contextlib.contextmanager
-def _writing(
-    root: Path,
-    words: list[Any],
-    console: Any,
-    medians: MedianRows,
-    before: str,
-) -> Iterator[Progress]:
+def _writing(words: list[Any], console: Any, medians: MedianRows, before: str) -> Iterator[Progress]:
     """Show the progress of what writes a folder; one line and exit code 1 where it is stopped.
 
     Parameters
     ----------
-    root : Path
-        The folder; where the input is wrong, no empty folder is left above it that was not there.
     words : list
-        Of the command that continues it; None is left out.
+        Of the command that continues it.
     console : Console
     medians : callable
         As for `terminal.show_progress`.
     before : str
         What is said before anything is computed.
     """
-    from impact_xval.compliant_baselines.answers import visible
     from impact_xval.experiments.presentation.terminal import show_progress
 
-    new = [folder for folder in root.parents if not folder.exists()]
     try:
         with show_progress(console, medians=medians) as progress:
             yield _noticed(progress, before)
-    except UserError:
-        for folder in new:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-        raise
     except InterruptedRunError as stopped:
-        command = shlex.join(["impact-xval", *(str(word) for word in words if word is not None)])
-        last_word(visible(f"{stopped}; finished parts are kept; to continue: {command}"))
+        command = shlex.join(["impact-xval", *map(str, words)])
+        line = f"{stopped}; finished parts are kept; to continue: {command}"
+        print(f"impact-xval: {UserError(line)}", file=sys.stderr)
         raise typer.Exit(1) from None
 
 
 def _noticed(progress: Callable[[int, int, str], None], before: str) -> Progress:
     """Add a line and the notice of compilation to the first report: by then the input is known to be legal."""
-    notices = [before, compile_notice()]
+    from impact_xval.experiments.presentation.terminal import COMPILING
+    from impact_xval.model.compiled import is_compiled
+    from impact_xval.model.pair.kernel import collide_all
+
+    notices = [before, "" if is_compiled(collide_all) else COMPILING]
 
     def report(done: int, total: int, line: str) -> None:
         while notices:

@@ -1,61 +1,70 @@
-"""Commands about solvers: which there are, and whether one keeps the contract."""
+"""Commands about solvers and their scenes: what is there, what keeps the contract, which traps are set."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from impact_xval.experiments.commands.options import Json, path
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
-    from impact_xval.compliant_baselines.conformance import Check
+    from impact_xval.compliant_baselines.inspect_mujoco import Finding
 
-#: Seconds that a check of a solver may take.
-_LONGEST = 300.0
+#: Seconds that a check of a solver may take, and a scene to be loaded and examined.
+_TO_CHECK, _TO_INSPECT = 300.0, 40.0
 
 
-def solvers() -> None:
-    """List the solvers: what each is, its version, where it comes from, and why one cannot run here."""
+def solvers(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="Check whether this one keeps the contract.")
+    ] = None,
+    law: Annotated[
+        str, typer.Option(metavar="LAW", help="The exact solver whose law NAME has, or 'none'.")
+    ] = "",
+) -> None:
+    """List the solvers, or check one.
+
+    What each is, its version, where it comes from, and why one cannot run here. With NAME: its checks of the
+    contract, for authors of adapters; exit code 3 if one fails.
+
+    Example: impact-xval solvers mujoco
+    """
     from impact_xval.compliant_baselines.registry import description_of, get_solver, law_of, origins
     from impact_xval.experiments.presentation.pages import render
     from impact_xval.experiments.presentation.terminal import at_work, make_console, show
     from impact_xval.experiments.sweep.pool import Slot
     from impact_xval.experiments.sweep.warmup import stated
 
+    if name is not None:
+        _check(name, law)
+        return
     rows = []
     with contextlib.closing(Slot()) as slot:
-        for name, origin in origins().items():
-            with at_work(f"asking {name} what it is"):
-                version, reason = stated(slot, get_solver, name)
-            what = [description_of(name), "" if reason is None else f"unavailable: {reason}"]
-            rows.append((name, law_of(name) or "-", version or "-", origin, "; ".join(filter(None, what))))
+        for each, origin in origins().items():
+            with at_work(f"asking {each} what it is"):
+                version, reason = stated(slot, get_solver, each)
+            what = [description_of(each), "" if reason is None else f"unavailable: {reason}"]
+            rows.append((each, law_of(each) or "-", version or "-", origin, "; ".join(filter(None, what))))
     show(make_console(), render("solvers.md.j2", rows=rows))
 
 
-def conform(
-    name: Annotated[str, typer.Argument(metavar="SOLVER", help="Name of a solver.")],
-    law: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="The exact solver whose law it has, or 'none'; by default what it states itself.",
-        ),
-    ] = "",
-) -> None:
-    """Check whether a solver keeps the contract; for authors of adapters. Exit code 1 if it does not."""
+def _check(name: str, law: str) -> None:
+    """Check a solver in a process of its own."""
     from impact_xval.compliant_baselines import conformance
     from impact_xval.compliant_baselines.registry import get_solver, law_of
     from impact_xval.experiments.config.experiment import solvers_problem
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.sweep.pool import Slot
+    from impact_xval.experiments.sweep.process import FaultError, Worker
     from impact_xval.experiments.sweep.warmup import stated
 
     problem = solvers_problem([name])
     if problem:
-        raise UserError(f"SOLVER {problem}")
+        raise UserError(f"NAME {problem}")
     law = law or law_of(name) or "none"
     if law not in conformance.LAWS:
         raise UserError(f"--law = {law!r}; legal: {', '.join(conformance.LAWS)}")
@@ -64,30 +73,19 @@ def conform(
     if reason is not None:
         raise UserError(f"{name}: unavailable: {reason}")
     console, failed = make_console(), 0
-    for check, problem in _checked(name, law):
-        failed += bool(problem)
-        words = check.__name__.replace("_", " ")
-        print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
-    if failed:
-        contract = "compliant_baselines/solver.py"
-        print_line(console, f"{failed} of the checks failed; the contract is in {contract}")
-        raise typer.Exit(1)
-
-
-def _checked(name: str, law: str) -> Iterator[tuple[Check, str]]:
-    """Check a solver in a process of its own; each check, and what it found."""
-    from impact_xval.compliant_baselines.conformance import checks
-    from impact_xval.experiments.presentation.terminal import at_work
-    from impact_xval.experiments.sweep.process import FaultError, Worker
-
     with contextlib.closing(Worker((name, law))) as worker:
-        for number, check in enumerate(checks(law)):
+        for number, check in enumerate(conformance.checks(law)):
             try:
                 with at_work(f"checking {name}"):
-                    found = worker.call(_found, number, timeout=_LONGEST)
+                    problem = worker.call(_found, number, timeout=_TO_CHECK)
             except FaultError as fault:
-                found = fault.reason
-            yield check, found
+                problem = fault.reason
+            failed += bool(problem)
+            words = check.__name__.replace("_", " ")
+            print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
+    if failed:
+        print_line(console, f"{failed} checks failed; the contract is in compliant_baselines/solver.py")
+        raise typer.Exit(3)
 
 
 def _found(context: tuple[str, str], number: int) -> str:
@@ -97,3 +95,66 @@ def _found(context: tuple[str, str], number: int) -> str:
 
     name, law = context
     return problem_of(checks(law)[number], get_solver(name))
+
+
+def inspect(
+    scene: Annotated[
+        Path, typer.Argument(metavar="SCENE.xml", parser=path("SCENE"), help="An MJCF file, or .mjb.")
+    ],
+    json: Json = False,
+) -> None:
+    """Look for traps in a MuJoCo scene.
+
+    Contact parameters that are replaced, ignored or not what they seem. Exit code 3 if there are any.
+
+    Example: impact-xval inspect robot.xml
+    """
+    from dataclasses import asdict
+    from json import dumps
+
+    from impact_xval.compliant_baselines import get_solver
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+
+    if not scene.is_file() or scene.suffix not in (".xml", ".mjb"):
+        raise UserError(f"{scene}: no such file of MuJoCo; legal: a file that ends in .xml or .mjb")
+    reason = get_solver("mujoco").unavailable()
+    if reason is not None:
+        raise UserError(f"{scene}: mujoco is unavailable: {reason}")
+    findings = _examined(scene)
+    if json:
+        print(dumps([asdict(finding) for finding in findings], indent=2))
+    else:
+        console = make_console()
+        for finding in findings:
+            print_line(console, str(finding))
+        print_line(console, f"{scene}: {len(findings) or 'no'} trap{'s' if len(findings) != 1 else ''} found")
+    if findings:
+        raise typer.Exit(3)
+
+
+def _examined(scene: Path) -> list[Finding]:
+    """Examine a file in a process of its own: a few bytes can be a scene of any size, and crash its engine."""
+    from impact_xval.experiments.sweep.process import FaultError, Worker
+
+    with contextlib.closing(Worker()) as worker:
+        try:
+            found = worker.call(_findings, scene, timeout=_TO_INSPECT)
+        except FaultError as fault:
+            raise UserError(f"{scene}: cannot be examined: {fault.reason}; legal: a smaller scene") from None
+    if isinstance(found, str):
+        raise UserError(found)
+    return found
+
+
+def _findings(_: None, scene: Path) -> list[Finding] | str:
+    """Return what was found, or why nothing could be."""
+    from importlib import import_module
+
+    from impact_xval.compliant_baselines.inspect_mujoco import inspect_model
+
+    mujoco: Any = import_module("mujoco")
+    load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
+    try:
+        return inspect_model(load(str(scene)))
+    except Exception as error:  # of an engine that met what it does not expect
+        return f"{scene}: MuJoCo does not compile it: {error}"

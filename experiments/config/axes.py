@@ -1,133 +1,122 @@
-"""The four parameters of an experiment: what is legal, axes of a grid, and boxes that are sampled."""
+"""Parameters of an experiment: their legal values, axes of a grid or of columns, and boxes that are sampled."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from collections import Counter
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from impact_xval.experiments.config.errors import short
-from impact_xval.model.inputs import E1, E2, MASS_RATIO, STIFFNESS_RATIO, Legal
+from impact_xval.model.collision import MAX_BALLS
+from impact_xval.model.inputs import E1, E2, EXPONENT, MASS_RATIO, STIFFNESS_RATIO, Legal
 
 #: The parameters that decide an impact, and how a reader knows them.
 AXES = {"stiffness_ratio": "k2/k1", "mass_ratio": "m2/m1", "e1": "e1", "e2": "e2"}
 
-#: What is legal on each; the definition is the model's.
-LEGAL = {legal.name: legal for legal in (STIFFNESS_RATIO, MASS_RATIO, E1, E2)}
+_LEAST, _LARGEST = math.ulp(0.0), float(np.finfo(float).max)
 
-#: An axis is a list of numbers, or one of ``{"log": [lo, hi, n]}`` and ``{"linear": [lo, hi, n]}``.
-Axis = list[float] | dict[str, list[int | float]]
-
-#: A range is a number, or one of ``{"log": [lo, hi]}`` and ``{"linear": [lo, hi]}``.
-Range = float | dict[str, list[int | float]]
+#: What is legal on each axis, of two balls and of columns.
+LEGAL = {
+    legal.name: legal
+    for legal in (
+        STIFFNESS_RATIO,
+        MASS_RATIO,
+        E1,
+        E2,
+        Legal("balls", 1, MAX_BALLS, f"a whole number from 2 (a stack: 1) to {MAX_BALLS}"),
+        Legal("strike", 1, MAX_BALLS - 1, "a whole number from 1 to balls - 1, of a cradle only"),
+        EXPONENT,
+        Legal("mass_taper", _LEAST, _LARGEST, "a finite number > 0 (m_(i+1)/m_i)"),
+        Legal("stiffness_taper", _LEAST, _LARGEST, "a finite number > 0 (k_(i+1)/k_i)"),
+        Legal("gap", 0.0, _LARGEST, "a finite number >= 0 (m)"),
+        E1._replace(name="e"),
+    )
+}
+_WHOLE = ("balls", "strike")
 
 #: More cells than this are refused: the tables of such a run would not fit on an ordinary disk.
 MAX_CELLS = 10_000_000
 
-#: Longest axis; its values are held in memory and hashed.
-MAX_VALUES = 100_000
+#: Most values of a spaced axis; they are held in memory and hashed.
+_MAX_VALUES = 100_000
 
-_AXIS = "a list of numbers, {log = [lo, hi, n]} or {linear = [lo, hi, n]}"
+_AXIS = "a number, a list of them (one or more), {log = [lo, hi, n]} or {linear = [lo, hi, n]}"
 _RANGE = "a number, {log = [lo, hi]} or {linear = [lo, hi]}"
 
 
-def value_problem(legal: Legal, value: Any) -> str | None:
-    """Write what is wrong with one value of a parameter as ``value; legal: range``, or return None."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return f"{short(value)} is not a number; legal: {legal.text}"
-    try:
-        number = float(value)
-    except OverflowError:
-        return f"{short(value)} leaves double precision; legal: {legal.text}"
-    return None if legal.includes(number) else f"{short(value)}; legal: {legal.text}"
+def _check_values(legal: Legal, values: list[Any]) -> None:
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{short(value)} is not a number; legal: {legal.text}")
+        if not legal.includes(value) or (legal.name in _WHOLE and value != int(value)):
+            raise ValueError(f"{short(value)}; legal: {legal.text}")
 
 
-def axis_problem(legal: Legal, axis: Any) -> str | None:
-    """Write what is wrong with an axis as read from a file, or return None."""
-    if isinstance(axis, dict):
-        return _spacing_problem(legal, axis, _AXIS, counted=True) or _equal_values(axis)
-    if not isinstance(axis, list):
-        return f"{short(axis)}; legal: {_AXIS}"
-    if not axis:
-        return "[] is empty; legal: one value or more"
-    if len(axis) > MAX_VALUES:
-        return f"a list of {len(axis)} values; legal: 1 to {MAX_VALUES}"
-    problem = next(filter(None, (value_problem(legal, value) for value in axis)), None)
-    if problem:
-        return problem
-    seen: set[float] = set()
-    for value in map(float, axis):
-        if value in seen:
-            return f"{short(axis)} holds {value!r} more than once; legal: each value once"
-        seen.add(value)
-    return None
-
-
-def _range_problem(legal: Legal, value: Any) -> str | None:
-    """Write what is wrong with a range as read from a file, or return None."""
-    if isinstance(value, dict):
-        return _spacing_problem(legal, value, _RANGE, counted=False)
-    return (
-        value_problem(legal, value) if isinstance(value, int | float) else f"{value!r:.60}; legal: {_RANGE}"
-    )
-
-
-def _spacing_problem(legal: Legal, spacing: dict[str, Any], notation: str, *, counted: bool) -> str | None:
-    """Write what is wrong with ``{log = [lo, hi]}`` or ``{linear = [lo, hi]}``, `counted` with n values, or None."""
-    if len(spacing) != 1 or next(iter(spacing)) not in ("log", "linear"):
-        return f"{short(spacing)}; legal: {notation}"
-    ((kind, entries),) = spacing.items()
-    shown = f"{{{kind} = {short(entries)}}}"
-    if not isinstance(entries, list) or len(entries) != 2 + counted:
-        return f"{shown}; legal: {{{kind} = [lo, hi{', n' if counted else ''}]}}"
-    lo, hi, *rest = entries
-    problem = value_problem(legal, lo) or value_problem(legal, hi)
-    if problem:
-        return problem
-    for count in rest:
-        if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= MAX_VALUES:
-            return f"{shown}: n = {short(count)}; legal: a whole number from 2 to {MAX_VALUES}"
+def _check_ends(legal: Legal, spacing: dict[str, Any], lo: Any, hi: Any) -> None:
+    _check_values(legal, [lo, hi])
     if not lo < hi < math.inf:
-        return f"{shown}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite"
-    if kind == "log" and lo <= 0:
-        return f"{shown}: lo = {lo!r}; legal: lo > 0 on a logarithmic axis"
-    return None
+        raise ValueError(f"{short(spacing)}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite")
+    if "log" in spacing and lo <= 0:
+        raise ValueError(f"{short(spacing)}: lo = {lo!r}; legal: lo > 0 on a logarithmic axis")
 
 
-def _equal_values(axis: dict[str, list[int | float]]) -> str | None:
-    """Write that an axis of legal spacing has values that double precision does not tell apart."""
-    ((kind, (lo, hi, count)),) = axis.items()
-    if np.all(np.diff(_spaced(kind, lo, hi, int(count))) > 0):
-        return None
-    shown = f"{{{kind} = {short([lo, hi, count])}}}"
-    return f"{shown}: {count} values between {lo!r} and {hi!r} are not all different; legal: fewer values"
+def _legal_axis(value: Any, info: ValidationInfo) -> Any:
+    legal = LEGAL[str(info.field_name)]
+    match value:
+        case {"log": [lo, hi, n]} | {"linear": [lo, hi, n]} if len(value) == 1:
+            _check_ends(legal, value, lo, hi)
+            if isinstance(n, bool) or not isinstance(n, int) or not 2 <= n <= _MAX_VALUES:
+                raise ValueError(f"{short(value)}: n = {short(n)}; legal: whole, from 2 to {_MAX_VALUES}")
+        case dict() | []:
+            raise ValueError(f"{short(value)}; legal: {_AXIS}")
+        case list():
+            pass
+        case _:
+            value = [value]
+    values = expand_axis(value) if isinstance(value, dict) else value
+    _check_values(legal, values)
+    ((most, times),) = Counter(values).most_common(1)
+    if times > 1:
+        raise ValueError(f"{short(value)} holds {most!r} more than once; legal: each value once")
+    return value
+
+
+def _legal_range(value: Any, info: ValidationInfo) -> Any:
+    legal = LEGAL[str(info.field_name)]
+    match value:
+        case {"log": [lo, hi]} | {"linear": [lo, hi]} if len(value) == 1:
+            _check_ends(legal, value, lo, hi)
+        case int() | float():
+            _check_values(legal, [value])
+        case _:
+            raise ValueError(f"{short(value)}; legal: {_RANGE}")
+    return value
+
+
+#: Values of a parameter: a number, a list, ``{"log": [lo, hi, n]}`` or ``{"linear": [lo, hi, n]}``. The name of the
+#: field says what is legal.
+Axis = Annotated[list[float] | dict[str, list[int | float]], BeforeValidator(_legal_axis)]
+
+#: Where a parameter is sampled: a number, ``{"log": [lo, hi]}`` or ``{"linear": [lo, hi]}``.
+Range = Annotated[float | dict[str, list[int | float]], BeforeValidator(_legal_range)]
 
 
 def expand_axis(axis: Axis) -> list[float]:
     """Values of a legal axis, in the order given."""
-    if isinstance(axis, dict):
-        ((kind, (lo, hi, count)),) = axis.items()
-        return _spaced(kind, lo, hi, int(count)).tolist()
-    return [float(value) for value in axis]
-
-
-def axis_length(axis: Axis) -> int:
-    """Count the values of a legal axis, without making them."""
-    return int(next(iter(axis.values()))[2]) if isinstance(axis, dict) else len(axis)
-
-
-def _spaced(kind: str, lo: float, hi: float, count: int) -> NDArray[np.float64]:
+    if isinstance(axis, list):
+        return [float(value) for value in axis]
+    ((kind, (lo, hi, n)),) = axis.items()
     if kind == "linear":
-        return np.linspace(lo, hi, count)
+        return np.linspace(lo, hi, int(n)).tolist()
     # Fourteen digits make the round values of a logarithmic axis round again (0.1, not 0.09999999999999999).
-    values = np.geomspace(lo, hi, count)
+    values = np.geomspace(lo, hi, int(n))
     digits = 13 - np.floor(np.log10(values)).astype(int)
-    rounded = np.array([round(value, n) for value, n in zip(values.tolist(), digits.tolist(), strict=True)])
-    rounded[0], rounded[-1] = lo, hi
-    return rounded
+    inner = [round(value, places) for value, places in zip(values.tolist(), digits.tolist(), strict=True)]
+    return [float(lo), *inner[1:-1], float(hi)]
 
 
 class Strict(BaseModel):
@@ -136,50 +125,74 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
+class Axes(Strict):
+    """A table of axes; the first varies slowest."""
+
+    @model_validator(mode="after")
+    def _affordable(self) -> Axes:
+        if self.count() > MAX_CELLS:
+            raise ValueError(f"the axes make {self.count()} cells; legal: 1 to {MAX_CELLS}")
+        return self
+
+    def lengths(self) -> dict[str, int]:
+        """Count the values of every axis that is there."""
+        there = {name: axis for name, axis in self if axis is not None}
+        return {name: len(expand_axis(x) if isinstance(x, dict) else x) for name, x in there.items()}
+
+    def count(self) -> int:
+        """Count the cells."""
+        return math.prod(self.lengths().values())
+
+
 def whole(default: int | None, low: int, high: int, what: str = "") -> Any:
     """Give a field of whole numbers, and say what is legal."""
     return Field(default, ge=low, le=high, description=f"a whole number from {low} to {high}{what}")
 
 
-_SEED = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
+def positive(default: float, unit: str) -> Any:
+    """Give a field of finite numbers greater than 0."""
+    return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({unit})")
 
 
-def _range(default: Range, name: str) -> Any:
-    return Field(default, description=f"{_RANGE}; {LEGAL[name].text}")
+def at_most(default: float, high: float, what: str) -> Any:
+    """Give a field of numbers greater than 0 that has an upper end."""
+    return Field(default, gt=0, le=high, description=f"greater than 0, at most {high:g} ({what})")
+
+
+def parameter(legal: Legal, default: float) -> Any:
+    """Give a field of what is legal."""
+    return Field(default, ge=legal.low, le=legal.high, description=legal.text)
+
+
+def table(model: type[BaseModel]) -> Any:
+    """Give a field of a table, all of whose keys have defaults."""
+    return Field(default_factory=model, description=f"a table: {', '.join(model.model_fields)}")
 
 
 class Sample(Strict):
     """Cells drawn from a box: each parameter a number, or a range taken evenly or evenly in its logarithm."""
 
-    stiffness_ratio: Range = _range({"log": [1e-3, 1e3]}, "stiffness_ratio")
-    mass_ratio: Range = _range({"log": [0.5, 2.0]}, "mass_ratio")
-    e1: Range = _range({"linear": [0.5, 1.0]}, "e1")
-    e2: Range = _range({"linear": [0.5, 1.0]}, "e2")
+    stiffness_ratio: Range = Field(default={"log": [1e-3, 1e3]})
+    mass_ratio: Range = Field(default={"log": [0.5, 2.0]})
+    e1: Range = Field(default={"linear": [0.5, 1.0]})
+    e2: Range = Field(default={"linear": [0.5, 1.0]})
     method: Literal["sobol", "latin-hypercube", "random"] = Field(
         "sobol", description="'sobol', 'latin-hypercube' or 'random'"
     )
     n: int = whole(1024, 1, MAX_CELLS, " (cells)")
-    seed: int = _SEED
+    seed: int = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
 
-    @field_validator(*AXES, mode="before")
-    @classmethod
-    def _legal_range(cls, value: object, info: Any) -> object:
-        problem = _range_problem(LEGAL[info.field_name], value)
-        if problem:
-            raise ValueError(problem)
-        return value
-
-    def ranges(self) -> dict[str, Range]:
-        """Range of every parameter, in the order of a grid's axes."""
-        return {name: getattr(self, name) for name in AXES}
-
-    def ends(self) -> dict[str, tuple[float, float]]:
-        """Least and greatest value of every parameter."""
-        return {name: _ends(range_) for name, range_ in self.ranges().items()}
+    def ends(self) -> dict[str, list[float]]:
+        """Least and greatest value of every parameter, in the order of a grid's axes; of a number only itself."""
+        ranges = ((name, getattr(self, name)) for name in AXES)
+        return {
+            name: [float(end) for end in (next(iter(r.values())) if isinstance(r, dict) else [r])]
+            for name, r in ranges
+        }
 
     def free(self) -> list[str]:
         """Names of the parameters that are ranges."""
-        return [name for name, range_ in self.ranges().items() if isinstance(range_, dict)]
+        return [name for name in AXES if isinstance(getattr(self, name), dict)]
 
     def place(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
         """Place points of the unit cube in the box.
@@ -195,21 +208,16 @@ class Sample(Strict):
             Stiffness ratio, mass ratio, e1, e2.
         """
         columns = iter(unit.T)
-        placed = np.empty((len(unit), 4))
-        for i, range_ in enumerate(self.ranges().values()):
-            if not isinstance(range_, dict):
-                placed[:, i] = range_
+        placed = np.empty((len(unit), len(AXES)))
+        for i, (name, ends) in enumerate(self.ends().items()):
+            if len(ends) == 1:
+                placed[:, i] = ends
                 continue
-            lo, hi = _ends(range_)
+            lo, hi = ends
             u = next(columns)
-            inside = _between(lo, hi, u) if "log" in range_ else lo + (hi - lo) * u
+            inside = _between(lo, hi, u) if "log" in getattr(self, name) else lo + (hi - lo) * u
             placed[:, i] = np.clip(inside, lo, hi)
         return placed
-
-
-def _ends(range_: Range) -> tuple[float, float]:
-    lo, hi = next(iter(range_.values())) if isinstance(range_, dict) else (range_, range_)
-    return float(lo), float(hi)
 
 
 def _between(lo: float, hi: float, u: NDArray[np.float64]) -> NDArray[np.float64]:

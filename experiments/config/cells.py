@@ -14,14 +14,13 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged, ColumnTable
-from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, Sample, value_problem
+from impact_xval.experiments.config.arrangements import Arranged, ColumnTable, arranged
+from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, Sample
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Cell, Config
 from impact_xval.model.collision import Collision, Collisions
@@ -47,7 +46,7 @@ class Block:
         Their numbers in the experiment, from 0.
     parameters : dict of str to ndarray, shape (n,)
         Of two balls the four ratios (`AXES`), m1, m2, k1, k2 and v0. Of columns arrangement (texts), balls (whole
-        numbers), the other axes (`COLUMN_LEGAL`; strike is NaN but of a cradle), m1, k1 and v0.
+        numbers), the other axes of a `ColumnTable` (strike is NaN but of a cradle), m1, k1 and v0.
     collisions : sequence of Collision
         In kg, N/m^p and m/s; a `Collisions` where all are of one kind.
     """
@@ -67,13 +66,7 @@ class Block:
 class Cells:
     """The cells of an experiment, in order, and their chunks.
 
-    Parameters
-    ----------
-    config : Config
-    count : int
-        Number of cells.
-    values : callable
-        Gives the ratios, or the axes of columns, of a range of cells.
+    `values` gives the ratios, or the axes of columns, of a range of the `count` cells.
     """
 
     def __init__(self, config: Config, count: int, values: _Values) -> None:
@@ -130,15 +123,22 @@ def experiment_cells(config: Config) -> Cells:
         If they are in a file that cannot be read, or holds anything illegal.
     """
     if config.column is not None:
-        return Cells(config, config.column.columns(), _of_columns(config.column))
+        return Cells(config, config.column.count(), _of_columns(config.column))
     if config.sample is not None:
         return listed(config, draw(config.sample))
     if config.cells is not None:
         values = read_cells(Path(config.cells))
-        _within_double_precision(config, values, config.cells)
+        found = config.beyond_precision(*values.T[:2])
+        if found:
+            raise UserError(f"{config.cells}: row {found[0] + 1}: {found[1]}")
         return listed(config, values)
-    axes = config.grid.axes()
-    return Cells(config, math.prod(map(len, axes.values())), _of_grid(axes))
+    of_grid = _of_grid(config.grid.varied())
+
+    def of(indices: range) -> dict[str, NDArray[Any]]:
+        values = of_grid(indices)
+        return values | {"e1": values["e"], "e2": values.pop("e")} if "e" in values else values
+
+    return Cells(config, config.grid.count(), of)
 
 
 def listed(config: Config, values: NDArray[np.float64]) -> Cells:
@@ -202,12 +202,11 @@ def _two_balls(config: Config, ratios: dict[str, NDArray[Any]]) -> tuple[dict[st
 def _columns(
     config: Config, axes: dict[str, NDArray[Any]]
 ) -> tuple[dict[str, NDArray[Any]], Sequence[Collision]]:
-    columns, scales = [], {"m": config.m1, "k": config.k1, "v0": config.v0}
-    for arrangement, *row in zip(*(values.tolist() for values in axes.values()), strict=True):
-        numbers = dict(zip(COLUMN_LEGAL, row, strict=True))
-        strike = None if math.isnan(numbers["strike"]) else int(numbers["strike"])
-        counts = {"arrangement": arrangement, "balls": int(numbers["balls"]), "strike": strike}
-        columns.append(Arranged.model_validate(numbers | counts | scales).column())
+    scales = {"m": config.m1, "k": config.k1, "v0": config.v0}
+    rows = zip(*(values.tolist() for values in axes.values()), strict=True)
+    given = [arranged(dict(zip(axes, row, strict=True))) | scales for row in rows]
+    # The corners of the table have been validated, and no other column is illegal where they are legal.
+    columns = [Arranged.model_construct(None, **each).column() for each in given]
     kinds = {(len(each.masses), each.table, each.exponent) for each in columns}
     ones = np.ones(len(columns))
     scales = {"m1": config.m1 * ones, "k1": config.k1 * ones, "v0": config.v0 * ones}
@@ -226,21 +225,18 @@ def draw(sample: Sample) -> NDArray[np.float64]:
     ndarray, shape (n, 4)
         Stiffness ratio, mass ratio, e1, e2; the same for the same seed.
     """
-    d = len(sample.free())
-    return sample.place(unit_points(sample.method, sample.n, d, sample.seed))
-
-
-def unit_points(method: str, n: int, d: int, seed: int) -> NDArray[np.float64]:
-    """Draw n points of the unit cube of d dimensions, shape (n, d)."""
     from scipy.stats import qmc
 
+    n, d = sample.n, len(sample.free())
     if d == 0:
-        return np.empty((n, 0))
-    if method == "sobol":
-        return qmc.Sobol(d, rng=seed).random_base2(math.ceil(math.log2(n)))[:n]
-    if method == "latin-hypercube":
-        return qmc.LatinHypercube(d, rng=seed).random(n)
-    return np.random.default_rng(seed).random((n, d))
+        unit = np.empty((n, 0))
+    elif sample.method == "sobol":
+        unit = qmc.Sobol(d, rng=sample.seed).random_base2(math.ceil(math.log2(n)))[:n]
+    elif sample.method == "latin-hypercube":
+        unit = qmc.LatinHypercube(d, rng=sample.seed).random(n)
+    else:
+        unit = np.random.default_rng(sample.seed).random((n, d))
+    return sample.place(unit)
 
 
 def read_cells(path: Path) -> NDArray[np.float64]:
@@ -254,49 +250,33 @@ def read_cells(path: Path) -> NDArray[np.float64]:
     table = _read(path)
     missing = [name for name in AXES if name not in table.column_names]
     if missing:
-        raise UserError(
-            f"{path}: column {missing[0]} is missing; legal: columns {', '.join(AXES)} (others are ignored)"
-        )
+        legal = f"columns {', '.join(AXES)} (others are ignored)"
+        raise UserError(f"{path}: column {missing[0]} is missing; legal: {legal}")
     if not 1 <= table.num_rows <= MAX_CELLS:
         raise UserError(f"{path}: {table.num_rows} rows; legal: 1 to {MAX_CELLS}")
-    return np.column_stack([_checked(path, name, table.column(name)) for name in AXES])
+    cells = np.empty((table.num_rows, len(AXES)))
+    for i, name in enumerate(AXES):
+        try:
+            cells[:, i] = table.column(name).cast(pa.float64()).to_numpy()  # what is empty becomes NaN
+        except pa.ArrowException:
+            kind = table.column(name).type
+            raise UserError(f"{path}: {name} is not a column of numbers ({kind})") from None
+        illegal = np.flatnonzero(~((cells[:, i] >= LEGAL[name].low) & (cells[:, i] <= LEGAL[name].high)))
+        if illegal.size:
+            value = table.column(name)[illegal[0]].as_py()
+            shown = "is empty" if value is None else f"= {value!r}"
+            raise UserError(f"{path}: row {illegal[0] + 1}: {name} {shown}; legal: {LEGAL[name].text}")
+    return cells
 
 
 def _read(path: Path) -> pa.Table:
     try:
-        if path.suffix.lower() in (".parquet", ".pq"):
-            names = [name for name in AXES if name in pq.read_schema(path).names]
-            return pq.read_table(path, columns=names)
-        return pacsv.read_csv(path)
+        if path.suffix.lower() not in (".parquet", ".pq"):
+            return pacsv.read_csv(path)
+        names = [name for name in AXES if name in pq.read_schema(path).names]
+        return pq.read_table(path, columns=names)
     except FileNotFoundError:
         raise UserError(f"cells = {str(path)!r}: no such file; legal: a CSV or Parquet file") from None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         detail = " ".join(str(error).split())[:160]
         raise UserError(f"{path}: cannot be read: {detail}; legal: a CSV or Parquet file") from None
-
-
-def _checked(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.float64]:
-    if column.null_count:
-        row = pc.index(column.is_null(), True).as_py()
-        raise UserError(f"{path}: row {row + 1}: {name} is empty; legal: a number")
-    try:
-        values = column.cast(pa.float64()).to_numpy().astype(float)
-    except pa.ArrowException:
-        raise UserError(f"{path}: {name} is not a column of numbers ({column.type})") from None
-    legal = (values >= LEGAL[name].low) & (values <= LEGAL[name].high)
-    if not legal.all():
-        row = int(np.argmin(legal))
-        raise UserError(f"{path}: row {row + 1}: {name} = {value_problem(LEGAL[name], float(values[row]))}")
-    return values
-
-
-def _within_double_precision(config: Config, values: NDArray[np.float64], where: str) -> None:
-    for i, name in enumerate(("stiffness_ratio", "mass_ratio")):
-        found = config.product_problem(name, values[:, i])
-        if found:
-            raise UserError(f"{where}: row {found[0] + 1}: {found[1]}")
-    masses = values[:, list(AXES).index("mass_ratio")]
-    for row in map(int, (np.argmin(masses), np.argmax(masses))):
-        problem = config.gravity_problem(float(masses[row]))
-        if problem:
-            raise UserError(f"{where}: row {row + 1}: {problem}")

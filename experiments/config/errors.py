@@ -20,9 +20,6 @@ FieldName = Callable[[Sequence[str | int]], str]
 
 _Model = TypeVar("_Model", bound="BaseModel")
 
-#: What pydantic puts among the keys where a field has several types.
-_TYPES = ("list[float]", "dict[str,list[union[int,float]]]", "float")
-
 
 class _OneLineError(Exception):
     def __init__(self, message: str) -> None:
@@ -43,25 +40,14 @@ class InterruptedRunError(_OneLineError):
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises
-    ------
-    UserError
-        If it cannot be read; one line that says why.
-    """
+    """Read a TOML file; a `UserError` says why it cannot be read."""
     try:
-        return tomllib.loads(Path(path).read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file; legal: a TOML file") from None
-    except IsADirectoryError:
-        raise UserError(f"{path}: is a directory; legal: a TOML file") from None
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+        raise UserError(f"{path}: cannot be read: {error.strerror}; legal: a TOML file") from None
     except UnicodeDecodeError as error:
         raise UserError(f"{path}: not UTF-8 (byte {error.start}); legal: a TOML file in UTF-8") from None
-    except (ValueError, RecursionError) as error:
-        # The parser recurses into nested brackets, and Python caps the digits of a whole number.
+    except ValueError as error:
         raise UserError(f"{path}: not TOML: {error}") from None
 
 
@@ -76,7 +62,7 @@ def validated(model: type[_Model], data: dict[str, Any], where: str, name: Field
     Parameters
     ----------
     model : type
-        The configuration; every field has a description, which says what is legal.
+        The configuration; what a field may be is its description.
     data : dict
         As a TOML file holds it.
     where : str
@@ -94,55 +80,37 @@ def validated(model: type[_Model], data: dict[str, Any], where: str, name: Field
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        problems = error.errors(include_url=False)
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        line = one_line(problems[0], model, name)
-        raise UserError(f"{where}: {line}{more}".removeprefix(": ")) from None
+        first, *others = error.errors(include_url=False)
+        more = f" (and {len(others)} more)" if others else ""
+        raise UserError(f"{where}: {_one_line(first, model, name)}{more}".removeprefix(": ")) from None
 
 
-def one_line(problem: Any, model: type[BaseModel], name: FieldName = dotted) -> str:
+def _one_line(problem: Any, model: type[BaseModel], name: FieldName) -> str:
     """Turn one of pydantic's findings into ``field = value; legal: range``."""
-    kind = problem["type"]
-    location = [part for part in problem["loc"] if kind == "extra_forbidden" or part not in _TYPES]
-    field, value = name(location), short(problem["input"])
-    legal, inside = _legal(location, model)
-    match kind:
+    location, field, value = problem["loc"], name(problem["loc"]), short(problem["input"])
+    legal, inside = "", model.model_fields
+    for key in location:
+        if key in inside:
+            legal = inside[key].description or ""
+            inside = _fields(inside[key].annotation)
+    match problem["type"]:
         case "extra_forbidden":
-            known = list(inside)
             instead = getattr(model, "replaced", {}).get(field)
             if instead is not None:
                 return f"{field} = {value}: {instead}"
-            return (
-                f"{field} = {value}: unknown key{hint(str(location[-1]), known)}; legal: {', '.join(known)}"
-            )
+            return f"{field} = {value}: unknown key{hint(str(location[-1]), [*inside])}; legal: {', '.join(inside)}"
         case "missing":
             return f"{field}: missing; legal: {legal}"
         case "value_error":
             # What a validator of ours says begins with the value, unless it is of a table as a whole.
-            text = problem["ctx"]["error"]
-            return f"{field}: {text}".removeprefix(": ") if inside else f"{field} = {text}"
+            return f"{field}{': ' if inside else ' = '}{problem['ctx']['error']}".removeprefix(": ")
     return f"{field} = {value}; legal: {legal}" if location else f"{value}: {problem['msg']}"
 
 
-def _legal(location: Sequence[str | int], model: type[BaseModel]) -> tuple[str, dict[str, Any]]:
-    """Follow a location as far as it is known: description of its last field, and the fields of the table there."""
-    legal, inside = "", fields(model)
-    for part in location:
-        if isinstance(part, int):
-            continue
-        if part not in inside:
-            break
-        legal = inside[part].description or ""
-        inside = fields(inside[part].annotation)
-    return legal, inside
-
-
-def fields(annotation: Any) -> dict[str, Any]:
+def _fields(annotation: Any) -> dict[str, Any]:
     """Return the fields of a table, optional, in a list or neither; none of anything else."""
-    for each in (annotation, *get_args(annotation)):
-        if hasattr(each, "model_fields"):
-            return each.model_fields
-    return {}
+    tables = [each for each in (annotation, *get_args(annotation)) if hasattr(each, "model_fields")]
+    return tables[0].model_fields if tables else {}
 
 
 def hint(word: str, known: Sequence[str]) -> str:

@@ -10,35 +10,37 @@ import hashlib
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, field_validator, model_validator
 
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
-from impact_xval.experiments.config.arrangements import COLUMN_LEGAL, Arranged, ColumnTable
+from impact_xval.experiments.config.arrangements import Arranged, ColumnTable
 from impact_xval.experiments.config.axes import (
     LEGAL,
-    MAX_CELLS,
+    Axes,
     Axis,
     Sample,
     Strict,
-    axis_length,
-    axis_problem,
+    at_most,
     expand_axis,
+    parameter,
+    positive,
+    table,
     whole,
 )
 from impact_xval.experiments.config.errors import (
     FieldName,
+    UserError,
     dotted,
     hint,
     read_toml,
     short,
     validated,
 )
-from impact_xval.experiments.config.plain import plain_values, revive
-from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
+from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, V0, Cutoff, legal_cutoff
 
 #: What says which cells are computed; an experiment has one of them, without any the built-in grid.
 DESIGNS = ("grid", "sample", "cells", "column")
@@ -49,68 +51,54 @@ COSMETIC = ("name", "workers", "figure_cell", "figure_column", "cells")
 #: The solver every other one is compared with; part of every run.
 REFERENCE = "state-transition"
 
-_Name = Annotated[str, Field(description="1 to 100 printable characters", min_length=1, max_length=100)]
-
-
-def _parameter(name: str, default: float) -> Any:
-    legal = LEGAL[name]
-    return Field(default, ge=legal.low, le=legal.high, description=legal.text)
-
-
-def _positive(default: float, unit: str) -> Any:
-    return Field(default, gt=0, allow_inf_nan=False, description=f"a finite number > 0 ({unit})")
-
-
-def _axis(name: str, default: Axis) -> Any:
-    return Field(default, description=LEGAL[name].text)
+_NAME = "1 to 100 printable characters"
 
 
 class Cell(Strict):
     """One collision by its ratios; the numbers that decide an impact (Theorem 5)."""
 
-    stiffness_ratio: float = _parameter("stiffness_ratio", 1.0)
-    mass_ratio: float = _parameter("mass_ratio", 2 / math.sqrt(3))
-    e1: float = _parameter("e1", 0.9)
-    e2: float = _parameter("e2", 0.7)
+    stiffness_ratio: float = parameter(LEGAL["stiffness_ratio"], 1.0)
+    mass_ratio: float = parameter(LEGAL["mass_ratio"], 2 / math.sqrt(3))
+    e1: float = parameter(LEGAL["e1"], 0.9)
+    e2: float = parameter(LEGAL["e2"], 0.7)
 
 
-class Grid(Strict):
-    """Axes of the grid: each a list of numbers, ``{log = [lo, hi, n]}`` or ``{linear = [lo, hi, n]}``."""
+class Grid(Axes):
+    """Axes of the grid; with `e` both restitutions are equal, and vary together."""
 
-    stiffness_ratio: Axis = _axis("stiffness_ratio", {"log": [1e-3, 1e3, 13]})
-    mass_ratio: Axis = _axis("mass_ratio", [0.5, 2 / math.sqrt(3), 2.0])
-    e1: Axis = _axis("e1", [0.5, 0.7, 0.9, 1.0])
-    e2: Axis = _axis("e2", [0.5, 0.7, 0.9, 1.0])
-
-    @field_validator(*LEGAL, mode="before")
-    @classmethod
-    def _legal_axis(cls, value: object, info: Any) -> object:
-        problem = axis_problem(LEGAL[info.field_name], value)
-        if problem:
-            raise ValueError(problem)
-        return value
+    stiffness_ratio: Axis = Field(default={"log": [1e-3, 1e3, 13]})
+    mass_ratio: Axis = Field(default=[0.5, 2 / math.sqrt(3), 2.0])
+    e1: Axis = Field(default=[0.5, 0.7, 0.9, 1.0])
+    e2: Axis = Field(default=[0.5, 0.7, 0.9, 1.0])
+    e: Axis | None = Field(None)
 
     @model_validator(mode="after")
-    def _affordable(self) -> Grid:
-        cells = math.prod(self.lengths().values())
-        if cells > MAX_CELLS:
-            raise ValueError(f"the axes make {cells} cells; legal: 1 to {MAX_CELLS}")
+    def _tied(self) -> Grid:
+        for name in ("e1", "e2"):
+            if self.e is not None and name in self.model_fields_set:
+                raise ValueError(f"e is given with {name}; legal: e for both, or e1 and e2")
         return self
 
+    def varied(self) -> dict[str, list[float]]:
+        """Values of every axis that varies by itself; the last one varies fastest."""
+        names = ("stiffness_ratio", "mass_ratio", *(("e1", "e2") if self.e is None else ("e",)))
+        return {name: expand_axis(getattr(self, name)) for name in names}
+
     def axes(self) -> dict[str, list[float]]:
-        """Values of every axis, in the order of the grid: the last axis varies fastest."""
-        return {name: expand_axis(getattr(self, name)) for name in type(self).model_fields}
+        """Values of every parameter."""
+        axes = self.varied()
+        return axes | {"e1": axes["e"], "e2": axes.pop("e")} if "e" in axes else axes
 
     def lengths(self) -> dict[str, int]:
-        """Count the values of every axis, without making them."""
-        return {name: axis_length(getattr(self, name)) for name in type(self).model_fields}
+        """Count the values of every axis that varies by itself."""
+        return {name: len(values) for name, values in self.varied().items()}
 
 
 class ConvergenceTable(Strict):
     """How far engines are followed towards a step of zero, cell by cell."""
 
     enabled: bool = Field(True, description="true or false")
-    tolerance: float = Field(1e-3, gt=0, le=1, description="greater than 0, at most 1 (of |v0|)")
+    tolerance: float = at_most(1e-3, 1, "of |v0|")
     halvings: int = whole(4, 0, 10, " (of the step)")
 
 
@@ -123,21 +111,17 @@ class Config(Strict):
         "(3 steps of 0.001: 0.0025); a run that has it must be computed again, in another folder"
     }
 
-    name: _Name = "default"
+    name: str = Field("default", description=_NAME)
     scenario: Literal["impact", "drop"] = Field("drop", description="'impact' or 'drop'")
-    gravity: float = _positive(9.81, "m/s^2")
-    m1: float = _positive(1.0, "kg")
-    k1: float = _positive(1e8, "N/m")
-    v0: float = Field(
-        -1.0, lt=0, allow_inf_nan=False, description="a finite number < 0 (m/s, up is positive)"
-    )
+    gravity: float = positive(9.81, "m/s^2")
+    m1: float = positive(1.0, "kg")
+    k1: float = positive(1e8, "N/m")
+    v0: float = parameter(V0, -1.0)
     solvers: list[str] = Field(
         [REFERENCE, "bistiffness", "kelvin-voigt", "mujoco", "pybullet"],
         description="a list of names of solvers, each once",
     )
-    step_fraction: float = Field(
-        1e-3, gt=0, le=0.1, description="greater than 0, at most 0.1 (of a contact period)"
-    )
+    step_fraction: float = at_most(1e-3, 0.1, "of a contact period")
     max_steps: int = Field(2_000_000, ge=1, le=10**12, description="a whole number >= 1")
     shortest_state: float = Field(
         SHORTEST_STATE, ge=0, le=0.1, description="from 0 to 0.1 (of the shorter contact period)"
@@ -145,29 +129,16 @@ class Config(Strict):
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
     stiffness_ratio_cutoff: Cutoff = Field("exact", description=LEGAL_CUTOFF)
     grazing_threshold: float = Field(GRAZING_THRESHOLD, ge=0, le=1, description="from 0 to 1")
-    cell_timeout: float = Field(
-        300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"
-    )
+    cell_timeout: float = at_most(300.0, 1e6, "s of wall time")
     chunk_size: int | None = whole(None, 1, 100_000, " (cells)")
     workers: int | None = whole(None, 1, 4096)
-    grid: Grid = Field(default_factory=Grid, description="a table of axes")
+    grid: Grid = table(Grid)
     sample: Sample | None = Field(None, description="a table: method, n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
-    column: ColumnTable | None = Field(
-        None, description=f"a table of axes: arrangement, {', '.join(COLUMN_LEGAL)}"
-    )
-    convergence: ConvergenceTable = Field(
-        default_factory=lambda: ConvergenceTable.model_validate({}),
-        description="a table: enabled, tolerance, halvings",
-    )
-    figure_cell: Cell = Field(
-        default_factory=Cell,
-        description="a table: stiffness_ratio, mass_ratio, e1, e2",
-    )
-    figure_column: Arranged = Field(
-        default_factory=lambda: Arranged.model_validate({}),
-        description=f"a table: {', '.join(Arranged.model_fields)}",
-    )
+    column: ColumnTable | None = Field(None, description=f"a table: {', '.join(ColumnTable.model_fields)}")
+    convergence: ConvergenceTable = table(ConvergenceTable)
+    figure_cell: Cell = table(Cell)
+    figure_column: Arranged = table(Arranged)
 
     @model_validator(mode="before")
     @classmethod
@@ -179,8 +150,8 @@ class Config(Strict):
     @field_validator("name")
     @classmethod
     def _printable(cls, value: str) -> str:
-        if not value.isprintable() or not value.strip():
-            raise ValueError(f"{value!r}; legal: 1 to 100 printable characters")
+        if not value.isprintable() or not value.strip() or len(value) > 100:
+            raise ValueError(f"{short(value)}; legal: {_NAME}")
         return value
 
     @field_validator("stiffness_ratio_cutoff", mode="plain")
@@ -201,93 +172,65 @@ class Config(Strict):
         return [REFERENCE, *(name for name in value if name != REFERENCE)]
 
     @model_validator(mode="after")
-    def _within_double_precision(self) -> Config:
-        ratios = self._ratios()
-        for name, values in ratios.items():
-            found = self.product_problem(name, values)
-            if found:
-                raise ValueError(found[1])
-        if not 0 < self.m1 * abs(self.v0) < math.inf:
-            raise ValueError(
-                f"m1 = {self.m1!r} times |v0| = {abs(self.v0)!r} leaves double precision; "
-                "legal: a finite product > 0 (the unit of impulses)"
-            )
-        for ratio in ratios["mass_ratio"]:
-            problem = self.gravity_problem(ratio)
-            if problem:
-                raise ValueError(problem)
-        return self
-
-    def product_problem(self, name: str, ratios: ArrayLike) -> tuple[int, str] | None:
-        """Find the first ratio whose mass or stiffness leaves double precision.
-
-        Parameters
-        ----------
-        name : {"stiffness_ratio", "mass_ratio"}
-        ratios : array_like, shape (n,)
-
-        Returns
-        -------
-        tuple of int and str, or None
-            Its place, and what is wrong with it.
-        """
-        base = self.k1 if name == "stiffness_ratio" else self.m1
-        values = np.asarray(ratios, dtype=np.float64)
-        with np.errstate(over="ignore", under="ignore"):
-            products = values * base
-        bad = (values > 0) & np.isfinite(values) & ~((products > 0) & np.isfinite(products))
-        if not bad.any():
-            return None
-        first = int(np.argmax(bad))
-        return first, (
-            f"{name} = {float(values[first])!r} times {base!r} = {float(products[first])!r} leaves double precision; "
-            "legal: a finite product > 0"
-        )
-
-    def _ratios(self) -> dict[str, list[float]]:
-        """Ratios of the figures' cell and of the cells known so far: those of a list are read later."""
-        ends = self.sample.ends() if self.sample is not None else {}
-        # The built-in grid stands beside other designs too, and nothing computes it there.
-        axes = self.grid.axes() if self.sample is None and self.cells is None and self.column is None else {}
-        return {
-            name: [
-                *axes.get(name, []),
-                getattr(self.figure_cell, name),
-                *ends.get(name, ()),
-            ]
-            for name in ("stiffness_ratio", "mass_ratio")
-        }
-
-    @model_validator(mode="after")
     def _one_design(self) -> Config:
-        given = [
-            name for name in DESIGNS if name in self.model_fields_set and getattr(self, name) is not None
-        ]
-        if len(given) > 1:
-            raise ValueError(f"{' and '.join(given)} are given; legal: one of {', '.join(DESIGNS)}")
+        given = self.model_fields_set
+        designs = [name for name in DESIGNS if name in given and getattr(self, name) is not None]
+        if len(designs) > 1:
+            raise ValueError(f"{' and '.join(designs)} are given; legal: one of {', '.join(DESIGNS)}")
+        if self.column is None:
+            others = {"figure_column": "figure_cell"}
+        else:
+            others = {"figure_cell": "figure_column", "gravity": "none, columns are solved without it"}
+        wrong = [name for name in others if name in given]
+        if wrong:
+            beside = "without" if self.column is None else "with"
+            raise ValueError(f"{wrong[0]} is given {beside} column; legal: {others[wrong[0]]}")
+        if self.column is None and "gravity" in given and self.scenario == "impact":
+            raise ValueError("gravity is given with scenario = 'impact', which has none; legal: with 'drop'")
+        if self.column is not None and self.scenario != "impact":
+            raise ValueError(f"scenario = {self.scenario!r} is given with column; legal: 'impact'")
         return self
 
     @model_validator(mode="after")
-    def _of_one_kind(self) -> Config:
-        if self.column is None:
-            if "figure_column" in self.model_fields_set:
-                raise ValueError("figure_column is given without column; legal: figure_cell")
-            return self
-        if "figure_cell" in self.model_fields_set:
-            raise ValueError("figure_cell is given with column; legal: figure_column")
-        if "gravity" in self.model_fields_set:
-            raise ValueError(
-                "gravity is given with column; legal: none, columns of N balls are solved without it"
-            )
-        if self.scenario != "impact":
-            raise ValueError(
-                f"scenario = {self.scenario!r}: columns of N balls are solved without gravity; "
-                "legal with column: 'impact'"
-            )
-        problem = self.column.taper_problem(self.m1, self.k1)
-        if problem:
-            raise ValueError(problem)
+    def _computable(self) -> Config:
+        # The built-in grid stands beside other designs too, and nothing computes it there.
+        of_grid = self.sample is None and self.cells is None and self.column is None
+        ends = self.grid.axes() if of_grid else self.sample.ends() if self.sample is not None else {}
+        names = ("stiffness_ratio", "mass_ratio")
+        pairs = ([*ends.get(name, ()), getattr(self.figure_cell, name)] for name in names)
+        found = self.beyond_precision(*pairs)
+        if found:
+            raise ValueError(found[1])
+        for corner in self.column.corners() if self.column is not None else ():
+            try:
+                validated(Arranged, corner | {"m": self.m1, "k": self.k1, "v0": self.v0}, "column")
+            except UserError as error:
+                raise ValueError(str(error)) from None
         return self
+
+    def beyond_precision(self, stiffness_ratios: ArrayLike, mass_ratios: ArrayLike) -> tuple[int, str] | None:
+        """Find the place of a ratio with which a number of a cell leaves double precision, and say so.
+
+        Both are one-dimensional: of the cells of a list, or all values that cells have.
+        """
+        k, m = np.asarray(stiffness_ratios, float), np.asarray(mass_ratios, float)
+        v0 = np.array([self.v0])
+        with np.errstate(over="ignore", under="ignore"):
+            numbers = [
+                ("stiffness_ratio", k, "k2", self.k1 * k),
+                ("mass_ratio", m, "m2", self.m1 * m),
+                ("v0", v0, "m1 |v0|", self.m1 * abs(v0)),
+            ]
+            if self.scenario == "drop":
+                number = self.gravity_number(self.m1 * m)
+                numbers.append(("mass_ratio", m, "g/(|v0| sqrt(k1 (1/m1 + 1/m2)))", number))
+        for name, given, what, made in numbers:
+            limit = (given == 0) | np.isinf(given)
+            for i in np.flatnonzero(~limit & ~((made > 0) & np.isfinite(made)))[:1].tolist():
+                scales = f"m1 = {self.m1!r}, k1 = {self.k1!r}, v0 = {self.v0!r}, gravity = {self.gravity!r}"
+                wrong = f"{name} = {float(given[i])!r} with {scales}: {what} = {float(made[i])!r}"
+                return i, f"{wrong} leaves double precision; legal: a finite number > 0"
+        return None
 
     def gravity_number(self, m2: ArrayLike) -> NDArray[np.float64]:
         """Return g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)), of lower balls of m2 kg; 0 without gravity."""
@@ -298,35 +241,49 @@ class Config(Strict):
             reduced_mass = self.m1 / (1 + self.m1 / m2)
             return self.gravity / (abs(self.v0) * np.sqrt(self.k1 / reduced_mass))
 
-    def gravity_problem(self, mass_ratio: float) -> str | None:
-        """Say that the gravity number at a mass ratio leaves double precision, or return None."""
-        number = float(self.gravity_number(self.m1 * mass_ratio))
-        if self.scenario == "impact" or 0 < number < math.inf:
-            return None
-        return (
-            f"v0 = {self.v0!r}, with gravity = {self.gravity!r}, k1 = {self.k1!r}, m1 = {self.m1!r} and mass_ratio = "
-            f"{mass_ratio!r}: g/(|v0| sqrt(k1 (1/m1 + 1/m2))) = {number!r} leaves double precision; "
-            "legal: a finite number > 0"
-        )
+    def _plain(self) -> dict[str, Any]:
+        """Return the configuration as a file holds it, None where nothing is given."""
+        of_others = {"column", "figure_column"} if self.column is None else {"grid", "figure_cell", "gravity"}
+        if self.sample is not None or self.cells is not None:
+            of_others.add("grid")
+        if self.scenario == "impact":
+            of_others.add("gravity")
+        plain = self.model_dump(exclude=of_others)
+        if self.grid.e is not None and "grid" in plain:
+            del plain["grid"]["e1"], plain["grid"]["e2"]
+        return plain
 
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
-        plain = plain_values(self.model_dump())
-        of_others = ("column", "figure_column") if self.column is None else ("grid", "figure_cell", "gravity")
-        if self.sample is not None or self.cells is not None:
-            of_others = (*of_others, "grid")
-        return {key: value for key, value in plain.items() if key not in of_others}
+        return _plain(self._plain())
+
+    def toml(self) -> str:
+        """Return the configuration as the text of a TOML file, the path of a list of cells from the root."""
+        import tomli_w
+
+        listed = {} if self.cells is None else {"cells": str(Path(self.cells).resolve())}
+        return tomli_w.dumps(_given(self._plain() | listed))
 
     def identity(self) -> str:
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""
-        plain = self.canonical()
-        for cosmetic in COSMETIC:
-            plain.pop(cosmetic, None)
+        plain = {key: value for key, value in self.canonical().items() if key not in COSMETIC}
         if "grid" in plain:
-            plain["grid"] = plain_values(self.grid.axes())
+            plain["grid"] = _plain(self.grid.varied())
         if self.column is not None:
             plain["column"] = [[name, self.column.axes(name)] for name in self.column.arrangement]
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def _given(value: Any) -> Any:
+    """Leave out what has no value, which TOML cannot write."""
+    if isinstance(value, dict):
+        return {key: _given(entry) for key, entry in value.items() if entry is not None}
+    return value
+
+
+def _plain(value: Any) -> Any:
+    """Make plain JSON values; an infinity is the text ``"inf"``."""
+    return json.loads(json.dumps(value), parse_constant=lambda _: "inf")
 
 
 def solvers_problem(names: list[str]) -> str | None:
@@ -359,25 +316,5 @@ def load_config(path: Path | str) -> Config:
 
 
 def parse_config(data: dict[str, Any], where: str = "configuration", name: FieldName = dotted) -> Config:
-    """Validate an experiment given as plain values.
-
-    Parameters
-    ----------
-    data : dict
-        As a TOML file holds it.
-    where : str
-        What an error begins with; the empty text leaves it out.
-    name : callable
-        How an error names a field.
-
-    Raises
-    ------
-    UserError
-        If anything is illegal.
-    """
+    """Validate an experiment given as a TOML file holds it; arguments and errors are those of `validated`."""
     return validated(Config, data, where, name)
-
-
-def from_canonical(plain: dict[str, Any], where: str) -> Config:
-    """Undo `Config.canonical`."""
-    return parse_config(revive(plain), where)

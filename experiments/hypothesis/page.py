@@ -12,6 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from impact_xval.compliant_baselines.registry import engine_free_names, kind_of
 from impact_xval.experiments.hypothesis import (
@@ -40,11 +43,15 @@ from impact_xval.experiments.hypothesis.tables import (
 from impact_xval.experiments.hypothesis.verdicts import CaseResult, Group
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.page.html import html_of
-from impact_xval.experiments.presentation.pages import latex_of, render
+from impact_xval.experiments.presentation.pages import latex_of, phrase, render
+from impact_xval.experiments.presentation.terminal import print_line
 from impact_xval.experiments.sweep.pool import available_cores
 from impact_xval.experiments.tables.folder import write_json, write_text
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.collision import RESULT_STATUSES
+
+#: The template of what is printed of verdicts.
+WORDS = "hypothesis_words.md.j2"
 
 PAGE, TITLE = "hypothesis.md", "impact-xval: does an infinitely stiff pair act as one body?"
 
@@ -351,3 +358,16 @@ def _moved(compared: Iterable[Move]) -> dict[str, Any]:
     """Which verdicts another fit changes, of how many that it gives."""
     found = [(result, group, other) for result, group, other in compared if other]
     return {"changed": [one for one in found if one[1].verdict != one[2].verdict], "of": len(found)}
+
+
+def show_verdicts(console: Console, results: Results) -> None:
+    """Print the verdicts, one row a limit and solver, grouped by law."""
+    shown = Table("limit", "law", "solver", "verdict", box=None, pad_edge=False)
+    for found in results.verdicts:
+        verdict = phrase(WORDS, "verdict", found)
+        shown.add_row(*map(Text, (found.case.key, found.law, found.solver, verdict)))
+    print_line(console, "")
+    console.print(shown)
+    print_line(console, "")
+    print_line(console, phrase("table.md.j2", "laws_with_laws"))
+    print_line(console, phrase(WORDS, "abstract", summary(results)))

@@ -1,7 +1,4 @@
-"""Statistics of finished tables of any size: one column in memory at a time, in numbers, never in text.
-
-Rows are grouped by the levels of an axis: the values of a grid, or bins where cells are scattered.
-"""
+"""The finished table of divergence, grouped by solver and by the levels of axes; a column in memory at a time."""
 
 from __future__ import annotations
 
@@ -12,17 +9,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-import pyarrow.dataset as ds
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.tables.folder import Tally
 from impact_xval.experiments.tables.parquet import blocks, codes, column, present, texts
-from impact_xval.model.collision import RESULT_STATUSES
 
 #: A pandas DataFrame or Series. Their annotations are too wide to check code against: any selection may be
 #: either.
@@ -34,8 +27,7 @@ FULL_PATHS = "states_equal_without_limit"
 #: Whether a solver's state path is that of the exact solver of its own law; null without one in the run.
 OWN_LAW = "states_equal_own_law"
 
-
-#: Scattered values up to this many are taken as they are; more go into this many bins.
+#: Scattered values up to this many are levels; more go into this many bins.
 _FEW = 24
 _BINS = 12
 #: Ratio of the ends of an axis from which its bins are even in the logarithm.
@@ -48,35 +40,27 @@ class Levels:
 
     Attributes
     ----------
-    values : list of float
-        The level, or the middle of its bin (the geometric one where bins are even in the logarithm); in the
-        order of the grid, else rising.
+    values : list
+        The level, or the middle of its bin (the geometric one where bins are even in the logarithm); in the order of
+        the grid, else rising.
     edges : ndarray or None
-        Inner edges of the bins, between the finite positive levels; None where values are themselves levels.
+        Where the bin of each level but the first begins; None where values are themselves levels.
     """
 
     values: list[Any]
     edges: NDArray[np.float64] | None = None
 
-    def codes(self, x: NDArray[Any]) -> NDArray[np.int32]:
-        """Position in `values` of each x; -1 of NaN."""
-        values = np.array(self.values)
+    def codes(self, x: NDArray[Any]) -> NDArray[np.intp]:
+        """Position in `values` of each x; -1 of NaN where there are no bins."""
         if self.edges is None:
-            order, known = np.argsort(values), x == x
-            codes = np.full(len(x), -1, np.int32)
-            codes[known] = order[np.searchsorted(values[order], x[known].astype(values.dtype))]
-            return codes
-        codes = np.searchsorted(self.edges, x, side="right").astype(np.int32)
-        if values[0] == 0:
-            codes = np.where(x == 0, 0, codes + 1)
-        if np.isinf(values[-1]):
-            codes = np.where(np.isinf(x), len(values) - 1, codes)
-        return codes.astype(np.int32)
+            return pd.Index(self.values).get_indexer(x)
+        return np.searchsorted(self.edges, x, side="right")
 
 
-def grid_levels(config: Config) -> dict[str, Levels]:
-    """Levels of a grid: the values of its axes."""
-    return {name: Levels(values) for name, values in config.grid.axes().items()}
+def axis_levels(config: Config, axis: str, x: NDArray[np.float64]) -> Levels:
+    """Levels of an axis of two balls: the values of a grid, else what scattered values fall into."""
+    scattered = config.sample is not None or config.cells is not None
+    return levels_of(x) if scattered else Levels(config.grid.axes()[axis])
 
 
 def levels_of(x: NDArray[np.float64]) -> Levels:
@@ -84,20 +68,20 @@ def levels_of(x: NDArray[np.float64]) -> Levels:
     unique = np.unique(x)
     if len(unique) <= _FEW:
         return Levels(unique.tolist())
+    zero, infinite = unique[0] == 0, np.isinf(unique[-1])
     inside = unique[(unique > 0) & np.isfinite(unique)]
     low, high = inside[0], inside[-1]
-    wide = high / low > _WIDE
-    ends = np.geomspace(low, high, _BINS + 1) if wide else np.linspace(low, high, _BINS + 1)
-    middles = np.sqrt(ends[:-1] * ends[1:]) if wide else (ends[:-1] + ends[1:]) / 2
-    values = [
-        *([0.0] if unique[0] == 0 else []),
-        *middles.tolist(),
-        *([np.inf] if np.isinf(unique[-1]) else []),
-    ]
-    return Levels(values, ends[1:-1])
+    if high / low > _WIDE:
+        ends = np.geomspace(low, high, _BINS + 1)
+        middles = np.sqrt(ends[:-1] * ends[1:])
+    else:
+        ends = np.linspace(low, high, _BINS + 1)
+        middles = (ends[:-1] + ends[1:]) / 2
+    values = [*([0.0] if zero else []), *middles.tolist(), *([np.inf] if infinite else [])]
+    return Levels(values, np.array([*([low] if zero else []), *ends[1:-1], *([np.inf] if infinite else [])]))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Compared:
     """The rows of the table of divergence, in columns of small numbers.
 
@@ -105,54 +89,41 @@ class Compared:
     ----------
     path : Path
         The table.
-    pair : bool
-        Whether it is of two balls on a table.
     solvers : list of str
         The compared solvers.
-    levels : dict
+    levels : dict of Levels
         By axis.
-    solver : ndarray of int8
-        Position of each row's solver.
-    codes : dict of ndarray of int32
-        Position of each row's level, by axis.
-    compared : ndarray of bool
-        Rows with a result on both sides.
-    marked : ndarray of bool
-        Rows kept apart (`schema`).
+    rows : DataFrame
+        ``solver`` and the level of every axis, as categories; ``compared``, whether there is a result on both sides;
+        ``marked``, whether the row is kept apart (`schema`).
     """
 
     path: Path
-    pair: bool
     solvers: list[str]
     levels: dict[str, Levels]
-    solver: NDArray[np.int8]
-    codes: dict[str, NDArray[np.int32]]
-    compared: NDArray[np.bool_]
-    marked: NDArray[np.bool_]
+    rows: Frame
 
     @classmethod
     def of(cls, path: Path, config: Config) -> Compared:
         """Read the columns by which everything is grouped."""
         solvers = [name for name in config.solvers if name != REFERENCE]
-        pair = config.column is None
-        levels = grid_levels(config) if pair and not (config.sample or config.cells) else {}
-        where = {}
-        for axis in AXES if pair else COLUMN_AXES:
+        rows = pd.DataFrame({"solver": pd.Categorical.from_codes(codes(path, "solver", solvers), solvers)})
+        levels = {}
+        for axis in AXES if config.column is None else COLUMN_AXES:
             x = texts(path, axis) if axis == "arrangement" else column(path, axis)
-            if not pair:
-                levels[axis] = Levels(sorted({value for value in x.tolist() if value == value}))
-            levels.setdefault(axis, levels_of(x) if len(x) else Levels([]))
-            where[axis] = levels[axis].codes(x)
-        return cls(
-            path=path,
-            pair=pair,
-            solvers=solvers,
-            levels=levels,
-            solver=codes(path, "solver", solvers),
-            codes=where,
-            compared=~np.isnan(column(path, "velocity_divergence")),
-            marked=present(path, "marked"),
-        )
+            if config.column is None:
+                levels[axis] = axis_levels(config, axis, x)
+            else:
+                levels[axis] = Levels(sorted(set(pd.Series(x).dropna())))
+            rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)
+        rows["compared"] = ~np.isnan(column(path, "velocity_divergence"))
+        rows["marked"] = present(path, "marked")
+        return cls(path, solvers, levels, rows)
+
+    @property
+    def regular(self) -> NDArray[np.bool_]:
+        """Rows that statistics count: compared, and not marked."""
+        return (self.rows.compared & ~self.rows.marked).to_numpy()
 
     def measure(self, name: str) -> NDArray[np.float64]:
         """Read a measure, `FULL_PATHS` or `OWN_LAW`; NaN where there is none."""
@@ -160,116 +131,38 @@ class Compared:
             return self._own_law()
         if name != FULL_PATHS:
             return column(self.path, name)
-        values = column(self.path, "states_equal")
         # Where the model took a limit, its path ends there: it cannot equal one that was followed to the end.
-        values[codes(self.path, "model_status", ["ok"]) != 0] = np.nan
-        return values
+        followed = codes(self.path, "model_status", ["ok"]) == 0
+        return np.where(followed, column(self.path, "states_equal"), np.nan)
 
     def _own_law(self) -> NDArray[np.float64]:
         """Compare each path with that of the exact solver of its law, a row above or below in the same cell."""
-        law = np.array([self._position_of_law(name) for name in self.solvers])
+        laws = ["" if law_of(name) == name else law_of(name) for name in self.solvers]
+        law = np.array([self.solvers.index(name) if name in self.solvers else -1 for name in laws])
         if not (law >= 0).any():
-            return np.full(len(self.compared), np.nan)
-        pieces = [np.empty((0, len(law)), bool)]
-        for block in blocks(self.path, ["cell", "states_compared"]):
-            paths = block.column("states_compared").combine_chunks().dictionary_encode().indices
-            of_cell = paths.fill_null(-1).to_numpy(zero_copy_only=False).reshape(-1, len(law))
-            pieces.append(of_cell == of_cell[:, law])
-        compared = self.compared.reshape(-1, len(law))
+            return np.full(len(self.rows), np.nan)
+        cells = (
+            block["states_compared"].to_pylist() for block in blocks(self.path, ["cell", "states_compared"])
+        )
+        paths = (np.array(some, dtype=object).reshape(-1, len(law)) for some in cells)
+        equal = np.concatenate([each == each[:, law] for each in paths])
+        compared = self.rows.compared.to_numpy().reshape(-1, len(law))
         there = compared & compared[:, law] & (law >= 0)
-        return np.where(there, np.concatenate(pieces), np.nan).ravel()
+        return np.where(there, equal, np.nan).ravel()
 
-    def _position_of_law(self, name: str) -> int:
-        law = law_of(name)
-        return self.solvers.index(law) if law != name and law in self.solvers else -1
-
-    def frame(self, measures: Sequence[str], rows: NDArray[np.bool_]) -> Frame:
-        """Make a table of some rows: solver, the level of every axis, and measures."""
-        columns: dict[str, Any] = {
-            "solver": pd.Categorical.from_codes(self.solver[rows], categories=self.solvers)
-        }
-        for axis, levels in self.levels.items():
-            columns[axis] = np.array(levels.values)[self.codes[axis][rows]]
-        for name in measures:
-            columns[name] = self.measure(name)[rows]
-        return pd.DataFrame(columns)
+    def frame(self, measures: Sequence[str]) -> Frame:
+        """Make a table of the regular rows: solver, the level of every axis, and measures."""
+        regular = self.regular
+        rows = self.rows.loc[regular, ["solver", *self.levels]].reset_index(drop=True)
+        levels = {axis: rows[axis].to_numpy() for axis in self.levels}
+        return rows.assign(**levels, **{name: self.measure(name)[regular] for name in measures})
 
 
-def statistics(table: Compared, measures: Sequence[str], shares: Sequence[str]) -> Frame:
-    """Compute the statistics of every measure by solver, and by solver and axis (regular cells)."""
-    frames = []
-    parts = {
-        "all": table.compared,
-        "regular": table.compared & ~table.marked,
-        "marked": table.compared & table.marked,
-    }
-    for measure in (*measures, *shares):
-        sizes = np.abs(table.measure(measure))
-        for label, rows in parts.items():
-            part = pd.Series(sizes[rows])
-            for axis in ("all", *table.levels) if label == "regular" or not table.pair else ("all",):
-                keys = [table.solver[rows], *([] if axis == "all" else [table.codes[axis][rows]])]
-                there = np.ones(len(part), bool) if axis == "all" else keys[1] >= 0
-                frame = _grouped(part[there], [key[there] for key in keys], quantiles=measure not in shares)
-                solver = [table.solvers[code] for code in frame.index.get_level_values(0)]
-                frame = frame.assign(solver=solver, cells=label, axis=axis, measure=measure)
-                if axis != "all":
-                    values = np.array(table.levels[axis].values)
-                    frame["value"] = values[frame.index.get_level_values(1)]
-                frames.append(frame)
-    columns = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
-    kinds = {"median": float} | ({"value": float} if table.pair else {"value": object})
-    filled = [frame.reindex(columns=columns).astype(kinds) for frame in frames if len(frame)]
-    return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=columns)
+def statistics_of(groups: Frame) -> dict[str, Frame]:
+    """Count the values of each group; their mean, median, 95 % and largest."""
+    return {"n": groups.count(), "mean": groups.mean(), **cuts(groups)}
 
 
-def _grouped(sizes: Frame, keys: list[NDArray[Any]], *, quantiles: bool) -> Frame:
-    grouped = sizes.groupby(keys)
-    frame = pd.DataFrame({"n": grouped.count(), "mean": grouped.mean()})
-    if quantiles:
-        frame["median"] = grouped.median()
-        frame["p95"] = grouped.quantile(0.95)
-        frame["max"] = grouped.max()
-    return frame
-
-
-def worst_rows(table: Compared, count: int) -> Frame:
-    """Read the regular rows with the largest D of every solver, by solver, then from the largest."""
-    d = table.measure("velocity_divergence")
-    picked: list[int] = []
-    for code in range(len(table.solvers)):
-        rows = np.flatnonzero(table.compared & ~table.marked & (table.solver == code))
-        picked += rows[np.argsort(-d[rows], kind="stable")[:count]].tolist()
-    return ds.dataset(table.path).take(pa.array(picked, pa.int64())).to_pandas()
-
-
-def reasons_of(outcomes: Tally) -> list[tuple[str, str, str, int]]:
-    """Return why rows have no result: solver, status, reason and number, the most frequent reasons first."""
-    rows = [(*key, n) for key, n in outcomes.items() if key[1] not in RESULT_STATUSES]
-    return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
-
-
-def between(path: Path, config: Config) -> Frame:
-    """D between compliant solvers, marked rows left out: near zero where they share what tells them from the model.
-
-    Parameters
-    ----------
-    path : Path
-        The table of cells: as many rows a cell as there are solvers, in their order.
-    """
-    names = [name for name in config.solvers if name != REFERENCE]
-    speed = np.abs(column(path, "v0"))
-    u1 = (column(path, "v1") / speed).reshape(-1, len(config.solvers))
-    u2 = (np.sqrt(column(path, "mass_ratio")) * column(path, "v2") / speed).reshape(-1, len(config.solvers))
-    done = np.isin(codes(path, "status", RESULT_STATUSES), range(len(RESULT_STATUSES))).reshape(u1.shape)
-    done &= ~present(path, "marked").reshape(u1.shape)
-    u1[~done], u2[~done] = np.nan, np.nan
-    rows = []
-    for i, name in enumerate(names):
-        for other in names[i + 1 :]:
-            a, b = config.solvers.index(name), config.solvers.index(other)
-            d = np.hypot(u1[:, a] - u1[:, b], u2[:, a] - u2[:, b])
-            d = d[~np.isnan(d)]
-            if len(d):
-                rows.append((name, other, len(d), np.median(d), np.quantile(d, 0.95), d.max()))
-    return pd.DataFrame(rows, columns=["solver", "other", "n", "median", "p95", "max"])
+def cuts(values: Frame) -> dict[str, Any]:
+    """Take the median, 95 % and largest of some values, or of those of each group."""
+    return {"median": values.median(), "p95": values.quantile(0.95), "max": values.max()}

@@ -6,30 +6,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
 
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.tables.folder import RunFolder, finished_collisions
-from impact_xval.experiments.tables.parquet import column, texts
-from impact_xval.experiments.tables.schema import Column
 
 if TYPE_CHECKING:
     import xarray as xr
 
 #: Columns of a data set unless others are asked for.
 DEFAULT = (
-    "status",
-    "v1",
-    "v2",
-    "impulse1",
-    "impulse2",
-    "n_states",
-    "grazing_margin",
-    "velocity_divergence",
-    "states_equal",
-    "curve_distance",
+    *("status", "v1", "v2", "impulse1", "impulse2", "n_states", "grazing_margin"),
+    *("velocity_divergence", "states_equal", "curve_distance"),
 )
 
 
@@ -58,8 +48,6 @@ def to_xarray(folder: RunFolder | Path | str, columns: Sequence[str] = DEFAULT) 
     ValueError
         If a column is none of the tables'; the message lists those.
     """
-    import xarray as xr
-
     run = folder if isinstance(folder, RunFolder) else finished_collisions(Path(folder))
     config = run.config()
     tables = layout_of(config).tables
@@ -67,44 +55,26 @@ def to_xarray(folder: RunFolder | Path | str, columns: Sequence[str] = DEFAULT) 
     for name in columns:
         if name not in known:
             raise ValueError(f"columns: {name!r} is unknown; known: {', '.join(known)}")
-    cells = run.table_path("cells.parquet")
-    divergence = run.table_path("divergence.parquet")
-    n_solvers = len(config.solvers)
-    dims, coords, shape = _axes(cells, config, n_solvers, known)
-    variables = {}
+    grid = config.sample is None and config.cells is None
+    axes: dict[str, Any] = config.grid.axes() if grid else {}
+    keys, compared = ["solver", "cell"], [name for name in columns if name not in of_cells]
+    named = dict.fromkeys([*keys, *AXES, *columns])
+    rows = _read(run, "cells", [name for name in named if name in of_cells])
+    if compared:
+        rows = rows.merge(_read(run, "divergence", [*keys, *compared]), how="left", on=keys)
     for name in columns:
-        if name in of_cells:
-            values = _read(cells, name, known).reshape(-1, n_solvers).T
-        else:
-            compared = _read(divergence, name, known).reshape(-1, n_solvers - 1).T
-            first = np.full((1, compared.shape[1]), np.nan if compared.dtype != object else None)
-            values = np.concatenate([first.astype(compared.dtype), compared])
-        _, unit, meaning = known[name]
-        attributes = {"units": unit, "long_name": meaning}
-        variables[name] = (("solver", *dims), values.reshape(n_solvers, *shape), attributes)
-    return xr.Dataset(
-        variables,
-        coords={"solver": list(config.solvers), **coords},
-        attrs={"name": config.name, "identity": str(run.manifest().get("identity"))},
-    )
+        if known[name][0] in ("int", "bool"):
+            rows[name] = rows[name].astype(float)
+    order = {"solver": list(config.solvers), **(axes or {"cell": rows.cell.unique()})}
+    found = rows.set_index(list(order))[list(columns)].to_xarray().reindex(order)
+    if not axes:
+        of_cell = rows.drop_duplicates("cell")
+        found = found.assign_coords({axis: ("cell", of_cell[axis]) for axis in AXES})
+    for name, array in found.variables.items():
+        if name != "solver":
+            array.attrs = {"units": known[name][1], "long_name": known[name][2]}
+    return found.assign_attrs(name=config.name, identity=str(run.manifest().get("identity")))
 
 
-def _axes(
-    cells: Path, config: Config, n_solvers: int, known: dict[str, Column]
-) -> tuple[tuple[str, ...], dict[str, Any], tuple[int, ...]]:
-    def described(name: str, dim: str, values: Any) -> Any:
-        return (dim, values, {"units": known[name][1], "long_name": known[name][2]})
-
-    if config.sample is None and config.cells is None:
-        axes = config.grid.axes()
-        coords = {name: described(name, name, values) for name, values in axes.items()}
-        return tuple(axes), coords, tuple(map(len, axes.values()))
-    along = {name: _read(cells, name, known)[::n_solvers] for name in ("cell", *AXES)}
-    coords = {name: described(name, "cell", values) for name, values in along.items()}
-    coords["cell"] = described("cell", "cell", along["cell"].astype(int))
-    return ("cell",), coords, (len(along["cell"]),)
-
-
-def _read(path: Path, name: str, known: dict[str, Column]) -> np.ndarray:
-    """Read a column: text as it is, all else as float64."""
-    return texts(path, name) if known[name][0] == "text" else column(path, name)
+def _read(run: RunFolder, table: str, columns: Sequence[str]) -> pd.DataFrame:
+    return pq.read_table(run.table_path(f"{table}.parquet"), columns=list(columns)).to_pandas()

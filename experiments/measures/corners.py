@@ -14,14 +14,14 @@ the corners of the third switch are two and two the same; columns of N balls kno
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import references
-from impact_xval.compliant_baselines.marks import JUMPS, jumps, marks_of
+from impact_xval.compliant_baselines.marks import JUMPS, Law, jumps, marks_of
 from impact_xval.compliant_baselines.registry import KELVIN_VOIGT
 from impact_xval.model.chain.following import MAX_PIECES
 from impact_xval.model.collision import Collisions, Outcomes
@@ -30,21 +30,12 @@ from impact_xval.model.inputs import GRAZING_THRESHOLD
 Floats = NDArray[np.float64]
 Texts = NDArray[np.object_]
 
-#: Positions of a switch.
-FROZEN, FREE = 0, 1
-ENERGETIC = 0
-WEIGHTLESS, SCENARIO = 0, 1
-
-#: A corner: the positions of its switches (positions, law, gravity); that of the model.
+#: A corner: which of its switches (positions, law, gravity) are on, 0 or 1; that of the model.
 Index = tuple[int, int, int]
-MODEL: Index = (FROZEN, ENERGETIC, WEIGHTLESS)
-
+MODEL: Index = (0, 0, 0)
 
 #: Pieces of segments after which a corner of N balls is given up, a second of ten balls.
 _MAX_STEPS = 100_000
-
-#: Laws that engines are asked for.
-LAWS = (KELVIN_VOIGT, "hunt-crossley")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,35 +68,24 @@ class Corners:
         """The law of the engine in its scenario, shape (n, N)."""
         return self.velocities[-1, -1, -1]
 
+    @property
+    def gravity(self) -> bool:
+        """Whether there is a switch for gravity."""
+        return self.velocities.shape[2] > 1
+
 
 def corner_names(*, gravity: bool = True) -> dict[Index, str]:
-    """Return the name of every corner, as in columns of tables, by the positions of its switches."""
-    return {
-        (i, j, k): f"{positions}_{law}{weight}"
-        for i, positions in enumerate(("frozen", "free"))
-        for j, law in enumerate(("energetic", "asked"))
-        for k, weight in enumerate(("_weightless", "_scenario") if gravity else ("",))
-    }
-
-
-def laws_of(obeyed: str) -> tuple[str, str]:
-    """Return the names of the laws of a cube: bistiffness, and that of the engine."""
-    if obeyed not in LAWS:
-        raise ValueError(f"obeyed = {obeyed!r}; legal: {', '.join(LAWS)}")
-    return "bistiffness", obeyed
-
-
-def called(index: Index, laws: Sequence[str]) -> str:
-    """Name a corner in a sentence."""
-    positions, law, gravity = index
-    frozen = "frozen " if positions == FROZEN else ""
-    return f"{frozen}{laws[law]}{' with gravity' if gravity else ''}"
+    """Return the name of every corner, as in columns of tables, by its switches."""
+    weights = ("_weightless", "_scenario") if gravity else ("",)
+    names = product(("frozen", "free"), ("energetic", "asked"), weights)
+    indices = product((0, 1), (0, 1), range(len(weights)))
+    return {index: f"{x}_{law}{weight}" for index, (x, law, weight) in zip(indices, names, strict=True)}
 
 
 def corners(
     model: Floats, collisions: Collisions, gravity: Floats, obeyed: str = KELVIN_VOIGT, *, pair: bool = True
 ) -> Corners:
-    r"""Compute the corners of collisions of one number of balls.
+    """Compute the corners of collisions of one number of balls.
 
     Parameters
     ----------
@@ -115,71 +95,49 @@ def corners(
     gravity : ndarray, shape (n,)
         In m/s^2; 0 without.
     obeyed : str
-        One of `LAWS`: what the engine was asked for.
+        The law that the engine was asked for, of `references.LAWS`.
     pair : bool
         Whether they are cells of two balls, which may know gravity.
-
-    Raises
-    ------
-    ValueError
-        For an unknown law.
     """
-    laws, n = laws_of(obeyed), len(model)
-    velocities = np.full((2, len(laws), 1 + pair, *model.shape), np.nan)
+    velocities = np.full((2, 2, 1 + pair, *model.shape), np.nan)
     velocities[MODEL] = model
-    reason, mark = np.full(n, "", dtype=object), np.full(n, "", dtype=object)
+    reason, mark = np.full((2, len(model)), "", dtype=object)
     speed = np.abs(collisions.velocities).max(axis=1)
     left = np.flatnonzero(~np.isnan(model).any(axis=1))
-    marked = []
-    for index in _order(weighty=bool(pair and (gravity > 0).any())):
+    falls = bool(pair and (gravity > 0).any())
+    for weight, free, asked in product(range(1 + falls), (1, 0), (0, 1)):
+        index = free, asked, weight
         if index == MODEL or not len(left):
             continue
-        positions, law, weight = index
-        some, g = collisions[left], gravity[left] * (weight == SCENARIO)
-        solve = references.law_at(
-            laws[law], frozen=positions == FROZEN, max_steps=MAX_PIECES if pair else _MAX_STEPS
-        )
+        law, some, g = obeyed if asked else "bistiffness", collisions[left], gravity[left] * weight
+        name = f"{'' if free else 'frozen '}{law}{' with gravity' if weight else ''}"
+        solve = references.law_at(law, frozen=not free, max_steps=MAX_PIECES if pair else _MAX_STEPS)
         found = solve(some, g)
         velocities[index][left] = found.velocities / speed[left, None]
         there = found.has_result
-        reason[left[~there]] = [f"{called(index, laws)}: {status}" for status in found.statuses[~there]]
-        marked.append((left, _marks(solve, called(index, laws), laws[law], some, found, g, pair=pair)))
+        reason[left[~there]] = [f"{name}: {status}" for status in found.statuses[~there]]
+        says = _jumps(solve, name, some, found, g) if pair else _rounding(solve, name, law, some, found, g)
+        mark[left] = np.where(mark[left] == "", says, mark[left])  # the first that jumps is told
         left = left[there]
-    for places, says in marked:  # the first that jumps is told
-        new = (mark[places] == "") & (reason[places] == "")
-        mark[places[new]] = says[new]
-    if pair and not (gravity > 0).any():
-        velocities[:, :, SCENARIO] = velocities[:, :, WEIGHTLESS]
+    mark[reason != ""] = ""
+    if pair and not falls:
+        velocities[:, :, 1] = velocities[:, :, 0]
     return Corners(velocities, reason, mark)
 
 
-def _order(*, weighty: bool) -> list[Index]:
-    """Give corners in the order in which they are computed."""
-    weights = (WEIGHTLESS, SCENARIO) if weighty else (WEIGHTLESS,)
-    return [(positions, law, weight) for weight in weights for positions in (FREE, FROZEN) for law in (0, 1)]
+def _jumps(solve: Law, name: str, collisions: Collisions, found: Outcomes, gravity: Floats) -> Texts:
+    """Say where a corner of two balls jumps (`marks.jumps`)."""
+    excess, _ = jumps(solve, collisions, found, gravity)
+    text = f"ladder: {name} jumps where a parameter changes by {max(JUMPS):g} or less"
+    return np.where(excess > 1, text, "").astype(object)
 
 
-def _marks(
-    solve: references.marks.Law,
-    name: str,
-    law: str,
-    collisions: Collisions,
-    found: Outcomes,
-    gravity: Floats,
-    *,
-    pair: bool,
+def _rounding(
+    solve: Law, name: str, law: str, collisions: Collisions, found: Outcomes, gravity: Floats
 ) -> Texts:
-    """Say where a corner jumps (`marks.jumps`), grazes, or is decided by rounding."""
-    if pair:
-        excess, _ = jumps(solve, collisions, found, gravity)
-        text = f"ladder: {name} jumps where a parameter changes by {max(JUMPS):g} or less"
-        return np.where(excess > 1, text, "").astype(object)
-    says = marks_of(solve, law, collisions, found, gravity)
-    grazes = found.has_result & (found.grazing_margin < GRAZING_THRESHOLD)
-    return np.array(
-        [
-            f"ladder: {name} grazes by {margin:.2g}" if near else f"ladder: {name}: {mark}" if mark else ""
-            for near, margin, mark in zip(grazes, found.grazing_margin, says, strict=True)
-        ],
-        dtype=object,
-    )
+    """Say where a corner of N balls grazes, or is decided by rounding."""
+    marks, margins = marks_of(solve, law, collisions, found, gravity), found.grazing_margin
+    says = np.array([f"ladder: {name}: {mark}" if mark else "" for mark in marks], dtype=object)
+    grazes = found.has_result & (margins < GRAZING_THRESHOLD)
+    says[grazes] = [f"ladder: {name} grazes by {margin:.2g}" for margin in margins[grazes]]
+    return says

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.results import Floats, Results
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Paths
 from impact_xval.model.kinetic import kinetic_norm
 
 
@@ -68,22 +69,23 @@ def divergence(
     found["largest_dv"][absent] = found["dretained_energy"][absent] = np.nan
     if model.paths is None or other.paths is None:
         return found
-    compared = list(zip(model.compared, other.compared, strict=True))
-    split = {texts: tuple(text.split(" ") if text else [] for text in texts) for texts in set(compared)}
-    parts, edits = ({texts: f(*pair) for texts, pair in split.items()} for f in (part_at, edit_distance))
+    pairs = list(zip(model.compared, other.compared, strict=True))
+    known = {texts: [text.split() for text in texts] for texts in set(pairs)}
+    parts = {texts: part_at(*states) for texts, states in known.items()}
+    edits = {texts: edit_distance(*states) for texts, states in known.items()}
 
-    def by_pair(values: Any) -> NDArray[np.object_]:
+    def of_both(values: Iterable[Any]) -> NDArray[np.object_]:
         return np.array([v if there else None for v, there in zip(values, both, strict=True)], dtype=object)
 
-    curves = [
-        each.impulses / np.repeat(masses[:, 0] * speed, np.diff(each.offsets))[:, None]
-        for each in (model.paths, other.paths)
-    ]
-    apart = distances(curves[0], curves[1], model.paths.offsets, other.paths.offsets)
+    def curves(paths: Paths) -> Floats:
+        return paths.impulses / np.repeat(masses[:, 0] * speed, np.diff(paths.offsets))[:, None]
+
+    one, two = model.paths, other.paths
+    apart = distances(curves(one), curves(two), one.offsets, two.offsets)
     return found | {
-        "states_equal": by_pair(one == two for one, two in compared),
-        "states_part_at": by_pair(parts[texts] for texts in compared),
-        "states_edit_distance": by_pair(edits[texts] for texts in compared),
+        "states_equal": of_both(one == two for one, two in pairs),
+        "states_part_at": of_both(parts[texts] for texts in pairs),
+        "states_edit_distance": of_both(edits[texts] for texts in pairs),
         "curve_distance": np.where(both, apart, np.nan),
     }
 
@@ -114,10 +116,8 @@ def part_at(a: Sequence[str], b: Sequence[str]) -> int | None:
 
     Where one is the beginning of the other, it is the position after the shorter one's end.
     """
-    for position, (x, y) in enumerate(zip(a, b, strict=False), start=1):
-        if x != y:
-            return position
-    return None if len(a) == len(b) else min(len(a), len(b)) + 1
+    pairs = enumerate(zip_longest(a, b), start=1)
+    return next((position for position, (x, y) in pairs if x != y), None)
 
 
 def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
@@ -171,11 +171,11 @@ def measures_of(
     model, speed = results.get(REFERENCE), max(map(abs, column.velocities))
     measured = dict.fromkeys(outcomes, Measures())
     for name, outcome in results.items():
-        exact = results.get(exact_for(name, mapping))
-        limit, error = _limit(outcome), outcome.diagnostics.get("limit_error")
-        distance = None
-        if exact is not None and limit is not None:
-            distance = largest_difference(limit, exact.velocities) / speed
+        exact, stated = results.get(exact_for(name, mapping)), outcome.diagnostics
+        limit = np.array([stated.get(f"v{i}_limit", np.nan) for i in range(1, 1 + len(outcome.velocities))])
+        distance, error = None, stated.get("limit_error")
+        if exact is not None and not np.isnan(limit).any():
+            distance = float(np.abs(limit - exact.velocities).max()) / speed
         measured[name] = Measures(
             None if model is None else velocity_divergence(column, model, outcome),
             distance,
@@ -184,15 +184,3 @@ def measures_of(
             outcome.retained_momentum(column),
         )
     return measured
-
-
-def largest_difference(some: Sequence[float], others: Sequence[float]) -> float:
-    """Largest difference of a velocity, in their unit."""
-    return max(abs(a - b) for a, b in zip(some, others, strict=True))
-
-
-def _limit(outcome: Outcome) -> list[float] | None:
-    """Velocities in the limit dt -> 0, in m/s; None from a solver that states none."""
-    names = [f"v{i}_limit" for i in range(1, 1 + len(outcome.velocities))]
-    stated = [outcome.diagnostics[name] for name in names if name in outcome.diagnostics]
-    return stated if len(stated) == len(names) else None

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
@@ -27,38 +27,6 @@ TOLERANCE = 1e-9
 
 #: Largest coordinate: squares of larger ones leave double precision, and no piece would be short enough.
 LARGEST = 1e150
-
-_STACK = 128
-
-
-def hausdorff(a: ArrayLike, b: ArrayLike, tolerance: float = TOLERANCE) -> float:
-    """Symmetric Hausdorff distance of two polylines.
-
-    Parameters
-    ----------
-    a, b : array_like, shape (n, 2), (m, 2)
-        Vertices, in order; at least one each. A single vertex is a point.
-    tolerance : float
-        The result is too small by at most this.
-
-    Returns
-    -------
-    float
-        In the units of the coordinates.
-
-    Raises
-    ------
-    ValueError
-        If an array has another shape, no vertex, or a coordinate that is not finite or beyond `LARGEST`.
-    """
-    given = {"a": np.asarray(a, float), "b": np.asarray(b, float)}
-    for name, points in given.items():
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0:
-            raise ValueError(f"{name} has shape {points.shape}; legal: (n, 2) with n >= 1")
-        if not np.all(np.abs(points) <= LARGEST):
-            raise ValueError(f"{name} holds a coordinate that is not finite, or beyond {LARGEST:g}")
-    ends = [np.array([0, len(points)]) for points in given.values()]
-    return float(distances(given["a"], given["b"], ends[0], ends[1], tolerance)[0])
 
 
 def distances(a: Floats, b: Floats, offsets_a: Any, offsets_b: Any, tolerance: float = TOLERANCE) -> Floats:
@@ -101,9 +69,8 @@ def _nearest(x, y, b, lowest, highest, enough):
     `lowest[j]` is the least s at segment j or later, `highest[j]` the greatest s at segment j or earlier.
     """
     n, s, root2 = len(highest), x + y, math.sqrt(2.0)
-    where = min(
-        np.searchsorted(highest, s), n - 1
-    )  # where s is that of the point: near it, along an impulse curve
+    # Where s is that of the point: near it, along an impulse curve.
+    where = min(np.searchsorted(highest, s), n - 1)
     best2 = _to_segment(x, y, b, where)
     best = math.sqrt(best2)
     left, right = where - 1, where + 1
@@ -153,29 +120,22 @@ def directed(a: np.ndarray, b: np.ndarray, tolerance: float) -> float:
         stride //= 2
         start = stride
 
-    stack = np.empty((_STACK, 4))
-    nearest = np.empty((_STACK, 2), dtype=np.int64)
     for i in range(len(a) - 1):
-        stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = a[i, 0], a[i, 1], a[i + 1, 0], a[i + 1, 1]
-        nearest[0, 0], nearest[0, 1] = near[i], near[i + 1]
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            x0, y0, x1, y1 = stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3]
-            near0, near1 = nearest[depth, 0], nearest[depth, 1]
-            # By convexity the farthest point of the piece is no farther from a segment than the farther end.
-            bound = max(_to_segment(x0, y0, b, near0), _to_segment(x1, y1, b, near0))
-            if near1 != near0:
-                bound = min(bound, max(_to_segment(x0, y0, b, near1), _to_segment(x1, y1, b, near1)))
-            if bound <= (worst + tolerance) ** 2 or depth + 2 > _STACK:
-                continue
-            x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
-            d, middle = _nearest(x, y, b, lowest, highest, worst)
-            worst = max(worst, d)
-            stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3] = x0, y0, x, y
-            nearest[depth, 0], nearest[depth, 1] = near0, middle
-            depth += 1
-            stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3] = x, y, x1, y1
-            nearest[depth, 0], nearest[depth, 1] = middle, near1
-            depth += 1
+        worst = _within(a[i], near[i], a[i + 1], near[i + 1], b, lowest, highest, worst, tolerance)
     return worst
+
+
+@njit(cache=True)
+def _within(one, near1, two, near2, b, lowest, highest, worst, tolerance):
+    """Return the larger of `worst` and of all distances from b of a piece of a, with what its ends are nearest to."""
+    # By convexity the farthest point of the piece is no farther from a segment than the farther end.
+    bound = max(_to_segment(one[0], one[1], b, near1), _to_segment(two[0], two[1], b, near1))
+    if near2 != near1:
+        other = max(_to_segment(one[0], one[1], b, near2), _to_segment(two[0], two[1], b, near2))
+        bound = min(bound, other)
+    if bound <= (worst + tolerance) ** 2:
+        return worst
+    middle = 0.5 * (one + two)
+    d, near = _nearest(middle[0], middle[1], b, lowest, highest, worst)
+    worst = _within(middle, near, two, near2, b, lowest, highest, max(worst, d), tolerance)
+    return _within(one, near1, middle, near, b, lowest, highest, worst, tolerance)

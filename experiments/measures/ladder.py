@@ -1,40 +1,34 @@
-r"""Why an engine diverges from the model: the difference of final velocities, split into its causes.
+r"""Why an engine diverges from the model: the difference of final velocities, split into its causes (docs/ladder.md).
 
-In every cell, for (v1, v2), to rounding,
+In every cell, for the velocities of all balls, to rounding,
 
     engine - model = frozen positions + dissipation law + gravity + regularisation and mapping + time step
 
-**The three causes** stand between the model and the law that the engine was asked for in its scenario. They are three
-switches, and every combination of them is known without an engine (`corners`). "Frozen positions" is short for the
-fixed-configuration assumption of the model. What a switch changes depends on the
-others: gravity moves more with free positions than with frozen ones. There are six orders in which to turn the three
-on, each of which splits the difference another way, and none is the right one. The vector of a cause is the mean of
-what it changes over the six (its *Shapley value*): the three still sum to the difference, and none depends on an order.
-How far the orders are apart is given beside it, as the least and the largest share.
+**The three causes** stand between the model and the law that the engine was asked for in its scenario: three switches,
+every combination of which is known without an engine (`corners`). What a switch changes depends on the others, and no
+order of the six in which to turn them on is the right one. The vector of a cause is the mean of what it changes over
+the six (its *Shapley value*); how far the orders are apart is given as the least and the largest share. Columns of N
+balls know no gravity, and have two switches with two orders.
 
 **The last two contributions** have one order, since nothing is known of an engine with the model's law: the limit
 dt -> 0 minus the law it was asked for, then the engine minus that limit. Where no limit was computed, or it did not
 converge, the two are one, `ENGINE`.
 
-**Columns of N balls** are split likewise. There is no gravity, so that two switches are left, with two orders.
-
-**Sizes.** The size of a contribution is its kinetic norm (`model.kinetic`) per \|v0\|, as D is that of the total.
-Norms do not add: contributions are vectors, and may oppose each other. What does add is their component along the
-total,
+**Sizes.** The size of a contribution is its kinetic norm (`model.kinetic`) per \|v0\|. Norms do not add; components
+along the total do:
 
     along_i = <contribution_i, total>/D,    <a, b> = a1 b1 + (m2/m1) a2 b2,    sum along_i = D,
 
-and share_i = along_i/D, of which the sum is 1. A negative share is one that takes the engine back towards the
-model; a share above 1 one that others take back. Where one is above `CANCEL[1]` and another below `CANCEL[0]` the
-shares say little but that D is small: two large causes cancel (`cancelling`). Over many cells the share of one is
-sum(along_i)/sum(D): what it contributes to the mean D, cells of large D counting for as much as they diverge; its
-range is that of this quotient over the six orders.
+and share_i = along_i/D. A negative share takes the engine back towards the model; where one is above `CANCEL[1]` and
+another below `CANCEL[0]`, two large causes cancel (`cancelling`). Over many cells a share is sum(along_i)/sum(D), its
+range that of this quotient over the six orders.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import permutations
 
 import numpy as np
@@ -163,7 +157,7 @@ def cancelling(shares: Sequence[float]) -> tuple[int, int] | None:
     return (high, low) if found[high] > CANCEL[1] and found[low] < CANCEL[0] else None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Split:
     """The contributions to the divergence of n cells of N balls.
 
@@ -171,26 +165,48 @@ class Split:
     ----------
     contributions : tuple of Contribution
         The m of them, in order.
+    weights : ndarray, shape (n, N)
+        Masses over that of what moves at first.
     vectors : ndarray, shape (m, n, N)
         Differences of velocities of each per abs(v0); NaN for one that a cell does not have.
+    causes : ndarray, shape (6, c, n, N)
+        Those of the causes by each of their orders, without gravity two orders three times each.
     total : ndarray, shape (n, N)
         Engine minus model.
-    norms, along : ndarray, shape (m, n)
-        Kinetic norm of each, and its component along the total; `along` is NaN where D is 0.
-    orders : ndarray, shape (6, m, n)
-        `along` by each order of the causes, without gravity two orders three times each; all the same for those that
-        have one order.
-    divergence : ndarray, shape (n,)
-        D.
     """
 
     contributions: tuple[Contribution, ...]
+    weights: Floats
     vectors: Floats
+    causes: Floats
     total: Floats
-    norms: Floats
-    along: Floats
-    orders: Floats
-    divergence: Floats
+
+    @cached_property
+    def divergence(self) -> Floats:
+        """D, shape (n,)."""
+        return np.sqrt((self.weights * self.total**2).sum(axis=1))
+
+    @cached_property
+    def norms(self) -> Floats:
+        """Kinetic norm of each contribution, shape (m, n)."""
+        return np.sqrt((self.weights * self.vectors**2).sum(axis=2))
+
+    def component(self, differences: Floats) -> Floats:
+        """Component of differences of velocities along the total, shape (..., n); NaN where D is 0."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return (self.weights * differences * self.total).sum(axis=-1) / self.divergence
+
+    @cached_property
+    def along(self) -> Floats:
+        """Component of each contribution along the total, shape (m, n)."""
+        return self.component(self.vectors)
+
+    @cached_property
+    def orders(self) -> Floats:
+        """`along` by each order of the causes, shape (6, m, n); all the same for those that have one order."""
+        causes = self.component(self.causes)
+        rest = self.along[causes.shape[1] :]
+        return np.concatenate([causes, np.broadcast_to(rest, (len(causes), *rest.shape))], axis=1)
 
     @property
     def shares(self) -> Floats:
@@ -236,28 +252,7 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
     """
     known = ~np.isnan(limit).any(axis=1, keepdims=True)
     causes = by_order(corners.velocities)
-    rest = np.stack(
-        [
-            np.where(known, limit - corners.asked, np.nan),
-            np.where(known, engine - limit, np.nan),
-            np.where(known, np.nan, engine - corners.asked),
-        ]
-    )
-    vectors = np.concatenate([causes.mean(axis=0), rest])
-    total = engine - corners.model
-    divergence = np.sqrt((weights * total**2).sum(axis=1))
-
-    def component(differences: Floats) -> Floats:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return (weights * differences * total).sum(axis=-1) / divergence
-
-    along = component(vectors)
-    return Split(
-        contributions=contributions_of(gravity=corners.velocities.shape[2] > 1),
-        vectors=vectors,
-        total=total,
-        norms=np.sqrt((weights * vectors**2).sum(axis=2)),
-        along=along,
-        orders=np.stack([np.concatenate([component(order), along[-len(rest) :]]) for order in causes]),
-        divergence=divergence,
-    )
+    mapping, step = (np.where(known, x, np.nan) for x in (limit - corners.asked, engine - limit))
+    joined = np.where(known, np.nan, engine - corners.asked)
+    vectors = np.concatenate([causes.mean(axis=0), [mapping, step, joined]])
+    return Split(contributions_of(gravity=corners.gravity), weights, vectors, causes, engine - corners.model)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import law_of
+from impact_xval.compliant_baselines.solver import kinds
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.measures.corners import Corners, corner_names, corners
+from impact_xval.experiments.measures.corners import Corners, Texts, corner_names, corners
 from impact_xval.experiments.measures.ladder import (
     CAUSES,
     ENGINE,
@@ -22,7 +24,7 @@ from impact_xval.experiments.measures.ladder import (
     split,
 )
 from impact_xval.experiments.tables.schema import Layout
-from impact_xval.model.collision import RESULT_STATUSES, Collisions
+from impact_xval.model.collision import RESULT_STATUSES
 
 #: Status of an engine's result that changes with its step: it has a ladder, which no statistic counts.
 UNCONVERGED = "unconverged"
@@ -32,6 +34,9 @@ NO_LIMIT = "no certified limit dt -> 0 for this cell"
 
 #: Least width of a range, and least share beside the largest, that a sentence mentions.
 _WIDE, _MENTIONED = 0.005, 0.02
+
+#: Nothing, in the place of a text.
+_NONE = np.array(None, dtype=object)
 
 Columns = dict[str, np.ndarray]
 
@@ -58,17 +63,28 @@ def ladders(
         By engine, columns of shape (n,): NaN or None where there is no ladder.
     """
     columns: dict[str, Columns] = {name: {} for name in engines}
-    for places, collisions in _kinds(block) if engines else ():
-        speed, some = np.abs(collisions.velocities).max(axis=1), model.take(places)
+    for places, collisions in kinds(block.collisions) if engines else ():
+        some, speed = model.take(places), np.abs(collisions.velocities).max(axis=1, keepdims=True)
         gravity = np.full(len(places), config.gravity if config.scenario == "drop" else 0.0)
-        reference = _velocities(some, speed, collisions, *RESULT_STATUSES)
+        balls = range(1, 1 + collisions.masses.shape[1])
+        reference = _velocities(some, speed, balls, RESULT_STATUSES)
+        moving = np.where(collisions.velocities != 0, collisions.masses, 0.0).sum(axis=1, keepdims=True)
         # The corners know nothing of engines: once a law.
         laws = {name: law_of(name) or "" for name in engines}
         known = {
             law: corners(reference, collisions, gravity, law, pair=layout.pair) for law in set(laws.values())
         }
         for name, rows in engines.items():
-            found = _of_kind(name, collisions, known[laws[name]], some, rows.take(places), speed)
+            engine, here = rows.take(places), known[laws[name]]
+            velocities = _velocities(engine, speed, balls, (*RESULT_STATUSES, UNCONVERGED))
+            limit = np.column_stack([_numbers(engine, f"v{i}_limit") for i in balls])
+            # A limit that did not converge is none.
+            limit[np.array(engine["status"].to_pylist()) == UNCONVERGED] = np.nan
+            ladder = split(collisions.masses / moving, here, limit, velocities)
+            found = _said(name, some, engine, here, ladder)
+            ok = ~np.isnan(ladder.divergence) & np.isin(found["status"].tolist(), ("ok", UNCONVERGED))
+            found |= _dominant(name, ladder, ok)
+            found |= {key: np.where(ok, x, np.nan) for key, x in _parts(here, ladder).items()}
             for key, values in found.items():
                 scatter(columns[name], key, values, places, len(block))
     return columns
@@ -82,64 +98,57 @@ def scatter(columns: Columns, key: str, values: np.ndarray, places: np.ndarray, 
 
 def failed_ladders(rows: pa.Table, engines: np.ndarray, status: str, reason: str) -> Columns:
     """Say of the rows of engines that their ladder could not be made, and why."""
-    found = {"status": status, "reason": reason}
-    columns = {key: np.array([text if e else None for e in engines]) for key, text in found.items()}
-    marks = zip(rows["marked"].to_pylist(), engines, strict=True)
-    columns["marked"] = np.array([mark if engine else None for mark, engine in marks], dtype=object)
+    found = {"status": status, "reason": reason, "marked": _texts(rows, "marked")}
+    columns: Columns = {key: np.where(engines, text, _NONE) for key, text in found.items()}
     return columns | {"limit_error": np.where(engines, _numbers(rows, "limit_error"), np.nan)}
 
 
-def _kinds(block: Block) -> list[tuple[np.ndarray, Collisions]]:
-    """Group cells by number of balls, table and exponent: their places, and their collisions as arrays."""
-    if isinstance(block.collisions, Collisions):
-        return [(np.arange(len(block)), block.collisions)]
-    kinds: dict[tuple[Any, ...], list[int]] = {}
-    for i, c in enumerate(block.collisions):
-        kinds.setdefault((len(c.masses), c.table, c.exponent), []).append(i)
-    return [(np.array(some), Collisions.of(block.collisions[i] for i in some)) for some in kinds.values()]
-
-
-def _velocities(rows: pa.Table, speed: Floats, collisions: Collisions, *statuses: str) -> Floats:
+def _velocities(rows: pa.Table, speed: Floats, balls: range, statuses: Sequence[str]) -> Floats:
     """Return final velocities per abs(v0), shape (n, N); NaN where the status is none of these."""
     there = np.isin(rows["status"].to_pylist(), statuses)
-    columns = [_numbers(rows, f"v{i}") for i in range(1, 1 + collisions.masses.shape[1])]
-    return np.where(there[:, None], np.column_stack(columns) / speed[:, None], np.nan)
+    columns = [_numbers(rows, f"v{i}") for i in balls]
+    return np.where(there[:, None], np.column_stack(columns) / speed, np.nan)
 
 
-def _of_kind(
-    name: str, collisions: Collisions, here: Corners, model: pa.Table, engine: pa.Table, speed: Floats
-) -> Columns:
-    """Ladders of an engine at cells of one kind."""
-    result = _velocities(engine, speed, collisions, *RESULT_STATUSES, UNCONVERGED)
-    limits = (_numbers(engine, f"v{i}_limit") for i in range(1, 1 + result.shape[1]))
-    limit = np.column_stack(list(limits))
-    # A limit that did not converge is none.
-    limit[np.array(engine["status"].to_pylist()) == UNCONVERGED] = np.nan
-    moving = np.where(collisions.velocities != 0, collisions.masses, 0.0).sum(axis=1, keepdims=True)
-    weights = collisions.masses / moving
-    ladder = split(weights, here, limit, result)
-    status, reason = _statuses(name, engine, model, here, ladder)
-    ok = ~np.isnan(ladder.divergence) & np.isin(status.astype(str), ("ok", UNCONVERGED))
-    first = np.where(ok, ladder.dominant(), -1)
-    names = np.array([*(c.name for c in ladder.contributions), None], dtype=object)
-    marks = zip(engine["marked"].to_pylist(), here.mark, strict=True)
-    columns: Columns = {
-        "status": status,
-        "reason": reason,
+def _numbers(table: pa.Table, name: str) -> Floats:
+    return table[name].to_numpy(zero_copy_only=False).astype(float)
+
+
+def _texts(table: pa.Table, name: str) -> Texts:
+    return np.array(table[name].to_pylist(), dtype=object)
+
+
+def _said(name: str, model: pa.Table, engine: pa.Table, here: Corners, ladder: Split) -> Columns:
+    """Columns of what is known whether or not there is a ladder: the first outcome that is missing, marks, errors."""
+    status, of_model = _texts(engine, "status"), _texts(model, "status")
+    why = [f"{name}: {reason or x}" for reason, x in zip(_texts(engine, "reason"), status, strict=True)]
+    joined = ~np.isnan(ladder.norms[ladder.contributions.index(ENGINE)])
+    missing = [*(~np.isin(x.tolist(), RESULT_STATUSES) for x in (status, of_model)), here.reason != ""]
+    of_corner = np.array([reason.rpartition(" ")[2] for reason in here.reason], dtype=object)
+    reasons = [np.array(why, dtype=object), f"{REFERENCE}: " + of_model, here.reason]
+    marks = zip(_texts(engine, "marked"), here.mark, strict=True)
+    return {
+        "status": np.select(missing, [status, of_model, of_corner], "ok"),
+        "reason": np.select(missing, reasons, np.where(joined, NO_LIMIT, _NONE)),
         "marked": np.array(["; ".join(filter(None, pair)) for pair in marks], dtype=object),
         "model_grazing_margin": _numbers(model, "grazing_margin"),
-        "velocity_divergence": np.where(ok, ladder.divergence, np.nan),
         "limit_error": _numbers(engine, "limit_error"),
+    }
+
+
+def _dominant(name: str, ladder: Split, ok: NDArray[np.bool_]) -> Columns:
+    """Columns of what carries most of each divergence."""
+    first = np.where(ok, ladder.dominant(), -1)
+    names = np.array([*(c.name for c in ladder.contributions), None], dtype=object)
+    return {
+        "velocity_divergence": np.where(ok, ladder.divergence, np.nan),
         "dominant": names[first],
-        "dominant_by_every_order": np.array(
-            [bool(a) if i >= 0 else None for a, i in zip(ladder.agreed(), first, strict=True)], dtype=object
-        ),
+        "dominant_by_every_order": np.where(first >= 0, ladder.agreed().astype(object), _NONE),
         "sentence": _sentences(name, ladder, ok),
     }
-    return columns | {key: np.where(ok, x, np.nan) for key, x in _parts(here, ladder, weights).items()}
 
 
-def _parts(here: Corners, ladder: Split, weights: Floats) -> Columns:
+def _parts(here: Corners, ladder: Split) -> Columns:
     """Columns of contributions and corners."""
     columns: Columns = {f"dv{i}": x for i, x in enumerate(ladder.total.T, 1)}
     shares, (low, high) = ladder.shares, ladder.ranges
@@ -148,41 +157,12 @@ def _parts(here: Corners, ladder: Split, weights: Floats) -> Columns:
         columns |= {f"{c.name}_norm": ladder.norms[i], f"{c.name}_share": shares[i]}
         if c in CAUSES:
             columns |= {f"{c.name}_share_low": low[i], f"{c.name}_share_high": high[i]}
-    d = ladder.divergence
-    for index, name in corner_names(gravity=here.velocities.shape[2] > 1).items():
+    for index, name in corner_names(gravity=here.gravity).items():
         corner = here.velocities[index]
         columns |= {f"{name}_v{j}": x for j, x in enumerate(corner.T, 1)}
-        product = (weights * (corner - here.model) * ladder.total).sum(axis=1)
-        columns[f"{name}_along"] = np.divide(product, d, out=np.zeros_like(d), where=d > 0)
+        along = ladder.component(corner - here.model)
+        columns[f"{name}_along"] = np.where(ladder.divergence == 0, 0.0, along)
     return columns
-
-
-def _numbers(table: pa.Table, name: str) -> Floats:
-    return table[name].to_numpy(zero_copy_only=False).astype(float)
-
-
-def _statuses(
-    name: str, engine: pa.Table, model: pa.Table, here: Corners, ladder: Split
-) -> tuple[np.ndarray, np.ndarray]:
-    """Status and reason of every row: the first outcome that is missing, or why two contributions are one."""
-    found, why, models = (
-        rows[column].to_pylist()
-        for rows, column in ((engine, "status"), (engine, "reason"), (model, "status"))
-    )
-    joined = ~np.isnan(ladder.norms[ladder.contributions.index(ENGINE)])
-    status, reason = [], []
-    for i, missing in enumerate(here.reason):
-        if found[i] not in RESULT_STATUSES:
-            both = found[i], f"{name}: {why[i] or found[i]}"
-        elif models[i] not in RESULT_STATUSES:
-            both = models[i], f"{REFERENCE}: {models[i]}"
-        elif missing:
-            both = missing.rpartition(" ")[2], missing
-        else:
-            both = "ok", NO_LIMIT if joined[i] else None
-        status.append(both[0])
-        reason.append(both[1])
-    return np.array(status, dtype=object), np.array(reason, dtype=object)
 
 
 class Part(NamedTuple):
@@ -206,7 +186,7 @@ def between(low: float, high: float) -> str:
     return f"{100 * low:.3g} to {100 * high:.3g} %"
 
 
-def _sentences(name: str, ladder: Split, ok: Any) -> np.ndarray:
+def _sentences(name: str, ladder: Split, ok: NDArray[np.bool_]) -> Texts:
     phrases = [c.phrase for c in ladder.contributions]
     columns = ladder.shares, ladder.norms, *ladder.ranges
     sentences, agreed = np.full(len(ok), None, dtype=object), ladder.agreed()

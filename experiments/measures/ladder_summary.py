@@ -14,17 +14,16 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.measures.aggregates import levels_of
-from impact_xval.experiments.measures.corners import corner_names
+from impact_xval.experiments.measures.aggregates import Frame, axis_levels, statistics_of
+from impact_xval.experiments.measures.corners import Index, corner_names
 from impact_xval.experiments.measures.ladder import (
-    CAUSES,
     CONTRIBUTIONS,
     GRAVITY,
     MAPPING,
@@ -34,10 +33,7 @@ from impact_xval.experiments.measures.ladder import (
     by_order,
 )
 from impact_xval.experiments.tables.folder import RunFolder
-from impact_xval.experiments.tables.parquet import codes, column, present, texts
-
-#: A pandas DataFrame or Series; see `summary.Frame`.
-Frame = Any
+from impact_xval.experiments.tables.parquet import selected
 
 #: Regions of k2/k1, by their lower edge: what is much softer, comparable, much stiffer is the table.
 BAND = "stiffness_band"
@@ -45,21 +41,8 @@ BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
 
 _LABELS = AXES | COLUMN_AXES
 
-_REGION = ["solver", "axis", "value", "contribution"]
-_NUMBERS = [
-    "n",
-    "total",
-    "share",
-    "low",
-    "high",
-    "mean",
-    "median",
-    "p95",
-    "max",
-    "dominant",
-    "agreed",
-    "doubt",
-]
+_COLUMNS = ["solver", "axis", "value", "contribution", "n", "total", "share", "low", "high"]
+_COLUMNS += ["mean", "median", "p95", "max", "dominant", "agreed", "doubt"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,126 +115,94 @@ def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
 
 
 def ladder_statistics(path: Path, config: Config) -> Frame:
-    """Compute `LadderSummary.statistics` from a table of ladders of any size, a column in memory at a time."""
-    frames = [_engine_statistics(path, name, config) for name in config.solvers if is_engine(name)]
-    frames = [frame for frame in frames if len(frame)]
-    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=[*_REGION, *_NUMBERS])
-
-
-def _engine_statistics(path: Path, solver: str, config: Config) -> Frame:
-    rows = (codes(path, "solver", [solver]) == 0) & (codes(path, "status", ["ok"]) == 0)
-    rows &= ~present(path, "marked")
-    if not np.any(rows):
-        return pd.DataFrame()
-    there = set(pq.read_schema(path).names)
-    contributions = [c for c in CONTRIBUTIONS if f"{c.name}_norm" in there]
-    regions = _regions(path, rows, config)
-    total = column(path, "velocity_divergence")[rows]
-    dominant = codes(path, "dominant", [c.name for c in contributions])[rows]
-    agreed = column(path, "dominant_by_every_order")[rows]
-    orders = _shares_by_order(path, rows, total, regions, contributions)
-    apart = ~np.isnan(column(path, f"{MAPPING.name}_norm")[rows])
-    doubt = np.where(apart, column(path, "limit_error")[rows], np.nan)
-    values = pd.concat(
-        pd.DataFrame(
-            {
-                "place": i,
-                "norm": column(path, f"{contribution.name}_norm")[rows],
-                "along": column(path, f"{contribution.name}_share")[rows] * total,
-                "total": total,
-                "dominant": dominant == i,
-                "agreed": agreed,
-                "doubt": doubt,
-            }
-        )
-        for i, contribution in enumerate(contributions)
-    )
-    names = np.array([c.name for c in contributions])
-    n_causes = sum(c in CAUSES for c in contributions)  # they come first
-    frames = []
-    for axis, region in regions.items():
-        found = _by_region(values.assign(value=np.tile(region, len(contributions))))
-        place = found.pop("place").to_numpy()
-        found = found.assign(
-            solver=solver, axis=axis, contribution=names[place], low=found.share, high=found.share
-        )
-        of_cause, (low, high) = place < n_causes, (f(orders[axis], axis=0) for f in (np.min, np.max))
-        found.loc[of_cause, "low"], found.loc[of_cause, "high"] = low.ravel(), high.ravel()
-        # by value, then by contribution, as they came
-        frames.append(found.sort_values("value", kind="stable"))
+    """Compute `LadderSummary.statistics` from a table of ladders, the rows of an engine in memory at a time."""
+    frames = [frame for name in config.solvers if is_engine(name) for frame in _of_engine(path, name, config)]
+    if not frames:
+        return pd.DataFrame(columns=_COLUMNS)
     statistics = pd.concat(frames, ignore_index=True)
     statistics.loc[statistics.axis == "all", "value"] = np.nan
-    return statistics[statistics.n > 0]
+    return statistics.loc[statistics.n > 0, _COLUMNS].reset_index(drop=True)
 
 
-def _shares_by_order(
-    path: Path,
-    rows: NDArray[np.bool_],
-    total: Floats,
-    regions: dict[str, NDArray[Any]],
-    contributions: Sequence[Contribution],
-) -> dict[str, Floats]:
-    """By axis, the share of every cause by order and value of the region, shape (6, causes, values).
-
-    Components along the total are linear: those of the corners are summed over a region before they are split.
-    """
-    names = corner_names(gravity=GRAVITY in contributions)
-    shape = tuple(1 + max(index[i] for index in names) for i in range(3))
-    sums: dict[str, Floats] = {}
-    for index, name in names.items():
-        along = np.where(total >= NOTHING, column(path, f"{name}_along")[rows], 0.0)
-        for axis, region in regions.items():
-            values, place = np.unique(region, return_inverse=True)
-            cube = sums.setdefault(axis, np.empty((*shape, len(values))))
-            cube[index] = np.bincount(place, along)
-    found = {}
-    for axis, region in regions.items():
-        whole = np.bincount(np.unique(region, return_inverse=True)[1], total)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            found[axis] = np.where(whole > 0, by_order(sums[axis]) / whole, np.nan)
-    return found
+def _of_engine(path: Path, solver: str, config: Config) -> list[Frame]:
+    """Compute the statistics of an engine, a frame an axis; none where it has no ladder."""
+    there = set(pq.read_schema(path).names)
+    contributions = [c for c in CONTRIBUTIONS if f"{c.name}_norm" in there]
+    corners = corner_names(gravity=GRAVITY in contributions)
+    axes = [axis for axis in (AXES if config.column is None else COLUMN_AXES) if axis in there]
+    columns = [f"{c.name}_{number}" for c in contributions for number in ("norm", "share")]
+    columns += [f"{name}_along" for name in corners.values()]
+    columns += ["velocity_divergence", "dominant", "dominant_by_every_order", "limit_error"]
+    regular = (pc.field("solver") == solver) & (pc.field("status") == "ok") & pc.field("marked").is_null()
+    rows = selected(path, ["solver", "status", "marked", *axes, *columns], regular).to_pandas()
+    regions = _regions(rows, config) if len(rows) else {}
+    return [
+        _by_region(rows, pd.Series(region, name="value"), contributions, corners).assign(
+            solver=solver, axis=axis
+        )
+        for axis, region in regions.items()
+    ]
 
 
-def _regions(path: Path, rows: NDArray[np.bool_], config: Config) -> dict[str, NDArray[Any]]:
+def _regions(rows: Frame, config: Config) -> dict[str, Any]:
     """By axis, the value by which every row is grouped; of columns only by axes that have several."""
+    regions: dict[str, Any] = {"all": np.zeros(len(rows))}
     if config.column is not None:
-        return {"all": np.zeros(int(rows.sum()))} | {
-            axis: x
-            for axis in COLUMN_AXES
-            # strikers are of cradles alone
-            if len(set(x := (texts if axis == "arrangement" else column)(path, axis)[rows])) > 1
-            and not any(x != x)
-        }
-    scattered = config.sample is not None or config.cells is not None
-    regions = {"all": np.zeros(int(rows.sum()))}
+        # strikers are of cradles alone
+        several = [axis for axis in COLUMN_AXES if rows[axis].nunique() > 1 and rows[axis].notna().all()]
+        return regions | {axis: np.asarray(rows[axis]) for axis in several}
     for axis in AXES:
-        x = column(path, axis)[rows]
+        x = rows[axis].to_numpy()
         if axis == "stiffness_ratio":
             regions[BAND] = band_of(x)
-        levels = levels_of(x) if scattered else None
-        regions[axis] = x if levels is None else np.array(levels.values)[levels.codes(x)]
+        levels = axis_levels(config, axis, x)
+        regions[axis] = np.array(levels.values)[levels.codes(x)]
     return regions
 
 
-def _by_region(values: Frame) -> Frame:
-    """Compute the statistics of every contribution (`place`) in every region (`value`)."""
-    groups = values.groupby(["place", "value"])
-    norm = groups["norm"]
-    sums = groups[["total", "along"]].sum()
-    return pd.DataFrame(
-        {
-            "n": norm.count(),
-            "total": sums.total / groups.size(),
-            "share": sums.along / sums.total.where(sums.total > 0),
-            "mean": norm.mean(),
-            "median": norm.median(),
-            "p95": norm.quantile(0.95),
-            "max": norm.max(),
-            "dominant": groups["dominant"].mean(),
-            "agreed": groups["agreed"].mean(),
-            "doubt": groups["doubt"].median(),
-        }
-    ).reset_index()
+def _by_region(
+    rows: Frame, region: Frame, contributions: Sequence[Contribution], corners: dict[Index, str]
+) -> Frame:
+    """Compute the statistics of every contribution in every region, by value, then by contribution."""
+    names = [c.name for c in contributions]
+    total = rows.velocity_divergence
+    norms = rows[[f"{name}_norm" for name in names]].set_axis(names, axis=1)
+    along = rows[[f"{name}_share" for name in names]].set_axis(names, axis=1).mul(total, axis=0)
+    apart = rows[f"{MAPPING.name}_norm"].notna()
+    whole = total.groupby(region).sum()
+    of_region = {
+        "total": total.groupby(region).mean(),
+        "agreed": rows.dominant_by_every_order.astype(float).groupby(region).mean(),
+        "doubt": rows.limit_error.where(apart).groupby(region).median(),
+    }
+    dominant = pd.DataFrame({name: rows.dominant == name for name in names})
+    share = along.groupby(region).sum().div(whole.where(whole > 0), axis=0)
+    low, high = _range_by_order(rows, region, whole, corners)
+    causes = names[: low.shape[1]]  # they come first
+    of_each = {
+        **statistics_of(norms.groupby(region)),
+        "share": share,
+        "low": share.assign(**dict(zip(causes, low.T, strict=True))),
+        "high": share.assign(**dict(zip(causes, high.T, strict=True))),
+        "dominant": dominant.groupby(region).mean(),
+    }
+    found = pd.concat(of_each, axis=1, names=["statistic", "contribution"]).stack(future_stack=True)
+    return found.join(pd.DataFrame(of_region)).reset_index()
+
+
+def _range_by_order(
+    rows: Frame, region: Frame, whole: Frame, corners: dict[Index, str]
+) -> tuple[Floats, Floats]:
+    """Least and largest share of every cause by the orders, shape (values of the region, causes) each.
+
+    Components along the total are linear: those of the corners are summed over a region before they are split.
+    """
+    something = rows.velocity_divergence >= NOTHING
+    along = rows[[f"{name}_along" for name in corners.values()]].where(something, 0.0)
+    sums = along.groupby(region).sum().to_numpy().T
+    cube = sums.reshape(2, 2, -1, len(whole))
+    shares = by_order(cube) / whole.where(whole > 0).to_numpy()
+    return shares.min(axis=0).T, shares.max(axis=0).T
 
 
 def csv_rows(ladder: LadderSummary) -> list[Frame]:

@@ -9,14 +9,7 @@ from impact_xval.compliant_baselines.solver import MappingName
 
 
 def by_law(names: Iterable[str]) -> dict[str, list[str]]:
-    """Group solvers by the law they have or were asked for.
-
-    Returns
-    -------
-    dict
-        Solvers by law, laws in the order of their first solver; of each the exact solver first, if it is among them.
-        A solver without one is alone, under its own name.
-    """
+    """Group solvers by the law they have or were asked for, the exact solver first; one without a law is alone."""
     groups: dict[str, list[str]] = {}
     for name in names:
         groups.setdefault(law_of(name) or name, []).append(name)

@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 from impact_xval.compliant_baselines.registry import is_engine, law_of
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.corners import corner_names
-from impact_xval.experiments.measures.ladder import CAUSES, Contribution, contributions_of
+from impact_xval.experiments.measures.ladder import CAUSES, contributions_of
 from impact_xval.experiments.tables.schema import (
     CERTIFICATE,
     LINE,
@@ -81,7 +81,17 @@ def ladder_columns(*, gravity: bool) -> dict[str, Column]:
         "dv#": "float engine minus model, velocity of ball # per |v0|; the sum of those of the contributions",
     }
     for c in contributions_of(gravity=gravity):
-        found |= _contribution(c, orders)
+        difference = f"{c.label}: {c.after} minus {c.before}"
+        if c in CAUSES:
+            mean = f"mean over the {orders} orders of the causes (Shapley value)"
+            difference = f"{c.label}, {mean}: {c.before} -> {c.after}"
+        found |= {
+            f"{c.name}_dv#": f"float {difference}; velocity of ball # per |v0|",
+            f"{c.name}_norm": f"float kinetic norm of {c.name}'s difference of velocities",
+            f"{c.name}_share": "float component along the whole difference over D; shares of a row sum to 1",
+        }
+        for end, which in (("low", "least"), ("high", "largest")) if c in CAUSES else ():
+            found[f"{c.name}_share_{end}"] = f"float {which} share by the {orders} orders of the causes"
     found |= {
         "limit_error": "float estimated error of the engine's limit dt -> 0",
         "dominant": "text the contribution with the largest share",
@@ -89,27 +99,8 @@ def ladder_columns(*, gravity: bool) -> dict[str, Column]:
         "sentence": "text the row in words",
     }
     for name in corner_names(gravity=gravity).values():
-        called = name.replace("_", ", ")
-        found[f"{name}_v#"] = f"float corner {called}: final velocity of ball # per |v0|"
+        corner = name.replace("_", ", ")
+        found[f"{name}_v#"] = f"float corner {corner}: final velocity of ball # per |v0|"
         found[f"{name}_along"] = "float component of its difference from the model along dv, as in shares"
     pairs = {name: text.split(" ", 1) for name, text in found.items()}
     return {name: (kind, "-", meaning) for name, (kind, meaning) in pairs.items()}
-
-
-def _contribution(c: Contribution, orders: str) -> dict[str, str]:
-    """Columns of one contribution."""
-    cause = c in CAUSES
-    difference = (
-        f"{c.label}, mean over the {orders} orders of the causes (Shapley value): {c.before} -> {c.after}"
-        if cause
-        else f"{c.label}: {c.after} minus {c.before}"
-    )
-    found = {
-        f"{c.name}_dv#": f"float {difference}; velocity of ball # per |v0|",
-        f"{c.name}_norm": f"float kinetic norm of {c.name}'s difference of velocities",
-        f"{c.name}_share": "float component along the whole difference over D; shares of a row sum to 1",
-    }
-    if cause:
-        found[f"{c.name}_share_low"] = f"float least share by the {orders} orders of the causes"
-        found[f"{c.name}_share_high"] = f"float largest share by the {orders} orders of the causes"
-    return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,32 +81,21 @@ def results_of(
     shortest : ndarray, shape (n,), or None
         Of two balls on a table the time for which a state must be held to count, in s (`states`); else None.
     """
-    arrays = _of_arrays(outcomes, shortest) if isinstance(outcomes, Outcomes) else _of_list(outcomes)
-    texts = {
-        name: np.array(arrays.pop(name), dtype=object) for name in ("status", "reason", "mark", "differences")
+    found = _of_arrays(outcomes, shortest) if isinstance(outcomes, Outcomes) else _of_list(outcomes)
+    for name in ("status", "reason", "mark", "differences"):
+        found[name] = np.array(found[name], dtype=object)
+    for name, wide in (("velocities", balls), ("impulses", contacts)):
+        found[name] = _padded(found[name], wide)
+    found["diagnostics"] = {
+        name: x / speed if _VELOCITY.fullmatch(name) else x for name, x in found["diagnostics"].items()
     }
-    stated = arrays.pop("diagnostics")
-    diagnostics = {name: x / speed if _VELOCITY.fullmatch(name) else x for name, x in stated.items()}
-    velocities, impulses = (
-        _padded(arrays.pop(name), wide) for name, wide in (("velocities", balls), ("impulses", contacts))
-    )
-    states, paths, compared = arrays.pop("states"), None, [""] * len(speed)
-    if shortest is not None:
-        given = arrays.pop("paths")
-        paths = given if isinstance(given, Paths) else Paths.of(given or [None] * len(speed), balls, contacts)
-        # Without a path, on which alone the times are, states stay as they are.
-        compared = [text or own for text, own in zip(compared_states(paths, shortest), states, strict=True)]
-    arrays.pop("paths", None)
-    return Results(
-        velocities,
-        impulses,
-        **texts,
-        **arrays,
-        states=states,
-        compared=compared,
-        diagnostics=diagnostics,
-        paths=paths,
-    )
+    if shortest is None:
+        return Results(**found | {"compared": [""] * len(speed), "paths": None})
+    given = found["paths"]
+    paths = given if isinstance(given, Paths) else Paths.of(given or [None] * len(speed), balls, contacts)
+    # Without a path, on which alone the times are, states stay as they are.
+    both = zip(compared_states(paths, shortest), found["states"], strict=True)
+    return Results(**found | {"compared": [text or own for text, own in both], "paths": paths})
 
 
 def scaled_diagnostics(outcome: Outcome, speed: float) -> dict[str, float]:
@@ -136,13 +125,10 @@ def _of_arrays(outcomes: Outcomes, shortest: Floats | None) -> dict[str, Any]:
 
 
 def _of_list(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    def numbers(values: Iterable[float | None]) -> Floats:
+        return np.array([np.nan if value is None else value for value in values], float)
+
     names = dict.fromkeys(name for each in outcomes for name in each.diagnostics)
-    margins = (np.nan if each.grazing_margin is None else each.grazing_margin for each in outcomes)
-
-    def stated(outcome: Outcome, name: str) -> float:
-        value = outcome.diagnostics.get(name)
-        return np.nan if value is None else float(value)
-
     return {
         "velocities": [each.velocities for each in outcomes],
         "impulses": [each.impulses for each in outcomes],
@@ -153,8 +139,8 @@ def _of_list(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "states": [" ".join(each.states) for each in outcomes],
         "n_states": np.array([len(each.states) for each in outcomes], np.int64),
         "n_events": np.array([each.n_events for each in outcomes], np.int64),
-        "margin": np.array(list(margins), float),
-        "diagnostics": {name: np.array([stated(each, name) for each in outcomes]) for name in names},
+        "margin": numbers(each.grazing_margin for each in outcomes),
+        "diagnostics": {name: numbers(each.diagnostics.get(name) for each in outcomes) for name in names},
         "paths": [each.path for each in outcomes],
     }
 

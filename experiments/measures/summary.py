@@ -1,4 +1,4 @@
-"""What the table of divergence says: statistics by solver and axis, worst cells, agreement of paths.
+"""Statistics of a finished run: by solver and axis, worst cells, agreement of paths, convergence estimates.
 
 Marked rows, beside a jump of the model or of the exact law of their solver, are kept apart
 everywhere: there an arbitrarily small difference may end in another outcome, so they say little about
@@ -7,13 +7,20 @@ physics.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
 
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import (
@@ -22,19 +29,14 @@ from impact_xval.experiments.measures.aggregates import (
     Compared,
     Frame,
     Levels,
-    between,
-    reasons_of,
-    statistics,
-    worst_rows,
+    cuts,
+    statistics_of,
 )
-from impact_xval.experiments.measures.estimates import convergence_estimates
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
-from impact_xval.experiments.measures.laws import in_order_of_laws
+from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.tables.folder import RunFolder, Tally, statuses_of
-from impact_xval.experiments.tables.parquet import codes, present
+from impact_xval.experiments.tables.parquet import codes, column, present, selected
 from impact_xval.model.collision import RESULT_STATUSES
-
-__all__ = ["FULL_PATHS", "OWN_LAW", "SUMMARISED", "Frame", "Summary", "load_divergence", "summarise"]
 
 #: Measures that are summarised, by their size, and how a reader knows them: of two balls, and of columns of N.
 SUMMARISED = {
@@ -56,10 +58,12 @@ SUMMARISED_OF_COLUMNS = {
 }
 
 _SHARES = ("states_equal", FULL_PATHS, OWN_LAW)
-_WORST = {True: 5, False: 3}
+
+#: An estimate is honest where the true error is at most this many times as large.
+HONEST = 3.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Summary:
     """Statistics of a run.
 
@@ -82,7 +86,7 @@ class Summary:
         D between every two compliant solvers over the cells of two balls that both solved: ``solver, other, n, median,
         p95, max``.
     estimates : DataFrame
-        Convergence estimates by solver (`measures.estimates`); empty without any.
+        Convergence estimates by solver (`convergence_estimates`); empty without any.
     n_cells, n_marked : int
         Cells of the grid, and those of them in which the model is marked.
     marked_beyond : dict of int
@@ -103,14 +107,6 @@ class Summary:
     n_marked: int
     marked_beyond: dict[str, int]
     ladder: LadderSummary
-    _places: dict[tuple[Any, ...], int] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        table = self.statistics
-        keys = [table[name] for name in ("solver", "measure", "axis", "cells")]
-        values = table.value.where(table.axis != "all", "")
-        places = dict(zip(zip(*keys, values, strict=True), range(len(table)), strict=True))
-        object.__setattr__(self, "_places", places)
 
     @property
     def solvers(self) -> list[str]:
@@ -121,6 +117,13 @@ class Summary:
     def axes(self) -> dict[str, list[Any]]:
         """Levels of the axes that have several."""
         return {axis: levels.values for axis, levels in self.levels.items() if len(levels.values) > 1}
+
+    @cached_property
+    def _places(self) -> dict[tuple[Any, ...], int]:
+        table = self.statistics
+        values = table.value.where(table.axis != "all", "")
+        keys = zip(table.solver, table.measure, table.axis, table.cells, values, strict=True)
+        return {key: place for place, key in enumerate(keys)}
 
     def get(
         self, solver: str, measure: str, axis: str = "all", value: Any = "", cells: str = "regular"
@@ -134,37 +137,29 @@ class Summary:
 
 def summarise(folder: RunFolder) -> Summary:
     """Compute the statistics of a finished run from its stored tables, whatever their size."""
-    config = folder.config()
+    config, outcomes = folder.config(), folder.tally()
     cells, pair = folder.table_path("cells.parquet"), config.column is None
     table = load_divergence(folder, config)
-    measures, shares = (SUMMARISED, _SHARES) if pair else (SUMMARISED_OF_COLUMNS, ())
-    outcomes = folder.tally()
-    n_marked, marked_beyond = marks_of(cells, config.solvers)
+    marked = codes(cells, "solver", config.solvers)[present(cells, "marked")]
+    counts = dict(
+        zip(config.solvers, np.bincount(marked, minlength=len(config.solvers)).tolist(), strict=True)
+    )
+    n_marked = counts[REFERENCE]
     return Summary(
         config=config,
         levels=table.levels,
-        statistics=statistics(table, tuple(measures), shares),
-        worst=worst_rows(table, _WORST[pair]),
-        statuses=status_frame(outcomes, config),
+        statistics=_statistics(table, pair=pair),
+        worst=_worst_rows(table, 5 if pair else 3),
+        statuses=_status_frame(outcomes, config),
         reasons=pd.DataFrame(reasons_of(outcomes), columns=["solver", "status", "reason", "n"]),
         between=between(cells, config) if pair else pd.DataFrame(),
         n_cells=sum(n for (name, _, _), n in outcomes.items() if name == REFERENCE),
         n_marked=n_marked,
-        marked_beyond=marked_beyond,
+        # Where the model is marked every row of the cell is.
+        marked_beyond={name: n - n_marked for name, n in counts.items() if n > n_marked},
         estimates=convergence_estimates(cells, config.solvers, config.mapping, marked=pair),
         ladder=summarise_ladder(folder, config),
     )
-
-
-def marks_of(cells: Path, solvers: Sequence[str]) -> tuple[int, dict[str, int]]:
-    """Count the cells in which the model is marked, and by solver those in which it is and the model is not, if any."""
-    names = [REFERENCE, *(name for name in solvers if name != REFERENCE)]
-    counts = np.bincount(
-        codes(cells, "solver", names)[present(cells, "marked")], minlength=len(names)
-    ).tolist()
-    # Where the model is marked every row of the cell is.
-    beyond = {name: n - counts[0] for name, n in zip(names, counts, strict=True) if n > counts[0]}
-    return counts[0], beyond
 
 
 def load_divergence(folder: RunFolder, config: Config) -> Compared:
@@ -172,8 +167,112 @@ def load_divergence(folder: RunFolder, config: Config) -> Compared:
     return Compared.of(folder.table_path("divergence.parquet"), config)
 
 
-def status_frame(outcomes: Tally, config: Config) -> Frame:
+def reasons_of(outcomes: Tally) -> list[tuple[str, str, str, int]]:
+    """Return why rows have no result: solver, status, reason and number, the most frequent reasons first."""
+    rows = [(*key, n) for key, n in outcomes.items() if key[1] not in RESULT_STATUSES]
+    return sorted(rows, key=lambda row: (-row[3], row[0], row[2], row[1]))
+
+
+def _status_frame(outcomes: Tally, config: Config) -> Frame:
     """Count rows by solver (index) and status (columns): the results first, the others by name."""
     counts = pd.DataFrame.from_dict(statuses_of(outcomes), orient="index").fillna(0).astype(int)
     columns = sorted(counts.columns, key=lambda name: ([name != each for each in RESULT_STATUSES], name))
     return counts.reindex(index=in_order_of_laws(config.solvers), columns=columns, fill_value=0)
+
+
+def _statistics(table: Compared, *, pair: bool) -> Frame:
+    """Compute `Summary.statistics`: of two balls by axis for regular cells only, and shares of equal paths."""
+    frames = []
+    parts = {
+        "all": table.rows.compared,
+        "regular": table.regular,
+        "marked": table.rows.compared & table.rows.marked,
+    }
+    for measure in (*SUMMARISED, *_SHARES) if pair else SUMMARISED_OF_COLUMNS:
+        sized = table.rows.assign(size=np.abs(table.measure(measure)))
+        for cells, kept in parts.items():
+            rows = sized[kept]
+            for axis in ("all", *table.levels) if cells == "regular" or not pair else ("all",):
+                keys = ["solver", *([] if axis == "all" else [axis])]
+                groups = rows.groupby(keys, observed=True)["size"]
+                shares = {"n": groups.count(), "mean": groups.mean()}
+                found = pd.DataFrame(shares if measure in _SHARES else statistics_of(groups)).reset_index()
+                found = found.rename(columns={axis: "value"})
+                frames.append(found.assign(cells=cells, axis=axis, measure=measure))
+    columns = ["solver", "cells", "axis", "value", "measure", "n", "mean", "median", "p95", "max"]
+    kinds = {"solver": str, "value": float if pair else object, "median": float}
+    filled = [frame.reindex(columns=columns).astype(kinds) for frame in frames if len(frame)]
+    return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=columns)
+
+
+def _worst_rows(table: Compared, count: int) -> Frame:
+    """Read the regular rows with the largest D of every solver, by solver, then from the largest."""
+    rows = table.rows.assign(d=table.measure("velocity_divergence"))[table.regular]
+    largest = rows.sort_values(["solver", "d"], ascending=[True, False], kind="stable")
+    picked = largest.groupby("solver", observed=True).head(count).index
+    return ds.dataset(table.path).take(pa.array(picked, pa.int64())).to_pandas()
+
+
+def between(path: Path, config: Config) -> Frame:
+    """D between compliant solvers, marked rows left out: near zero where they share what tells them from the model.
+
+    Parameters
+    ----------
+    path : Path
+        The table of cells: as many rows a cell as there are solvers, in their order.
+    """
+    done = (codes(path, "status", RESULT_STATUSES) >= 0) & ~present(path, "marked")
+    speed = np.where(done, np.abs(column(path, "v0")), np.nan)
+    u1 = (column(path, "v1") / speed).reshape(-1, len(config.solvers))
+    u2 = (np.sqrt(column(path, "mass_ratio")) * column(path, "v2") / speed).reshape(u1.shape)
+    rows = []
+    for (a, name), (b, other) in combinations(enumerate(config.solvers), 2):
+        d = pd.Series(np.hypot(u1[:, a] - u1[:, b], u2[:, a] - u2[:, b])).dropna()
+        if REFERENCE not in (name, other) and len(d):
+            rows.append({"solver": name, "other": other, "n": len(d), **cuts(d)})
+    return pd.DataFrame(rows, columns=["solver", "other", "n", "median", "p95", "max"])
+
+
+def convergence_estimates(
+    path: Path, solvers: Sequence[str], mapping: Any = "calibrated", *, marked: bool = True
+) -> Frame:
+    """Compute how far each engine is from its limit dt -> 0, and how well that is known, from the table of cells.
+
+    Where the exact solver of the law an engine was asked for is part of the run, its limits are held against it: the
+    same contacts, solved by other means. With the naive mapping it runs other contacts, and is held against nothing.
+
+    Columns: ``solver``; ``asked``, the exact solver of the law it was asked for, "" without one; ``n``
+    limits, ``converged`` of them; ``order``, the median; ``error_median``, ``error_p95``, ``error_max``,
+    estimated errors of the converged; ``regularisation``, the largest of the converged; ``step_median``, ``step_p95``,
+    ``step_max``, their distances from the velocities at the step; and, NaN where `asked` is not in the run,
+    ``asked_median``, ``asked_p95``, ``asked_max``, distances of the `held` converged limits from it, and ``within`` and
+    ``honest``, the shares of them that are at most the estimate, and `HONEST` times that. Everything per abs(v0), the
+    largest of all balls. Without `marked` the rows that are count in nothing.
+    """
+    limits = [name for name in pq.read_schema(path).names if re.fullmatch(r"v\d+_limit", name)]
+    velocities = [name.removesuffix("_limit") for name in limits]
+    known = ["solver", "status", "marked", "v0", "limit_error", "limit_distance", "order", "regularisation"]
+    rows = []
+    for name in solvers:
+        keep = (pc.field("solver") == name) & pc.field("v1_limit").is_valid()
+        if not marked:
+            keep &= pc.field("marked").is_null()
+        table = selected(path, [*known, *limits, *velocities], keep).to_pandas()
+        if not len(table):
+            continue
+        good = table[table.status.isin(RESULT_STATUSES)]
+        at_step = good[velocities].div(good.v0.abs(), axis=0).set_axis(limits, axis=1)
+        error = good.limit_distance.dropna()
+        stated = good.limit_error[error.index]
+        row = {"solver": name, "asked": exact_for(name, mapping)}
+        row |= {"n": len(table), "converged": len(good), "order": table.order.median()}
+        row |= {"regularisation": good.regularisation.max()}
+        distances = {
+            "error": good.limit_error,
+            "step": (at_step - good[limits]).abs().max(axis=1),
+            "asked": error,
+        }
+        row |= {f"{kind}_{cut}": x for kind, values in distances.items() for cut, x in cuts(values).items()}
+        row |= {"held": len(error), "within": (error <= stated).mean()}
+        rows.append(row | {"honest": (error <= HONEST * stated).mean()})
+    return pd.DataFrame(rows)

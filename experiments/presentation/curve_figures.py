@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.summary import Frame
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.sweep.curves import FIGURE_CELL

@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE, Config
+from impact_xval.experiments.measures.aggregates import FULL_PATHS, Frame
 from impact_xval.experiments.measures.ladder_summary import LadderSummary, summarise_ladder
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.measures.summary import FULL_PATHS, Frame, Summary, load_divergence, summarise
+from impact_xval.experiments.measures.summary import Summary, load_divergence, summarise
 from impact_xval.experiments.presentation.columns.figures import draw_columns
 from impact_xval.experiments.presentation.curve_figures import draw_cell_curves
 from impact_xval.experiments.presentation.ladder_figures import draw_ladders
@@ -130,7 +131,7 @@ def _saved(folder: RunFolder, drawn: Iterable[tuple[str, Figure, str]]) -> dict[
 def _divergences(folder: RunFolder, config: Config) -> Data:
     table = load_divergence(folder, config)
     measures = ("velocity_divergence", "dretained_energy", FULL_PATHS)
-    regular = table.frame(measures, table.compared & ~table.marked)
+    regular = table.frame(measures)
     levels = {axis: sorted(levels.values) for axis, levels in table.levels.items()}
     there = set(regular.solver)
     return Data(levels, regular, in_order_of_laws(name for name in config.solvers if name in there))

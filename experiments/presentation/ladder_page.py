@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.ladder import CANCEL, CAUSES, CONTRIBUTIONS, cancelling
-from impact_xval.experiments.measures.ladder_summary import Frame, LadderSummary
+from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.tables.numbers import number, percent
 
 #: Longest table along an axis.

@@ -9,8 +9,8 @@ from typing import Any
 from impact_xval.compliant_baselines.registry import is_naive, law_of
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.estimates import HONEST
-from impact_xval.experiments.measures.summary import FULL_PATHS, OWN_LAW, SUMMARISED, Frame, Summary
+from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW, Frame
+from impact_xval.experiments.measures.summary import HONEST, SUMMARISED, Summary
 from impact_xval.experiments.presentation.ladder_page import ladder_facts, spread
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.model.collision import RESULT_STATUSES

@@ -21,6 +21,9 @@ from impact_xval.experiments.presentation.looks import BLACK, look
 from impact_xval.experiments.presentation.pages import Table, blocks_of, phrase, render
 from impact_xval.experiments.tables.numbers import number
 
+#: What is said before kernels are compiled.
+COMPILING = "compiling the kernels, once for each installation: half a minute or more"
+
 #: Gives law, solver, number of cells and median D of solvers.
 MedianRows = Callable[[], list[tuple[str, str, int, float]]]
 
@@ -113,12 +116,12 @@ class _Pace:
 
     @property
     def left(self) -> timedelta | None:
-        """Time left at the rate of all so far; None where nothing has been done yet."""
+        """Time left at the rate of all so far; None where nothing has been done yet, or that has passed already."""
         if self._since is None or self.done <= self._before:
             return None
         each = (self._latest - self._since) / (self.done - self._before)
         seconds = (self.total - self.done) * each - (time.perf_counter() - self._latest)
-        return timedelta(seconds=max(0, round(seconds)))
+        return timedelta(seconds=round(seconds)) if seconds >= 1 else None
 
 
 @contextmanager

@@ -7,8 +7,10 @@ import shlex
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+import pyarrow.parquet as pq
 from rich.console import Console
 
+from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.presentation.pages import phrase, render
 from impact_xval.experiments.presentation.terminal import print_line, show
 from impact_xval.experiments.tables.numbers import number
@@ -17,9 +19,12 @@ if TYPE_CHECKING:  # each command has imported what it shows, and needs none of 
     from impact_xval.experiments.measures.summary import Summary
     from impact_xval.experiments.sweep.status import RunStatus
     from impact_xval.experiments.tables.comparison import Comparison
+    from impact_xval.experiments.tables.folder import RunFolder
 
 #: Reasons that `show_status` prints.
 _REASONS = 12
+#: Balls whose velocities have room beside one another.
+_SHOWN = 8
 
 
 def show_summary(console: Console, summary: Summary) -> None:
@@ -55,6 +60,83 @@ def show_status(console: Console, root: str, status: RunStatus) -> None:
         most=_REASONS,
     )
     show(console, page)
+
+
+def show_causes(console: Console, summary: Summary) -> None:
+    """Print why the engines of a run diverge."""
+    from impact_xval.experiments.presentation.ladder_page import ladder_facts
+
+    show(console, render("ladder_run.md.j2", ladder=ladder_facts(summary.ladder)))
+
+
+def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
+    """Read what a finished run holds of a cell: a row a solver, with its measures and what its D consists of.
+
+    Raises
+    ------
+    UserError
+        If there is no such cell.
+    """
+    keys, rows = ["cell", "solver"], None
+    for name in ("cells", "divergence", "ladder"):
+        path = folder.table_path(f"{name}.parquet")
+        table = pq.read_table(path, filters=[("cell", "==", cell)]).to_pandas()
+        new = [column for column in table if rows is None or column in keys or column not in rows]
+        rows = table if rows is None else rows.merge(table[new], how="left", on=keys)
+    if rows is None or not len(rows):
+        raise UserError(f"--cell = {cell}; legal: from 0 to {folder.manifest()['cells'] - 1}")
+    plain = rows.astype(object).where(rows.notna(), None)
+    return [{str(name): value for name, value in row.items()} for row in plain.to_dict("records")]
+
+
+def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
+    """Print a cell: what each solver made of it, and why engines diverge."""
+    from impact_xval.experiments.config.arrangements import COLUMN_AXES
+    from impact_xval.experiments.config.axes import AXES
+
+    axes = COLUMN_AXES if "balls" in rows[0] else AXES
+    where = [(label, rows[0][key]) for key, label in axes.items() if rows[0][key] is not None]
+    balls = range(1, 1 + (rows[0].get("balls") or 2))
+    balls = balls if len(balls) <= _SHOWN else range(0)
+    speed = abs(rows[0]["v0"])
+    outcomes = [
+        (
+            row["solver"],
+            row["status"],
+            *(_digits(row[f"v{i}"], speed) for i in balls),
+            number(row["velocity_divergence"] if row["velocity_divergence"] is not None else math.nan),
+            row.get("states") or "-",
+        )
+        for row in rows
+    ]
+    said = [(row["solver"], row["status"], row["reason"]) for row in rows if row["reason"]]
+    said += [(row["solver"], "marked", row["marked"]) for row in rows if row["marked"]]
+    ladders = [(row, _contributions(row, balls)) for row in rows if row.get("sentence")]
+    facts = {"cell": cell, "where": where, "balls": balls, "outcomes": outcomes, "said": said}
+    show(console, render("cell.md.j2", **facts, ladders=ladders))
+
+
+def _digits(velocity: float | None, speed: float) -> str:
+    return "-" if velocity is None else f"{velocity / speed:.6f}"
+
+
+def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
+    """Rows of the table of a cell and engine; empty where the engine has no ladder."""
+    from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, cancelling
+    from impact_xval.experiments.measures.ladder_rows import between
+    from impact_xval.experiments.tables.numbers import percent
+
+    there = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
+    pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
+    lines = []
+    for i, c in enumerate(there):
+        name = f"{c.name}_share"
+        by_order = between(row[f"{name}_low"], row[f"{name}_high"]) if c in CAUSES else ""
+        shown = ("cancels", "") if i in pair else (percent(row[name]), by_order)
+        changes = (f"{row[f'{c.name}_dv{j}']:.3e}" for j in balls)
+        lines.append((c.label, *changes, f"{row[f'{c.name}_norm']:.3e}", *shown))
+    total = (f"{row[f'dv{j}']:.3e}" for j in balls)
+    return [*lines, ("sum", *total, f"{row['velocity_divergence']:.3e}", "100.0 %", "")] if lines else []
 
 
 def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:

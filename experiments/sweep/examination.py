@@ -1,4 +1,4 @@
-"""Traps in the MuJoCo scenes of an experiment, as its adapter builds them: for ``doctor`` and for reports."""
+"""Traps in the MuJoCo scenes of an experiment, as its adapter builds them: for reports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST_CELLS = 100
 
 #: Cells examined for the note in a report, and how it begins.
 IN_REPORT = 40
-_LOOKED = "The MuJoCo scenes of this run, as its adapter builds them, were examined by impact-xval doctor"
+_LOOKED = "The MuJoCo scenes of this run, as its adapter builds them, were examined"
 
 
 def experiment_findings(

@@ -159,17 +159,16 @@ class _Run:
             folder.write_config(config)
         with tables_lock(folder):
             write_json(folder.root / MANIFEST, self._manifest("running"))
-        parts, findings = folder.find_parts(cells.chunks(), self._identity, self._experiment.layout)
+        there, findings = folder.find_parts(self._mine, self._identity, self._experiment.layout)
         for finding in findings:
             self._progress(0, 0, finding)
-        there = set(self._mine) & set(parts)
         self._mine = [number for number in self._mine if number not in there]
         self._done, self._reused = sum(len(cells.chunk(number)) for number in there), len(there)
         if continued:
             line = f"resumed: {len(there)} of {len(there) + len(self._mine)} parts are there and whole"
             self._progress(self._done, self._total, line)
-        for number in there:
-            self._on_rows(pq.read_table(parts[number], columns=MEDIAN_COLUMNS))
+        for path in there.values():
+            self._on_rows(pq.read_table(path, columns=MEDIAN_COLUMNS))
         self._stage("start")
 
     def solve(self, pool: Any) -> None:
@@ -195,7 +194,7 @@ class _Run:
 
     def _all_parts(self) -> dict[int, Path] | None:
         """Find the parts of all shards; None where one is missing."""
-        parts = self._folder.named_parts(self._cells.chunks(), self._identity)
+        parts = self._folder.named_parts(range(self._cells.chunks()), self._identity)
         return parts if len(parts) == self._cells.chunks() else None
 
     def curves(self, pool: Any) -> None:
@@ -221,7 +220,7 @@ class _Run:
                 manifest["statuses"] = statuses_of(folder.tally())
             write_json(folder.root / MANIFEST, manifest)
             if state == "running":
-                there = len(folder.named_parts(chunks, self._identity))
+                there = len(folder.named_parts(range(chunks), self._identity))
                 line = f"{there} of {chunks} parts are there; the shard that finds all writes the tables"
                 self._progress(self._done, self._total, line)
             if state == "tables":

@@ -18,8 +18,8 @@ import pyarrow.parquet as pq
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.aggregates import reasons_of
 from impact_xval.experiments.measures.laws import in_order_of_laws
+from impact_xval.experiments.measures.summary import reasons_of
 from impact_xval.experiments.tables.folder import RunFolder, Tally, running, statuses_of, tally
 
 #: Columns of a row that `Medians` are made of.
@@ -82,7 +82,7 @@ def _complete(folder: RunFolder, cells: int, chunks: int) -> RunStatus:
 def _under_way(folder: RunFolder, cells: int, chunks: int, state: str) -> RunStatus:
     done = damaged = 0
     outcomes: Tally = Counter()
-    parts = folder.named_parts(chunks, folder.manifest()["identity"])
+    parts = folder.named_parts(range(chunks), folder.manifest()["identity"])
     for path in parts.values():
         try:
             table = pq.ParquetFile(path).read(columns=["solver", "status", "reason", "cell"])

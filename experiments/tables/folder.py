@@ -19,14 +19,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
-import tomli_w
 from filelock import FileLock, Timeout
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import COSMETIC, Config, load_config
-from impact_xval.experiments.config.plain import revive
 from impact_xval.experiments.tables.parquet import blocks, column, replacing, table_writer
 from impact_xval.experiments.tables.schema import Layout
 
@@ -74,10 +72,7 @@ class RunFolder:
 
     def write_config(self, config: Config) -> None:
         """Write the experiment as it is run."""
-        plain = _given(revive(config.canonical()))
-        if config.cells is not None:
-            plain["cells"] = str(Path(config.cells).resolve())
-        write_text(self.root / CONFIGURATION, tomli_w.dumps(plain))
+        write_text(self.root / CONFIGURATION, config.toml())
 
     def config(self) -> Config:
         """Read the experiment of the run.
@@ -125,19 +120,21 @@ class RunFolder:
             temporary.write_bytes(data)
         return path
 
-    def named_parts(self, count: int, identity: str) -> dict[int, Path]:
-        """Find the parts of a run of so many by their names; path by number."""
+    def named_parts(self, numbers: Iterable[int], identity: str) -> dict[int, Path]:
+        """Find parts of a run by their names; path by number."""
         there = {path.name for path in self.parts.iterdir()} if self.parts.is_dir() else set()
-        paths = {number: self._part(number, identity) for number in range(count)}
+        paths = {number: self._part(number, identity) for number in numbers}
         return {number: path for number, path in paths.items() if path.name in there}
 
-    def find_parts(self, count: int, identity: str, layout: Layout) -> tuple[dict[int, Path], list[str]]:
+    def find_parts(
+        self, numbers: Iterable[int], identity: str, layout: Layout
+    ) -> tuple[dict[int, Path], list[str]]:
         """Find the parts that are whole.
 
         Parameters
         ----------
-        count : int
-            Number of chunks.
+        numbers : iterable of int
+            Of the chunks that are looked for.
         identity : str
             Of the run.
         layout : Layout
@@ -151,7 +148,7 @@ class RunFolder:
             One line for every part that is damaged; it is to be computed again.
         """
         parts, findings = {}, []
-        for number, path in self.named_parts(count, identity).items():
+        for number, path in self.named_parts(numbers, identity).items():
             try:
                 read_part(path, layout)
                 parts[number] = path
@@ -266,13 +263,6 @@ def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
             tables = []
     if tables:
         yield pa.concat_tables(tables)
-
-
-def _given(value: Any) -> Any:
-    """Leave out what has no value, which TOML cannot write."""
-    if isinstance(value, dict):
-        return {key: _given(entry) for key, entry in value.items() if entry is not None}
-    return value
 
 
 @contextlib.contextmanager

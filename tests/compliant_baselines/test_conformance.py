@@ -126,9 +126,9 @@ def test_checks_are_refused_by_name():
 def test_the_command_prints_what_it_found(capsys):
     from impact_xval.experiments.commands.cli import main
 
-    assert main(["conform", "kelvin-voigt"]) == 0
+    assert main(["solvers", "kelvin-voigt"]) == 0
     assert capsys.readouterr().out.count("passed  ") == len(checks())
-    assert main(["conform", "kelvin-voigt-textbook", "--law", "kelvin-voigt"]) == 1
+    assert main(["solvers", "kelvin-voigt-textbook", "--law", "kelvin-voigt"]) == 3
     assert "FAILED  converges to kelvin voigt: " in capsys.readouterr().out
-    assert main(["conform", "bullet"]) == 2
-    assert main(["conform", "mujoco", "--law", "hertz"]) == 2
+    assert main(["solvers", "bullet"]) == 2
+    assert main(["solvers", "mujoco", "--law", "hertz"]) == 2

@@ -94,7 +94,7 @@ def test_an_installed_engine_is_found_used_and_conforms(site, capsys):
     assert main(["solve", *RATIOS, "--scenario", "impact", "--solver", "toy", "--json"]) == 0
     ours, _ = json.loads(capsys.readouterr().out)  # and the model
     assert ours["v1"] == pytest.approx(0.62925, abs=1e-14)
-    assert main(["conform", "toy"]) == 0
+    assert main(["solvers", "toy"]) == 0
 
 
 def test_a_solver_of_one_collision_at_a_time_conforms(site):
@@ -167,7 +167,7 @@ def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, 
     printed = capsys.readouterr().out
     assert all(f"{name}: unavailable: broken 1.2" in printed for name in BROKEN)
     assert main(["solvers"]) == 0
-    assert main(["conform", "raises"]) == 2
+    assert main(["solvers", "raises"]) == 2
 
 
 def test_two_distributions_with_one_name_are_told(site):

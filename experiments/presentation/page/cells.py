@@ -17,7 +17,12 @@ import pyarrow.dataset as ds
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.paste import mjcf
-from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_costly
+from impact_xval.compliant_baselines.registry import (
+    engine_free_names,
+    exportable_names,
+    get_solver,
+    is_costly,
+)
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
@@ -113,15 +118,16 @@ def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]
         **({"gravity": config.gravity} if config.scenario == "drop" else {}),
         **{name: getattr(config, name) for name in ("m1", "k1", "v0")},
         "step-fraction": config.step_fraction,
-        "mapping": config.mapping,
     }
     again = " ".join(f"--{name} {value}" for name, value in options.items())
-    run = f"{shlex.quote(root)} --cell {row['cell']}"
+    if config.mapping == "naive":
+        again += "".join(f" --solver {name}-naive" for name in exportable_names() if name in config.solvers)
+    run, cell = shlex.quote(root), row["cell"]
     return [
-        ["every cause, in every order", f"impact-xval ladder {run}"],
-        ["scenes that run in the engine alone", f"impact-xval export-scene {run}"],
+        ["every cause, in every order", f"impact-xval show {run} --cell {cell}"],
+        ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"],
         ["once more, by every solver", f"impact-xval solve {again}"],
-        ["in slow motion", f"impact-xval animate {again} --out cell-{row['cell']}.html"],
+        ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"],
     ]
 
 

@@ -72,12 +72,12 @@ def tiles_of(table: Compared) -> Tiles:
     )
     cell = column(table.path, "cell").astype(np.int64)
     d = table.measure("velocity_divergence")
-    regular = table.compared & ~table.marked
+    regular = table.regular
     rank = np.where(regular, d, -1.0)  # those that are kept apart come last
     order = np.lexsort((-rank, where))
     tiles, first = np.unique(where[order], return_index=True)
-    frame = pd.DataFrame({"tile": where[regular], "solver": table.solver[regular], "d": d[regular]})
-    medians = frame.groupby(["tile", "solver"]).d.median().unstack().reindex(tiles)
+    frame = pd.DataFrame({"tile": where[regular], "solver": table.rows.solver[regular], "d": d[regular]})
+    medians = frame.groupby(["tile", "solver"], observed=True).d.median().unstack().reindex(tiles)
     places = np.unravel_index(tiles, shape)
     rows, above = np.unique(np.ravel_multi_index(places[1:], shape[1:]), return_inverse=True)
     values = np.array(np.unravel_index(rows, shape[1:])).T
@@ -91,10 +91,10 @@ def tiles_of(table: Compared) -> Tiles:
         across=places[0].tolist(),
         above=above.tolist(),
         medians={
-            name: [None if math.isnan(value) else value for value in medians[code]]
-            if code in medians
+            name: [None if math.isnan(value) else value for value in medians[name]]
+            if name in medians
             else [None] * len(tiles)
-            for code, name in enumerate(table.solvers)
+            for name in table.solvers
         },
         cells=cell[order][first].tolist(),
         n_cells=len(cell) // max(1, len(table.solvers)),

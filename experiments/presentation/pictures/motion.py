@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import base64
-import errno
 import re
-import subprocess
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -14,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup, escape
-from matplotlib.animation import FFMpegWriter, FuncAnimation
+from matplotlib.animation import FuncAnimation
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
@@ -269,12 +267,12 @@ def _in_few_colors(frames: Iterable[Pixels]) -> list[Image.Image]:
 
 
 def write_animation(motion: Motion, path: Path) -> None:
-    """Write an animation as GIF, MP4 or a page that needs nothing else, as the suffix of the file says.
+    """Write an animation as GIF or a page that needs nothing else, as the suffix of the file says.
 
     Raises
     ------
     OSError
-        If it cannot be written, or ffmpeg fails.
+        If it cannot be written.
     """
     with replacing(path) as temporary:
         if path.suffix == ".html":
@@ -282,29 +280,6 @@ def write_animation(motion: Motion, path: Path) -> None:
                 "motion.html.j2", title=motion.title(), caption=motion.caption(), player=player_of(motion)
             )
             temporary.write_text(page, encoding="utf-8")
-        elif path.suffix == ".mp4":
-            _film(motion, temporary, path)
         else:
             first, *others = _in_few_colors(frames_of(motion))
             first.save(temporary, "GIF", save_all=True, append_images=others, duration=1000 / RATE, loop=0)
-
-
-def _film(motion: Motion, temporary: Path, path: Path) -> None:
-    writer, figure, image = FFMpegWriter(fps=RATE, extra_args=["-pix_fmt", "yuv420p"]), None, None
-    try:
-        for picture in frames_of(motion):
-            if figure is None or image is None:
-                height, width = picture.shape[:2]
-                figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
-                image = figure.figimage(picture)
-                writer.setup(figure, temporary, dpi=_DPI)
-            image.set_data(picture)
-            writer.grab_frame()
-        writer.finish()
-    except subprocess.CalledProcessError as error:
-        raise OSError(errno.EIO, f"ffmpeg ended with {error.returncode}", str(path)) from None
-
-
-def has_ffmpeg() -> bool:
-    """Whether an MP4 can be written."""
-    return FFMpegWriter.isAvailable()

@@ -7,6 +7,7 @@ of components over the cells of the field that are beyond the lowest level.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.measures.aggregates import Levels, grid_levels, levels_of
+from impact_xval.experiments.measures.aggregates import Levels, axis_levels
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, Contribution
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.pages import phrase
@@ -111,11 +112,10 @@ def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
     regular = (codes(path, "status", ["ok"]) == 0) & ~present(path, "marked") & (solver >= 0)
     if not regular.any():
         return None
-    scattered = config.sample is not None or config.cells is not None
     places, values = [], []
     for axis in ("mass_ratio", "stiffness_ratio"):
         x = column(path, axis)
-        levels = levels_of(x) if scattered else grid_levels(config)[axis]
+        levels = axis_levels(config, axis, x)
         ordered = Levels(sorted(levels.values), levels.edges)
         places.append(ordered.codes(x))
         values.append(ordered.values)
@@ -137,7 +137,9 @@ def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
         if rows.any():
             trust = _trust(name, field[rows], total[rows], sums[:, place], shape)
             found.append(trust)
-    whole = 0 if scattered else len(config.grid.axes()["e1"]) * len(config.grid.axes()["e2"])
+    scattered = config.sample is not None or config.cells is not None
+    lengths = list(config.grid.lengths().values())
+    whole = 0 if scattered else math.prod(lengths[2:])
     return TrustMap(values[1], values[0], found, whole)
 
 

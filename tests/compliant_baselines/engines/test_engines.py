@@ -100,7 +100,7 @@ def test_running_out_of_steps_is_a_timeout(engine):
     c = random_collisions(1, seed=7)[0]
     needed = int(engine.solve(c, COARSE).diagnostics["n_steps"])
     assert engine.solve(c, Settings(step_fraction=5e-3, max_steps=needed)).status == "ok"
-    with pytest.raises(SolverError, match=rf"timeout: not over after max_steps = {needed - 1} steps"):
+    with pytest.raises(SolverError, match=rf"timeout: not over after {needed - 1} steps"):
         engine.solve(c, Settings(step_fraction=5e-3, max_steps=needed - 1))
 
 

@@ -31,8 +31,29 @@ def test_solve_json_keeps_the_contract(capsys):
     assert found["v2"] == pytest.approx(0.00016910787873, abs=1e-12)
     assert found["states"] == ["S1", "S3", "S1", "S2", "S4"]
     assert found["status"] == "ok"
-    assert found["impulse1"] == pytest.approx(1 + found["v1"], abs=1e-12)
-    assert found["impulse2"] == pytest.approx(found["impulse1"] + 2 / math.sqrt(3) * found["v2"], abs=1e-12)
+    assert found["velocities"] == [found["v1"], found["v2"]]
+    impulse1, impulse2 = found["impulses"]
+    assert impulse1 == pytest.approx(1 + found["v1"], abs=1e-12)
+    assert impulse2 == pytest.approx(impulse1 + 2 / math.sqrt(3) * found["v2"], abs=1e-12)
+
+
+def test_si_units_and_ratios_are_one_collision(capsys):
+    ratios = _json(capsys, *CELL, "--v0", "-3", "--solver", "kelvin-voigt")
+    units = [
+        "--m1",
+        "0.5",
+        "--m2",
+        str(1 / math.sqrt(3)),
+        "--k1",
+        "1e6",
+        "--k2",
+        "4e7",
+        *CELL[4:],
+        "--v0",
+        "-3",
+    ]
+    for each, other in zip(ratios, _json(capsys, *units, "--solver", "kelvin-voigt"), strict=True):
+        assert other["velocities"] == pytest.approx(each["velocities"], rel=1e-12, abs=1e-12)
 
 
 #: A drop after which B2 is at rest on the table, at some speed.
@@ -52,7 +73,7 @@ def test_no_number_of_the_list_depends_on_the_speed(capsys, cell, faster):
     assert [each["solver"] for each in slow] == names
     for plain, fast in zip(slow, quick, strict=True):
         assert fast["states"] == plain["states"]
-        for key in ("v1", "v2", "impulse1", "impulse2"):
+        for key in ("velocities", "impulses"):
             assert fast[key] == pytest.approx(plain[key], rel=1e-6, abs=1e-9)
         assert fast["diagnostics"] == pytest.approx(plain["diagnostics"], rel=1e-3, abs=1e-9)
     assert "v1_limit" in slow[0]["diagnostics"]
@@ -64,9 +85,9 @@ def test_the_model_is_added_so_that_any_solver_has_a_divergence(capsys):
     # by its definition (docs/experiments.md): sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2))
     masses = 1, 2 / math.sqrt(3)
     squares = [m * (engine[key] - model[key]) ** 2 for m, key in zip(masses, ("v1", "v2"), strict=True)]
-    assert engine["velocity_divergence"] == pytest.approx(math.sqrt(sum(squares)), rel=1e-12)
-    assert engine["velocity_divergence"] > 0.01
-    assert model["velocity_divergence"] == 0
+    assert engine["D"] == pytest.approx(math.sqrt(sum(squares)), rel=1e-12)
+    assert engine["D"] > 0.01
+    assert model["D"] == 0
 
 
 def test_solve_takes_an_infinite_ratio_and_shows_refusals(capsys):
@@ -123,8 +144,16 @@ def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
         assert (root / name).exists(), name
     for more in ([], ["--resume"]):
         assert main(["run", "my.toml", *more, "--workers", "1"]) == 0
-    for command in ("table", "figures"):
-        assert main([command, str(root)]) == 0
+    assert main(["report", str(root)]) == 0
+    assert main(["show", str(root)]) == 0
+    capsys.readouterr()
+    assert main(["show", str(root), "--cell", "1", "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert (row["solver"], row["v1"], row["velocity_divergence"]) == (
+        "state-transition",
+        pytest.approx(0.56, abs=0.5),
+        None,
+    )
 
 
 def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
@@ -136,7 +165,6 @@ def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
     assert capsys.readouterr().err == "impact-xval: interrupted\n"
 
 
-#: A collision of so many events that the model takes minutes, all of them in compiled code.
 def test_a_solver_that_takes_too_long_is_ended_and_the_others_are_shown(capsys, monkeypatch):
     monkeypatch.setattr(registry, "get_solver", faulty.faulty)
     cell = [*CELL[:4], "--e1", str(faulty.HANG), "--e2", "0.7", "--cell-timeout", "5"]

@@ -5,6 +5,8 @@ import json
 import pytest
 
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.cells import read_cells
+from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.tables.folder import FORMAT
 
 BELOW_ONE = "from 0 to 1"
@@ -17,11 +19,10 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[grid]\ne1 = [0.5, 1.5]", ["grid.e1", "1.5", BELOW_ONE]),
         ("[grid]\ne2 = [-0.1]", ["grid.e2", "-0.1", BELOW_ONE]),
         ("[grid]\ne2 = ['half']", ["grid.e2", "half", "not a number", BELOW_ONE]),
-        ("[grid]\ne1 = 0.5", ["grid.e1", "0.5", "a list of numbers", "linear"]),
-        ("[grid]\ne1 = []", ["grid.e1", "empty", "one value or more"]),
+        ("[grid]\ne1 = []", ["grid.e1 = []", "a list of them (one or more)", "linear"]),
         ("[grid]\ne1 = [0.5, 0.7, 0.5]", ["grid.e1", "0.5", "more than once", "each value once"]),
         ("[grid]\nmas_ratio = [1]", ["grid.mas_ratio", "unknown key", "did you mean 'mass_ratio'", "e1"]),
-        ("grid = [1]", ["grid = [1]", "a table of axes"]),
+        ("grid = [1]", ["grid = [1]", "a table: stiffness_ratio"]),
     ],
     "ranges": [
         ("[grid]\ne1 = {cubic = [0, 1, 3]}", ["grid.e1", "cubic", "log = [lo, hi, n]"]),
@@ -31,8 +32,16 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[grid]\nstiffness_ratio = {log = [0, 1, 3]}", ["grid.stiffness_ratio", "lo = 0", "lo > 0"]),
         ("[grid]\nstiffness_ratio = {log = [1, inf, 3]}", ["grid.stiffness_ratio", "both finite"]),
         ("[grid]\ne1 = {linear = [0, 1, 1]}", ["grid.e1", "n = 1", "from 2 to"]),
-        ("[grid]\ne1 = {linear = [0, 1, 2.5]}", ["grid.e1", "n = 2.5", "a whole number"]),
+        ("[grid]\ne1 = {linear = [0, 1, 2.5]}", ["grid.e1", "n = 2.5", "whole"]),
         ("[grid]\ne1 = {linear = [0, 1, 9000]}\ne2 = {linear = [0, 1, 9000]}", ["grid", "1 to 10000000"]),
+    ],
+    "samples": [
+        ("[sample]\nn = 0", ["sample.n = 0", "a whole number from 1"]),
+        ("[sample]\ne1 = 2", ["sample.e1 = 2", BELOW_ONE]),
+        ("[sample]\ne1 = [0, 1]", ["sample.e1 = [0, 1]", "a number, {log = [lo, hi]}"]),
+        ("[sample]\ne1 = {linear = [0, 1, 3]}", ["sample.e1", "[0, 1, 3]", "{linear = [lo, hi]}"]),
+        ("[sample]\ne1 = {log = [0, 1]}", ["sample.e1", "lo = 0", "lo > 0"]),
+        ("[sample]\nmethod = 'halton'", ["sample.method = 'halton'", "'sobol'"]),
     ],
     "columns": [
         ("[grid]\n[column]", ["grid and column are given", "legal: one of grid, sample, cells, column"]),
@@ -42,24 +51,37 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[column]\ngap = [0.0, -1e-5]", ["column.gap = -1e-05", "a finite number >= 0 (m)"]),
         ("[column]\nexponent = 0.5", ["column.exponent = 0.5", "1.5: Hertz) to 3"]),
         ("[column]\nmass_taper = [0.0]", ["column.mass_taper = 0.0", "> 0 (m_(i+1)/m_i)"]),
-        ("[column]\nballs = 10\nstiffness_taper = [1, 1e200]", ["stiffness_taper = 1e+200", "power 9"]),
-        ("[column]\narrangement = ['pile']", ["column.arrangement = 'pile'", "'drop' or 'stack'"]),
+        (
+            "[column]\nballs = 10\nstiffness_taper = [1, 1e200]",
+            ["k = 100000000.0, stiffness_taper = 1e+200", "finite numbers > 0"],
+        ),
+        ("[column]\narrangement = ['pile']", ["column.arrangement = ['pile']", "'drop' or 'stack'"]),
         ("[column]\nballs = [3, 4]\nstrike = [1, 3]", ["strike = 3", "from 1 to 2, for 3 balls"]),
-        ("[column]\narrangement = 'drop'\nstrike = 1", ["strike = 1", "none without a cradle"]),
-        ("scenario = 'drop'\n[column]", ["scenario = 'drop'", "legal with column: 'impact'"]),
+        ("[column]\narrangement = 'drop'\nstrike = 1", ["column: strike = [1.0]", "none without a cradle"]),
+        ("scenario = 'drop'\n[column]", ["scenario = 'drop'", "with column; legal: 'impact'"]),
         ("[column]\n[figure_cell]", ["figure_cell is given with column", "figure_column"]),
+        ("gravity = 9.81\n[column]", ["gravity is given with column", "legal: none"]),
+        ("[figure_column]", ["figure_column is given without column", "figure_cell"]),
+        ("[column]\n[figure_column]\nballs = 1", ["figure_column.balls = 1", "from 2 to 1000, for a cradle"]),
+        ("[column]\narrangement = ['drop', 'drop']", ["column.arrangement", "each once"]),
         ("[column]\nball = 3", ["column.ball = 3", "did you mean 'balls'"]),
     ],
     "scales": [
         ("gravity = 0", ["gravity = 0", "a finite number > 0"]),
         ("m1 = '1'", ["m1 = '1'", "a finite number > 0 (kg)"]),
         ("k1 = inf", ["k1 = inf", "a finite number > 0 (N/m)"]),
+        ("v0 = -1e-300\ngravity = 1e300", ["v0 = -1e-300, gravity = 1e+300", "a finite number > 0"]),
+        ("k1 = 1e300\n[sample]\nstiffness_ratio = {log = [1, 1e200]}", ["= 1e+200 with", "k1 = 1e+300"]),
+        ("m1 = 1e300\n[figure_cell]\nmass_ratio = 1e200", ["mass_ratio = 1e+200 with m1 = 1e+300"]),
         ("v0 = 1.0", ["v0 = 1.0", "a finite number < 0"]),
         ("m1 = -1\nv0 = 1", ["m1 = -1", "and 1 more"]),
-        ("k1 = 1e300\n[grid]\nstiffness_ratio = [1e200]", ["stiffness_ratio = 1e+200", "precision"]),
+        (
+            "k1 = 1e300\n[grid]\nstiffness_ratio = [1e200]",
+            ["stiffness_ratio = 1e+200", "k1 = 1e+300", "precision"],
+        ),
         (
             "scenario = 'impact'\nm1 = 1e-200\nv0 = -1e-200",
-            ["m1 = 1e-200 times |v0| = 1e-200", "product > 0"],
+            ["v0 = -1e-200", "m1 = 1e-200", "a finite number > 0"],
         ),
     ],
     "settings": [
@@ -67,6 +89,8 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("zzz = 1", ["zzz", "unknown key", "legal: name"]),
         ("scenario = 'throw'", ["scenario", "'throw'", "'impact' or 'drop'"]),
         ("step_fraction = 0.5", ["step_fraction = 0.5", "at most 0.1"]),
+        ("scenario = 'impact'\ngravity = 9.81", ["gravity is given with scenario = 'impact'", "with 'drop'"]),
+        ("[grid]\ne = [0.5]\ne1 = [0.5]", ["grid", "e is given with e1", "e for both"]),
         ("max_steps = 0", ["max_steps = 0", "a whole number >= 1"]),
         ("shortest_state = 0.5", ["shortest_state = 0.5", "from 0 to 0.1 (of the shorter"]),
         ("mapping = 'none'", ["mapping = 'none'", "'calibrated' or 'naive'"]),
@@ -120,9 +144,37 @@ def test_a_configuration_that_cannot_be_read_is_one_line(tmp_path, capsys):
     latin = tmp_path / "latin.toml"
     latin.write_bytes("name = 'é'".encode("latin-1"))
     _fails(capsys, ["run", str(latin), *out], ["latin.toml", "not UTF-8"])
-    _fails(capsys, ["run", str(tmp_path), *out], [str(tmp_path), "is a directory"])
-    _fails(capsys, ["run", str(tmp_path / "none.toml"), *out], ["none.toml", "no such file"])
+    _fails(capsys, ["run", str(tmp_path), *out], [str(tmp_path), "Is a directory"])
+    _fails(capsys, ["run", str(tmp_path / "none.toml"), *out], ["none.toml", "No such file"])
     assert sorted(tmp_path.iterdir()) == [latin]
+
+
+HEADER = "stiffness_ratio,mass_ratio,e1,e2\n"
+LISTS = [
+    (None, ["no such file"]),
+    ("stiffness_ratio,mass_ratio,e1\n1,1,1\n", ["column e2 is missing", "legal: columns"]),
+    (HEADER, ["0 rows", "legal: 1 to"]),
+    (HEADER + "1,1,1,half\n", ["e2 is not a column of numbers"]),
+    (HEADER + "1,1,1,1\n1,,1,1\n", ["row 2: mass_ratio is empty"]),
+    (HEADER + "1,1,1,1\n1,1,1.5,1\n", ["row 2: e1 = 1.5", BELOW_ONE]),
+    (HEADER + "1,inf,1,1\n", ["row 1: mass_ratio = inf"]),
+    (HEADER + "1,1,1,1\n1e305,1,1,1\n", ["row 2: stiffness_ratio = 1e+305", "precision"]),
+    (HEADER + "1,1e-320,1,1\n", ["row 1: mass_ratio = 1e-320", "gravity = 9.81", "precision"]),
+    (HEADER + "1,1\n", ["cannot be read"]),
+]
+
+
+def test_a_wrong_list_of_cells_is_one_line(tmp_path, capsys):
+    (tmp_path / "c.toml").write_text("cells = 'cells.csv'")
+    for text, expected in LISTS:
+        if text is not None:
+            (tmp_path / "cells.csv").write_text(text)
+        run = ["run", str(tmp_path / "c.toml"), "--out", str(tmp_path / "out")]
+        _fails(capsys, run, ["cells.csv", *expected])
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "x.parquet").write_bytes(b"PAR1 and no more")
+    with pytest.raises(UserError, match="cannot be read"):
+        read_cells(tmp_path / "x.parquet")
 
 
 @pytest.mark.parametrize(
@@ -145,12 +197,12 @@ def test_a_folder_that_cannot_be_written_is_one_line(capsys):
     _fails(capsys, ["run", "--out", "/proc/impact-xval"], ["/proc/impact-xval", "cannot be written"])
 
 
-@pytest.mark.parametrize("command", ["table", "figures", "report"])
+@pytest.mark.parametrize("command", ["show", "report"])
 def test_what_is_shown_of_a_run_needs_a_finished_one(command, tmp_path, capsys):
     _fails(capsys, [command, str(tmp_path / "none")], ["none", "no such folder"])
     _fails(capsys, [command, str(tmp_path)], ["no manifest.json", "legal: the folder of a run"])
     (tmp_path / "manifest.json").write_text(json.dumps({"format": FORMAT, "state": "running"}))
-    _fails(capsys, [command, str(tmp_path)], ["not finished", "to continue: impact-xval run --out"])
+    _fails(capsys, ["report", str(tmp_path)], ["not finished", "to continue: impact-xval run --out"])
 
 
 CELL = {"--stiffness-ratio": "1", "--mass-ratio": "1", "--e1": "0.9", "--e2": "0.7"}
@@ -161,23 +213,24 @@ OPTIONS = [
     ({"--mass-ratio": "0"}, ["--mass-ratio = 0", "a finite number > 0"]),
     ({"--e1": "1.01"}, ["--e1 = 1.01", BELOW_ONE]),
     ({"--scenario": "throw"}, ["--scenario = 'throw'", "'impact' or 'drop'"]),
-    ({"--mapping": "x"}, ["--mapping = 'x'", "'calibrated' or 'naive'"]),
     ({"--step-fraction": "0"}, ["--step-fraction = 0", "at most 0.1"]),
     ({"--v0": "0"}, ["--v0 = 0", "a finite number < 0"]),
     ({"--m1": "0"}, ["--m1 = 0", "a finite number > 0"]),
-    ({"--gravity": "-9"}, ["--gravity = -9", "a finite number > 0"]),
-    ({"--gravity": "5"}, ["--gravity = 5", "has no gravity; legal: --scenario drop"]),
-    ({"--cutoff": "0.5"}, ["--cutoff = 0.5", "greater than 1"]),
-    ({"--cutoff": "none"}, ["--cutoff = 'none'", "greater than 1, up to inf, or 'exact'"]),
+    ({"--gravity": "-9", "--scenario": "drop"}, ["--gravity = -9", "a finite number > 0"]),
+    ({"--gravity": "5"}, ["--gravity = 5", "has no gravity; legal: > 0, with --scenario drop"]),
+    ({"--k2": "1e6"}, ["--stiffness-ratio and --k2 are given; legal: one of both"]),
+    ({"--gap": "0"}, ["--gap = '0'; legal: none here, it is of N balls"]),
     ({"--cell-timeout": "0"}, ["--cell-timeout = 0.0; legal: "]),
     ({"--solver": "bullet"}, ["--solver 'bullet'", "did you mean 'pybullet'", "legal:"]),
-    ({"--m1": "1e-200", "--v0": "-1e-200"}, ["--m1", "times |v0| = 1e-200", "product > 0"]),
-    ({"--stiffness-ratio": "1e305"}, ["--stiffness-ratio", "1e+305", "double precision"]),
+    ({"--m1": "1e-200", "--v0": "-1e-200"}, ["v0 = -1e-200", "m1 = 1e-200", "a finite number > 0"]),
+    ({"--stiffness-ratio": "1e305"}, ["stiffness_ratio = 1e+305", "k1 = 100000000.0", "double precision"]),
 ]
 CRADLE = [
     ({"--balls": "1"}, ["--balls = 1", "from 2 to 1000, for a cradle"]),
     ({"--balls": "0", "--arrangement": "stack"}, ["--balls = 0", "from 1 to 1000, for a stack"]),
-    ({"--balls": "2.5"}, ["--balls = '2.5'", "a whole number from 2"]),
+    ({"--balls": "2.5"}, ["--balls = 2.5", "a whole number from 2"]),
+    ({"--e1": "0.9"}, ["--e1 = '0.9'; legal: none here, it is of two balls"]),
+    ({"--scenario": "drop"}, ["--scenario = 'drop'", "a column, which has no gravity"]),
     ({"--strike": "5"}, ["--strike = 5", "from 1 to 4, for 5 balls"]),
     ({"--strike": "two"}, ["--strike = 'two'", "a whole number from 1 to balls - 1"]),
     ({"--strike": "1", "--arrangement": "chain"}, ["--strike = 1", "none for a chain"]),
@@ -187,33 +240,33 @@ CRADLE = [
     ({"--v0": "1"}, ["--v0 = 1.0", "a finite number < 0 (m/s, up is positive)"]),
     ({"--arrangement": "tower"}, ["'tower'", "'chain', 'cradle', 'drop' or 'stack'"]),
     ({"--mass-taper": "0"}, ["--mass-taper = 0.0", "a finite number > 0 (m_(i+1)/m_i)"]),
-    ({"--k": "1e300", "--stiffness-taper": "1e10"}, ["--stiffness-taper = 1", "k = 1e+300 times that"]),
-    ({"--m": "1e-200", "--v0": "-1e-200"}, ["--v0 = -1e-200", "m = 1e-200", "product > 0"]),
+    ({"--k1": "1e300", "--stiffness-taper": "1e10"}, ["k = 1e+300, stiffness_taper = 1", "numbers > 0"]),
+    ({"--m1": "1e-200", "--v0": "-1e-200"}, ["v0 = -1e-200", "m = 1e-200", "product > 0"]),
     ({"--e": "2", "--gap": "-1"}, ["--e = 2.0", "(and 1 more)"]),
 ]
 
 
 @pytest.mark.parametrize(
-    ("command", "given", "cases"), [("solve", CELL, OPTIONS), ("cradle", {}, CRADLE)], ids=["solve", "cradle"]
+    ("given", "cases"), [(CELL, OPTIONS), ({"--arrangement": "cradle"}, CRADLE)], ids=["pair", "column"]
 )
-def test_a_wrong_option_is_one_line_that_names_option_value_and_range(command, given, cases, capsys):
+def test_a_wrong_option_is_one_line_that_names_option_value_and_range(given, cases, capsys):
     for changed, expected in cases:
         words = [word for pair in (given | changed).items() for word in pair]
-        _fails(capsys, [command, *words], expected)
+        _fails(capsys, ["solve", *words], expected)
 
 
 def test_wrong_words_of_other_commands_are_one_line_and_leave_no_file(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for arguments, expected in (
         (["sovle"], ["sovle", "--help"]),
-        (["table"], ["Missing argument", "DIR"]),
+        (["show"], ["Missing argument", "DIR"]),
         (["run", "a.toml", "b.toml"], ["b.toml"]),
         (["explore", "--port", "65536"], ["--port = '65536'", "a whole number from 0 to 65535"]),
         (["run", "--workers", "0"], ["--workers = '0'", "a whole number from 1 to 4096"]),
         (["run", "--workers", "two"], ["--workers = 'two'", "a whole number from 1 to 4096"]),
-        (["conform", "bullet"], ["SOLVER 'bullet'", "did you mean 'pybullet'", "legal: state-transition"]),
-        (["export-scene", *RATIOS, "--scenario", ""], ["--scenario = ''", "'impact' or 'drop'"]),
-        (["export-scene", *RATIOS, "--gravity", "9.81"], ["--gravity = 9.81", "legal: --scenario drop"]),
+        (["solvers", "bullet"], ["NAME 'bullet'", "did you mean 'pybullet'", "legal: state-transition"]),
+        (["scene", *RATIOS, "--scenario", ""], ["--scenario = ''", "'impact' or 'drop'"]),
+        (["scene", *RATIOS, "--gravity", "9.81"], ["--gravity = 9.81", "with --scenario drop"]),
         (["--versoin"], ["--versoin"]),
     ):
         _fails(capsys, arguments, expected)
@@ -223,8 +276,8 @@ def test_wrong_words_of_other_commands_are_one_line_and_leave_no_file(capsys, tm
 def test_a_file_where_a_folder_is_to_be_written_is_one_line_and_stays(capsys, tmp_path):
     file = tmp_path / "file"
     file.write_text("mine")
-    needed = {"export-scene": RATIOS}
-    for command in ("run", "hypothesis", "export-scene"):
+    needed = {"scene": RATIOS}
+    for command in ("run", "hypothesis", "scene"):
         for out in (file, file / "below"):
             _fails(capsys, [command, *needed.get(command, []), "--out", str(out)], [f"--out {out}"])
         _fails(capsys, [command, *needed.get(command, []), "--out", ""], ["--out = '", "legal: a path"])

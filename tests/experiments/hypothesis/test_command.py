@@ -48,7 +48,7 @@ BAD = {
 
 def test_bad_input_is_one_line_and_writes_nothing(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for text, words in ({None: ["no such file"]} | BAD).items():
+    for text, words in ({None: ["No such file"]} | BAD).items():
         if text is not None:
             (tmp_path / "h.toml").write_text(text)
         assert main(["hypothesis", "h.toml"]) == 2, text

@@ -8,8 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.measures.aggregates import between
-from impact_xval.experiments.measures.summary import SUMMARISED, summarise
+from impact_xval.experiments.measures.summary import SUMMARISED, between, summarise
 from impact_xval.experiments.presentation.figures import write_figures
 from impact_xval.experiments.presentation.report import write_report, write_tables
 from impact_xval.experiments.sweep.run import run_sweep

@@ -83,7 +83,7 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
     folder = run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
     (engine,) = column_facts(summarise(folder))["engines"]
     assert (engine["solver"], engine["n"]) == ("mujoco", 4)
-    assert main(["table", str(tmp_path / "run")]) == 0
+    assert main(["show", str(tmp_path / "run")]) == 0
     shown = capsys.readouterr().out
     for name in ("kelvin-voigt", "mujoco", "hunt-crossley"):
         (row,) = re.findall(rf"^\S+ +{name} +(\d+) .* (\d+)$", shown, flags=re.MULTILINE)
@@ -91,7 +91,7 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
 
 
 def test_a_command_for_two_balls_refuses_it(root, capsys):
-    assert main(["export-scene", str(root), "--cell", "0"]) == 2
+    assert main(["scene", str(root), "0"]) == 2
     assert "columns of N balls; legal: " in capsys.readouterr().err
 
 
@@ -99,7 +99,7 @@ def test_the_ladder_is_shown_of_the_run_of_a_column_and_by_way_of_a_law(root, ca
     ladder = pq.read_table(root / "ladder.parquet").to_pandas()
     ok = ladder[ladder.status == "ok"]
     assert (len(ladder), len(ok)) == (24, 12)
-    assert main(["ladder", str(root)]) == 0
+    assert main(["show", str(root)]) == 0
     shown = capsys.readouterr().out
     # Shares of a region are sums over it.
     for name, of in (("all", ok), ("arrangement = drop", ok[ok.arrangement == "drop"])):
@@ -108,8 +108,8 @@ def test_the_ladder_is_shown_of_the_run_of_a_column_and_by_way_of_a_law(root, ca
         row = re.search(rf"mujoco +{name} +{len(of)} +(\S+) +(\S+) %", shown)
         assert float(row[1]) == pytest.approx(mean, rel=5e-3)
         assert float(row[2]) == pytest.approx(100 * share, abs=0.051)
-    assert main(["ladder", str(root), "--cell", "0"]) == 0
+    assert main(["show", str(root), "--cell", "0"]) == 0
     shown = capsys.readouterr().out
     assert "cell 0: balls = 2, arrangement = cradle" in shown
-    assert main(["ladder", str(root), "--cell", "2"]) == 0
-    assert "mujoco: unrepresentable: mujoco: exponent = 1.5" in capsys.readouterr().out
+    assert main(["show", str(root), "--cell", "2"]) == 0
+    assert "mujoco: unrepresentable: exponent = 1.5" in capsys.readouterr().out

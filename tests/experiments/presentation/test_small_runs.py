@@ -23,8 +23,7 @@ RUNS = {
 
 @pytest.mark.parametrize("kind", RUNS)
 def test_terminal_shows_it(kind, runs, capsys):
-    for command in ("table", "ladder"):
-        assert main([command, str(runs(kind))]) == 0, capsys.readouterr().err
+    assert main(["show", str(runs(kind))]) == 0, capsys.readouterr().err
     if kind == "agreement":
         shown = " ".join(capsys.readouterr().out.split())
         assert "mujoco ends where the model does: there is nothing to split." in shown
@@ -37,7 +36,7 @@ def test_its_page_is_written(kind, runs, capsys):
 
 
 def test_what_has_no_result_is_counted_with_the_most_frequent_reason(runs, capsys):
-    assert main(["table", str(runs("agreement beside a failure"))]) == 0
+    assert main(["show", str(runs("agreement beside a failure"))]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "pybullet has no result in 12 of 12 cells (12 unavailable), most often: " in shown
     assert "asked for the same law" not in shown  # a solver without a result is no vote

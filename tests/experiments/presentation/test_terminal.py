@@ -24,7 +24,7 @@ def test_a_log_has_a_line_for_the_first_rows_and_for_each_tenth():
     assert len(lines) == 11
     assert lines[0].startswith("0 of 100 cells after ")
     assert lines[6].startswith("60 of 100 cells after ")
-    assert lines[6].endswith("median D so far: bistiffness 0.215 (16), mujoco 0.1 (8)")
+    assert lines[6].endswith("median D so far: bistiffness 0.215 (of 16), mujoco 0.1 (of 8)")
 
 
 def test_a_terminal_shows_the_medians_above_the_bar():

@@ -32,11 +32,11 @@ def test_status_while_it_runs_and_after(tmp_path, capsys):
     final = status_of(tmp_path / "a")
     assert (final.state, final.cells_done, final.parts_done) == ("complete", 12, 3)
     assert ("mujoco", "crashed", "ZeroDivisionError: a bug of the engine | here", 6) in final.reasons
-    assert main(["status", str(tmp_path / "a")]) == 0
+    assert main(["show", str(tmp_path / "a")]) == 0
     text = capsys.readouterr().out
     assert "12 of 12 cells (100.0 %), 3 of 3 parts" in text
     assert "ZeroDivisionError: a bug of the engine | here" in text
-    assert main(["status", str(tmp_path / "a"), "--json"]) == 0
+    assert main(["show", str(tmp_path / "a"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["statuses"]["mujoco"] == {"ok": 6, "crashed": 6}
 
 
@@ -51,7 +51,7 @@ def test_a_stopped_run_counts_what_is_damaged_and_its_command_to_continue_can_be
     damaged.write_bytes(damaged.read_bytes()[:100])
     status = status_of(root)
     assert (status.state, status.cells_done, status.parts_done, status.parts_damaged) == ("stopped", 4, 1, 1)
-    assert main(["status", str(root)]) == 0
+    assert main(["show", str(root)]) == 0
     (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("to continue: ")]
     program, *words = shlex.split(line.removeprefix("to continue: "))
     assert (program, words) == ("impact-xval", ["run", "--out", str(root)])

@@ -119,11 +119,11 @@ def test_files_of_the_user_in_the_folder_stay(run):
 def test_a_damaged_manifest_strands_no_part(run, harm, capsys):
     before = tables_of(run)
     harm(run / "manifest.json")
-    assert main(["table", str(run)]) == 2
+    assert main(["report", str(run)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert any("3 of 3 parts are there and whole" in line for line in resumed(parse_config(SMALL), run))
     assert tables_of(run) == before
-    assert main(["status", str(run)]) == 0
+    assert main(["show", str(run)]) == 0
 
 
 def test_shards_in_any_order_make_the_tables_of_one_run(small, tmp_path, fake_run):

@@ -47,10 +47,10 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_solved(tmp_
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder.png").mkdir()
     for file, says in (
-        ("one.jpg", "legal: a file that ends in .png, .svg, .pdf"),
-        ("there/one.png", "there is no folder; legal: a file in a folder that is there"),
-        ("folder.png", "is a folder; legal: a file"),
+        ("one.jpg", "; legal: a file that ends in .png, .svg, .pdf, .gif, .html"),
+        ("there/one.png", ": no folder there; legal: a file in a folder that is there"),
+        ("folder.png", "; legal: a file that ends in .png, .svg, .pdf, .gif, .html"),
     ):
         assert main(["solve", *CELL, "--plot", file]) == 2
         said = capsys.readouterr()
-        assert (said.out, said.err) == ("", f"impact-xval: --plot {file}: {says}\n")
+        assert (said.out, said.err) == ("", f"impact-xval: --plot {file}{says}\n")

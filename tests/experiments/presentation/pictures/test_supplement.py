@@ -72,7 +72,7 @@ def test_curves_without_printed_velocities_end_where_the_oracle_does(panels):
 
 def test_the_command_writes_each_figure_with_its_caption(tmp_path):
     root = tmp_path / "drawn"
-    assert main(["figures", "--supplement", "--out", str(root)]) == 0
+    assert main(["report", str(root), "--supplement"]) == 0
     names = ["supplement-1", "supplement-2", "supplement-3"]
     assert {path.stem for path in root.iterdir()} == {*names, "captions"}
     assert list(json.loads((root / "captions.json").read_text(encoding="utf-8"))) == names

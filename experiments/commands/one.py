@@ -1,0 +1,314 @@
+"""Commands for one collision: solved by every solver, in a browser, or written as files that an engine runs alone."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from impact_xval.experiments.commands.options import (
+    ONE,
+    Json,
+    Solvers,
+    asked,
+    file_to_write,
+    folder_to_write,
+    known_solvers,
+    of_one_collision,
+    path,
+    whole,
+)
+from impact_xval.experiments.config.errors import UserError
+
+if TYPE_CHECKING:
+    from impact_xval.compliant_baselines import Settings
+    from impact_xval.experiments.presentation.pictures.history import History
+    from impact_xval.experiments.tables.folder import RunFolder
+    from impact_xval.model import Collision, Outcome
+
+#: What is drawn, and what moves, by the suffix of the file.
+_PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
+
+#: Difference, per |v0|, above which a tabulated velocity is not the one that was run again.
+SAME = 1e-12
+
+
+@of_one_collision()
+def solve(
+    *,
+    solver: Solvers = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            parser=path("--plot"),
+            help="Draw curves (.png, .svg, .pdf), or slow motion beside the model (.gif, .html).",
+        ),
+    ] = None,
+    json: Json = False,
+    **typed: str | None,
+) -> None:
+    """Solve one collision by every solver.
+
+    Two balls on a table, by ratios or in SI units, or N balls with --arrangement. Velocities are per |v0|, those of
+    the diagnostics too, impulses per m1 |v0|, times in s.
+
+    Example: impact-xval solve --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
+    """
+    from json import dumps
+
+    from impact_xval.experiments.sweep.one import solvers_apart
+
+    if plot is not None:
+        file_to_write("--plot", plot, (*_PICTURES, *_FILMS))
+    columns = typed["arrangement"] is not None or typed["balls"] is not None
+    with solvers_apart(solver or (), columns=columns) as apart:
+        from impact_xval.compliant_baselines.registry import get_solver
+
+        collision, arranged, config = asked(typed)
+        if arranged is not None and plot is not None and plot.suffix in _FILMS:
+            raise UserError(f"--plot {plot}; legal for a column: a file that ends in {', '.join(_PICTURES)}")
+        points = 0 if arranged is not None else None
+        outcomes = apart.solve(collision, config, known_solvers(solver), get_solver, _say, points=points)
+    from impact_xval.experiments.cells.compared import Compared
+
+    compared = Compared(collision, outcomes, arranged)
+    if json:
+        print(dumps(compared.objects(), indent=2, allow_nan=False))
+    else:
+        from impact_xval.experiments.presentation.terminal import make_console, show
+
+        show(make_console(), compared.markdown())
+    if plot is not None:
+        from impact_xval.experiments.presentation.terminal import error_line
+
+        draw = _film if plot.suffix in _FILMS else _picture
+        error_line(f"{plot}: {draw(plot, compared, config.scenario, config.gravity)}")
+
+
+def _say(line: str) -> None:
+    """Say what is waited for, on standard error."""
+    from impact_xval.experiments.presentation.terminal import COMPILING, error_line
+
+    error_line(line or COMPILING)
+
+
+def _picture(file: Path, compared: Any, scenario: str, gravity: float) -> str:
+    """Draw a collision into a file; its caption."""
+    from impact_xval.experiments.presentation.pictures.one import drawn_paths, write_plot
+    from impact_xval.experiments.presentation.style import save_as
+
+    if compared.is_column:
+        save_as(compared.plot(), file)
+        return "final velocities"
+    paths = drawn_paths(compared.problem, compared.outcomes)
+    if not paths:
+        raise UserError(f"--plot {file}: no solver has a path to draw; legal: a collision that one solves")
+    return write_plot(compared.problem, paths, scenario, file)
+
+
+def _film(file: Path, compared: Any, scenario: str, gravity: float) -> str:
+    """Show a collision in slow motion, the model beside the first other solver that has a path; its caption."""
+    from impact_xval.experiments.config.experiment import REFERENCE
+    from impact_xval.experiments.presentation.pictures.motion import Motion, write_animation
+    from impact_xval.experiments.presentation.terminal import at_work
+
+    collision, outcomes = compared.problem, compared.outcomes
+    weights = {REFERENCE: 0.0} | {
+        name: gravity if scenario == "drop" else 0.0 for name in outcomes if name != REFERENCE
+    }
+    histories = {name: _history(collision, outcomes[name], weight) for name, weight in weights.items()}
+    shown = {name: history for name, history in histories.items() if history is not None}
+    if REFERENCE not in shown or len(shown) < 2:
+        raise UserError(
+            f"--plot {file}: needs the model and another solver with a path in finite time; legal: such a collision, "
+            f"or a file that ends in {', '.join(_PICTURES)}"
+        )
+    motion = Motion(collision, scenario, dict(list(shown.items())[:2]))
+    with at_work("drawing the motion"):
+        write_animation(motion, file)
+    return motion.caption()
+
+
+def _history(collision: Collision, outcome: Outcome, gravity: float) -> History | None:
+    from impact_xval.experiments.presentation.pictures.history import history_of
+    from impact_xval.model.collision import RESULT_STATUSES
+
+    if outcome.status not in RESULT_STATUSES or outcome.path is None:
+        return None
+    return history_of(collision, outcome.path, gravity)
+
+
+def explore(
+    port: Annotated[
+        int,
+        typer.Option(
+            metavar="N", parser=whole("--port", 0, 65535), help="Port to listen at; 0: any free one."
+        ),
+    ] = 5006,
+    address: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Of this machine; by default for this machine alone.")
+    ] = "127.0.0.1",
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
+    ] = True,
+) -> None:
+    """Move one collision by sliders in a browser.
+
+    Or one column of N balls, until Ctrl-C. The model and the exact references follow the sliders; a button runs the
+    engines. The address of the page holds the cell.
+
+    Example: impact-xval explore --no-browser
+    """
+    from impact_xval.experiments.cells.serving import explorer
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+
+    with explorer(address, port) as (where, serve):
+        print_line(make_console(), f"{where} (Ctrl-C ends it)")
+        if browser:
+            import webbrowser
+
+            webbrowser.open(where)
+        serve()
+
+
+@of_one_collision(
+    "arrangement", "balls", "strike", "e", "exponent", "gap", "mass_taper", "stiffness_taper", "cell_timeout"
+)
+def scene(
+    folder: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[DIR]", parser=path("DIR"), help="Folder of a finished run, or a collision as solve."
+        ),
+    ] = None,
+    cell: Annotated[str | None, typer.Argument(metavar="[N]", help="Number of a cell of that run.")] = None,
+    *,
+    solver: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="'mujoco' or 'pybullet'; may be repeated, by default both."),
+    ] = None,
+    out: Annotated[Path | None, folder_to_write("by default in scenes/")] = None,
+    **typed: str | None,
+) -> None:
+    """Write one cell as files for an engine alone.
+
+    An MJCF file and a PyBullet script, of a cell of a run (DIR N) or of a collision given as to solve.
+    The scripts print their velocities beside those given here, and fail where they differ by more than 1e-12 |v0|.
+
+    Example: impact-xval scene runs/default 17
+    """
+    from impact_xval.experiments.sweep.rows import settings_of
+    from impact_xval.experiments.tables.folder import cells_of_run, finished_collisions
+
+    if folder is None:
+        collision, _, config = asked(dict.fromkeys(ONE) | typed)
+        names, table, where = _exportable(solver), None, "collision"
+    else:
+        if cell is None or any(typed.values()):
+            raise UserError(f"{folder}: a cell of a run is named by its number; legal: DIR N")
+        run = finished_collisions(folder)
+        config = run.config()
+        cells = cells_of_run(run, config)
+        index = whole("N", 0, len(cells) - 1)(cell)
+        names = _exportable(solver, config.solvers)
+        collision, table = cells[index], _tabulated(run, index)
+        where = f"{folder.resolve().name}-cell-{index}"
+    _write_scenes(collision, settings_of(config), names, out or Path("scenes") / where, table)
+
+
+def _exportable(solvers: list[str] | None, of_run: list[str] | None = None) -> list[str]:
+    """Check the names of engines; without any, those of a run or else those that are installed."""
+    from impact_xval.compliant_baselines import get_solver
+    from impact_xval.compliant_baselines.registry import exportable_names
+
+    legal = exportable_names()
+    there = [n for n in legal if (get_solver(n).unavailable() is None if of_run is None else n in of_run)]
+    for name in solvers or ():
+        if name not in legal:
+            raise UserError(f"--solver = {name!r}; legal: {', '.join(legal)}")
+    if not (solvers or there):
+        raise UserError(f"--solver: none of {', '.join(legal)} is there to export")
+    return list(dict.fromkeys(solvers or there))
+
+
+def _write_scenes(
+    collision: Collision,
+    settings: Settings,
+    names: list[str],
+    out: Path,
+    tabulated: dict[str, tuple[float, float]] | None,
+) -> None:
+    """Run a collision by every engine named, and only then write a folder for each.
+
+    Parameters
+    ----------
+    tabulated : dict, optional
+        v1 and v2 in m/s of a run's table, by solver.
+    """
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.tables.folder import write_text
+
+    texts: dict[Path, str] = {}
+    lines: list[str] = []
+    for name in names:
+        run, outcome, files = _run_alone(name, collision, settings)
+        lines.append(f"{name}: v1 = {outcome.v1!r} m/s, v2 = {outcome.v2!r} m/s, {run.n_steps} steps")
+        if outcome.velocities != tuple(v := run.velocities.tolist()):
+            given = ", ".join(map(repr, v))
+            lines.append(f"  at rest on the table when the collision was over: the script gives {given}")
+        if tabulated is not None:
+            lines.append("  " + _against(tabulated.get(name), outcome, abs(collision.v0)))
+        texts |= {out / name / file: text for file, text in files.items()}
+    for file, text in texts.items():
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(f"--out {out}: cannot be written to: {error.strerror}") from None
+        write_text(file, text)
+    console = make_console()
+    for line in (*lines, *(f"to check: python {out / name / 'run.py'}" for name in names)):
+        print_line(console, line)
+
+
+def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Any, Outcome, dict[str, str]]:
+    """Run a collision by an engine: the run, its outcome, and the files to run it without this package."""
+    from impact_xval.compliant_baselines import get_solver
+    from impact_xval.compliant_baselines.engines.engine import Engine, outcome_of
+    from impact_xval.compliant_baselines.paste import scene_files
+
+    solver = get_solver(name)
+    assert isinstance(solver, Engine)
+    reason = solver.unavailable()
+    if reason is not None:
+        raise UserError(f"{name}: unavailable: {reason}")
+    scene = solver.scene_or_refusal(collision, settings)
+    if isinstance(scene, str):
+        raise UserError(f"{name}: unrepresentable: {scene}")
+    run, files = scene_files(solver, scene, settings.max_steps)
+    outcome = outcome_of(name, collision, run, settings)
+    if math.isnan(outcome.v1):
+        raise UserError(f"{name}: {outcome.status}: {outcome.reason}")
+    return run, outcome, files
+
+
+def _against(table: tuple[float, float] | None, outcome: Outcome, speed: float) -> str:
+    if table is None:
+        return "the table holds no result of it"
+    apart = max(abs(outcome.v1 - table[0]), abs(outcome.v2 - table[1])) / speed
+    if apart <= SAME:
+        return f"as in the table (difference {apart:.1e} |v0|)"
+    return (
+        f"NOT as in the table: {table[0]!r}, {table[1]!r} (difference {apart:.1e} |v0|); "
+        "the engine's version may be another one, see manifest.json"
+    )
+
+
+def _tabulated(root: RunFolder, index: int) -> dict[str, tuple[float, float]]:
+    import pyarrow.parquet as pq
+
+    file = root.table_path("cells.parquet")
+    rows = pq.read_table(file, columns=["solver", "v1", "v2"], filters=[("cell", "==", index)]).to_pylist()
+    return {row["solver"]: (row["v1"], row["v2"]) for row in rows if row["v1"] is not None}

@@ -1,0 +1,245 @@
+"""Cells of an experiment: which there are, in which order, and by what two experiments differ."""
+
+import math
+import tomllib
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from scipy.stats import qmc
+
+from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.axes import AXES, Sample
+from impact_xval.experiments.config.cells import draw, experiment_cells, read_cells
+from impact_xval.experiments.config.experiment import (
+    REFERENCE,
+    Config,
+    load_config,
+    parse_config,
+)
+from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.model import Collision
+from tests.experiments import fakes
+from tests.experiments.conftest import resumed
+
+BOX = {
+    "stiffness_ratio": {"log": [0.1, 10.0]},
+    "mass_ratio": {"linear": [0.5, 2.0]},
+    "e1": 0.9,
+    "e2": {"linear": [0, 1]},
+}
+COLUMNS = {
+    "arrangement": ["cradle", "drop"],
+    "balls": [3, 4],
+    "strike": [1, 2],
+    "e": {"linear": [0.5, 1.0, 3]},
+    "stiffness_taper": [1.0, 0.5],
+    "gap": 0.0,
+}
+
+
+def test_cells_are_numbered_with_the_last_axis_fastest():
+    axes = {"stiffness_ratio": [2, 1], "mass_ratio": 3.0, "e1": [0.1, 0.2], "e2": {"linear": [0, 1, 3]}}
+    grid = experiment_cells(parse_config({"grid": axes, "chunk_size": 5}))
+    block = grid.block(range(12))
+    assert block.index.tolist() == list(range(12))
+    assert [collision.e2 for collision in block[:4].collisions] == [0.0, 0.5, 1.0, 0.0]
+    assert block.parameters["stiffness_ratio"].tolist() == [2.0] * 6 + [1.0] * 6
+    assert grid.block(range(5, 9)).collisions[2] == grid[7] == block.collisions[7]
+    assert [i for n in range(grid.chunks()) for i in grid.chunk(n)] == list(range(12))
+
+
+def test_cells_carry_the_physical_scale():
+    config = parse_config({"m1": 2.0, "k1": 1e6, "v0": -3.0, "grid": {"stiffness_ratio": [0, math.inf, 4]}})
+    grid = experiment_cells(config)
+    soft, rigid, stiff = (grid[i * len(grid) // 3] for i in range(3))
+    assert (soft.k2, rigid.k2, stiff.k2) == (0.0, math.inf, 4e6)
+    assert (stiff.m1, stiff.m2, stiff.v0) == (2.0, 1.0, -3.0)
+
+
+def test_restitutions_that_are_tied_are_equal_in_every_cell():
+    axes = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0]}
+    config = parse_config({"grid": axes | {"e": [0.5, 0.9]}})
+    cells = experiment_cells(config).block(range(4)).parameters
+    assert set(cells) & {"e1", "e2", "e"} == {"e1", "e2"}
+    assert cells["e1"].tolist() == cells["e2"].tolist() == [0.5, 0.9, 0.5, 0.9]
+    assert parse_config(tomllib.loads(config.toml())).identity() == config.identity()
+    assert config.identity() != parse_config({"grid": axes | {"e1": [0.5, 0.9], "e2": [0.5, 0.9]}}).identity()
+
+
+def test_columns_are_an_arrangement_after_the_other_with_e_fastest():
+    columns = experiment_cells(parse_config({"column": COLUMNS}))
+    assert len(columns) == 2 * 2 * 2 * 3 + 2 * 2 * 3
+    block = columns.block(range(36))
+    rows = block.parameters
+    assert rows["arrangement"].tolist() == ["cradle"] * 24 + ["drop"] * 12
+    names = ("balls", "strike", "stiffness_taper", "e")
+    first = list(zip(*(rows[name][:4].tolist() for name in names), strict=True))
+    assert first == [(3, 1, 1.0, 0.5), (3, 1, 1.0, 0.75), (3, 1, 1.0, 1.0), (3, 1, 0.5, 0.5)]
+    assert rows["balls"][24::6].tolist() == [3, 4]
+    assert np.isnan(rows["strike"][24:]).all()
+    part = columns.block(range(20, 30))
+    assert list(part.collisions) == list(block.collisions[20:30]) == [columns[i] for i in range(20, 30)]
+    assert all((x == rows[name][20:30]).all() for name, x in part.parameters.items() if name != "strike")
+
+
+def test_a_column_has_the_scales_of_the_experiment():
+    axes = {"arrangement": "drop", "mass_taper": 2, "stiffness_taper": 1, "balls": 3}
+    column = experiment_cells(parse_config({"m1": 2.0, "k1": 3e6, "v0": -0.5, "column": axes}))[1]
+    assert column == Collision((2, 4, 8), (3e6,) * 3, (0.6,) * 3, (-0.5, 0, 0), table=True)
+
+
+@pytest.mark.parametrize(
+    ("given", "column"),
+    [
+        (("chain", 3), Collision((1, 1, 1), (1, 1), (0.9, 0.9), (-1, 0, 0))),
+        (("cradle", 3), Collision((1, 1, 1), (1, 1), (0.9, 0.9), (-1, 0, 0))),
+        (("cradle", 5, 2), Collision((1,) * 5, (1,) * 4, (0.9,) * 4, (-1, -1, 0, 0, 0))),
+        (("drop", 3), Collision((1, 1, 1), (1, 1, 1), (0.9,) * 3, (-1, 0, 0), table=True)),
+        (("stack", 3), Collision((1, 1, 1), (1, 1, 1), (0.9,) * 3, (-1, -1, -1), table=True)),
+        (("stack", 1), Collision((1,), (1,), (0.9,), (-1,), table=True)),
+    ],
+)
+def test_an_arrangement_is_the_column_written_by_hand(given, column):
+    data = dict(zip(("arrangement", "balls", "strike"), given, strict=False))
+    assert Arranged(m=1.0, k=1.0, e=0.9, **data).column() == column
+
+
+def test_masses_and_stiffnesses_taper_from_the_first():
+    scales = {"m": 2.0, "mass_taper": 0.5, "k": 3.0, "stiffness_taper": 10, "v0": -4.0}
+    tapered = Arranged(arrangement="drop", balls=3, e=1, **scales)
+    assert tapered.column() == Collision((2, 1, 0.5), (3, 30, 300), (1, 1, 1), (-4, 0, 0), table=True)
+
+
+@pytest.mark.parametrize(
+    ("arrangement", "balls", "strike", "gaps"),
+    [
+        ("chain", 4, None, (0, 1e-5, 1e-5)),
+        ("cradle", 4, 2, (1e-5, 0, 1e-5)),
+        ("drop", 3, None, (0, 1e-5, 1e-5)),
+        ("stack", 3, None, (1e-5, 1e-5, 0)),
+    ],
+)
+def test_every_contact_but_the_struck_one_has_the_gap(arrangement, balls, strike, gaps):
+    column = Arranged(arrangement=arrangement, balls=balls, strike=strike, gap=1e-5).column()
+    assert column.gaps == gaps
+    assert [rate > 0 for rate in column.compression_rates] == [gap == 0 for gap in gaps]
+
+
+@pytest.mark.parametrize("method", ["sobol", "latin-hypercube", "random"])
+def test_samples_fill_the_box_and_follow_their_seed(method):
+    def points(seed):
+        return draw(Sample.model_validate({"method": method, "n": 500, "seed": seed, **BOX}))
+
+    cells = points(3)
+    assert cells.shape == (500, 4)
+    assert np.array_equal(cells, points(3))
+    assert not np.array_equal(cells, points(4))
+    low, high = cells.min(axis=0), cells.max(axis=0)
+    assert np.all(low >= [0.1, 0.5, 0.9, 0])
+    assert np.all(high <= [10, 2, 0.9, 1])
+    # Evenly in the logarithm: half of the stiffness ratios lie below 1, not below the middle of [0.1, 10].
+    assert np.mean(cells[:, 0] < 1) == pytest.approx(0.5, abs=0.07)
+
+
+def test_sobol_points_are_spread_better_than_independent_ones():
+    """Their centred discrepancy, by scipy's own measure, is several times smaller."""
+
+    def discrepancy(method):
+        cells = draw(Sample.model_validate({"method": method, "n": 256, "seed": 1, **BOX}))
+        unit = [np.log10(cells[:, 0]) / 2 + 0.5, (cells[:, 1] - 0.5) / 1.5, cells[:, 3]]
+        return qmc.discrepancy(np.clip(np.column_stack(unit), 0, 1))
+
+    assert discrepancy("sobol") < discrepancy("random") / 5
+
+
+def test_a_shorter_sample_is_the_beginning_of_a_longer_one():
+    longer, shorter = (draw(Sample.model_validate({"n": n, "seed": 5, **BOX})) for n in (100, 70))
+    assert np.array_equal(longer[:70], shorter)
+
+
+def _write(path, values):
+    if path.suffix == ".parquet":
+        pq.write_table(pa.table(dict(zip(AXES, np.transpose(values), strict=True))), path)
+    else:
+        rows = [",".join([*AXES, "note"]), *(",".join([*map(repr, row), "x"]) for row in values)]
+        path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("name", ["cells.csv", "cells.parquet"])
+def test_a_list_is_read_to_the_last_bit_and_in_its_order(tmp_path, name):
+    values = [[1 / 3, 0.7, 0.1, 1.0], [math.inf, 2.0, 0.0, 0.5], [0.0, 1e-3, 1.0, 0.0]]
+    assert read_cells(_write(tmp_path / name, values)).tolist() == values
+    (tmp_path / "c.toml").write_text(f"cells = '{name}'\nsolvers = ['mujoco']\nk1 = 2.0\n")
+    cells = experiment_cells(load_config(tmp_path / "c.toml"))
+    assert (len(cells), cells[0].k2, cells[0].stiffness_ratio, cells[1].k2) == (3, 2 / 3, 1 / 3, math.inf)
+
+
+def test_a_sampled_run_is_summarised_in_bins(tmp_path):
+    config = parse_config({"scenario": "impact", "solvers": ["mujoco"], "sample": {"n": 64, **BOX}})
+    summary = summarise(run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted))
+    bins = summary.statistics[
+        (summary.statistics.axis == "stiffness_ratio") & (summary.statistics.measure == "velocity_divergence")
+    ]
+    whole = summary.get("mujoco", "velocity_divergence")
+    assert (bins.n.sum(), bins["max"].max()) == (whole.n, whole["max"])
+    assert 1 < len(bins) <= 12
+
+
+def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):
+    _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [2.0, 1.0, 0.9, 0.7]])
+    (tmp_path / "c.toml").write_text("cells = 'cells.csv'\nsolvers = ['mujoco']\nchunk_size = 1\n")
+    config = load_config(tmp_path / "c.toml")
+    run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
+    _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [3.0, 1.0, 0.9, 0.7]])
+    said = resumed(config, tmp_path / "a")
+    assert any("resumed: 0 of 2 parts" in line for line in said)
+    rows = pq.read_table(tmp_path / "a/cells.parquet").to_pylist()
+    assert [row["stiffness_ratio"] for row in rows] == [1.0, 1.0, 3.0, 3.0]
+
+
+def test_the_reference_leads_whatever_is_listed():
+    assert parse_config({"solvers": ["pybullet", "mujoco"]}).solvers == [REFERENCE, "pybullet", "mujoco"]
+    assert parse_config({"solvers": ["mujoco", REFERENCE]}).solvers == [REFERENCE, "mujoco"]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"stiffness_ratio_cutoff": math.inf, "grid": {"stiffness_ratio": [0, math.inf]}, "name": "inf"},
+        {"sample": {"n": 10, "stiffness_ratio": math.inf}},
+        {"column": COLUMNS},
+    ],
+    ids=["grid", "sample", "columns"],
+)
+def test_a_configuration_comes_back_from_toml(given):
+    config = parse_config(given)
+    assert parse_config(tomllib.loads(config.toml())) == config
+
+
+def test_identity_ignores_what_does_not_change_results():
+    def identity(**changes) -> str:
+        return Config.model_validate(changes).identity()
+
+    base, columns = identity(), identity(column=COLUMNS)
+    assert identity(name="other", workers=3, figure_cell={"e1": 0.5}) == base
+    assert identity(grid={"mass_ratio": [0.5, 2 / math.sqrt(3), 2]}) == base
+    assert identity(cells="a.csv") == identity(cells="elsewhere/b.csv")
+    assert identity(column=COLUMNS | {"gap": [0], "e": [0.5, 0.75, 1]}, name="x", workers=3) == columns
+    assert identity(column=COLUMNS, figure_column={"balls": 7}) == columns
+    others = [
+        {"step_fraction": 1e-2},
+        {"grazing_threshold": 0.5},  # rows are marked by it
+        {"scenario": "impact"},
+        {"grid": {"e1": [0.5]}},
+        {"chunk_size": 5},
+        {"sample": {"n": 10}},
+        {"sample": {"n": 10, "seed": 1}},
+        {"column": COLUMNS | {"strike": 1}},
+        {"column": COLUMNS | {"arrangement": ["drop", "cradle"]}},
+        {"column": COLUMNS | {"gap": 1e-300}},
+    ]
+    assert len({base, columns, *(identity(**each) for each in others)}) == 2 + len(others)
