@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from impact_xval.compliant_baselines.answers import answer
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.cells import collision_of
-from impact_xval.experiments.config.experiment import Cell, Config
+from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.sweep.process import FaultError, in_halves
@@ -71,33 +71,39 @@ COLUMN_CURVES_SCHEMA = pa.schema(
 )
 
 
-def write_column_curves(config: Config, folder: RunFolder, pool: Any) -> None:
-    """Solve the column of the figures, in processes apart, and keep its forces over time.
+def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
+    """Solve the cell, or the column, of the figures by every solver, and keep its curves.
 
     Parameters
     ----------
-    config, folder, pool
-        As for `write_curves`.
+    config : Config
+    folder : RunFolder
+    pool
+        As of `open_pool`.
     """
-    calls = [pool.submit(_solve_column, name, config.cell_timeout) for name in config.solvers]
-    rows = [call.result() for call in calls]
+    pair = config.column is None
+    schema, solve = (CURVES_SCHEMA, _curve) if pair else (COLUMN_CURVES_SCHEMA, _column_curve)
+    calls = [pool.submit(_solved, solve, name, config.cell_timeout, pair) for name in config.solvers]
+    curves = pa.concat_tables([schema.empty_table(), *(call.result() for call in calls)])
     with replacing(folder.root / CURVES) as temporary:
-        table = pa.Table.from_pylist(rows, schema=COLUMN_CURVES_SCHEMA)
-        pq.write_table(table, temporary, compression="zstd")
+        pq.write_table(curves, temporary, compression="zstd")
 
 
-def _solve_column(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
-    def call(_: slice) -> dict[str, Any]:
-        make_ready(slot, slot.context.resolve, name, pair=False)
-        return slot.call(name, _column_curve, name, timeout=timeout)
+def _solved(slot: Slot, solve: Any, name: str, timeout: float, pair: bool) -> pa.Table:
+    """Have the curves of a solver computed in its process; of one that fails a column's row says so."""
 
-    def lost(_: slice, fault: FaultError) -> dict[str, Any]:
-        return {"solver": name, "status": fault.status, "reason": fault.reason}
+    def call(_: slice) -> pa.Table:
+        make_ready(slot, slot.context.resolve, name, pair=pair)
+        return slot.call(name, solve, name, timeout=timeout)
+
+    def lost(_: slice, fault: FaultError) -> pa.Table:
+        row = {"solver": name, "status": fault.status, "reason": fault.reason}
+        return CURVES_SCHEMA.empty_table() if pair else pa.Table.from_pylist([row], COLUMN_CURVES_SCHEMA)
 
     return in_halves(call, 1, lost)[0]
 
 
-def _column_curve(experiment: Experiment, name: str) -> dict[str, Any]:
+def _column_curve(experiment: Experiment, name: str) -> pa.Table:
     """Solve the column of the figures and keep its velocities and, of who has a path, its forces."""
     config, arranged = experiment.config, experiment.config.figure_column
     outcome = answer(experiment.resolve(name), [arranged.column()], settings_of(config))[0]
@@ -113,7 +119,7 @@ def _column_curve(experiment: Experiment, name: str) -> dict[str, Any]:
                 "time": (path.time[kept] / time).tolist(),
                 "forces": (path.forces[kept].T / (m * speed / time)).tolist(),
             }
-    return row
+    return pa.Table.from_pylist([row], COLUMN_CURVES_SCHEMA)
 
 
 def needed(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
@@ -140,45 +146,21 @@ def needed(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
     return np.flatnonzero(kept)
 
 
-def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
-    """Solve the cells of the figures, in processes apart, and keep their curves.
-
-    Parameters
-    ----------
-    config : Config
-    folder : RunFolder
-    pool
-        As of `open_pool`.
-    """
-    wanted = [(FIGURE_CELL, config.figure_cell, name) for name in config.solvers]
-    calls = [pool.submit(_solve, *one, config.cell_timeout) for one in wanted]
-    curves = [CURVES_SCHEMA.empty_table(), *(curve for call in calls if (curve := call.result()) is not None)]
-    with replacing(folder.root / CURVES) as temporary:
-        pq.write_table(pa.concat_tables(curves), temporary, compression="zstd")
-
-
-def _solve(slot: Slot, label: str, cell: Cell, name: str, timeout: float) -> pa.Table | None:
-    def call(_: slice) -> pa.Table | None:
-        make_ready(slot, slot.context.resolve, name, pair=True)
-        return slot.call(name, _curve, label, cell, name, timeout=timeout)
-
-    return in_halves(call, 1, lambda _, fault: None)[0]
-
-
-def _curve(experiment: Experiment, label: str, cell: Cell, name: str) -> pa.Table | None:
-    """Solve a cell and keep its curve; None where there is none."""
+def _curve(experiment: Experiment, name: str) -> pa.Table:
+    """Solve the cell of the figures and keep its curve, if it has one."""
+    cell = experiment.config.figure_cell
     collision = collision_of(experiment.config, cell)
     outcome = answer(experiment.resolve(name), [collision], settings_of(experiment.config))[0]
     path = outcome.path
     if outcome.status not in RESULT_STATUSES or path is None:
-        return None
+        return CURVES_SCHEMA.empty_table()
     unit = collision.m1 * abs(collision.v0)
     i1, i2 = path.impulse1 / unit, path.impulse2 / unit
     if not max(np.abs(i1).max(), np.abs(i2).max()) <= LARGEST:  # nor has it a measure
-        return None
+        return CURVES_SCHEMA.empty_table()
     kept = thinned(i1, i2, path.state)
     columns: dict[str, Any] = {
-        "curve": [label] * len(kept),
+        "curve": [FIGURE_CELL] * len(kept),
         **{key: [value] * len(kept) for key, value in cell.model_dump().items()},
         "solver": [name] * len(kept),
         "time": path.time[kept] / collision.units.time,

@@ -23,7 +23,7 @@ from impact_xval.experiments.config.cells import Cells, experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.sweep.chunk import Report, Versions, solve_chunks, solver_versions
-from impact_xval.experiments.sweep.curves import write_column_curves, write_curves
+from impact_xval.experiments.sweep.curves import write_curves
 from impact_xval.experiments.sweep.pool import available_cores, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
@@ -200,8 +200,7 @@ class _Run:
     def curves(self, pool: Any) -> None:
         """Compute the curves of the figures, once all parts are there."""
         if self._all_parts() is not None:
-            config = self._experiment.config
-            (write_curves if config.column is None else write_column_curves)(config, self._folder, pool)
+            write_curves(self._experiment.config, self._folder, pool)
             self._stage("curves")
 
     def finish(self, by: dict[str, Any], present: Callable[[RunFolder], None]) -> None:
