@@ -137,9 +137,7 @@ def _one(cells: int) -> dict[str, float]:
 
 def one(cells: int) -> None:
     """Run one size and print its stages in s, and the peak memory of the main process in bytes."""
-    config = parse_config(
-        {"solvers": ENGINE_FREE, "scenario": "impact", "sample": {"n": cells}, "chunk_size": 128}
-    )
+    config = parse_config({"solvers": ENGINE_FREE, "scenario": "impact", "sample": {"n": cells}})
     root = Path(tempfile.mkdtemp()) / "run"
     try:
         folder = run_sweep(config, root)
