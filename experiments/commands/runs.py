@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -149,13 +149,20 @@ def show(
         views.show_causes(console, summary)
 
 
+def _only(what: str) -> str:
+    if what not in ("page", "tables", "figures"):
+        raise UserError(f"--only = {what!r:.60}; legal: 'page', 'tables' or 'figures'")
+    return what
+
+
 def report(
     folder: Annotated[
         Path,
         typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a finished run, or a new one."),
     ],
     only: Annotated[
-        Literal["page", "tables", "figures"] | None, typer.Option(help="Write one of these again.")
+        str | None,
+        typer.Option(metavar="WHAT", parser=_only, help="'page', 'tables' or 'figures': write that alone."),
     ] = None,
     supplement: Annotated[
         bool,
