@@ -16,7 +16,7 @@ import typer
 import typer.core
 
 from impact_xval.experiments.commands import contact, one, runs, solvers
-from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
 
@@ -118,6 +118,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"{message}. Try '{where} --help'.", 2)
     except UserError as error:
         return _fail(str(error), 2)
+    except InterruptedRunError as error:
+        return _fail(str(error), 1)
     except (typer.Abort, KeyboardInterrupt):
         return _fail("interrupted", 1)
     except BrokenPipeError:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from impact_xval.experiments.commands.options import (
+    OF_COLUMN,
     ONE,
     Json,
     Solvers,
@@ -174,9 +175,7 @@ def explore(
         serve()
 
 
-@of_one_collision(
-    "arrangement", "balls", "strike", "e", "exponent", "gap", "mass_taper", "stiffness_taper", "cell_timeout"
-)
+@of_one_collision("arrangement", *OF_COLUMN, "cell_timeout")
 def scene(
     folder: Annotated[
         Path | None,

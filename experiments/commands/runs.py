@@ -6,7 +6,6 @@ import contextlib
 import math
 import re
 import shlex
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -126,7 +125,7 @@ def show(
     from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.status import status_of
-    from impact_xval.experiments.tables.folder import FINISHED, RunFolder, finished
+    from impact_xval.experiments.tables.folder import RunFolder, finished
 
     if cell is not None:
         rows = views.rows_of_cell(finished(folder), cell)
@@ -141,7 +140,7 @@ def show(
         return
     console = make_console()
     views.show_status(console, str(folder), found)
-    if RunFolder(folder).manifest()["state"] in FINISHED:
+    if found.state == "complete":
         from impact_xval.experiments.measures.summary import summarise
 
         summary = summarise(RunFolder(folder))
@@ -318,7 +317,7 @@ def _slug(name: str) -> str:
 
 @contextlib.contextmanager
 def _writing(words: list[Any], console: Any, medians: MedianRows, before: str) -> Iterator[Progress]:
-    """Show the progress of what writes a folder; one line and exit code 1 where it is stopped.
+    """Show the progress of what writes a folder; where it is stopped the error says how to go on.
 
     Parameters
     ----------
@@ -338,8 +337,7 @@ def _writing(words: list[Any], console: Any, medians: MedianRows, before: str) -
     except InterruptedRunError as stopped:
         command = shlex.join(["impact-xval", *map(str, words)])
         line = f"{stopped}; finished parts are kept; to continue: {command}"
-        print(f"impact-xval: {UserError(line)}", file=sys.stderr)
-        raise typer.Exit(1) from None
+        raise InterruptedRunError(line) from None
 
 
 def _noticed(progress: Callable[[int, int, str], None], before: str) -> Progress:

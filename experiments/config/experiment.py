@@ -86,12 +86,17 @@ class Grid(Axes):
 
     def axes(self) -> dict[str, list[float]]:
         """Values of every parameter."""
-        axes = self.varied()
-        return axes | {"e1": axes["e"], "e2": axes.pop("e")} if "e" in axes else axes
+        return untied(self.varied())
 
     def lengths(self) -> dict[str, int]:
         """Count the values of every axis that varies by itself."""
         return {name: len(values) for name, values in self.varied().items()}
+
+
+def untied(values: dict[str, Any]) -> dict[str, Any]:
+    """Give both restitutions their values, where they vary together."""
+    others = {name: each for name, each in values.items() if name != "e"}
+    return others | ({"e1": values["e"], "e2": values["e"]} if "e" in values else {})
 
 
 class ConvergenceTable(Strict):
@@ -241,7 +246,7 @@ class Config(Strict):
             reduced_mass = self.m1 / (1 + self.m1 / m2)
             return self.gravity / (abs(self.v0) * np.sqrt(self.k1 / reduced_mass))
 
-    def _plain(self) -> dict[str, Any]:
+    def _stated(self) -> dict[str, Any]:
         """Return the configuration as a file holds it, None where nothing is given."""
         of_others = {"column", "figure_column"} if self.column is None else {"grid", "figure_cell", "gravity"}
         if self.sample is not None or self.cells is not None:
@@ -255,14 +260,14 @@ class Config(Strict):
 
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
-        return _plain(self._plain())
+        return _plain(self._stated())
 
     def toml(self) -> str:
         """Return the configuration as the text of a TOML file, the path of a list of cells from the root."""
         import tomli_w
 
         listed = {} if self.cells is None else {"cells": str(Path(self.cells).resolve())}
-        return tomli_w.dumps(_given(self._plain() | listed))
+        return tomli_w.dumps(_given(self._stated() | listed))
 
     def identity(self) -> str:
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""

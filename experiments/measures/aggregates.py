@@ -141,11 +141,12 @@ class Compared:
         law = np.array([self.solvers.index(name) if name in self.solvers else -1 for name in laws])
         if not (law >= 0).any():
             return np.full(len(self.rows), np.nan)
-        cells = (
-            block["states_compared"].to_pylist() for block in blocks(self.path, ["cell", "states_compared"])
-        )
-        paths = (np.array(some, dtype=object).reshape(-1, len(law)) for some in cells)
-        equal = np.concatenate([each == each[:, law] for each in paths])
+        pieces = [np.empty((0, len(law)), bool)]
+        for block in blocks(self.path, ["cell", "states_compared"]):
+            paths = block["states_compared"].combine_chunks().dictionary_encode().indices
+            of_cell = paths.fill_null(-1).to_numpy(zero_copy_only=False).reshape(-1, len(law))
+            pieces.append(of_cell == of_cell[:, law])
+        equal = np.concatenate(pieces)
         compared = self.rows.compared.to_numpy().reshape(-1, len(law))
         there = compared & compared[:, law] & (law >= 0)
         return np.where(there, equal, np.nan).ravel()

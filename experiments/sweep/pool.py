@@ -90,9 +90,8 @@ class Pool:
         self._unused: queue.SimpleQueue[Slot] = queue.SimpleQueue()
         for slot in self._slots:
             self._unused.put(slot)
-            self._threads.submit(
-                slot.start
-            )  # a process ends with its thread, and these live as long as the pool
+            # By one of these threads: a process ends with its thread, and they live as long as the pool.
+            self._threads.submit(slot.start)
 
     def submit(self, function: Callable[..., _Answer], *arguments: Any) -> Future[_Answer]:
         """Have ``function(slot, *arguments)`` called."""

@@ -32,7 +32,6 @@ from impact_xval.experiments.tables.folder import (
     FORMAT,
     MANIFEST,
     RunFolder,
-    read_part,
     statuses_of,
     tables_lock,
     write_json,
@@ -85,7 +84,7 @@ def run_sweep(
     progress : callable
         Called after every chunk.
     on_rows : callable
-        Given rows of a chunk as soon as they are there, with the `MEDIAN_COLUMNS` at least.
+        Given the `MEDIAN_COLUMNS` of the rows of a chunk as soon as they are there.
     resolve : callable
         Finds a solver by its name; at the top level of a module.
     present : callable
@@ -168,7 +167,7 @@ class _Run:
             line = f"resumed: {len(there)} of {len(there) + len(self._mine)} parts are there and whole"
             self._progress(self._done, self._total, line)
         for path in there.values():
-            self._on_rows(pq.read_table(path, columns=MEDIAN_COLUMNS))
+            self._tell(path)
         self._stage("start")
 
     def solve(self, pool: Any) -> None:
@@ -176,10 +175,13 @@ class _Run:
         cells = self._cells
         for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
             self._keep(report)
-            self._on_rows(read_part(report.data, self._experiment.layout))
+            self._tell(pa.BufferReader(report.data))
             self._done += len(cells.chunk(report.number))
             self._progress(self._done, self._total, "")
         self._stage("solve")
+
+    def _tell(self, part: Any) -> None:
+        self._on_rows(pq.read_table(part, columns=MEDIAN_COLUMNS))
 
     def _keep(self, report: Report) -> None:
         ours, theirs = self._versions, report.versions

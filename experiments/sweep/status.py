@@ -66,23 +66,15 @@ def status_of(root: Path) -> RunStatus:
     if not root.is_dir():
         raise UserError(f"{root}: no such folder; legal: the folder of a run")
     folder = RunFolder(root)
-    manifest = folder.manifest()
+    manifest, writing = folder.manifest(), running(root)
     cells, chunks = manifest["cells"], manifest["chunks"]
-    writing = running(root)
-    if manifest["state"] == "complete" and not writing:
-        return _complete(folder, cells, chunks)
-    return _under_way(folder, cells, chunks, "running" if writing else "stopped")
-
-
-def _complete(folder: RunFolder, cells: int, chunks: int) -> RunStatus:
-    outcomes = folder.tally()
-    return RunStatus("complete", cells, cells, chunks, chunks, 0, statuses_of(outcomes), reasons_of(outcomes))
-
-
-def _under_way(folder: RunFolder, cells: int, chunks: int, state: str) -> RunStatus:
     done = damaged = 0
     outcomes: Tally = Counter()
-    parts = folder.named_parts(range(chunks), folder.manifest()["identity"])
+    if manifest["state"] == "complete" and not writing:
+        outcomes = folder.tally()
+        counts = cells, cells, chunks, chunks, 0
+        return RunStatus("complete", *counts, statuses_of(outcomes), reasons_of(outcomes))
+    parts = folder.named_parts(range(chunks), manifest["identity"])
     for path in parts.values():
         try:
             table = pq.ParquetFile(path).read(columns=["solver", "status", "reason", "cell"])
@@ -92,6 +84,7 @@ def _under_way(folder: RunFolder, cells: int, chunks: int, state: str) -> RunSta
         done += len(table.column("cell").unique())
         outcomes += tally([table])
     counts = cells, done, chunks, len(parts) - damaged, damaged
+    state = "running" if writing else "stopped"
     return RunStatus(state, *counts, statuses_of(outcomes), reasons_of(outcomes))
 
 
