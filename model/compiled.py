@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -85,11 +84,10 @@ def cache_folder(kernel: Any) -> Path:
 
 
 def is_compiled(kernel: Any) -> bool:
-    """Tell whether an earlier process left the machine code of a kernel, as its source is now, in the cache."""
+    """Tell whether an earlier process left the machine code of a kernel, as its source is now, in the cache.
+
+    Numba says so, which tells a source by its bytes: its time changes with every copy of an installation.
+    """
     if vars(config)["DISABLE_JIT"]:
         return True  # nothing is compiled
-    python = "{}{}".format(*sys.version_info)
-    function = kernel.py_func
-    name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.py{python}*.nbi"
-    changed = Path(function.__code__.co_filename).stat().st_mtime
-    return any(index.stat().st_mtime >= changed for index in cache_folder(kernel).glob(name))
+    return bool(kernel._cache._cache_file._load_index())

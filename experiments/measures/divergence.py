@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.hausdorff import distances
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.results import Floats, Results
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Paths
@@ -79,6 +78,9 @@ def divergence(
 
     def curves(paths: Paths) -> Floats:
         return paths.impulses / np.repeat(masses[:, 0] * speed, np.diff(paths.offsets))[:, None]
+
+    # Here, for the import of numba takes longer than all else that one collision's D asks for.
+    from impact_xval.experiments.measures.hausdorff import distances
 
     one, two = model.paths, other.paths
     apart = distances(curves(one), curves(two), one.offsets, two.offsets)

@@ -105,9 +105,13 @@ def _prepared(slot: Slot, resolve: Any, name: str, pair: bool) -> None:
 
 
 def _warm(_: object, resolve: Any, name: str, pair: bool) -> None:
-    from impact_xval.experiments.sweep.warmup import warm
+    """Make a process ready; one of our solvers whose kernels are compiled reads them as fast while it solves."""
+    from impact_xval.experiments.sweep.warmup import are_compiled, warm
 
-    warm(_, resolve, name, pair)
+    if is_ours(name) and are_compiled(name, pair=pair):
+        resolve(name).unavailable()
+    else:
+        warm(_, resolve, name, pair)
 
 
 def _solved(slot: Slot, resolve: Any, name: str, config: Config, *asked: Any) -> Outcome:
