@@ -66,7 +66,7 @@ def test_the_lock_file_holds_a_version_that_is_allowed_of_every_dependency():
 
 def test_every_file_of_a_run_is_in_the_docs():
     text = (ROOT / "docs/experiments.md").read_text(encoding="utf-8")
-    tables = ("cells.parquet", "divergence.parquet", "curves.parquet", "ladder.parquet", "summary.md")
+    tables = ("cells.parquet", "divergence.parquet", "curves.parquet", "ladder.parquet", "summary.csv")
     for name in (*tables, "manifest.json", "report.html", "figures/", "parts/"):
         assert f"`{name}`" in text
 

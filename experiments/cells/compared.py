@@ -16,7 +16,9 @@ from impact_xval.compliant_baselines.solver import MappingName
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.divergence import Measures, measures_of, velocity_divergence
 from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
-from impact_xval.experiments.presentation.pages import blocks_of, render
+from impact_xval.experiments.presentation.document import Block, Table
+from impact_xval.experiments.presentation.html import render
+from impact_xval.experiments.presentation.words import one_vote
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
@@ -29,6 +31,12 @@ if TYPE_CHECKING:
 _WIDTH = 150
 #: Dots per inch of the picture in a notebook.
 _DPI = 100
+#: The rows of the table of a column.
+_COLUMN = (
+    "v1, v2, ...: velocities per |v0|, up is positive. D: kinetic norm of the difference from the model. limit: "
+    "largest difference of a velocity between an engine's limit dt -> 0 and the exact solver of its law; error: the "
+    "engine's own estimate of it. E/E0, p/p0: energy and momentum over those before."
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -120,27 +128,35 @@ class Compared:
         import pandas as pd
 
         if self.is_column:
-            from impact_xval.experiments.presentation.columns.figures import draw_velocities
+            from impact_xval.experiments.presentation.pictures.columns import velocities_figure
 
             speed = max(map(abs, self.problem.velocities))
             rows = [(name, [v / speed for v in self.outcomes[name].velocities]) for name in drawn]
-            return draw_velocities(pd.DataFrame(rows, columns=["solver", "velocities"]), drawn)
-        from impact_xval.experiments.presentation.curve_figures import draw_cell_curves
-        from impact_xval.experiments.sweep.curves import FIGURE_CELL
+            return velocities_figure(pd.DataFrame(rows, columns=["solver", "velocities"]), drawn)
+        from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves
 
         curves = [
-            pd.DataFrame({"curve": FIGURE_CELL, "solver": name, "impulse1": i1, "impulse2": i2})
+            pd.DataFrame({"solver": name, "impulse1": i1, "impulse2": i2})
             for name, (i1, i2) in impulse_curves(self.problem, self.outcomes).items()
         ]
         return draw_cell_curves(pd.concat(curves).assign(mass_ratio=self.problem.mass_ratio), drawn)
 
-    def markdown(self) -> str:
-        """Return the table of all solvers, as commands print it."""
-        if self.is_column:
-            return self._column_markdown(self.problem)
-        return self._collision_markdown(self.problem)
+    def blocks(self) -> list[Block]:
+        """Return the table of all solvers, and what there is to say of them."""
+        table = self._column_table() if self.is_column else self._collision_table()
+        blocks: list[Block] = [*self._setup(), table]
+        if self.is_column and table.rows:
+            blocks.append(_COLUMN)
+        blocks.append(one_vote(self.outcomes))
+        blocks += [
+            f"{name}: {each.status}: {each.reason}" for name, each in self.outcomes.items() if each.reason
+        ]
+        blocks += [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
+        return [block for block in blocks if block]
 
-    def fragment(self, lines: Mapping[str, Any] | None = None, paths: bool = False) -> str:
+    def fragment(
+        self, lines: Mapping[str, Any] | None = None, paths: bool = False, picture: str = ""
+    ) -> Markup:
         """Return the table as a piece of HTML.
 
         Parameters
@@ -149,11 +165,12 @@ class Compared:
             How each solver is drawn (`cells.figures`), shown beside its name.
         paths : bool
             Whether the state paths of a column follow, folded away.
+        picture : str
+            A PNG in base64 that comes last.
         """
-        shown = {}
-        if paths and self.is_column:
-            shown = {name: list(self.states[name]) for name in self._results()}
-        return render("compared.html.j2", blocks=_blocks(self.markdown()), lines=lines or {}, paths=shown)
+        shown = {name: self.states[name] for name in self._results()} if paths and self.is_column else {}
+        facts = {"blocks": self.blocks(), "lines": lines or {}, "paths": shown}
+        return render("compared.html.j2", **facts, picture=picture, column=self.is_column)
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the table, and the picture as part of it."""
@@ -164,9 +181,7 @@ class Compared:
         figure, file = self.plot(), io.BytesIO()
         figure.dpi = _DPI
         FigureCanvasAgg(figure).print_png(file)
-        data = base64.b64encode(file.getvalue()).decode("ascii")
-        picture = render("compared_picture.html.j2", data=data, column=self.is_column)
-        return Markup(self.fragment()) + Markup(picture)
+        return self.fragment(picture=base64.b64encode(file.getvalue()).decode("ascii"))
 
     def __str__(self) -> str:
         from rich.console import Console
@@ -174,7 +189,7 @@ class Compared:
         from impact_xval.experiments.presentation.terminal import show
 
         console = Console(file=io.StringIO(), width=_WIDTH)
-        show(console, self.markdown())
+        show(console, self.blocks())
         return console.file.getvalue()  # type: ignore[attr-defined]
 
     __repr__ = __str__
@@ -183,29 +198,37 @@ class Compared:
         """Solvers with a result, in the order of laws."""
         return [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
 
-    def _collision_markdown(self, collision: Collision) -> str:
+    def _setup(self) -> list[Block]:
+        """Say how a column was set up, if it is known."""
+        a = self.arranged
+        if a is None:
+            return []
+        kinds = {
+            "chain": f"ball 1 strikes a row of {a.balls - 1} at rest",
+            "cradle": f"{a.striking} of {a.balls} balls {'strikes' if a.striking == 1 else 'strike'} the others",
+            "drop": f"ball 1 falls on {a.balls - 1} at rest on a table",
+            "stack": ("ball 1 falls" if a.balls == 1 else f"{a.balls} balls fall together") + " onto a table",
+        }
+        law = "" if a.exponent == 1 else f", F = k delta^{number(a.exponent, 6)}"
+        gap = f", gaps of {number(a.gap, 6)} m" if a.gap else ""
+        return [f"{a.arrangement}: {kinds[a.arrangement]}, e = {number(a.e, 6)}{law}{gap}."]
+
+    def _collision_table(self) -> Table:
         away = self.divergences
         rows = [
-            (law, name, self.outcomes[name].status, *_numbers(collision, self.outcomes[name], away[name]))
+            (law, name, self.outcomes[name].status, *_numbers(self.problem, self.outcomes[name], away[name]))
             for law, group in by_law(self.outcomes).items()
             for name in group
         ]
-        reasons = [(name, each) for name, each in self.outcomes.items() if each.reason]
-        return render("solve.md.j2", rows=rows, solvers=list(self.outcomes), reasons=reasons)
+        scaled = ("v1/|v0|", "v2/|v0|", "I1/(m1|v0|)", "I2/(m1|v0|)")
+        return Table(("law", "solver", "status", *scaled, "D", "states"), rows, text=3)
 
-    def _column_markdown(self, column: Collision) -> str:
-        shown, measures = self._results(), measures_of(column, self.outcomes, self.mapping)
-        speed = max(map(abs, column.velocities))
+    def _column_table(self) -> Table:
+        shown, measures = self._results(), measures_of(self.problem, self.outcomes, self.mapping)
+        speed = max(map(abs, self.problem.velocities))
         columns = [_facts(name, self.outcomes[name], measures[name], speed) for name in shown]
         rows = [(fact, *(each[fact] for each in columns)) for fact in (columns[0] if columns else ())]
-        return render(
-            "cradle.md.j2",
-            arranged=self.arranged,
-            shown=shown,
-            rows=rows,
-            solvers=list(self.outcomes),
-            outcomes=self.outcomes,
-        )
+        return Table(["solver", *shown], rows)
 
 
 def compare(
@@ -283,11 +306,6 @@ def _say(line: str) -> None:
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
-
-
-def _blocks(markdown: str) -> list[tuple[str, Any]]:
-    """Take Markdown apart for a template, each block with the name of its kind."""
-    return [(type(block).__name__, block) for block in blocks_of(markdown)]
 
 
 def _numbers(collision: Collision, outcome: Outcome, away: float | None) -> list[str]:

@@ -26,7 +26,6 @@ from bokeh.models import ColumnDataSource, CustomJS
 from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from bokeh.server.util import bind_sockets
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 
@@ -38,15 +37,15 @@ from impact_xval.experiments.cells.figures import Charts, compression_lines, dra
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.presentation.pages import phrase, render
+from impact_xval.experiments.presentation.html import render, template
 from impact_xval.experiments.presentation.terminal import COMPILING
 from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
+from impact_xval.experiments.tables.numbers import listed
 
 #: Solved at every move, and on request.
 EXACT = tuple(name for name in solver_names() if not is_engine(name))
 #: Points of the path of a column, enough to draw its forces.
 _POINTS = 1000
-_WORDS = "explore_words.md.j2"
 
 
 class Solvers:
@@ -138,7 +137,7 @@ class Page:
             document.add_root(chart)
         self._charts.curves.tags = [self._asked, self._engines, self._answer]
         document.js_on_event(DocumentReady, CustomJS(code="explore()"))
-        document.template = _environment().get_template("explore.html.j2")
+        document.template = template("explore.html.j2")
         document.template_variables["controls"] = CONTROLS
         document.title = "impact-xval explore"
 
@@ -167,7 +166,7 @@ class Page:
         if cell is not None:
             for name in engine_names():
                 self._solvers.submit(True, partial(self._solve, cell, query, name))
-            self._send(said=phrase(_WORDS, "engines", engine_names()))
+            self._send(said=f"{listed(engine_names())} have been started")
 
     def _solve(self, cell: Asked, query: str, engine: str = "") -> None:
         """Solve a cell, in a thread, unless the page asks for another one by now."""
@@ -178,7 +177,7 @@ class Page:
             self._next(partial(self._send, said=line or COMPILING))
 
         if engine:
-            say(phrase(_WORDS, "at_work", engine))
+            say(f"{engine} is running")
         try:
             outcomes = self._solvers.solve(cell, [engine] if engine else EXACT, say)
         except Exception as error:  # the solvers are gone, or have a bug: the page is to say so
@@ -201,7 +200,7 @@ class Page:
         self._send(
             query=query,
             html=compared.fragment(lines, paths=True),
-            legend=render("explore_legend.html.j2", lines=legend),
+            legend=render("lines.html.j2", legend=legend),
             charts=json.dumps(drawn(compared, self._scheme)._asdict()),
             said="" if last else None,
         )
@@ -216,16 +215,6 @@ class Page:
         """Call a function once nothing else changes the document; not where its page is closed."""
         with contextlib.suppress(Exception):
             self._document.add_next_tick_callback(function)
-
-
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("impact_xval.experiments.presentation"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
 
 
 @contextlib.contextmanager

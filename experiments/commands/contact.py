@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from impact_xval.compliant_baselines import SolverError
     from impact_xval.compliant_baselines.engines.engine import Engine
     from impact_xval.compliant_baselines.single_contact import Drops, Pair
+    from impact_xval.experiments.presentation.document import Table
 
 #: What is tried; beyond, the positions or velocities of a drop drown in rounding, or its end is never reached.
 LEAST_MASS, LARGEST_MASS, LARGEST_RATIO = 1e-15, 1e15, 1e12
@@ -197,22 +198,43 @@ def _show(
     fine: Drops,
     heavy: dict[str, Any] | None,
 ) -> None:
-    from impact_xval.experiments.presentation.pages import render
-    from impact_xval.experiments.presentation.terminal import make_console, print_line, show
+    from impact_xval.experiments.presentation.document import Block
+    from impact_xval.experiments.presentation.terminal import make_console, show
 
-    console = make_console()
-    page = render(
-        "contact.md.j2",
-        engine=solver.name,
-        version=solver.version(),
-        pair=pair,
-        contact=pair.contact,
-        tolerance=tolerance,
-        found=found,
-        fine=fine,
-        heavy=heavy,
-    )
-    before, after = page.split("PASTE")
-    show(console, before)
-    print_line(console, f"\n{text}")
-    show(console, after)
+    c, name = pair.contact, solver.name
+    zeta = c.c / (2 * c.mass * c.omega)
+    blocks: list[Block] = [
+        f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {zeta:.4g}) between bodies of reduced mass {c.mass:.6g} kg",
+        f"at {pair.speed:.6g} m/s the penetration is {pair.penetration:.3g} m: the bodies must be much larger",
+        f"\n{text.rstrip()}",
+        _drops(name, pair, found, fine, heavy),
+        f"{found.step:.6g} s is the largest step tried (ten a decade) at which {name} {solver.version()} keeps both "
+        f"within {tolerance:.3g} of the request, wherever within a step the bodies touch ({found.n} drops), and at the "
+        f"four shorter steps too: {c.duration / found.step:.0f} steps in a contact",
+    ]
+    if heavy is not None and "reason" in heavy:
+        blocks.append(f"with gravity: {heavy['reason']}")
+    elif heavy is not None:
+        g, ratio = heavy["gravity"], heavy["gravity"] / (pair.speed * c.omega)
+        blocks.append(f"the contact's parameters ignore gravity, {g:.6g} m/s^2: g/(v omega) = {ratio:.2g}")
+    show(make_console(), blocks)
+
+
+def _drops(name: str, pair: Pair, found: Drops, fine: Drops, heavy: dict[str, Any] | None) -> Table:
+    """Table of what was asked for and what verifying drops gave."""
+    from impact_xval.experiments.presentation.document import Table
+
+    rows = []
+    for what, unit, asked in (
+        ("restitution", "", pair.restitution),
+        ("duration", " s", pair.contact.duration),
+    ):
+        low, high = getattr(found, what)
+        row = [what, f"{asked:.6g}{unit}", f"{low:.6g} to {high:.6g}{unit}"]
+        row.append(f"{getattr(fine, what)[0]:.6g}{unit}")
+        if heavy is not None:
+            row.append(f"{heavy[what]:.6g}{unit}" if what in heavy else "-")
+        rows.append(row)
+    header = ["", "asked", f"at {found.step:.6g} s", f"at {found.step / 10:.6g} s"]
+    header += [] if heavy is None else ["with gravity"]
+    return Table(header, rows, f"Drops in {name}, by its time step")

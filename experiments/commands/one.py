@@ -81,7 +81,7 @@ def solve(
     else:
         from impact_xval.experiments.presentation.terminal import make_console, show
 
-        show(make_console(), compared.markdown())
+        show(make_console(), compared.blocks())
     if plot is not None:
         from impact_xval.experiments.presentation.terminal import error_line
 

@@ -163,6 +163,9 @@ def report(
         str | None,
         typer.Option(metavar="WHAT", parser=_only, help="'page', 'tables' or 'figures': write that alone."),
     ] = None,
+    latex: Annotated[
+        bool, typer.Option("--latex", help="Write the table of divergence as summary.tex too.")
+    ] = False,
     supplement: Annotated[
         bool,
         typer.Option("--supplement", help="Draw the six panels of the model's supplement into a new folder."),
@@ -174,6 +177,7 @@ def report(
 
     Example: impact-xval report runs/default --only figures
     """
+    from impact_xval.experiments.measures.summary import summarise
     from impact_xval.experiments.presentation import report as reports
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line
     from impact_xval.experiments.tables.folder import finished, new_folder
@@ -189,16 +193,17 @@ def report(
         return
     run = finished(folder)
     with at_work("writing the report"):
+        summary = summarise(run)
         if only in (None, "tables"):
-            reports.write_tables(run)
-            print_line(console, f"summary.md, summary.csv and summary.tex are in {folder}")
+            reports.write_tables(run, summary)
+            print_line(console, f"summary.csv is in {folder}")
         if only in (None, "figures"):
-            from impact_xval.experiments.presentation.figures import write_figures
-
-            for drawn, caption in write_figures(run):
-                print_line(console, f"{drawn}: {caption}")
+            for name, caption in reports.write_figures(run, summary).items():
+                print_line(console, f"{run.root / 'figures' / name}.svg: {caption}")
         if only in (None, "page"):
-            print_line(console, str(reports.write_report(run)))
+            print_line(console, str(reports.write_report(run, summary)))
+        if latex:
+            print_line(console, str(reports.write_latex(run, summary)))
 
 
 def compare(
@@ -294,14 +299,15 @@ def _kept(root: Path) -> Config | None:
 
 def _size(experiment: Config) -> str:
     """Say how many cells the axes of an experiment make, and which of them took their defaults; "" without axes."""
-    from impact_xval.experiments.presentation.pages import phrase
-
     if experiment.sample is not None or experiment.cells is not None:
         return ""
     table = experiment.column or experiment.grid
-    axes = [(name, length, name in table.model_fields_set) for name, length in table.lengths().items()]
-    what = "cells" if experiment.column is None else "columns"
-    return phrase("progress.md.j2", "size", table.count(), what, axes)
+    axes = (
+        f"{name} {length}" + ("" if name in table.model_fields_set else " (default)")
+        for name, length in table.lengths().items()
+    )
+    unit = "cells" if experiment.column is None else "columns"
+    return f"{table.count()} {unit}: {', '.join(axes)}"
 
 
 def _compared(summary: Summary) -> bool:

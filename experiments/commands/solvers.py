@@ -34,7 +34,7 @@ def solvers(
     Example: impact-xval solvers mujoco
     """
     from impact_xval.compliant_baselines.registry import description_of, get_solver, law_of, origins
-    from impact_xval.experiments.presentation.pages import render
+    from impact_xval.experiments.presentation.document import Table
     from impact_xval.experiments.presentation.terminal import at_work, make_console, show
     from impact_xval.experiments.sweep.pool import Slot
     from impact_xval.experiments.sweep.warmup import stated
@@ -49,7 +49,9 @@ def solvers(
                 version, reason = stated(slot, get_solver, each)
             what = [description_of(each), "" if reason is None else f"unavailable: {reason}"]
             rows.append((each, law_of(each) or "-", version or "-", origin, "; ".join(filter(None, what))))
-    show(make_console(), render("solvers.md.j2", rows=rows))
+    header = ("solver", "law asked for", "version", "from", "description")
+    caption = "Solvers that are known here; those asked for the same law are one vote on it"
+    show(make_console(), [Table(header, rows, caption, text=5)])
 
 
 def _check(name: str, law: str) -> None:

@@ -1,4 +1,4 @@
-"""The figures of a run; their captions are in the template of the page."""
+"""The figures of a run; `page` has their captions."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ from impact_xval.experiments.hypothesis.run import DRAWN, Results
 from impact_xval.experiments.hypothesis.verdicts import CaseResult, Series
 from impact_xval.experiments.presentation.looks import Look, look
 from impact_xval.experiments.presentation.style import drawing, save
+from impact_xval.experiments.presentation.words import named
 
-_DPI = 150
+#: Dots per inch of the tiles of a map; all else is drawn as lines.
+_DPI = 200
 
 #: Distances below this are not drawn: rounding.
 _FLOOR = 1e-13
@@ -41,7 +43,7 @@ def _look(results: Results, solver: str) -> Look:
 
 
 def write_figures(results: Results, folder: Path) -> list[str]:
-    """Draw every figure into a folder, as PNG and PDF; return their names in the order of the page."""
+    """Draw every figure into a folder, as SVG and PDF; return their names in the order of the page."""
     folder.mkdir(parents=True, exist_ok=True)
     drawn = {"distance": _distance(results)}
     if results.columns:
@@ -52,7 +54,7 @@ def write_figures(results: Results, folder: Path) -> list[str]:
         drawn["no-limit"] = _no_limit(results)
     drawn |= {map_name(e1, e2): _map(results, e1, e2) for e1, e2 in results.mapped}
     for name, figure in drawn.items():
-        save(figure, folder, name, dpi=_DPI)
+        save(figure, folder, name)
     return list(drawn)
 
 
@@ -89,7 +91,7 @@ def _distance(results: Results) -> Figure:
                     markerfacecolor="none",
                     zorder=3 if engine else 2,
                 )
-                handles.setdefault(name, line)
+                handles.setdefault(named(name), line)
                 _slope(ax, found, series, median, style.color)
             ax.set_xscale("log")
             ax.set_yscale("log")
@@ -114,7 +116,7 @@ def _columns(results: Results) -> Figure:
             (line,) = panels[found.place].plot(
                 found.contrast, median, color=style.color, linestyle=style.dash
             )
-            handles.setdefault(found.solver, line)
+            handles.setdefault(named(found.solver), line)
         for place, ax in panels.items():
             ax.set_xscale("log")
             ax.set_yscale("log")
@@ -149,7 +151,7 @@ def _slope(ax: Any, found: CaseResult, series: Series, median: np.ndarray, color
 
 def _relative_motion(results: Results) -> Figure:
     kinds = {series.solver.name: series.solver.kind for series in results.series}
-    with drawing(10.0, 5.4) as figure:
+    with drawing(7.6, 4.3) as figure:
         axes = figure.subplots(2, len(DRAWN))
         handles: dict[str, Any] = {}
         for column, key in enumerate(DRAWN):
@@ -169,16 +171,16 @@ def _relative_motion(results: Results) -> Figure:
                         linewidth=width,
                         zorder=1 if name == "state-transition" else 2,
                     )
-                handles.setdefault(name, line)
+                handles.setdefault(named(name), line)
                 if name in ("state-transition", "bistiffness") and motion.joined is not None:
                     axes[1, column].plot(
                         motion.time[motion.joined], motion.separation[motion.joined], "o", color=style.color
                     )
-            axes[0, column].set_title(textwrap.fill(BY_KEY[key].title, 34), fontsize=8.5)
-            axes[1, column].set_xlabel("time, half periods of the soft contact (-)")
-        axes[0, 0].set_ylabel("relative velocity\nof the stiff pair, per |v0| (-)")
-        axes[1, 0].set_ylabel("separation of the stiff pair,\nper soft compression (-)")
-        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=6)
+            axes[0, column].set_title(textwrap.fill(BY_KEY[key].title, 28), fontsize=8.5)
+            axes[1, column].set_xlabel("time, half periods of\nthe soft contact (-)")
+        axes[0, 0].set_ylabel("relative velocity\nper |v0| (-)")
+        axes[1, 0].set_ylabel("separation per\nsoft compression (-)")
+        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=4)
     return figure
 
 
@@ -232,19 +234,22 @@ def _map(results: Results, e1: float, e2: float) -> Figure:
     rows = -(-len(maps) // columns)
     norm, colors = BoundaryNorm([0, 0.01, 0.05, 0.2, 1e9], 4), ListedColormap(_BANDS)
     with drawing(2.5 * columns, 2.35 * rows + 0.6) as figure:
+        figure.dpi = _DPI
         axes = figure.subplots(rows, columns, squeeze=False)
         for ax in axes.flat[len(maps) :]:
             ax.set_visible(False)
         for position, (ax, (solver, one)) in enumerate(zip(axes.flat, maps, strict=False)):
             grid = grid_of(one)
             error = np.ma.masked_invalid(grid.T)
-            ax.pcolormesh(grid.index, grid.columns, error, cmap=colors, norm=norm, shading="nearest")
+            ax.pcolormesh(
+                grid.index, grid.columns, error, cmap=colors, norm=norm, shading="nearest", rasterized=True
+            )
             ax.set_xscale("log")
             ax.set_yscale("log")
             ax.set_xlim(*results.config.map.stiffness_ratio)
             ax.set_ylim(*results.config.map.mass_ratio)
             ax.axvline(1, color="black", linewidth=0.8)
-            ax.set_title(solver, fontsize=9)
+            ax.set_title(named(solver), fontsize=9)
             ax.grid(False)
             ax.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
             if position % columns == 0:

@@ -175,11 +175,6 @@ class Group(Generic[P]):
         return len(self.members)
 
     @property
-    def share(self) -> float:
-        """Share of the points at which the verdict was reached."""
-        return self.counts[self.verdict] / self.points
-
-    @property
     def agrees(self) -> bool:
         """Undecided, with nothing refuted or unsettled: the closed form lies within the error of every limit."""
         judgements = [m.judgement for m in self.members]
@@ -217,11 +212,6 @@ class Group(Generic[P]):
     def far(self) -> int:
         """Refuted points whose limit lies further than `FAR` from the closed form."""
         return sum(offset > FAR for offset in self.offsets)
-
-    @property
-    def bound(self) -> float:
-        """The distance beyond which `far` counts."""
-        return FAR
 
     @property
     def word(self) -> str:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import errno
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from typing import Any
 
+from markupsafe import Markup
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -17,66 +18,81 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from impact_xval.compliant_baselines.answers import visible
+from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.looks import BLACK, look
-from impact_xval.experiments.presentation.pages import Table, blocks_of, phrase, render
 from impact_xval.experiments.tables.numbers import number
 
 #: What is said before kernels are compiled.
 COMPILING = "compiling the kernels, once for each installation: half a minute or more"
+
+MEDIANS = ("law", "solver", "cells", "median D")
 
 #: Gives law, solver, number of cells and median D of solvers.
 MedianRows = Callable[[], list[tuple[str, str, int, float]]]
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
-#: Seconds of work after which a log has a line, however little was done, and between two looks at whether it has.
-_SAY, _LOOK = 20.0, 1.0
+#: Seconds of work after which standard error has a line.
+_SAY = 20.0
 #: What an error of a console calls it.
 _STDOUT = "standard output"
-#: Medians stand for at least so many times what it took to find them, but for the line of a tenth.
+#: Above a bar medians stand for at least so many times what it took to find them.
 _STAND = 100
 
 
-def show(console: Console, markdown: str) -> None:
-    """Print Markdown: a line a paragraph, and tables with their captions between empty lines."""
-    for each in _renderables(markdown):
+def show(console: Console, blocks: Iterable[Block]) -> None:
+    """Print a document: a line a paragraph, and tables with their captions between empty lines."""
+    for each in _renderables(blocks):
         if isinstance(each, RichTable):
             console.print(each)
         else:
             print_line(console, each)
 
 
-def _renderables(markdown: str) -> Iterator[Any]:
-    """Turn Markdown into tables, and the lines between them as text."""
+def _renderables(blocks: Iterable[Block]) -> Iterator[Any]:
+    """Turn blocks into tables, and the lines between them as text; pictures are for pages."""
     last = None
-    for block in blocks_of(markdown):
+    for block in blocks:
+        if isinstance(block, Figure | Markup) or (isinstance(block, Table) and not block.rows):
+            continue
         if last is not None and Table in (type(block), type(last)):
             yield ""
-        if isinstance(block, Table):
+        if isinstance(block, Section):
+            yield block.title
+            yield from _renderables(block.blocks)
+        elif isinstance(block, Table):
             if block.caption:
-                yield block.caption
-            table = RichTable(box=None, pad_edge=False)
-            for title, right in zip(block.header, block.numeric, strict=True):
-                table.add_column(Text(title), justify="right" if right else "left")
-            for row in block.rows:
-                table.add_row(*(_cell(*cell) for cell in zip(block.header, row, strict=True)))
-            yield table
+                yield str(block.caption)
+            yield _table(block)
         else:
-            yield block.text
+            yield str(block)
         last = block
 
 
-def _cell(title: str, text: str) -> Text:
-    """Write a cell of a table; a solver has the colour that it has in figures, the model, black there, none."""
-    color = look(text).color if title == "solver" else BLACK
-    return Text(text, style="" if color == BLACK else color)
+def _table(block: Table) -> RichTable:
+    """Lay out a table; a solver has the colour that it has in figures, the model, black there, none."""
+    table = RichTable(box=None, pad_edge=False)
+    for place, title in enumerate(block.header):
+        table.add_column(Text(title), justify="left" if place < block.text else "right")
+    for row in block.rows:
+        colors = [
+            look(str(cell)).color if title == "solver" else BLACK
+            for title, cell in zip(block.header, row, strict=True)
+        ]
+        table.add_row(
+            *(
+                Text(visible(str(cell)), "" if color == BLACK else color)
+                for color, cell in zip(colors, row, strict=True)
+            )
+        )
+    return table
 
 
 @contextmanager
 def show_progress(
     console: Console, unit: str = "cells", medians: MedianRows = lambda: []
 ) -> Iterator[Callable[[int, int, str], None]]:
-    """Show progress: a bar and the medians so far on a terminal, otherwise a line for every tenth and after `_SAY` s.
+    """Show progress: a bar and the medians so far on a terminal, otherwise a line for every tenth.
 
     Parameters
     ----------
@@ -140,10 +156,10 @@ def _bar(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[
 
     def shown() -> Group:
         elapsed = timedelta(seconds=int(time.perf_counter() - start))
-        left = phrase("progress.md.j2", "to_come", pace.done, pace.total, pace.left)
+        left = "writing" if 0 < pace.total == pace.done else f"{pace.left} left" if pace.left else ""
         bar.update(task, left=left, elapsed=str(elapsed))
         rows = [(*names, number(median)) for *names, median in medians()]
-        page = _renderables(render("medians.md.j2", rows=rows))
+        page = _renderables([Table(MEDIANS, rows, "Divergence from the model so far", text=2)])
         return Group(*(Text(each) if isinstance(each, str) else each for each in page), bar)
 
     with Live(get_renderable=shown, console=console) as live:
@@ -177,45 +193,29 @@ def _seldom(medians: MedianRows) -> MedianRows:
 
 @contextmanager
 def _log(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
-    start, said, pace = time.perf_counter(), -1, _Pace()
-    last, pause, lock, ended = start, _SAY, threading.Lock(), threading.Event()
-
-    broken: list[OSError] = []
+    start, said, pace, lock = time.perf_counter(), -1, _Pace(), threading.Lock()
 
     def on_log(done: int, total: int, line: str) -> None:
-        nonlocal said, last, pause
-        if broken:
-            raise broken[0]
+        nonlocal said
         with lock:
-            now = time.perf_counter()
-            if total:
-                pace.report(done, total)
             if line:
-                last = now
                 print_line(console, line)
-            elif total and (10 * done // total > said or (done < total and now - last > pause)):
-                said, last = 10 * done // total, now
-                facts = {"unit": unit, "seconds": now - start, "left": pace.left, "rows": medians()}
-                pause = max(_SAY, _STAND * (time.perf_counter() - now))
-                print_line(console, phrase("progress.md.j2", "tenth", done, total, **facts))
-            elif now - last > pause:
-                last = now
-                print_line(console, phrase("progress.md.j2", "before_or_after", total, unit, now - start))
+            elif total:
+                pace.report(done, total)
+                if 10 * done // total > said:
+                    said, seconds = 10 * done // total, time.perf_counter() - start
+                    print_line(console, _progress(done, total, unit, seconds, pace.left, medians()))
 
-    def beat() -> None:
-        try:
-            while not ended.wait(_LOOK):
-                on_log(pace.done, pace.total, "")
-        except OSError as error:  # which ends the work when it next says something
-            broken.append(error)
+    yield on_log
 
-    beating = threading.Thread(target=beat, daemon=True)
-    beating.start()
-    try:
-        yield on_log
-    finally:
-        ended.set()
-        beating.join()
+
+def _progress(done: int, total: int, unit: str, seconds: float, left: timedelta | None, rows: list) -> str:
+    """Write the line of a log: how much is done, and the medians so far."""
+    line = f"{done} of {total} {unit} after {seconds:.0f} s"
+    if left is not None:
+        line += f", {left} left at this rate"
+    medians = ", ".join(f"{solver} {number(median)} (of {n})" for _, solver, n, median in rows)
+    return f"{line}; median D so far: {medians}" if medians else line
 
 
 class _Console(Console):

@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 from rich.console import Console
 
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.presentation.pages import phrase, render
+from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.terminal import print_line, show
-from impact_xval.experiments.tables.numbers import number
+from impact_xval.experiments.tables.numbers import number, percent
 
 if TYPE_CHECKING:  # each command has imported what it shows, and needs none of the others
     from impact_xval.experiments.measures.summary import Summary
@@ -29,44 +29,43 @@ _SHOWN = 8
 
 def show_summary(console: Console, summary: Summary) -> None:
     """Print what a run found."""
-    from impact_xval.experiments.presentation.columns.page import column_facts
-    from impact_xval.experiments.presentation.summary_page import summary_facts
+    from impact_xval.experiments.presentation.findings import brief
 
-    if summary.config.column is not None:
-        show(console, render("columns_run.md.j2", **column_facts(summary)))
-        return
-    show(console, render("summary_run.md.j2", **summary_facts(summary)))
+    show(console, brief(summary))
 
 
 def show_end(console: Console, summary: Summary, seconds: float, root: str) -> None:
     """Print what a run found, and where it is."""
     show_summary(console, summary)
-    print_line(console, phrase("progress.md.j2", "ended", seconds, root))
+    line = f"{seconds:.0f} s; report.html is the page to read; everything is in {root}"
+    print_line(console, line)
+
+
+def show_causes(console: Console, summary: Summary) -> None:
+    """Print why the engines of a run diverge."""
+    from impact_xval.experiments.presentation.findings import why
+
+    show(console, why(summary))
 
 
 def show_status(console: Console, root: str, status: RunStatus) -> None:
     """Print how far a run is."""
     names = sorted({name for counts in status.statuses.values() for name in counts})
-    page = render(
-        "status.md.j2",
-        root=root,
-        command=shlex.join(["impact-xval", "run", "--out", root]),
-        s=status,
-        share=status.cells_done / status.cells if status.cells else 1.0,
-        names=names,
-        statuses=[
-            (solver, *(counts.get(name, 0) for name in names)) for solver, counts in status.statuses.items()
-        ],
-        most=_REASONS,
-    )
-    show(console, page)
-
-
-def show_causes(console: Console, summary: Summary) -> None:
-    """Print why the engines of a run diverge."""
-    from impact_xval.experiments.presentation.ladder_page import ladder_facts
-
-    show(console, render("ladder_run.md.j2", ladder=ladder_facts(summary.ladder)))
+    counts = [(solver, *(n.get(name, 0) for name in names)) for solver, n in status.statuses.items()]
+    share = percent(status.cells_done / status.cells if status.cells else 1.0)
+    blocks: list[Block] = [
+        f"{root}: {status.state}",
+        f"{status.cells_done} of {status.cells} cells ({share}), {status.parts_done} of {status.parts} parts",
+    ]
+    if status.parts_damaged:
+        blocks.append(f"{status.parts_damaged} parts are damaged; the next run computes them again")
+    blocks.append(Table(["solver", *names], counts))
+    blocks.append(Table(["solver", "status", "reason", "cells"], status.reasons[:_REASONS], text=3))
+    if len(status.reasons) > _REASONS:
+        blocks.append(f"and {len(status.reasons) - _REASONS} more reasons")
+    if status.state == "stopped":
+        blocks.append(f"to continue: {shlex.join(['impact-xval', 'run', '--out', root])}")
+    show(console, blocks)
 
 
 def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
@@ -90,12 +89,13 @@ def rows_of_cell(folder: RunFolder, cell: int) -> list[dict[str, Any]]:
 
 
 def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
-    """Print a cell: what each solver made of it, and why engines diverge."""
+    """Print a cell: the outcome of each solver, and why engines diverge."""
     from impact_xval.experiments.config.arrangements import COLUMN_AXES
     from impact_xval.experiments.config.axes import AXES
 
     axes = COLUMN_AXES if "balls" in rows[0] else AXES
     where = [(label, rows[0][key]) for key, label in axes.items() if rows[0][key] is not None]
+    values = (f"{label} = {value if isinstance(value, str) else number(value)}" for label, value in where)
     balls = range(1, 1 + (rows[0].get("balls") or 2))
     balls = balls if len(balls) <= _SHOWN else range(0)
     speed = abs(rows[0]["v0"])
@@ -109,11 +109,15 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
         )
         for row in rows
     ]
-    said = [(row["solver"], row["status"], row["reason"]) for row in rows if row["reason"]]
-    said += [(row["solver"], "marked", row["marked"]) for row in rows if row["marked"]]
-    ladders = [(row, _contributions(row, balls)) for row in rows if row.get("sentence")]
-    facts = {"cell": cell, "where": where, "balls": balls, "outcomes": outcomes, "said": said}
-    show(console, render("cell.md.j2", **facts, ladders=ladders))
+    header = ["solver", "status", *(f"v{i}/|v0|" for i in balls), "D", "states"]
+    blocks: list[Block] = [f"cell {cell}: {', '.join(values)}", Table(header, outcomes, text=2)]
+    blocks += [f"{row['solver']}: {row['status']}: {row['reason']}" for row in rows if row["reason"]]
+    blocks += [f"{row['solver']}: marked: {row['marked']}" for row in rows if row["marked"]]
+    causes = ["cause", *(f"dv{i}/|v0|" for i in balls), "kinetic norm", "share", "by order"]
+    for row in rows:
+        if row.get("sentence"):
+            blocks.append(Table(causes, _contributions(row, balls), row["sentence"]))
+    show(console, blocks)
 
 
 def _digits(velocity: float | None, speed: float) -> str:
@@ -153,7 +157,20 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
         (row.cell, row.solver, row.status_a, row.status_b, shown(row.velocity), shown(row.divergence))
         for row in found.worst
     ]
-    show(console, render("changes.md.j2", c=found, a=a, b=b, solvers=solvers, worst=worst))
+    limit = number(found.tolerance)
+    moved = f"{found.moved} rows moved by more than {limit}, or have another status."
+    blocks: list[Block] = [moved if found.moved else f"Nothing moved by more than {limit}."]
+    for name, (before, after) in found.versions.items():
+        blocks.append(f"{name} is {before} in the first run, {after} in the second.")
+    for name, (before, after) in found.settings.items():
+        blocks.append(f"{name} = {before} in the first run, {after} in the second.")
+    if found.alone:
+        blocks.append(f"Not compared, since only one run has them: {', '.join(found.alone)}.")
+    by_solver = ("solver", "cells", "moved", "other status", "largest dv/|v0|", "largest dD")
+    blocks.append(Table(by_solver, solvers, f"Changes from {a} to {b}"))
+    by_row = ("cell", "solver", "first status", "second status", "dv/|v0|", "dD")
+    caption = 'The largest changes; "one only": only one run has a number'
+    show(console, [*blocks, Table(by_row, worst, caption, text=4)])
 
 
 def changes_object(found: Comparison) -> dict[str, Any]:

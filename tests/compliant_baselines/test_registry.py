@@ -17,7 +17,7 @@ from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.measures.layout import laddered
 from impact_xval.experiments.measures.summary import summarise
-from impact_xval.experiments.presentation.summary_page import summary_facts
+from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.third_party import ANVIL, TOY, TOY_FILE, install
@@ -118,8 +118,8 @@ def test_a_run_uses_it_in_worker_processes_and_writes_its_version(site, tmp_path
     assert manifest["versions"]["toy"] == "1.0"
     assert manifest["statuses"]["toy"] == {"ok": 2}, manifest["statuses"]
     assert pq.read_table(tmp_path / "run" / "ladder.parquet").num_rows == 0  # it was asked for no law
-    facts = summary_facts(summarise(RunFolder(tmp_path / "run")))
-    assert [row[:2] for row in facts["short"]] == [("kelvin-voigt", "kelvin-voigt"), ("-", "toy")]
+    table = overall_table(summarise(RunFolder(tmp_path / "run")))
+    assert [row[:2] for row in table.rows] == [("kelvin-voigt", "kelvin-voigt"), ("-", "toy")]
 
 
 BROKEN = {

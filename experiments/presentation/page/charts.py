@@ -1,15 +1,8 @@
-"""What moves on the page, by Bokeh: the map whose tiles open, and the impulse curves of the cell that is open.
-
-The scripts of Bokeh and DataTables are in their packages, and go into the page: it asks for nothing.
-"""
+"""What moves on the page, by Bokeh: the map whose tiles open, and the impulse curves of the cell that is open."""
 
 from __future__ import annotations
 
-import base64
-import json
-import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from bokeh.core.types import ID
@@ -24,14 +17,15 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 from bokeh.resources import Resources
-from itables import options
 from markupsafe import Markup
 
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.page.html import render_markup
 from impact_xval.experiments.presentation.page.tiles import Tiles
+from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.tables.numbers import listed
 
 #: D below this has the colour of this: about the rounding of the solvers.
 _FLOOR = 1e-4
@@ -39,42 +33,47 @@ _FLOOR = 1e-4
 #: Labels of an axis at most.
 _LABELS = 60
 
+_ACROSS = "stiffness_ratio"
+
 #: How Bokeh draws the dashes of `style`.
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 
 
-def charts(tiles: Tiles, solvers: Sequence[str]) -> list[Any]:
-    """Draw the map and the frame of the impulse curves.
+def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str], numbers: int) -> Markup:
+    """Lay out the map and the cell that is open.
 
     Parameters
     ----------
     tiles : Tiles
+    packed : str
+        What is shown of the cells (`opened.packed_cells`).
     solvers : sequence of str
         All of the run, the model among them.
-
-    Returns
-    -------
-    list
-        What Bokeh embeds in the elements ``map`` and ``curves`` of the page, as JSON objects.
+    numbers : int
+        How many cells the run has.
     """
-    drawn = {"map": _map(tiles), "curves": _curves(solvers)}
-    return [_numbered(json_item(plot, ID(name))) for name, plot in drawn.items()]
-
-
-def _numbered(item: Any) -> Any:
-    """Count the models of a chart from one, as equal data give equal pages; Bokeh counts through all that is drawn."""
-    known: dict[str, str] = {}
-    text = json.dumps(item)
-    return json.loads(re.sub(r'"p\d+"', lambda id: known.setdefault(id[0], f'"p{len(known) + 1}"'), text))
+    compared = [name for name, medians in tiles.medians.items() if any(d is not None for d in medians)]
+    shown = tiles.medians[compared[-1]] if compared else [None] * len(tiles.cells)
+    rest = [label for axis, label in AXES.items() if axis not in (*tiles.up, _ACROSS)]
+    return render(
+        "cells.html.j2",
+        compared=[(name, named(name)) for name in compared],
+        tiles=tiles,
+        rest=listed(rest) if rest else "the cells in it",
+        rows=listed(AXES[axis] for axis in tiles.up),
+        last=numbers - 1,
+        first=tiles.cells[max(range(len(shown)), key=lambda place: shown[place] or 0.0)],
+        data=packed,
+        charts=[
+            json_item(plot, ID(name)) for name, plot in (("map", _map(tiles)), ("curves", _curves(solvers)))
+        ],
+    )
 
 
 def scripts() -> Markup:
-    """Return what moves the page: the libraries' scripts and its own."""
-    bundle = Path(str(options.dt_bundle))
-    tables = base64.b64encode(bundle.read_bytes()).decode("ascii")
-    style = bundle.with_suffix(".css").read_text(encoding="utf-8")
+    """Return what moves the page: the script of Bokeh, which is in its package, and the page's own."""
     bokeh = Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
-    return render_markup("moving.html.j2", bokeh=bokeh, tables=tables, style=Markup(style))
+    return render("moving.html.j2", bokeh=bokeh)
 
 
 def _map(tiles: Tiles) -> Any:
@@ -160,9 +159,15 @@ def _curves(solvers: Sequence[str]) -> Any:
         end = ColumnDataSource({"x": [], "y": []}, name=f"end {name}")
         width = 3 if name == REFERENCE else 2
         plot.line(
-            "x", "y", source=line, color=style.color, line_dash=dash, line_width=width, legend_label=name
+            "x",
+            "y",
+            source=line,
+            color=style.color,
+            line_dash=dash,
+            line_width=width,
+            legend_label=named(name),
         )
-        plot.scatter("x", "y", source=end, color=style.color, size=9, legend_label=name)
+        plot.scatter("x", "y", source=end, color=style.color, size=9, legend_label=named(name))
     plot.legend.location = "top_left"
     plot.legend.label_text_font_size = "11px"
     plot.legend.background_fill_alpha = 0.6

@@ -19,14 +19,22 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 from PIL import Image
 
-from impact_xval.experiments.presentation.pages import phrase, render
+from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.pictures.history import Floats, History
+from impact_xval.experiments.presentation.pictures.one import at
 from impact_xval.experiments.presentation.style import drawing
+from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.collision import Collision
 
 Pixels = NDArray[np.uint8]
+
+_STATES = ("S1: both contacts act", "S2: ball on table", "S3: ball on ball", "S4: no contact acts")
+
+_CLOCK = (
+    "The model has no time: its clock is how long its forces F = sqrt(2 k E) take to pass on its impulses."
+)
 
 #: What is written, by the suffix of the file.
 SUFFIXES = (".gif", ".html", ".mp4")
@@ -37,7 +45,6 @@ FRAMES, RATE = 100, 10
 _DPI = 100
 #: Colours of a picture, but in a film.
 _COLORS = 64
-_TEMPLATE = "pictures.md.j2"
 
 #: Colours of contacts 1 and 2, those of the states in which they act alone.
 CONTACT_COLORS = ("#D55E00", "#0072B2")
@@ -89,12 +96,21 @@ class Motion:
 
     def title(self) -> str:
         """Say who is shown."""
-        return phrase(_TEMPLATE, "motion_title", list(self.histories))
+        return f"One collision in slow motion: {' and '.join(map(named, self.histories))}"
 
     def caption(self) -> str:
         """Say what is shown, and what the clock is."""
         seconds = self.instants[-1] * self.collision.units.time
-        return phrase(_TEMPLATE, "motion", self, RATE, FRAMES / RATE / seconds)
+        c, slower = self.collision, number(FRAMES / RATE / seconds, 2)
+        gravity = ", in which the model has no gravity" if self.scenario == "drop" else ""
+        return (
+            f"{at(c)}, scenario {self.scenario}{gravity}; {slower} times slower than at m1 = {number(c.m1)} "
+            f"kg, k1 = {number(c.k1)} N/m. Balls and springs show heights with compressions enlarged, a "
+            "grey spring carries no force; arrows are velocities, bars the forces of contact 1 (ball on "
+            "ball) and contact 2 (ball on table) per |v0| sqrt(m1 k1), which stand over time below. "
+            f"{_CLOCK} The model's heights are those that its velocities imply. Where its balls still "
+            "overlap when a contact has ended, its assumption of frozen positions shows."
+        )
 
 
 class Scene:
@@ -157,7 +173,7 @@ class Scene:
             self.heads[i].set_data([side], [tip])
             self.heads[i].set_marker("^" if velocities[i] > 0 else "v")
             self.heads[i].set_visible(abs(velocities[i]) > 1e-3)
-        self.state.set_text(phrase(_TEMPLATE, "state", state))
+        self.state.set_text(_STATES[state - 1])
 
 
 def _zigzag(low: float, high: float) -> tuple[Floats, Floats]:
@@ -212,11 +228,11 @@ def _set_up(figure: Figure, motion: Motion) -> tuple[list[Scene], list[Any]]:
     scenes, cursors = [], []
     for column, (name, history) in enumerate(histories.items()):
         ax = figure.add_subplot(grid[0, column])
-        ax.set_title(name, pad=8)
+        ax.set_title(named(name), pad=8)
         scenes.append(Scene(ax, motion, scale, strongest))
         ax = figure.add_subplot(grid[1, column])
         for contact, color in enumerate(CONTACT_COLORS):
-            label = phrase(_TEMPLATE, "contact", contact + 1)
+            label = f"contact {contact + 1}, {('ball on ball', 'ball on table')[contact]}"
             ax.plot(history.between, history.forces[:, contact], color=color, label=label, linewidth=1.3)
         ax.set_xlim(0, last)
         ax.set_ylim(least, 1.08 * strongest)
@@ -227,9 +243,8 @@ def _set_up(figure: Figure, motion: Motion) -> tuple[list[Scene], list[Any]]:
     lines = figure.axes[1].get_legend_handles_labels()
     figure.legend(*lines, loc="lower center", bbox_to_anchor=(0.53, 0.03), ncols=2, fontsize=8)
     c = motion.collision
-    values = (number(x) for x in (c.stiffness_ratio, c.mass_ratio, c.e1, c.e2))
-    figure.suptitle(phrase(_TEMPLATE, "cell", *values, motion.scenario), fontsize=10)
-    figure.text(0.01, 0.012, phrase(_TEMPLATE, "clock"), fontsize=7, color="0.3")
+    figure.suptitle(f"{at(c)}, {motion.scenario}", fontsize=10)
+    figure.text(0.01, 0.012, f"{_CLOCK} Compressions are enlarged.", fontsize=7, color="0.3")
     return scenes, cursors
 
 
@@ -252,7 +267,7 @@ def player_of(motion: Motion) -> Markup:
     html = re.sub(r"<link\b[^>]*>", "", html)
     # What a screen reader says of the picture and of the slider.
     picture_is = f' alt="{escape(motion.title())}"'
-    slider_is = f' aria-label="{escape(phrase(_TEMPLATE, "frame"))}"'
+    slider_is = ' aria-label="Picture that is shown"'
     html = re.sub(r"<img\b", lambda tag: tag[0] + picture_is, html)
     html = re.sub(r'<input(?=[^>]*type="range")', lambda tag: tag[0] + slider_is, html)
     return Markup(re.sub(r'<i class="fa fa-([^"]*)"></i>', lambda icon: _ICONS.get(icon[1], icon[1]), html))
@@ -276,9 +291,7 @@ def write_animation(motion: Motion, path: Path) -> None:
     """
     with replacing(path) as temporary:
         if path.suffix == ".html":
-            page = render(
-                "motion.html.j2", title=motion.title(), caption=motion.caption(), player=player_of(motion)
-            )
+            page = page_of(motion.title(), [player_of(motion), motion.caption()])
             temporary.write_text(page, encoding="utf-8")
         else:
             first, *others = _in_few_colors(frames_of(motion))

@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.presentation.curve_figures import compression_lines, impulse_labels
 from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.pages import phrase
+from impact_xval.experiments.presentation.pictures.curves import compression_lines, impulse_labels
 from impact_xval.experiments.presentation.style import drawing, save_as
+from impact_xval.experiments.presentation.words import one_vote
+from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 from impact_xval.model.collision import Path as Way
 
 #: What is written, by the suffix of the file.
 SUFFIXES = (".png", ".svg", ".pdf")
-
-_TEMPLATE = "pictures.md.j2"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,4 +90,16 @@ def draw_collision(collision: Collision, paths: Mapping[str, Drawn]) -> Figure:
 def write_plot(collision: Collision, paths: Mapping[str, Drawn], scenario: str, path: Path) -> str:
     """Write the figure of a collision, as the suffix of the file says, and return its caption."""
     save_as(draw_collision(collision, paths), path)
-    return phrase(_TEMPLATE, "one", collision, list(paths), scenario)
+    return (
+        f"One collision by {', '.join(paths)}: {at(collision)}, scenario {scenario}. Left: ball-table "
+        "impulse I2 over ball-ball impulse I1, with the compression lines l1 (v1 = v2) and l2 (v2 = 0, I1 "
+        "= I2); markers: where each curve ends. Right: velocities over the impulse of both contacts that "
+        "has passed, which serves as a clock for all of them, since the model has no time. "
+        f"{one_vote(paths)}"
+    ).strip()
+
+
+def at(collision: Collision) -> str:
+    """Name a collision of two balls by its ratios and restitutions."""
+    values = (collision.stiffness_ratio, collision.mass_ratio, collision.e1, collision.e2)
+    return ", ".join(f"{label} = {number(value)}" for label, value in zip(AXES.values(), values, strict=True))

@@ -8,11 +8,15 @@ of components over the cells of the field that are beyond the lowest level.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
@@ -21,14 +25,14 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.measures.aggregates import Levels, axis_levels
+from impact_xval.experiments.measures.aggregates import Frame, Levels, axis_levels
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, Contribution
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing
+from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.folder import RunFolder
-from impact_xval.experiments.tables.numbers import number
-from impact_xval.experiments.tables.parquet import codes, column, present
+from impact_xval.experiments.tables.numbers import number, percent
+from impact_xval.experiments.tables.parquet import column, selected
 
 #: D that is trusted, from the strictest on.
 LEVELS = (0.01, 0.05, 0.2)
@@ -39,7 +43,11 @@ _COLORS = ("#08519C", "#6BAED6", "#FEE391", "#A63603")
 #: Nothing to compare; nothing beyond the lowest level.
 _EMPTY, _WITHIN = "white", "0.9"
 
-Codes = NDArray[np.int8]
+#: Sides of the plane: up, and across.
+_PLANE = ("mass_ratio", "stiffness_ratio")
+_NAMES = [f"{c.name}_share" for c in CONTRIBUTIONS]
+
+Codes = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,15 +60,15 @@ class Trust:
         The engine.
     cells : ndarray of int
         Cells of the field that are compared: unmarked, and with a result.
-    typical, strict : ndarray of int8
+    typical, strict : ndarray of int
         Position in `LEVELS` of the level that the median cell, or every cell, stays within; 3 beyond all of them,
         -1 without a cell.
-    blamed : ndarray of int8
+    blamed : ndarray of int
         Position in `CONTRIBUTIONS` of what is to blame; -1 where no cell is beyond the lowest level.
     """
 
     solver: str
-    cells: NDArray[np.intp]
+    cells: Codes
     typical: Codes
     strict: Codes
     blamed: Codes
@@ -107,78 +115,91 @@ def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
         None where there is no plane, only one value along an axis, or no engine with a result.
     """
     path = folder.table_path("ladder.parquet")
-    engines = [name for name in in_order_of_laws(config.solvers) if is_engine(name)]
-    solver = codes(path, "solver", engines)
-    regular = (codes(path, "status", ["ok"]) == 0) & ~present(path, "marked") & (solver >= 0)
-    if not regular.any():
+    levels = []
+    for axis in _PLANE:
+        known = axis_levels(config, axis, column(path, axis))
+        levels.append(Levels(sorted(known.values), known.edges))
+    there = set(pq.read_schema(path).names)
+    shares = [f"{c.name}_share" for c in CONTRIBUTIONS if f"{c.name}_share" in there]
+    columns = ["solver", "status", "marked", *_PLANE, "velocity_divergence", *shares]
+    engines = []
+    for name in filter(is_engine, in_order_of_laws(config.solvers)):
+        keep = (pc.field("solver") == name) & (pc.field("status") == "ok") & pc.field("marked").is_null()
+        rows = selected(path, columns, keep).to_pandas()
+        if len(rows):
+            engines.append(_trust(name, rows, levels, shares))
+    if not engines or min(len(each.values) for each in levels) < 2:
         return None
-    places, values = [], []
-    for axis in ("mass_ratio", "stiffness_ratio"):
-        x = column(path, axis)
-        levels = axis_levels(config, axis, x)
-        ordered = Levels(sorted(levels.values), levels.edges)
-        places.append(ordered.codes(x))
-        values.append(ordered.values)
-    shape = len(values[0]), len(values[1])
-    if min(shape) < 2:
-        return None
-    field = places[0].astype(np.intp) * shape[1] + places[1]
-    total = column(path, "velocity_divergence")
-    schema = set(pq.read_schema(path).names)
-    sums = np.zeros((len(CONTRIBUTIONS), len(engines), shape[0] * shape[1]))
-    beyond = regular & (total > LEVELS[0])
-    for i, contribution in enumerate(CONTRIBUTIONS):
-        if f"{contribution.name}_share" in schema:
-            along = np.nan_to_num(column(path, f"{contribution.name}_share")[beyond]) * total[beyond]
-            np.add.at(sums[i], (solver[beyond], field[beyond]), along)
-    found = []
-    for place, name in enumerate(engines):
-        rows = regular & (solver == place)
-        if rows.any():
-            trust = _trust(name, field[rows], total[rows], sums[:, place], shape)
-            found.append(trust)
     scattered = config.sample is not None or config.cells is not None
-    lengths = list(config.grid.lengths().values())
-    whole = 0 if scattered else math.prod(lengths[2:])
-    return TrustMap(values[1], values[0], found, whole)
+    whole = 0 if scattered else math.prod(list(config.grid.lengths().values())[2:])
+    return TrustMap(levels[1].values, levels[0].values, engines, whole)
 
 
-def _trust(
-    name: str, field: NDArray[Any], total: NDArray[np.float64], sums: NDArray[Any], shape: tuple[int, int]
-) -> Trust:
+def _trust(name: str, rows: Frame, levels: list[Levels], shares: list[str]) -> Trust:
     """Put the rows of one engine together by field."""
-    size = shape[0] * shape[1]
-    cells = np.bincount(field, minlength=size)
-    order = np.lexsort((total, field))
-    sorted_total, ends = total[order], np.cumsum(cells)
-    there = cells > 0
-    first = (ends - cells)[there]
-    middles = first + (cells[there] - 1) // 2, first + cells[there] // 2
-    median, largest = np.full(size, np.nan), np.full(size, np.nan)
-    median[there] = 0.5 * (sorted_total[middles[0]] + sorted_total[middles[1]])
-    largest[there] = sorted_total[ends[there] - 1]
+    field = [each.codes(rows[axis].to_numpy()) for axis, each in zip(_PLANE, levels, strict=True)]
+    places = [range(len(each.values)) for each in levels]
 
-    def level(values: NDArray[np.float64]) -> Codes:
-        return np.where(there, np.searchsorted(LEVELS, values), -1).astype(np.int8).reshape(shape)
+    def laid(values: Frame, empty: int) -> NDArray[Any]:
+        return (
+            values.unstack()
+            .reindex(index=places[0], columns=places[1])
+            .fillna(empty)
+            .to_numpy()
+            .astype(np.int64)
+        )
 
-    blamed = np.where(largest > LEVELS[0], sums.argmax(axis=0), -1).astype(np.int8)
-    return Trust(name, cells.reshape(shape), level(median), level(largest), blamed.reshape(shape))
+    d = rows.velocity_divergence
+    by_field = d.groupby(field)
+    typical, strict = (
+        values.map(partial(bisect_left, LEVELS)) for values in (by_field.median(), by_field.max())
+    )
+    along = rows[shares].fillna(0.0).mul(d, axis=0)
+    sums = along.where(d > LEVELS[0]).groupby(field).sum(min_count=1)
+    largest = np.array([_NAMES.index(share) for share in shares])[
+        sums.fillna(-np.inf).to_numpy().argmax(axis=1)
+    ]
+    blamed = pd.Series(np.where(sums.notna().any(axis=1), largest, -1), sums.index)
+    return Trust(name, laid(by_field.size(), 0), laid(typical, -1), laid(strict, -1), laid(blamed, -1))
 
 
 def draw_trust(trust: TrustMap | None) -> Iterator[tuple[str, Figure, str]]:
     """Draw a trust map: name, figure, caption; nothing where there is none."""
     if trust is not None:
         most = int(max(each.cells.max() for each in trust.engines))
-        yield "trust-map", _figure(trust), phrase("pictures.md.j2", "trust", trust, LEVELS, most)
+        yield "trust-map", _figure(trust), _caption(trust, most)
+
+
+def _caption(trust: TrustMap, most: int) -> str:
+    first, second, *_ = levels = [number(100 * level) for level in LEVELS]
+    dot = f" Dot: of its {trust.whole} cells some have no result, or are marked." if trust.whole else ""
+    engines = "".join(
+        f" {named(each.solver)}: the median cell is within {second} % in {percent(each.share(LEVELS[1]))} "
+        "of the fields"
+        + (f"; the largest cause is most often: {each.causes()[0][0].label}." if each.causes() else ".")
+        for each in trust.engines
+    )
+    return (
+        "Where engines end as the model does, over stiffness ratio k2/k1 and mass ratio m2/m1. A field "
+        f"holds the cells of all restitutions, {most} at most. Left: the velocity divergence D that its "
+        f"median cell stays within, {', '.join(f'{level} %' for level in levels)} or more; middle: that "
+        "every cell of it stays within. Right: the cause with the largest part of D, summed over those of "
+        f"its cells that are beyond {first} % (docs/ladder.md); grey: no cell is. White: nothing to "
+        f"compare.{dot}{engines} Marked cells (beside a jump) are left out."
+    )
 
 
 def _figure(trust: TrustMap) -> Figure:
     rows = len(trust.engines)
     with drawing(7.4, 1.5 + 1.75 * rows) as figure:
         axes = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
-        kinds = ("trust_typical", "trust_strict", "trust_blamed")
-        for ax, kind in zip(axes[0], kinds, strict=True):
-            ax.set_title(phrase("pictures.md.j2", kind), fontsize=8.5)
+        titles = (
+            "median cell is within",
+            "every cell is within",
+            f"largest cause beyond {100 * LEVELS[0]:g} %",
+        )
+        for ax, title in zip(axes[0], titles, strict=True):
+            ax.set_title(title, fontsize=8.5)
         shown = [
             i for i, _ in enumerate(CONTRIBUTIONS) if any((each.blamed == i).any() for each in trust.engines)
         ]
@@ -192,7 +213,7 @@ def _figure(trust: TrustMap) -> Figure:
             for place, i in enumerate(shown):
                 blamed[each.blamed == i] = 2 + place
             _show(row[2], blamed, colors)
-            row[0].set_ylabel(f"{each.solver}\nm2/m1 (-)")
+            row[0].set_ylabel(f"{named(each.solver)}\nm2/m1 (-)")
         for axis, values, most in (
             (axes[0, 0].xaxis, trust.stiffness_ratio, 5),
             (axes[0, 0].yaxis, trust.mass_ratio, 6),
@@ -201,8 +222,7 @@ def _figure(trust: TrustMap) -> Figure:
             axis.set_ticks(range(0, len(values), step), [number(v, 2) for v in values[::step]])
         for ax in axes[-1]:
             ax.set_xlabel("k2/k1 (-)")
-        names = [phrase("pictures.md.j2", "trust_level", level) for level in LEVELS]
-        names.append(phrase("pictures.md.j2", "trust_beyond", LEVELS[-1]))
+        names = [*(f"D up to {100 * level:g} %" for level in LEVELS), f"D above {100 * LEVELS[-1]:g} %"]
         levels = [Patch(color=color, label=name) for color, name in zip(_COLORS, names, strict=True)]
         causes = [Patch(color=CONTRIBUTIONS[i].color, label=CONTRIBUTIONS[i].label) for i in shown]
         figure.legend(handles=levels, loc="outside lower left", ncols=2, fontsize=8)

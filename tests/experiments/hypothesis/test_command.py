@@ -1,5 +1,8 @@
 """The command: what it writes, and what it says of what it cannot do."""
 
+import contextlib
+import html
+import io
 import re
 
 import pandas as pd
@@ -7,6 +10,7 @@ import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.hypothesis.cases import CASES
+from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
 
 SMALL = """
 points = 6
@@ -68,11 +72,19 @@ def test_a_folder_that_holds_files_is_refused(tmp_path, capsys):
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory):
-    root = tmp_path_factory.mktemp("hypothesis")
+def made(tmp_path_factory):
+    """Run it; gives its folder, and the lines that it prints."""
+    root, said = tmp_path_factory.mktemp("hypothesis"), io.StringIO()
     (root / "h.toml").write_text(SMALL)
-    assert main(["hypothesis", str(root / "h.toml"), "--out", str(root / "out"), "--workers", "1"]) == 0
-    return root / "out"
+    with contextlib.redirect_stdout(said):
+        code = main(["hypothesis", str(root / "h.toml"), "--out", str(root / "out"), "--workers", "1"])
+    assert code == 0
+    return root / "out", said.getvalue().splitlines()
+
+
+@pytest.fixture(scope="module")
+def done(made):
+    return made[0]
 
 
 def test_every_point_is_in_the_tables_the_given_one_included(done):
@@ -86,26 +98,40 @@ def test_every_point_is_in_the_tables_the_given_one_included(done):
     assert outcomes[outcomes.status.isin(["ok", "limit"])][["v1", "v2", "distance"]].notna().all(axis=None)
 
 
-def test_the_page_shows_the_verdicts_of_the_tables(done):
-    assert (done / "report.html").is_file()
-    page = (done / "hypothesis.md").read_text()
-    for figure in re.findall(r"\(figures/(.+?)\)", page):
-        assert (done / "figures" / figure).is_file()
-    verdicts = pd.read_csv(done / "verdicts.csv")
-    for row in verdicts[(verdicts["class"] == "all") & (verdicts.verdict == "supported")].itertuples():
-        assert f"| {row.solver} | supported ({row.n_supported} of {row.points} points, " in page
-        assert f"rate {row.rate:.2f} (" in page
-    late = verdicts[(verdicts.case == "zero-late") & (verdicts["class"] == "all")].set_index("solver")
+def test_the_page_and_the_command_show_the_verdicts_of_the_tables(made):
+    root, lines = made
+    page, said = html.unescape((root / "report.html").read_text()), " ".join(" ".join(lines).split())
+    verdicts = pd.read_csv(root / "verdicts.csv").query("`class` == 'all'")
+    table = next(part for part in page.split("</table>") if ">zero-apart</th>" in part)
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in table.split("<tr>")]
+    shown = {row[0]: dict(zip((case.key for case in CASES), row[1:], strict=True)) for row in cells if row}
+    for row in verdicts.itertuples():
+        n = getattr(row, f"n_{row.verdict}")
+        verdict, more = shown[named(row.solver)][row.case].split("<br>")
+        assert verdict in (f"{row.verdict}, {n} of {row.points}", f"no limit, {n} of {row.points}")
+        assert verdict.startswith("no limit") <= (
+            row.solver == "state-transition" and row.verdict == "undecided"
+        )
+        assert more.startswith(f"{row.rate:.2f}" if row.verdict == "supported" else "")
+        assert f"{named(row.solver)} {n}/{row.points}" in said
+    late = verdicts[verdicts.case == "zero-late"].set_index("solver")
     assert late.verdict.to_dict() == {
         "state-transition": "supported",
         "bistiffness": "refuted",
         "kelvin-voigt": "refuted",
     }
-    wholes = pd.read_csv(done / "columns.csv").query("`class` == 'all'")
+    assert said.count(LAWS_WITH_LAWS) == page.count(LAWS_WITH_LAWS) == 1
+    assert len(lines) <= 40
+
+
+def test_columns_that_move_as_one_are_those_of_the_tables_on_the_page_and_in_the_terminal(made):
+    root, lines = made
+    wholes = pd.read_csv(root / "columns.csv").query("`class` == 'all'")
     assert len(wholes) == 12 * 3
-    for row in wholes.itertuples():
-        start = f"| {row.arrangement} | {row.stiff_contact} |"
-        assert f" {row.verdict} (" in next(line for line in page.splitlines() if line.startswith(start))
     together = wholes[~wholes.meets]
+    for solver, found in together.groupby("solver"):
+        words = f"{named(solver)} {found.n_supported.sum()} of {found.points.sum()}"
+        assert words in (root / "report.html").read_text()
+        assert words in "\n".join(lines)
     assert (together[together.solver == "kelvin-voigt"].verdict == "refuted").all()
     assert (together[together.solver != "kelvin-voigt"].n_refuted == 0).all()

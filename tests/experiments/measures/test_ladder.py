@@ -373,7 +373,7 @@ def test_a_cell_is_marked_where_a_corner_of_its_ladder_jumps():
 @IN_A_DROP
 def test_the_command_shows_a_run_and_a_cell(run, capsys):
     assert main(["show", str(run.root)]) == 0
-    assert "What the mean D of each engine is made of" in capsys.readouterr().out
+    assert "What the mean D of each engine consists of" in capsys.readouterr().out
     assert main(["show", str(run.root), "--cell", "0"]) == 0
     assert "by order" in capsys.readouterr().out
     assert main(["show", str(run.root), "--cell", "999"]) == 2

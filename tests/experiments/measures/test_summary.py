@@ -9,8 +9,7 @@ import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.summary import SUMMARISED, between, summarise
-from impact_xval.experiments.presentation.figures import write_figures
-from impact_xval.experiments.presentation.report import write_report, write_tables
+from impact_xval.experiments.presentation.report import write_figures, write_latex, write_report, write_tables
 from impact_xval.experiments.sweep.run import run_sweep
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
@@ -39,13 +38,15 @@ def test_statistics_are_those_of_the_table(crashing_run):
     assert summary.get("pybullet", "velocity_divergence").n == 0
 
 
-def test_a_table_for_a_paper_shows_text_of_a_user_as_text(crashing_run):
-    write_tables(crashing_run)
+def test_tables_for_a_paper(crashing_run):
+    summary = summarise(crashing_run)
+    write_tables(crashing_run, summary)
+    write_latex(crashing_run, summary)
     table = pd.read_csv(crashing_run.root / "summary.csv")
     assert set(table.axis) == {"all", "stiffness_ratio", "mass_ratio", "e1", "e2", "stiffness_band"}
     text = (crashing_run.root / "summary.tex").read_text()
-    assert r"\textless{}script\textgreater{}" in text
-    assert r"\input{b}" not in text
+    assert f"kelvin-voigt & mujoco & {summary.get('mujoco', 'velocity_divergence').n} &" in text
+    assert r"95 \% & max" in text
 
 
 @pytest.mark.slow
@@ -53,9 +54,10 @@ def test_a_grid_of_limits_has_all_its_figures(tmp_path):
     grid = {"stiffness_ratio": [0, 1, math.inf], "mass_ratio": [1.0], "e1": [0.0], "e2": [0.0, 1.0]}
     config = parse_config(SMALL | {"grid": grid, "grazing_threshold": 0.0})
     folder = run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    assert len(write_figures(folder)) >= 5
-    write_tables(folder)
-    write_report(folder)
+    summary = summarise(folder)
+    assert len(write_figures(folder, summary)) >= 5
+    write_tables(folder, summary)
+    write_report(folder, summary)
 
 
 def test_marked_rows_are_in_no_comparison_of_two_solvers(tmp_path):

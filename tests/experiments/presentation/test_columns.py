@@ -10,7 +10,7 @@ import pytest
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.measures.summary import summarise
-from impact_xval.experiments.presentation.columns.page import column_facts
+from impact_xval.experiments.presentation.findings import asked
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished
@@ -57,11 +57,11 @@ def test_the_page_shows_it(root):
     page = (root / "report.html").read_text(encoding="utf-8")
     page = re.sub(r"<script.*?</script>|<style.*?</style>", "", page, flags=re.DOTALL)
     captions = json.loads((root / "figures/captions.json").read_text(encoding="utf-8"))
-    assert page.count("data:image/png;base64,") == len(captions) >= 7
+    assert page.count("data:image/svg+xml;base64,") == len(captions) >= 7
     for words in ("N = 2", "N = 3", "N = 4", "unrepresentable", "state-transition", "few columns"):
         assert words in page
     median = summarise(finished(root)).get("kelvin-voigt", "velocity_divergence")["median"]
-    assert f"kelvin-voigt diverges from the model by D = {median:.3g} (median)" in page
+    assert f'<td class="right">{median:.3g}</td>' in page
     assert not re.search(r"\bnan\b", re.sub(r"base64,[^\"]*", "", page))
 
 
@@ -81,8 +81,8 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
         "[column]\nballs = 3\ngap = [0.0, 1e-5]\ne = [0.8, 0.9]\nstiffness_taper = 1.0\narrangement = 'cradle'\n"
     )
     folder = run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
-    (engine,) = column_facts(summarise(folder))["engines"]
-    assert (engine["solver"], engine["n"]) == ("mujoco", 4)
+    ((engine, law, _),) = asked(summarise(folder))
+    assert (engine, law) == ("mujoco", "kelvin-voigt")
     assert main(["show", str(tmp_path / "run")]) == 0
     shown = capsys.readouterr().out
     for name in ("kelvin-voigt", "mujoco", "hunt-crossley"):

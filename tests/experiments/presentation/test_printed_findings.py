@@ -8,6 +8,7 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.experiment import parse_config
+from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.report import write_tables
 from impact_xval.experiments.sweep.run import run_sweep
 
@@ -49,7 +50,8 @@ def test_medians_and_shares_are_what_the_page_prints(tmp_path):
     for label in ENGINES:
         if get_solver(ROWS[label]).unavailable() is not None:
             pytest.skip(f"{label} is not installed")
-    write_tables(run_sweep(parse_config({}), tmp_path / "run"))
+    folder = run_sweep(parse_config({}), tmp_path / "run")
+    write_tables(folder, summarise(folder))
     summary = pd.read_csv(tmp_path / "run/summary.csv", dtype={"value": str})
     for label, name in ROWS.items():
         found = summary[(summary.solver == name) & (summary.cells == "all") & (summary.axis == "all")]

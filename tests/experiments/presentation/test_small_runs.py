@@ -26,7 +26,7 @@ def test_terminal_shows_it(kind, runs, capsys):
     assert main(["show", str(runs(kind))]) == 0, capsys.readouterr().err
     if kind == "agreement":
         shown = " ".join(capsys.readouterr().out.split())
-        assert "mujoco ends where the model does: there is nothing to split." in shown
+        assert "MuJoCo ends where the model does: there is nothing to split." in shown
 
 
 @pytest.mark.slow
@@ -38,8 +38,8 @@ def test_its_page_is_written(kind, runs, capsys):
 def test_what_has_no_result_is_counted_with_the_most_frequent_reason(runs, capsys):
     assert main(["show", str(runs("agreement beside a failure"))]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "pybullet has no result in 12 of 12 cells (12 unavailable), most often: " in shown
-    assert "asked for the same law" not in shown  # a solver without a result is no vote
+    assert "PyBullet has no result in 12 of 12 cells (12 unavailable), most often: " in shown
+    assert "One law was asked of" not in shown  # a solver without a result is no vote
 
 
 @pytest.fixture(scope="module")

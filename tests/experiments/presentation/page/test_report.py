@@ -4,13 +4,12 @@ import html
 import json
 import re
 
+import numpy as np
+import pandas as pd
 import pytest
 
-from impact_xval.experiments.presentation.report import write_report
-from impact_xval.experiments.tables.folder import RunFolder
 from tests.browser import opened, violations
 from tests.experiments.conftest import HOSTILE
-from tests.waiting import wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -23,11 +22,8 @@ def page(engine_run):
         yield page
 
 
-def test_it_is_small_and_the_same_each_time(engine_run):
-    page = (engine_run / "report.html").read_bytes()
-    assert len(page) < 10e6
-    write_report(RunFolder(engine_run))
-    assert (engine_run / "report.html").read_bytes() == page
+def test_it_is_small(engine_run):
+    assert (engine_run / "report.html").stat().st_size < 3e6
 
 
 @pytest.mark.smoke
@@ -62,22 +58,79 @@ def test_a_tile_opens_its_cell(page):
     assert len(cells) > 4
 
 
-def test_the_list_opens_cells(page):
-    page.locator("[data-cell='3']").focus()
+def test_a_number_a_button_and_an_address_open_a_cell(engine_run, page):
+    page.locator("#number").focus()
+    page.keyboard.press("ControlOrMeta+a")
+    page.keyboard.type("3")
     page.keyboard.press("Enter")
     assert page.inner_text("#cell-title") == "Cell 3"
-    page.locator("[data-cell='7']").click()
-    assert page.inner_text("#cell-title") == "Cell 7"
+    assert page.url.endswith("#cell=3")
+    page.locator("#largest-divergences summary").press("Enter")
+    button = page.locator("[data-cell]").first
+    button.press("Enter")
+    assert page.inner_text("#cell-title") == f"Cell {button.inner_text()}"
     assert page.locator("#cell-results tbody tr").count() == 4
-    page.locator("#cells_wrapper .dt-search input").fill('"open 11"')
-    wait_until(lambda: page.locator("#cells tbody tr").count() == 1)
+    page.goto((engine_run / "report.html").as_uri() + "#cell=7")
+    page.reload()
+    page.wait_for_selector("html[data-ready]", state="attached")
+    assert page.inner_text("#cell-title") == "Cell 7"
 
 
 def test_without_scripts_the_words_and_pictures_are_there(engine_run):
     page = (engine_run / "report.html").read_text(encoding="utf-8")
     bare = re.sub(r"<script.*?</script>|<style.*?</style>", "", page, flags=re.DOTALL)
     captions = json.loads((engine_run / "figures/captions.json").read_text())
-    assert bare.count('<img src="data:image/png;base64,') == len(captions) > 5
+    assert bare.count('<img src="data:image/svg+xml;base64,') == len(captions) > 5
     assert "How far are they from the model?" in html.unescape(bare)
-    words = re.sub(r'"data:[^"]*"', "", bare).partition("Provenance</h2>")[0]
+    words = re.sub(r'"data:[^"]*"', "", bare).partition('id="provenance"')[0]
     assert not re.search(r"\b(nan|None|undefined)\b", words)
+
+
+def test_every_number_in_a_sentence_is_a_value_of_the_tables(engine_run):
+    """Each is read back by the key that the page shows of it."""
+    page = (engine_run / "report.html").read_text(encoding="utf-8")
+    found = re.findall(r'<data value="([^"]+)" title="([^"]+)">([^<]+)</data>', page)
+    assert len(found) > 30
+    for value, key, shown in found:
+        scale = 0.01 if shown.endswith(" %") else 1.0
+        assert float(shown.removesuffix(" %")) * scale == pytest.approx(
+            float(value), rel=6e-3, abs=6e-4 * scale
+        ), key
+        assert float(value) == pytest.approx(
+            of_tables(engine_run, html.unescape(key)), rel=1e-9, abs=1e-12
+        ), key
+
+
+def of_tables(root, key):
+    """Compute what a key of the page names from the tables of a run."""
+    cells = pd.read_parquet(root / "cells.parquet")
+    cells = cells[cells.status.isin(["ok", "limit"])]
+    solver, *words = key.split(" ")
+    if words[0] == "from":
+        other, cut = words[1:]
+        pair = [
+            cells[(cells.solver == name) & cells.marked.isna()].set_index("cell") for name in (solver, other)
+        ]
+        a, b = (each.loc[pair[0].index.intersection(pair[1].index)] for each in pair)
+        d = np.sqrt(a.m1 * (a.v1 - b.v1) ** 2 + a.m2 * (a.v2 - b.v2) ** 2) / np.sqrt(a.m1 * a.v0**2)
+        return getattr(d, cut)()
+    if words[0] in ("step", "steps"):
+        rows = cells[cells.solver == solver]
+        error = np.abs(rows[["v1", "v2"]].to_numpy() / 2 - rows[["v1_limit", "v2_limit"]].to_numpy()).max(
+            axis=1
+        )
+        median, p95 = np.quantile(error, [0.5, 0.95])
+        steps = 1000 * (p95 / 0.01) ** (1 / rows.order.median())
+        return {"step median": median, "step p95": p95, "steps a period": steps}[" ".join(words)]
+    if words[-2:] in (["ladders", "n"], ["the", "ladders"]):
+        rows = pd.read_parquet(root / "ladder.parquet")
+        rows = rows[(rows.solver == solver) & (rows.status == "ok") & rows.marked.isna()]
+        return len(rows) if words[-1] == "n" else rows.velocity_divergence.mean()
+    measure, statistic, *where = words
+    axis, _, at = where[0].partition("=") if where else ("all", "", "")
+    rows = pd.read_csv(root / "summary.csv")
+    rows = rows[
+        (rows.solver == solver) & (rows.measure == measure) & (rows.axis == axis) & (rows.cells == "regular")
+    ]
+    (row,) = (rows[rows.value == float(at)] if at else rows).to_dict("records")
+    return row[statistic]

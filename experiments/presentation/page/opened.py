@@ -25,7 +25,7 @@ from impact_xval.compliant_baselines.registry import (
 )
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
-from impact_xval.experiments.measures.ladder import CONTRIBUTIONS
+from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
@@ -70,6 +70,7 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
         shown[row["cell"]]["commands"] = _commands(folder.root.name, config, row)
         shown[row["cell"]]["results"].append(
             {
+                "name": named(row["solver"]),
                 **{name: row[name] for name in ("solver", "status", "marked", "reason")},
                 "v1": _per(row["v1"], speed),
                 "v2": _per(row["v2"], speed),
@@ -78,8 +79,8 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
                 "end": None if None in end else end,
             }
         )
-    for row in _rows(folder, "ladder", None, cells):
-        shown[row["cell"]]["causes"].append(_causes(row))
+    for row in _rows(folder, "ladder", ("cell", "sentence", "reason"), cells):
+        shown[row["cell"]]["causes"].append(row["sentence"] or row["reason"])
     for cell, curves in zip(cells, _curves(config, collisions), strict=True):
         shown[cell]["curves"] = curves
     for cell, scene in zip(cells, _scenes(config, collisions), strict=True):
@@ -88,26 +89,17 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
 
 
 def _rows(
-    folder: RunFolder, table: str, columns: Sequence[str] | None, cells: Sequence[int]
+    folder: RunFolder, table: str, columns: Sequence[str], cells: Sequence[int]
 ) -> list[dict[str, Any]]:
     path = folder.root / f"{table}.parquet"
     if not path.is_file():
         return []
     wanted = pc.field("cell").isin(list(cells))
-    return ds.dataset(path).to_table(columns=columns and list(columns), filter=wanted).to_pylist()
+    return ds.dataset(path).to_table(columns=list(columns), filter=wanted).to_pylist()
 
 
 def _per(value: float | None, unit: float) -> float | None:
     return None if value is None else value / unit
-
-
-def _causes(row: dict[str, Any]) -> dict[str, Any]:
-    causes = [
-        [c.label, row[f"{c.name}_share"], row[f"{c.name}_norm"]]
-        for c in CONTRIBUTIONS
-        if row.get(f"{c.name}_norm") is not None
-    ]
-    return {"solver": row["solver"], "said": row["sentence"] or row["reason"], "causes": causes}
 
 
 def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]:

@@ -11,8 +11,8 @@ from matplotlib.patches import Patch
 
 from impact_xval.experiments.measures.ladder import CAUSES, Contribution
 from impact_xval.experiments.measures.ladder_summary import LadderSummary
-from impact_xval.experiments.presentation.pages import phrase
 from impact_xval.experiments.presentation.style import drawing
+from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.numbers import number
 
 #: What is drawn over which axes, of two balls and of columns; and how an axis is labelled.
@@ -44,12 +44,34 @@ def draw_ladders(ladder: LadderSummary) -> Iterator[tuple[str, Figure, str]]:
     for name, axes in _STACKS.items():
         labels = {axis: _LABELS[axis] for axis in axes if axis in ladder.axes}
         if labels:
-            caption = phrase("captions.md.j2", "ladder_bars", " and ".join(labels.values()), ladder.orders)
-            yield name, _stacks(ladder, labels), caption
+            yield name, _stacks(ladder, labels), _stacks_caption(" and ".join(labels.values()), ladder.orders)
     for axis in _NORMS:
         if axis in ladder.axes:
-            caption = phrase("captions.md.j2", "ladder_norms", _LABELS[axis], _FLOOR)
-            yield "ladder-norms", _norms(ladder, axis), caption
+            yield (
+                "ladder-norms",
+                _norms(ladder, axis),
+                (
+                    "How large each cause of divergence is by itself, whatever its direction: kinetic norm "
+                    f"of its difference of velocities, per |v0|, over {_LABELS[axis]}. Line with markers: "
+                    "median over all other axes; dotted: 95th percentile. Causes may oppose each other, so "
+                    f"norms do not add up to D. Values below {number(_FLOOR)} are drawn there; marked cells "
+                    "(beside a jump) are left out."
+                ),
+            )
+
+
+def _stacks_caption(over: str, orders: str) -> str:
+    causes = "dissipation law and gravity" if orders == "six" else "and dissipation law"
+    return (
+        f"What the mean velocity divergence D of each engine consists of, over {over}. Each cause is a "
+        "difference of velocities made by one change on the way from the model to the engine; drawn is the "
+        "mean of its component along the whole difference, in the kinetic norm. The components of a cell "
+        "sum to its D: the bars, those below zero subtracted, sum to the mean D (black line). Below zero: "
+        f"a cause that takes the engine back towards the model. Whiskers: frozen positions, {causes} can be "
+        f"changed in {orders} orders; a bar is the mean over them, and its whisker reaches from where it "
+        "ends by the order that gives least to where by the one that gives most. D = sqrt(sum m_i "
+        "dv_i^2/sum m_i v_i0^2), dimensionless; marked cells (beside a jump) are left out."
+    )
 
 
 def _columns(ladder: LadderSummary, solver: str, axis: str, column: str) -> tuple[np.ndarray, Any]:
@@ -82,7 +104,7 @@ def _stacks(ladder: LadderSummary, axes: dict[str, str]) -> Figure:
             for ax, solver in zip(row, solvers, strict=True):
                 _stack(ax, ladder, solver, axis)
                 ax.set_xlabel(label)
-                ax.set_title(solver)
+                ax.set_title(named(solver))
             row[0].set_ylabel("component of mean D (-)")
         _legend(figure, ladder.present)
     return figure
@@ -128,7 +150,7 @@ def _norms(ladder: LadderSummary, axis: str) -> Figure:
                     ax.plot(x, high[c.name].clip(lower=_FLOOR), color=c.color, **dotted)
             ax.set_yscale("log")
             ax.set_xlabel(_LABELS[axis])
-            ax.set_title(solver)
+            ax.set_title(named(solver))
         panels[0].set_ylabel("kinetic norm of the cause (-)")
         _legend(figure, ladder.present)
     return figure

@@ -13,23 +13,22 @@ from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.style import drawing
-from impact_xval.experiments.sweep.curves import FIGURE_CELL
+from impact_xval.experiments.presentation.words import named
 
 #: Colours of the states along a curve, from the palette of `style`; S4 has no extent.
 STATE_LOOKS = {1: ("S1", "#000000"), 2: ("S2", "#0072B2"), 3: ("S3", "#D55E00")}
 
 
-def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> Figure:
+def draw_cell_curves(cell: Frame, solvers: Sequence[str]) -> Figure:
     """Draw the curves of one collision by every solver, and how far each is from l1 and l2.
 
     Parameters
     ----------
-    curves : DataFrame
-        The stored curves, one of that collision among them.
+    cell : DataFrame
+        The stored curves of that collision.
     solvers : sequence of str
         In the order of the configuration.
     """
-    cell = curves[curves.curve == FIGURE_CELL]
     drawn = [name for name in solvers if name in set(cell.solver)]
     with drawing(9.2, 4.2) as figure:
         whole, detail = figure.subplots(1, 2)
@@ -45,7 +44,7 @@ def draw_cell_curves(curves: Frame, solvers: Sequence[str]) -> Figure:
             }
             end = rows[["impulse1", "impulse2"]].iloc[-1]
             for ax in (whole, detail):
-                ax.plot(rows.impulse1, rows.impulse2, color=style.color, label=name, **line)
+                ax.plot(rows.impulse1, rows.impulse2, color=style.color, label=named(name), **line)
                 ax.plot(*end, color=style.color, marker=style.marker or "*")
         for ax in (whole, detail):
             compression_lines(ax, mass_ratio, 1.05 * reach)

@@ -1,0 +1,361 @@
+"""What a run found, in sentences and tables: the page and the terminal say the same ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from impact_xval.compliant_baselines.registry import is_engine, law_of
+from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
+from impact_xval.experiments.measures.ladder_summary import LadderSummary
+from impact_xval.experiments.measures.summary import Summary
+from impact_xval.experiments.presentation.document import Block, Table, Text, Value, say, together
+from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, MEANINGS, named, one_vote
+from impact_xval.experiments.tables.numbers import number, percent
+from impact_xval.model.collision import RESULT_STATUSES
+
+#: Statistics of a measure, in the order of tables.
+CUTS = ("median", "p95", "max")
+
+D = "velocity_divergence"
+
+#: Longest table along an axis.
+_ROWS = 40
+
+LABELS = {c.name: c.label for c in CONTRIBUTIONS}
+
+
+def unit_of(summary: Summary) -> str:
+    """Name what a row of the run is."""
+    return "cells" if summary.config.column is None else "columns"
+
+
+def value_of(
+    summary: Summary,
+    solver: str,
+    statistic: str = "median",
+    measure: str = D,
+    axis: str = "all",
+    at: Any = "",
+) -> Value:
+    """Return a statistic of a measure, with its place in ``summary.csv``."""
+    row = summary.get(solver, measure, axis, at)
+    key = f"{solver} {measure} {statistic}" + ("" if axis == "all" else f" {axis}={at}")
+    digits = 0 if measure.startswith("states_equal") else 3
+    return Value(float(row[statistic]), key, digits)
+
+
+def count_of(summary: Summary, solver: str) -> Value:
+    """Return over how many cells the statistics of a solver are."""
+    return value_of(summary, solver, "n")
+
+
+def spread(values: Sequence[Any]) -> Sequence[Any]:
+    """Those values of an axis that a table shows: all, or evenly chosen ones of many."""
+    return values[:: -(-len(values) // _ROWS)] if values else values
+
+
+def compared(summary: Summary) -> list[str]:
+    """List the solvers that are compared with the model somewhere."""
+    return [name for name in summary.solvers if summary.get(name, D)["n"]]
+
+
+def subjects(summary: Summary) -> list[str]:
+    """List those of whom sentences tell: the engines; without any, every solver that was compared."""
+    return [name for name in compared(summary) if is_engine(name)] or compared(summary)
+
+
+def where(summary: Summary, row: Any) -> str:
+    """Name a cell by its axes, of a column by those that have several values."""
+    if summary.config.column is None:
+        return ", ".join(f"{label} = {number(row[axis])}" for axis, label in AXES.items())
+    strike = f", {row.strike:g} striking" if row.arrangement == "cradle" else ""
+    axes = [axis for axis in summary.axes if axis not in ("arrangement", "balls", "strike")]
+    at = "".join(f", {COLUMN_AXES[axis]} = {number(row[axis])}" for axis in axes)
+    return f"the {row.arrangement} of {row.balls} balls{strike}{at}"
+
+
+def worst_of(summary: Summary, solver: str) -> Any:
+    """Return the cell with the largest D of a solver, as a row of the table of divergence."""
+    return summary.worst[summary.worst.solver == solver].iloc[0]
+
+
+def how_far(summary: Summary) -> Text:
+    """Say how far solvers end from the model."""
+    return together(
+        say(
+            "{solver} ends D = {median} from the model in the median of {n} "
+            + unit_of(summary)
+            + ", and {most} at "
+            "most, at {where}.",
+            solver=named(name),
+            median=value_of(summary, name),
+            n=count_of(summary, name),
+            most=value_of(summary, name, "max"),
+            where=where(summary, worst_of(summary, name)),
+        )
+        for name in subjects(summary)
+    )
+
+
+def asked(summary: Summary) -> Iterator[tuple[str, str, dict[str, Value]]]:
+    """Give every engine beside the exact solver of the law it was asked for, with their D, or the limit's distance.
+
+    Yields
+    ------
+    str, str, dict
+        Engine, exact solver, and ``median`` and ``max``.
+    """
+    cuts = ("median", "max")
+    for row in summary.between.to_dict("records"):
+        for name, law in ((row["solver"], row["other"]), (row["other"], row["solver"])):
+            if law_of(name) == law:
+                yield name, law, {cut: Value(row[cut], f"{name} from {law} {cut}") for cut in cuts}
+    of_columns = summary.config.column is not None
+    for row in summary.estimates.to_dict("records") if of_columns else ():
+        if row["held"]:
+            name, law = row["solver"], row["asked"]
+            yield (
+                name,
+                law,
+                {cut: Value(row[f"asked_{cut}"], f"{name} limit from {law} {cut}") for cut in cuts},
+            )
+
+
+def as_asked(summary: Summary) -> list[Text]:
+    """Say how near engines are to the law that they were asked for, beside their distance from the model."""
+    if summary.config.column is None:
+        near = "{solver} ends D = {near} (median; at most {near_most}) from {law}"
+    else:
+        near = "The limits dt -> 0 of {solver} are {near} |v0| (median; at most {near_most} |v0|) from {law}"
+    return [
+        say(
+            near
+            + ", the exact solution of the law it was asked for; from the model it ends D = {far} (median; at most "
+            "{far_most}).",
+            **{"solver": named(name), "law": named(law), "near": d["median"], "near_most": d["max"]},
+            **{"far": value_of(summary, name), "far_most": value_of(summary, name, "max")},
+        )
+        for name, law, d in asked(summary)
+    ]
+
+
+def shares(summary: Summary, solver: str, axis: str = "all", value: Any = math.nan) -> dict[str, Value]:
+    """Return the shares of the causes in an engine's mean D over a region, the largest first."""
+    region = summary.ladder.region(solver, axis, value)
+    region = region[region["max"] > 0]  # gravity is nowhere in an impact
+    at = "" if axis == "all" else f" {axis}={value}"
+    order = region.share.abs().sort_values(ascending=False, kind="stable").index
+    return {name: Value(region.share[name], f"{solver} share_{name} mean{at}", 0) for name in order}
+
+
+def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = False) -> Text:
+    """Say what an engine's mean D consists of: its largest causes, and of the largest how it depends on the grid."""
+    ladder = summary.ladder
+    whole = ladder.region(solver)
+    total = Value(whole.total.iloc[0], f"{solver} mean D of the ladders")
+    if total.value == 0:
+        return say("{solver} ends where the model does: there is nothing to split.", solver=named(solver))
+    found = shares(summary, solver)
+    parts: list[Any] = []
+    for name, share in list(found.items())[:most]:
+        meaning = f" ({MEANINGS[name]})" if explain and name in MEANINGS else ""
+        said = say("{share} {label}", share=_or_cancels(whole, name, share), label=LABELS[name])
+        parts += [", " if parts else "", said, meaning]
+    n = Value(float(whole.n.max()), f"{solver} ladders n")
+    sentence = say(
+        "{solver}'s mean D of {total}, over {n} ladders, is ", solver=named(solver), total=total, n=n
+    )
+    return Text((sentence, *parts, ".", *_by_region(summary, solver, next(iter(found)))))
+
+
+def _or_cancels(region: Any, name: str, share: Value) -> Value | str:
+    """Return a share; of two large causes that cancel, that they do."""
+    pair = cancelling(region.share)
+    if pair is not None and name in region.index[list(pair)]:
+        return f"cancelling (norm {number(region['mean'][name])})"
+    return share
+
+
+def _by_region(summary: Summary, solver: str, name: str) -> list[Any]:
+    """Say how the share of a cause differs between regions of the grid."""
+    parts: list[Any] = []
+    for label, place in summary.ladder.regions.items():
+        share = shares(summary, solver, *place).get(name)
+        if share is not None:
+            said = _or_cancels(summary.ladder.region(solver, *place), name, share)
+            parts += [", " if parts else "", say("{share} at {label}", share=said, label=label)]
+    return [f" The shares depend on the grid: of {LABELS[name]} ", *parts, "."] if len(parts) > 2 else []
+
+
+def unsolved(summary: Summary) -> list[str]:
+    """Say of every solver without a result in some cells how many, of which status, and the most frequent reason."""
+    found = []
+    for name in (REFERENCE, *summary.solvers):
+        some = summary.reasons[
+            (summary.reasons.solver == name) & ~summary.reasons.status.isin(RESULT_STATUSES)
+        ]
+        if len(some):
+            counts = ", ".join(
+                f"{n} {status}" for status, n in some.groupby("status", sort=False).n.sum().items()
+            )
+            found.append(
+                f"{named(name)} has no result in {some.n.sum()} of {summary.n_cells} {unit_of(summary)} "
+                f"({counts}), most often: {some.reason.iloc[0]}"
+            )
+    return found
+
+
+def counted(summary: Summary) -> str:
+    """Say which cells statistics are over: one sentence for run, ladder and findings."""
+    beyond = "".join(f", {n} more of {named(name)}" for name, n in summary.marked_beyond.items())
+    ladders = (
+        " A ladder needs every exact law on its way unmarked too." if len(summary.ladder.statistics) else ""
+    )
+    return (
+        f"Statistics are over the {unit_of(summary)} that both the solver and the model solved and that are "
+        f"not marked. Marked, beside a jump of the outcome, are {summary.n_marked} of {summary.n_cells} in "
+        f"the model{beyond}.{ladders}"
+    )
+
+
+def along_axis(summary: Summary, axis: str, label: str, measure: str = D) -> Table:
+    """Tabulate a measure along an axis, a row a value: median / 95 % / maximum over the other axes."""
+    levels = summary.levels[axis]
+    shown = levels.values if axis == "arrangement" else spread(levels.values)
+
+    def cell(name: str, value: Any) -> str:
+        row = summary.get(name, measure, axis, value)
+        return " / ".join(number(row[cut], 2) for cut in CUTS) if row["n"] else "-"
+
+    note = (
+        f" ({len(shown)} of {len(levels.values)} values; all are in summary.csv)"
+        if len(shown) < len(levels.values)
+        else ""
+    )
+    note += f" (in bins of {label}, named by their middle)" if levels.edges is not None else ""
+    rows = [
+        (value if isinstance(value, str) else number(value), *(cell(name, value) for name in summary.solvers))
+        for value in shown
+    ]
+    return Table(
+        [label, *summary.solvers],
+        rows,
+        f"D by {label}: median / 95th percentile / maximum over the other axes{note}",
+    )
+
+
+def region_table(ladder: LadderSummary) -> Table:
+    """Tabulate what the mean D of each engine consists of, by region, with the range over the orders of the causes."""
+    regions = {"all": ("all", math.nan), **ladder.regions}
+    rows = [
+        (
+            solver,
+            label,
+            int(region.n.max()),
+            number(region.total.iloc[0]),
+            *(_share_text(region, c.name) for c in ladder.present),
+        )
+        for solver in ladder.solvers
+        for label, place in regions.items()
+        if len(region := ladder.region(solver, *place))
+    ]
+    header = ["solver", "region", "ladders", "mean D", *(c.label for c in ladder.present)]
+    return Table(
+        header,
+        rows,
+        f"What the mean D of each engine consists of; in brackets the range over the {ladder.orders} orders of causes",
+        text=2,
+    )
+
+
+def _share_text(region: Any, name: str) -> str:
+    if name not in region.index:
+        return "-"
+    row = region.loc[name]
+    share = _or_cancels(region, name, Value(row.share, "", 0))
+    low, high = percent(row.low), percent(row.high)
+    return (
+        str(share)
+        if low == high or isinstance(share, str)
+        else f"{share} ({low.removesuffix(' %')} to {high.removesuffix(' %')})"
+    )
+
+
+def norm_table(ladder: LadderSummary) -> Table:
+    """Tabulate how large each cause is by itself."""
+    rows = [
+        (
+            solver,
+            LABELS[name],
+            int(row.n),
+            *(number(row[cut]) for cut in ("mean", *CUTS)),
+            percent(row.dominant),
+        )
+        for solver in ladder.solvers
+        for name, row in ladder.region(solver).iterrows()
+    ]
+    caption = (
+        "How large each cause is by itself: kinetic norm of its difference of velocities, per |v0|. Norms "
+        "do not add; causes may oppose each other. Last column: share of the ladders in which the cause "
+        "has the largest share."
+    )
+    return Table(
+        ["solver", "cause", "ladders", "mean", "median", "95 %", "max", "largest in"], rows, caption, text=2
+    )
+
+
+def overall_table(summary: Summary) -> Table:
+    """Tabulate how far each solver is from the model, a row a solver, for one screen."""
+    of_columns = summary.config.column is not None
+    balls = [int(n) for n in spread(summary.levels["balls"].values)] if of_columns else []
+    rows = []
+    for name in summary.solvers:
+        row = summary.get(name, D)
+        last = [number(summary.get(name, D, "balls", n)["median"]) for n in balls]
+        last = last if of_columns else [percent(summary.get(name, "states_equal")["mean"])]
+        apart = summary.n_cells - row["n"] - summary.get(name, D, cells="marked")["n"]
+        cuts = (number(row[cut]) for cut in CUTS)
+        rows.append((law_of(name) or "-", name, int(row["n"]), *cuts, *last, int(apart)))
+    header = [
+        "law",
+        "solver",
+        unit_of(summary),
+        "median D",
+        "95 %",
+        "max",
+        *([f"N = {n}" for n in balls] or ["same path"]),
+        "not compared",
+    ]
+    return Table(
+        header,
+        rows,
+        f"Divergence D from the model, by the law asked for. {one_vote(compared(summary), name=False)}".strip(),
+        text=2,
+    )
+
+
+def brief(summary: Summary) -> list[Block]:
+    """Say on one screen of a terminal what a run found."""
+    blocks: list[Block] = [overall_table(summary)]
+    if not compared(summary):
+        blocks.append("Nothing could be compared.")
+    places: dict[str, list[str]] = {}
+    for name in compared(summary):
+        places.setdefault(where(summary, worst_of(summary, name)), []).append(name)
+    blocks += [f"D is largest at {place}: {', '.join(names)}." for place, names in places.items()]
+    blocks += as_asked(summary)
+    blocks += [causes(summary, name, 3) for name in summary.ladder.solvers]
+    return [*blocks, *unsolved(summary), counted(summary), LAWS_WITH_LAWS]
+
+
+def why(summary: Summary) -> list[Block]:
+    """Say on a terminal why the engines of a run diverge."""
+    ladder = summary.ladder
+    if not ladder.solvers:
+        return ["no engine of this run has a result: there is nothing to split"]
+    return [region_table(ladder), norm_table(ladder), *(causes(summary, name, 5) for name in ladder.solvers)]

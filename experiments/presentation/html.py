@@ -1,0 +1,63 @@
+"""A document as one self-contained page for a browser: contents, figures, tables; it asks for nothing."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from markupsafe import Markup
+
+from impact_xval.experiments.presentation.document import Block, Section
+from impact_xval.experiments.tables.numbers import number, percent
+
+
+def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None, scripts: str = "") -> str:
+    """Write a page.
+
+    Parameters
+    ----------
+    title : str
+    blocks : sequence of Block
+        What stands before the contents, and the sections.
+    folder : Path, optional
+        Where the figures are, as SVG; they become part of the page.
+    scripts : Markup, optional
+        Put at the end of the page.
+    """
+    first = next((place for place, block in enumerate(blocks) if isinstance(block, Section)), len(blocks))
+
+    def picture(name: str) -> str:
+        assert folder is not None
+        data = base64.b64encode((folder / f"{name}.svg").read_bytes()).decode("ascii")
+        return f"data:image/svg+xml;base64,{data}"
+
+    facts = {"before": blocks[:first], "sections": blocks[first:], "picture": picture, "scripts": scripts}
+    return render("page.html.j2", title=title, **facts)
+
+
+def render(name: str, /, **facts: Any) -> Markup:
+    """Fill a template of HTML, which escapes what it is given."""
+    return Markup(template(name).render(facts))
+
+
+def template(name: str) -> Template:
+    """Return a template of HTML."""
+    return _environment().get_template(name)
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("impact_xval.experiments.presentation"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
+    environment.filters |= {"kind": lambda block: type(block).__name__, "number": number, "percent": percent}
+    return environment

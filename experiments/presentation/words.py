@@ -1,0 +1,63 @@
+"""Sentences that several pages and commands share, and the names of solvers: each stands here once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from impact_xval.experiments.measures.laws import by_law
+from impact_xval.experiments.tables.numbers import listed
+
+#: The measure of everything.
+WHAT_D_IS = (
+    "D is the difference between two outcomes: that of the final velocities, weighted by mass (the kinetic "
+    "norm), per speed of impact. D = 0 is the same outcome; D = 1 is a difference as large as the incoming "
+    "motion."
+)
+
+LAWS_WITH_LAWS = (
+    "Laws of contact are compared with one another; no laboratory measurement is in the comparison, and no "
+    "number says which law is nearer to a real collision."
+)
+
+#: How a reader knows a solver; one without an entry has its identifier.
+_NAMES = {
+    "state-transition": "the model",
+    "liu-zhao-brogliato": "Liu-Zhao-Brogliato",
+    "mujoco": "MuJoCo",
+    "mujoco-naive": "MuJoCo, naive mapping",
+    "pybullet": "PyBullet",
+    "pybullet-naive": "PyBullet, naive mapping",
+    "drake": "Drake",
+    "kelvin-voigt": "exact Kelvin-Voigt",
+    "hunt-crossley": "exact Hunt-Crossley",
+    "bistiffness": "exact bistiffness",
+}
+
+#: What a cause of divergence is, in words for who has not read the paper; by the name of its contribution.
+MEANINGS = {
+    "frozen_positions": "the model keeps all bodies in place during the collision; in an engine they move",
+    "dissipation_law": "a dashpot takes energy out at another time and in another amount than the model's restitution",
+    "gravity": "it acts in an engine and not in the model",
+    "mapping": "how the engine softens its contacts, and how stiffness and damping become its parameters",
+    "discretisation": "the engine's step is not zero",
+}
+
+_COUNTS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+
+
+def named(solver: str) -> str:
+    """Name a solver as a reader knows it."""
+    return _NAMES.get(solver, solver)
+
+
+def one_vote(solvers: Iterable[str], name: bool = True) -> str:
+    """Say which solvers were asked for one law: together they are one vote on it; empty where none were."""
+    groups = [group for group in by_law(solvers).values() if len(group) > 1]
+    return " ".join(
+        f"One law was asked of {listed(map(named, group) if name else group)}: one vote, not {_count(group)}."
+        for group in groups
+    )
+
+
+def _count(group: Sequence[str]) -> str:
+    return _COUNTS[len(group)] if len(group) < len(_COUNTS) else str(len(group))
