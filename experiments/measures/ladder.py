@@ -58,7 +58,7 @@ class Contribution:
         What it changes. Of a cause (`CAUSES`) these are the positions of a switch of `corners`; below the causes they
         are two outcomes, of which it is the difference, after minus before.
     color : str
-        In figures.
+        In figures: of Tol's muted palette, which shares none with solvers.
     phrase : str
         In a sentence about an engine, after "by".
     """
@@ -80,7 +80,7 @@ FROZEN = Contribution(
     "frozen positions",
     "contacts that return when their bodies approach",
     "contacts that return when their gap has closed",
-    "#CC79A7",
+    "#332288",
     "frozen positions",
 )
 LAW = Contribution(
@@ -88,7 +88,7 @@ LAW = Contribution(
     "dissipation law",
     "energetic restitution",
     "the law the engine was asked for (spring and dashpot, kelvin-voigt)",
-    "#009E73",
+    "#DDCC77",
     "the dissipation law",
 )
 GRAVITY = Contribution(
@@ -96,7 +96,7 @@ GRAVITY = Contribution(
     "gravity",
     "no gravity",
     "gravity as in the scenario of the run, B2 in static equilibrium",
-    "#E69F00",
+    "#88CCEE",
     "gravity",
 )
 MAPPING = Contribution(
@@ -104,12 +104,12 @@ MAPPING = Contribution(
     "regularisation and mapping",
     _ASKED,
     _LIMIT,
-    "#0072B2",
+    "#AA4499",
     "its regularisation and mapping",
 )
-STEP = Contribution("discretisation", "time step", _LIMIT, _RUN, "#D55E00", "its time step")
+STEP = Contribution("discretisation", "time step", _LIMIT, _RUN, "#999933", "its time step")
 ENGINE = Contribution(
-    "engine", "mapping and time step", _ASKED, _RUN, "#56B4E9", "its mapping and time step, not separated"
+    "engine", "mapping and time step", _ASKED, _RUN, "#117733", "its mapping and time step, not separated"
 )
 
 #: Those that need no engine, in the order of `by_order`: averages over the orders in which they can be made.

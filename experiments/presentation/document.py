@@ -20,7 +20,7 @@ class Value:
     ----------
     value : float
     key : str
-        Where a table of the run holds it, such as ``mujoco velocity_divergence median``.
+        What it is, as in ``summary.csv``, or how it follows from the tables: ``mujoco velocity_divergence median``.
     digits : int
         Significant digits shown; 0 for a percentage.
     """

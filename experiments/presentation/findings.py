@@ -12,6 +12,7 @@ from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
 from impact_xval.experiments.measures.ladder_summary import LadderSummary
+from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table, Text, Value, say, together
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, MEANINGS, named, one_vote
@@ -45,7 +46,7 @@ def value_of(
     """Return a statistic of a measure, with its place in ``summary.csv``."""
     row = summary.get(solver, measure, axis, at)
     key = f"{solver} {measure} {statistic}" + ("" if axis == "all" else f" {axis}={at}")
-    digits = 0 if measure.startswith("states_equal") else 3
+    digits = 0 if measure.startswith("states_equal") and statistic == "mean" else 3
     return Value(float(row[statistic]), key, digits)
 
 
@@ -65,7 +66,7 @@ def compared(summary: Summary) -> list[str]:
 
 
 def subjects(summary: Summary) -> list[str]:
-    """List those of whom sentences tell: the engines; without any, every solver that was compared."""
+    """List the subjects of sentences: the engines; without any, every solver that was compared."""
     return [name for name in compared(summary) if is_engine(name)] or compared(summary)
 
 
@@ -88,10 +89,8 @@ def how_far(summary: Summary) -> Text:
     """Say how far solvers end from the model."""
     return together(
         say(
-            "{solver} ends D = {median} from the model in the median of {n} "
-            + unit_of(summary)
-            + ", and {most} at "
-            "most, at {where}.",
+            "{solver} ends D = {median} from the model (median of {n} {unit}); the largest, {most}, is at {where}.",
+            unit=unit_of(summary),
             solver=named(name),
             median=value_of(summary, name),
             n=count_of(summary, name),
@@ -113,7 +112,7 @@ def asked(summary: Summary) -> Iterator[tuple[str, str, dict[str, Value]]]:
     cuts = ("median", "max")
     for row in summary.between.to_dict("records"):
         for name, law in ((row["solver"], row["other"]), (row["other"], row["solver"])):
-            if law_of(name) == law:
+            if exact_for(name, summary.config.mapping) == law != name:
                 yield name, law, {cut: Value(row[cut], f"{name} from {law} {cut}") for cut in cuts}
     of_columns = summary.config.column is not None
     for row in summary.estimates.to_dict("records") if of_columns else ():
@@ -168,7 +167,11 @@ def causes(summary: Summary, solver: str, most: int = 2, *, explain: bool = Fals
         parts += [", " if parts else "", said, meaning]
     n = Value(float(whole.n.max()), f"{solver} ladders n")
     sentence = say(
-        "{solver}'s mean D of {total}, over {n} ladders, is ", solver=named(solver), total=total, n=n
+        "{solver}'s mean D of {total}, over {n} {unit} whose causes are all known, is ",
+        solver=named(solver),
+        total=total,
+        n=n,
+        unit=unit_of(summary),
     )
     return Text((sentence, *parts, ".", *_by_region(summary, solver, next(iter(found)))))
 
@@ -192,6 +195,11 @@ def _by_region(summary: Summary, solver: str, name: str) -> list[Any]:
     return [f" The shares depend on the grid: of {LABELS[name]} ", *parts, "."] if len(parts) > 2 else []
 
 
+def _first(name: str) -> str:
+    """Begin a sentence with a name."""
+    return name[:1].upper() + name[1:]
+
+
 def unsolved(summary: Summary) -> list[str]:
     """Say of every solver without a result in some cells how many, of which status, and the most frequent reason."""
     found = []
@@ -204,7 +212,7 @@ def unsolved(summary: Summary) -> list[str]:
                 f"{n} {status}" for status, n in some.groupby("status", sort=False).n.sum().items()
             )
             found.append(
-                f"{named(name)} has no result in {some.n.sum()} of {summary.n_cells} {unit_of(summary)} "
+                f"{_first(named(name))} has no result in {some.n.sum()} of {summary.n_cells} {unit_of(summary)} "
                 f"({counts}), most often: {some.reason.iloc[0]}"
             )
     return found
@@ -214,7 +222,9 @@ def counted(summary: Summary) -> str:
     """Say which cells statistics are over: one sentence for run, ladder and findings."""
     beyond = "".join(f", {n} more of {named(name)}" for name, n in summary.marked_beyond.items())
     ladders = (
-        " A ladder needs every exact law on its way unmarked too." if len(summary.ladder.statistics) else ""
+        " Causes are known where every exact law between the model and the engine is unmarked too."
+        if len(summary.ladder.statistics)
+        else ""
     )
     return (
         f"Statistics are over the {unit_of(summary)} that both the solver and the model solved and that are "
@@ -264,7 +274,7 @@ def region_table(ladder: LadderSummary) -> Table:
         for label, place in regions.items()
         if len(region := ladder.region(solver, *place))
     ]
-    header = ["solver", "region", "ladders", "mean D", *(c.label for c in ladder.present)]
+    header = ["solver", "region", "cells", "mean D", *(c.label for c in ladder.present)]
     return Table(
         header,
         rows,
@@ -301,11 +311,11 @@ def norm_table(ladder: LadderSummary) -> Table:
     ]
     caption = (
         "How large each cause is by itself: kinetic norm of its difference of velocities, per |v0|. Norms "
-        "do not add; causes may oppose each other. Last column: share of the ladders in which the cause "
+        "do not add; causes may oppose each other. Last column: share of the cells in which the cause "
         "has the largest share."
     )
     return Table(
-        ["solver", "cause", "ladders", "mean", "median", "95 %", "max", "largest in"], rows, caption, text=2
+        ["solver", "cause", "cells", "mean", "median", "95 %", "max", "largest in"], rows, caption, text=2
     )
 
 

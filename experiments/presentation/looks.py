@@ -9,7 +9,8 @@ BLACK = "#000000"
 
 #: Okabe and Ito's palette, of the others.
 _PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-_FIXED = {
+#: Of the solvers that come with the project.
+FIXED = {
     "state-transition": (BLACK, "", "-"),
     "mujoco": ("#0072B2", "o", "-"),
     "pybullet": ("#D55E00", "s", "--"),
@@ -30,6 +31,6 @@ class Look:
 
 def look(solver: str, position: int = 0) -> Look:
     """Return the look of a solver; an unknown one gets a colour by its position."""
-    if solver in _FIXED:
-        return Look(*_FIXED[solver])
+    if solver in FIXED:
+        return Look(*FIXED[solver])
     return Look(_PALETTE[position % len(_PALETTE)], "P", "--")

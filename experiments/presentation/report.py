@@ -46,7 +46,8 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
 
 
 def _latex(text: str) -> str:
-    return "".join(rf"\{letter}" if letter in "&%$#_{}" else letter for letter in text)
+    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    return "".join(rf"\{letter}" if letter in "&%$#_{}" else special.get(letter, letter) for letter in text)
 
 
 def write_report(folder: RunFolder, summary: Summary | None = None) -> Path:
@@ -65,12 +66,12 @@ def write_report(folder: RunFolder, summary: Summary | None = None) -> Path:
     """
     summary = summarise(folder) if summary is None else summary
     figures = folder.root / "figures"
-    if not (figures / CAPTIONS).is_file():
-        write_figures(folder, summary)
-    captions: dict[str, str] = json.loads((figures / CAPTIONS).read_text(encoding="utf-8"))
-    drawn = {name: text for name, text in captions.items() if (figures / f"{name}.svg").is_file()}
+    known = figures / CAPTIONS
+    captions: dict[str, str] = json.loads(known.read_text(encoding="utf-8")) if known.is_file() else {}
+    if not captions or not all((figures / f"{name}.svg").is_file() for name in captions):
+        captions = write_figures(folder, summary)
     page = pair if summary.config.column is None else columns
-    blocks = page.blocks_of(folder, summary, drawn)
+    blocks = page.blocks_of(folder, summary, captions)
     path = folder.root / "report.html"
     write_text(path, page_of(f"impact-xval: {summary.config.name}", blocks, figures, scripts()))
     return path

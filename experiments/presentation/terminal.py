@@ -19,7 +19,7 @@ from rich.text import Text
 
 from impact_xval.compliant_baselines.answers import visible
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
-from impact_xval.experiments.presentation.looks import BLACK, look
+from impact_xval.experiments.presentation.looks import BLACK, FIXED
 from impact_xval.experiments.tables.numbers import number
 
 #: What is said before kernels are compiled.
@@ -73,10 +73,10 @@ def _table(block: Table) -> RichTable:
     """Lay out a table; a solver has the colour that it has in figures, the model, black there, none."""
     table = RichTable(box=None, pad_edge=False)
     for place, title in enumerate(block.header):
-        table.add_column(Text(title), justify="left" if place < block.text else "right")
+        table.add_column(Text(visible(str(title))), justify="left" if place < block.text else "right")
     for row in block.rows:
         colors = [
-            look(str(cell)).color if title == "solver" else BLACK
+            FIXED.get(str(cell), (BLACK,))[0] if title == "solver" else BLACK
             for title, cell in zip(block.header, row, strict=True)
         ]
         table.add_row(

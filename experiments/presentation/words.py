@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from impact_xval.experiments.measures.laws import by_law
 from impact_xval.experiments.tables.numbers import listed
 
-#: The measure of everything.
+#: The measure of divergence, in words.
 WHAT_D_IS = (
     "D is the difference between two outcomes: that of the final velocities, weighted by mass (the kinetic "
-    "norm), per speed of impact. D = 0 is the same outcome; D = 1 is a difference as large as the incoming "
-    "motion."
+    "norm), per speed of impact. D = 0 is the same outcome; at D = 0.1 velocities differ by a tenth of the "
+    "incoming motion."
 )
 
 LAWS_WITH_LAWS = (
@@ -24,16 +24,16 @@ _NAMES = {
     "state-transition": "the model",
     "liu-zhao-brogliato": "Liu-Zhao-Brogliato",
     "mujoco": "MuJoCo",
-    "mujoco-naive": "MuJoCo, naive mapping",
+    "mujoco-naive": "MuJoCo (naive mapping)",
     "pybullet": "PyBullet",
-    "pybullet-naive": "PyBullet, naive mapping",
+    "pybullet-naive": "PyBullet (naive mapping)",
     "drake": "Drake",
     "kelvin-voigt": "exact Kelvin-Voigt",
     "hunt-crossley": "exact Hunt-Crossley",
     "bistiffness": "exact bistiffness",
 }
 
-#: What a cause of divergence is, in words for who has not read the paper; by the name of its contribution.
+#: What a cause of divergence is, for readers who have not read the paper; by the name of its contribution.
 MEANINGS = {
     "frozen_positions": "the model keeps all bodies in place during the collision; in an engine they move",
     "dissipation_law": "a dashpot takes energy out at another time and in another amount than the model's restitution",
@@ -53,10 +53,11 @@ def named(solver: str) -> str:
 def one_vote(solvers: Iterable[str], name: bool = True) -> str:
     """Say which solvers were asked for one law: together they are one vote on it; empty where none were."""
     groups = [group for group in by_law(solvers).values() if len(group) > 1]
-    return " ".join(
-        f"One law was asked of {listed(map(named, group) if name else group)}: one vote, not {_count(group)}."
+    said = " ".join(
+        f"{listed(map(named, group) if name else group)} were asked for one law: one vote, not {_count(group)}."
         for group in groups
     )
+    return said[:1].upper() + said[1:] if name else said
 
 
 def _count(group: Sequence[str]) -> str:

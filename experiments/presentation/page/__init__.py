@@ -1,1 +1,1 @@
-"""What a browser shows: Markdown as one self-contained page, and what moves in it."""
+"""Pages of runs, section by section, and what moves in them."""

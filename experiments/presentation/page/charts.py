@@ -19,11 +19,12 @@ from bokeh.plotting import figure
 from bokeh.resources import Resources
 from markupsafe import Markup
 
+from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.page.tiles import Tiles
+from impact_xval.experiments.presentation.page.tiles import LABELS, Tiles
 from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.numbers import listed
 
@@ -32,8 +33,6 @@ _FLOOR = 1e-4
 
 #: Labels of an axis at most.
 _LABELS = 60
-
-_ACROSS = "stiffness_ratio"
 
 #: How Bokeh draws the dashes of `style`.
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
@@ -54,19 +53,20 @@ def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str], numbers: int)
     """
     compared = [name for name, medians in tiles.medians.items() if any(d is not None for d in medians)]
     shown = tiles.medians[compared[-1]] if compared else [None] * len(tiles.cells)
-    rest = [label for axis, label in AXES.items() if axis not in (*tiles.up, _ACROSS)]
+    axes = AXES if tiles.along in AXES else COLUMN_AXES
+    rest = [label for axis, label in axes.items() if axis in tiles.rest]
+    plots = {"map": _map(tiles)} | ({"curves": _curves(solvers)} if axes is AXES else {})
     return render(
         "cells.html.j2",
         compared=[(name, named(name)) for name in compared],
         tiles=tiles,
         rest=listed(rest) if rest else "the cells in it",
-        rows=listed(AXES[axis] for axis in tiles.up),
+        rows=listed(LABELS[axis] for axis in tiles.up),
         last=numbers - 1,
         first=tiles.cells[max(range(len(shown)), key=lambda place: shown[place] or 0.0)],
         data=packed,
-        charts=[
-            json_item(plot, ID(name)) for name, plot in (("map", _map(tiles)), ("curves", _curves(solvers)))
-        ],
+        curves=axes is AXES,
+        charts=[json_item(plot, ID(name)) for name, plot in plots.items()],
     )
 
 
@@ -97,15 +97,15 @@ def _map(tiles: Tiles) -> Any:
     mapper = LogColorMapper(palette="Viridis256", low=_FLOOR, high=highest, nan_color="#dddddd")
     rows = len(tiles.up_labels)
     plot = figure(
-        height=min(1000, 110 + max(9, 13 if rows > 30 else 22) * rows),
+        height=min(1000, 110 + max(9, 11 if rows > 30 else 22) * rows),
         sizing_mode="stretch_width",
         tools=[
             TapTool(),
             HoverTool(tooltips=[*_hover(tiles), ("D", "@shown{0.0000}"), ("opens cell", "@cell")]),
         ],
         toolbar_location=None,
-        x_axis_label="stiffness ratio k2/k1 (-)",
-        y_axis_label=" · ".join(AXES[axis] for axis in tiles.up),
+        x_axis_label=f"{LABELS[tiles.along]} (-)",
+        y_axis_label=" · ".join(LABELS[axis] for axis in tiles.up),
         name="map",
     )
     plot.rect(
@@ -135,7 +135,7 @@ def _floored(medians: Sequence[float | None]) -> list[float]:
 
 
 def _hover(tiles: Tiles) -> list[tuple[str, str]]:
-    return [("k2/k1", "@column"), (" · ".join(AXES[axis] for axis in tiles.up), "@row")]
+    return [(LABELS[tiles.along], "@column"), (" · ".join(LABELS[axis] for axis in tiles.up), "@row")]
 
 
 def _curves(solvers: Sequence[str]) -> Any:

@@ -16,11 +16,13 @@ from impact_xval.experiments.tables.numbers import listed, number
 
 def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[Block]:
     """Return the page of a finished run."""
+    arrangements = listed(map(str, summary.levels["arrangement"].values))
     question = (
-        "Many balls in a line collide at once: a chain, Newton's cradle, a stack on a table. The "
-        "state-transition model of Jia, Mason and Erdmann, for N balls, solves that; here are "
-        f"{summary.n_cells} such columns by {listed(named(name) for name in summary.solvers)} beside it. "
-        f"{LAWS_WITH_LAWS}"
+        "Balls in a line collide at once. The state-transition model of Jia, Mason and Erdmann, for N "
+        f"balls that stay in place while they collide, solves that; here are {summary.n_cells} such columns "
+        f"({arrangements}) by {listed(named(name) for name in summary.solvers)} beside it. Exact "
+        "Kelvin-Voigt is what engines are set to, springs with dashpots; exact bistiffness is the model's "
+        f"own restitution in bodies that move. The model is the yardstick, not the truth. {LAWS_WITH_LAWS}"
     )
     found: list[Block] = ["No column could be compared."]
     if compared(summary):
@@ -33,9 +35,10 @@ def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[B
         WHAT_D_IS,
         parts.numbers(summary),
         Section("What was found", [*found, *others]),
+        *([Section("Column by column", _cells(folder, summary))] if compared(summary) else []),
         Section("Divergence by solver", [findings.overall_table(summary)]),
         parts.causes_section(summary, captions),
-        *parts.limit_section(summary),
+        parts.sureness_section(summary),
         parts.effective_section(folder),
         _by_axis(summary),
         parts.unsolved_section(summary),
@@ -80,16 +83,16 @@ def _balls(summary: Summary, name: str) -> Text:
     )
 
 
-def _by_axis(summary: Summary) -> Section:
-    """Tabulate D along every axis that has several values, and the columns with the largest D."""
-    tables: list[Block] = [findings.along_axis(summary, axis, COLUMN_AXES[axis]) for axis in summary.axes]
+def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
+    """Lay out the map whose columns open, and the columns with the largest D."""
+    piece, button = parts.opening(folder, summary)
     order = summary.worst.solver.map(summary.solvers.index)
     axes = [axis for axis in COLUMN_AXES if axis != "arrangement"]
     rows = [
         (
             row.solver,
             row.arrangement,
-            row.cell,
+            button(row.cell),
             *(number(row[axis]) for axis in (*axes, "velocity_divergence", "largest_dv")),
         )
         for _, row in summary.worst.loc[order.sort_values(kind="stable").index].iterrows()
@@ -103,7 +106,13 @@ def _by_axis(summary: Summary) -> Section:
         "largest dv/|v0|",
     ]
     worst = Table(header, rows, "The columns with the largest D of every solver", text=3)
-    return Section("By axis", ["All measures by all axes are in summary.csv.", *tables, worst], folded=True)
+    return [piece, Section("Largest divergences", [worst], folded=True)]
+
+
+def _by_axis(summary: Summary) -> Section:
+    """Tabulate D along every axis that has several values."""
+    tables: list[Block] = [findings.along_axis(summary, axis, COLUMN_AXES[axis]) for axis in summary.axes]
+    return Section("By axis", ["All measures by all axes are in summary.csv.", *tables], folded=True)
 
 
 def _method(summary: Summary) -> Section:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
+import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
@@ -23,6 +25,7 @@ from impact_xval.compliant_baselines.registry import (
     get_solver,
     is_costly,
 )
+from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.presentation.words import named
@@ -35,56 +38,65 @@ from impact_xval.model.collision import RESULT_STATUSES, Collision
 #: Digits of an impulse of a curve: a tenth of what a screen tells apart.
 _DIGITS = 4
 
-_RESULT = ("solver", "status", "marked", "reason", "v1", "v2", "states_compared", "impulse1", "impulse2")
+_RESULT = ("solver", "status", "marked", "reason", "m1", "v0")
+_OF_PAIR = ("states_compared", "impulse1", "impulse2")
 
 
 def packed_cells(folder: RunFolder, cells: Sequence[int]) -> str:
-    """Collect what is shown of some cells of a run of two balls, as JSON, compressed, in letters (base64)."""
+    """Collect what is shown of some cells of a run, as JSON, compressed, in letters (base64)."""
     text = json.dumps(opened_cells(folder, cells), separators=(",", ":"), allow_nan=False)
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode("ascii")
 
 
 def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str, Any]]:
-    """Collect what is shown of some cells of a run of two balls.
+    """Collect what is shown of some cells of a run.
 
     Curves are those of the exact solvers of the run, solved again; of the others the table holds the end.
 
     Returns
     -------
     dict
-        By number of the cell, ``at`` (k2/k1, m2/m1, e1, e2), ``results``, ``causes``, ``curves``, ``commands`` and
-        ``scene`` (MJCF; None where MuJoCo is not in the run).
+        By number of the cell, ``at`` (values of the axes by label), ``results``, ``causes``, ``commands``, and of two
+        balls ``curves`` and ``scene`` (MJCF; None where MuJoCo is not in the run).
     """
     config = folder.config()
-    index = cells_of_run(folder, config)
-    collisions = [index[cell] for cell in cells]
+    pair = config.column is None
+    axes = AXES if pair else COLUMN_AXES
     shown: dict[int, dict[str, Any]] = {cell: {"results": [], "causes": []} for cell in cells}
     divergences = {
         (row["cell"], row["solver"]): row["velocity_divergence"]
         for row in _rows(folder, "divergence", ("cell", "solver", "velocity_divergence"), cells)
     }
-    for row in _rows(folder, "cells", ("cell", *AXES, "m1", "v0", *_RESULT), cells):
+    balls = [
+        name
+        for name in pq.read_schema(folder.root / "cells.parquet").names
+        if re.fullmatch(r"v[1-9]\d*", name)
+    ]
+    wanted = ["cell", *axes, *_RESULT, *balls, *(_OF_PAIR if pair else ())]
+    for row in _rows(folder, "cells", wanted, cells):
         speed = abs(row["v0"])
-        end = [_per(row[name], row["m1"] * speed) for name in ("impulse1", "impulse2")]
-        shown[row["cell"]]["at"] = [number(row[axis], 6) for axis in AXES]
-        shown[row["cell"]]["commands"] = _commands(folder.root.name, config, row)
-        shown[row["cell"]]["results"].append(
+        end = [_per(row.get(name), row["m1"] * speed) for name in ("impulse1", "impulse2")]
+        cell = shown[row["cell"]]
+        cell["at"] = {label: _value(row[axis]) for axis, label in axes.items() if row[axis] is not None}
+        cell["commands"] = _commands(folder.root.name, config, row)
+        cell["results"].append(
             {
                 "name": named(row["solver"]),
                 **{name: row[name] for name in ("solver", "status", "marked", "reason")},
-                "v1": _per(row["v1"], speed),
-                "v2": _per(row["v2"], speed),
+                "velocities": [_per(row[name], speed) for name in balls[: row.get("balls", 2)]],
                 "d": divergences.get((row["cell"], row["solver"])),
-                "states": row["states_compared"],
+                "states": row.get("states_compared"),
                 "end": None if None in end else end,
             }
         )
     for row in _rows(folder, "ladder", ("cell", "sentence", "reason"), cells):
         shown[row["cell"]]["causes"].append(row["sentence"] or row["reason"])
-    for cell, curves in zip(cells, _curves(config, collisions), strict=True):
-        shown[cell]["curves"] = curves
-    for cell, scene in zip(cells, _scenes(config, collisions), strict=True):
-        shown[cell]["scene"] = scene
+    if pair:
+        index = cells_of_run(folder, config)
+        collisions = [index[cell] for cell in cells]
+        found = zip(cells, _curves(config, collisions), _scenes(config, collisions), strict=True)
+        for cell, curves, scene in found:
+            shown[cell] |= {"curves": curves, "scene": scene}
     return shown
 
 
@@ -98,27 +110,36 @@ def _rows(
     return ds.dataset(path).to_table(columns=list(columns), filter=wanted).to_pylist()
 
 
+def _value(value: Any) -> str:
+    return value if isinstance(value, str) else number(value, 6)
+
+
 def _per(value: float | None, unit: float) -> float | None:
     return None if value is None else value / unit
 
 
 def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]:
     """Write what opens a cell on a terminal, as it is typed beside the run's folder."""
-    options = {
-        **{axis.replace("_", "-"): row[axis] for axis in AXES},
-        "scenario": config.scenario,
-        **({"gravity": config.gravity} if config.scenario == "drop" else {}),
-        **{name: getattr(config, name) for name in ("m1", "k1", "v0")},
-        "step-fraction": config.step_fraction,
+    run, cell = shlex.quote(root), row["cell"]
+    show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
+    if config.column is not None:
+        given = {axis: row[axis] for axis in COLUMN_AXES if row[axis] is not None}
+    else:
+        given = {axis: row[axis] for axis in AXES} | {"scenario": config.scenario}
+        given |= {"gravity": config.gravity} if config.scenario == "drop" else {}
+    given |= {name: getattr(config, name) for name in ("m1", "k1", "v0")} | {
+        "step_fraction": config.step_fraction
     }
-    again = " ".join(f"--{name} {value}" for name, value in options.items())
+    again = " ".join(f"--{name.replace('_', '-')} {value}" for name, value in given.items())
     if config.mapping == "naive":
         again += "".join(f" --solver {name}-naive" for name in exportable_names() if name in config.solvers)
-    run, cell = shlex.quote(root), row["cell"]
+    solve = ["once more, by every solver", f"impact-xval solve {again}"]
+    if config.column is not None:
+        return [show, solve]
     return [
-        ["every cause, in every order", f"impact-xval show {run} --cell {cell}"],
+        show,
         ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"],
-        ["once more, by every solver", f"impact-xval solve {again}"],
+        solve,
         ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"],
     ]
 

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from markupsafe import Markup
-
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.summary import Summary, load_divergence
+from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation import findings
 from impact_xval.experiments.presentation.document import Block, Section, Table, Text, Value, say
 from impact_xval.experiments.presentation.findings import compared, subjects, value_of
 from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.page import parts
-from impact_xval.experiments.presentation.page.charts import cells_piece
-from impact_xval.experiments.presentation.page.opened import packed_cells
 from impact_xval.experiments.presentation.page.parts import Captions, code, figure
-from impact_xval.experiments.presentation.page.tiles import tiles_of
 from impact_xval.experiments.presentation.pictures.steps import recommended
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, WHAT_D_IS, named, one_vote
 from impact_xval.experiments.sweep.examination import traps_note
@@ -27,11 +22,15 @@ from impact_xval.experiments.tables.parquet import column
 def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[Block]:
     """Return the page of a finished run."""
     there = compared(summary)
+    axes = [f"{label} from {span}" for axis, label in AXES.items() if (span := _span(summary, axis))]
     question = (
         "A ball falls on a ball that rests on a table, and two contacts are hit at once. Can a physics "
-        f"engine be trusted with that? Here are {summary.n_cells} such collisions, solved exactly by the "
-        "state-transition model of Jia, Mason and Erdmann (2013), and by "
-        f"{listed(named(name) for name in summary.solvers)}. {LAWS_WITH_LAWS}"
+        f"engine be trusted with that? Here are {summary.n_cells} such collisions "
+        f"({', '.join(axes) or 'of one cell'}), solved exactly by the state-transition model of Jia, Mason "
+        "and Erdmann (2013), in which bodies stay in place while they collide, and by "
+        f"{listed(named(name) for name in summary.solvers)}. Exact Kelvin-Voigt is what engines are set to, "
+        "springs with dashpots; exact bistiffness is the model's own restitution in bodies that move. The "
+        f"model is the yardstick, not the truth. {LAWS_WITH_LAWS}"
     )
     nothing: list[Block] = ["No cell could be compared."]
     return [
@@ -44,7 +43,7 @@ def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[B
         Section("Cell by cell", _cells(folder, summary) if there else nothing),
         Section("All against all", [_matrix(summary)] if there else nothing),
         parts.causes_section(summary, captions),
-        *parts.limit_section(summary),
+        parts.sureness_section(summary),
         _hypothesis(),
         parts.effective_section(folder),
         _by_axis(summary, captions),
@@ -54,6 +53,12 @@ def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[B
         parts.glossary_section(summary),
         parts.provenance_section(folder),
     ]
+
+
+def _span(summary: Summary, axis: str) -> str:
+    """Say from where to where an axis goes; empty where it has one value."""
+    values = sorted(summary.levels[axis].values)
+    return f"{number(values[0])} to {number(values[-1])}" if len(values) > 1 else ""
 
 
 def _advice(folder: RunFolder, summary: Summary, captions: Captions) -> Section:
@@ -69,16 +74,22 @@ def _advice(folder: RunFolder, summary: Summary, captions: Captions) -> Section:
         ),
         *traps["found"],
         say(
-            "Map a stiffness and a restitution to the engine's own parameters, measured by dropping: {command}.",
+            "Map a stiffness and a restitution to the engine's own parameters, checked by a simulated drop: {command}.",
             command=code(example),
         ),
         *(
-            [say("Choose the step by the faster contact. {steps}", steps=parts.steps_of(summary, steps))]
+            [
+                say(
+                    "Choose the step by the faster contact, whose period is 2 pi sqrt(M/k) with M the reduced "
+                    "mass of its bodies (with the table, the mass of the ball). {steps}",
+                    steps=parts.steps_of(summary, steps),
+                )
+            ]
             if steps
             else []
         ),
-        "What is left is the law: with two contacts closed an engine follows its springs and dashpots, "
-        "and the sections below show where that differs from the model. No setting of an engine removes it.",
+        "The rest is the contact law, not the step: a smaller step does not remove it, and the sections below "
+        "show where it matters.",
         *figure(captions, "error-by-step"),
     ]
     return Section("What to do with your engine", blocks, beside=True)
@@ -117,6 +128,8 @@ def _extremes(summary: Summary, name: str) -> Text | str:
         if value.value == value.value
     ]
     low, high = min(known, key=lambda pair: pair[1].value), max(known, key=lambda pair: pair[1].value)
+    if low[1].value == high[1].value:
+        return ""
     return say(
         "By k2/k1 the median D of {solver} is largest, {most}, at {high}, and smallest, {least}, at {low}.",
         **{
@@ -131,11 +144,13 @@ def _extremes(summary: Summary, name: str) -> Text | str:
 
 def _order(summary: Summary, name: str) -> Text:
     """Say how often a solver passes through the states of the model, and of its own law."""
-    equal = value_of(summary, name, "mean", "states_equal")
+    full = "states_equal_without_limit"
     said = say(
-        "{solver} passes through the contact states of the model in {equal} of the cells",
+        "{solver} passes through the contact states of the model in {equal} of the {n} cells in which the "
+        "model needed no limiting case",
         solver=named(name),
-        equal=equal,
+        equal=value_of(summary, name, "mean", full),
+        n=value_of(summary, name, "n", full),
     )
     own = value_of(summary, name, "mean", "states_equal_own_law")
     if own.value != own.value:
@@ -145,15 +160,13 @@ def _order(summary: Summary, name: str) -> Text:
 
 def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
     """Lay out the map whose cells open, and the cells with the largest D."""
-    tiles = tiles_of(load_divergence(folder, summary.config))
-    piece = cells_piece(tiles, packed_cells(folder, tiles.cells), summary.config.solvers, summary.n_cells)
+    piece, button = parts.opening(folder, summary)
     order = summary.worst.solver.map(summary.solvers.index)
-    opens = set(tiles.cells)
     rows = [
         (
             row["solver"],
             *((row[key] or "-") for key in ("model_states_compared", "states_compared")),
-            _button(row["cell"]) if row["cell"] in opens else row["cell"],
+            button(row["cell"]),
             *(number(row[key]) for key in (*AXES, "velocity_divergence", "dv1", "dv2")),
         )
         for _, row in summary.worst.loc[order.sort_values(kind="stable").index].iterrows()
@@ -163,10 +176,6 @@ def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
     return [piece, Section("Largest divergences", [worst], folded=True)]
 
 
-def _button(cell: int) -> Markup:
-    return Markup('<button type="button" data-cell="{0}">{0}</button>').format(cell)
-
-
 def _matrix(summary: Summary) -> Table:
     """Lay out D between every two solvers."""
     names = [REFERENCE, *summary.solvers]
@@ -174,8 +183,10 @@ def _matrix(summary: Summary) -> Table:
     known |= {(row["solver"], row["other"]): row for _, row in summary.between.iterrows()}
 
     def cell(a: str, b: str) -> str | Text:
+        if names.index(a) >= names.index(b):
+            return ""  # it stands on the other side
         row = known.get((a, b), known.get((b, a)))
-        if a == b or row is None or not row["n"]:
+        if row is None or not row["n"]:
             return "-"
         return say(
             "{median} ({most})",
@@ -185,16 +196,16 @@ def _matrix(summary: Summary) -> Table:
             },
         )
 
-    rows = [(named(a), *(cell(a, b) for b in names)) for a in names]
+    rows = [(named(a), *(cell(a, b) for b in names[1:])) for a in names[:-1]]
     caption = "Median D (largest D) between every two solvers, over the cells that both solved, marked ones left out"
-    return Table(["", *map(named, names)], rows, caption)
+    return Table(["", *map(named, names[1:])], rows, caption)
 
 
 def _hypothesis() -> Section:
     said = say(
         "The model has a limit of its own: where one contact is infinitely stiffer than the other, its two "
-        "bodies move as one. Whether solvers go there, and how fast, is not asked by a grid; {command} "
-        "asks it, and writes a page with a verdict for every limit and solver.",
+        "bodies move as one. Whether solvers go there, and how fast, is no matter of a grid: {command} "
+        "writes a page with a verdict for every limit and solver.",
         command=code("impact-xval hypothesis"),
     )
     return Section("Hypothesis", [said])

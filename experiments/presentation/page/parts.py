@@ -2,18 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
 
-from impact_xval.experiments.measures.summary import HONEST, Summary
+from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.measures.ladder import cancelling
+from impact_xval.experiments.measures.summary import HONEST, Summary, load_divergence
 from impact_xval.experiments.presentation import findings
-from impact_xval.experiments.presentation.document import Block, Figure, Section, Table, Text, Value, say
-from impact_xval.experiments.presentation.findings import CUTS, asked, shares, subjects, unit_of, value_of
+from impact_xval.experiments.presentation.document import (
+    Block,
+    Figure,
+    Section,
+    Table,
+    Text,
+    Value,
+    say,
+    together,
+)
+from impact_xval.experiments.presentation.findings import (
+    CUTS,
+    asked,
+    count_of,
+    shares,
+    subjects,
+    unit_of,
+    value_of,
+)
 from impact_xval.experiments.presentation.html import render
+from impact_xval.experiments.presentation.page.charts import cells_piece
+from impact_xval.experiments.presentation.page.opened import packed_cells
+from impact_xval.experiments.presentation.page.tiles import tiles_of
+from impact_xval.experiments.presentation.pictures.steps import ACCEPTED
 from impact_xval.experiments.presentation.words import MEANINGS, named
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number, percent
@@ -23,17 +47,20 @@ Captions = Mapping[str, str]
 
 _REASONS = 10
 
+#: What is said of limits dt -> 0: columns of `Summary.estimates`.
+_ERRORS = ("step", "error", "asked")
+
 GLOSSARY = (
     (
         "model",
         "the state-transition model of Jia, Mason and Erdmann, in the plane of the two impulses, solved exactly",
     ),
     ("S1, S2, S3, S4", "contact states: both contacts act; ball on table only; ball on ball only; none"),
-    ("solver", "whatever answers a collision: the model, a reference, or an engine"),
+    ("solver", "the model, a reference, or an engine"),
     ("reference", "a contact law followed in time without an engine, exactly or with a stated error"),
     ("exact bistiffness", "springs that are stiffer when they restore: the model's restitution in real time"),
     ("exact Kelvin-Voigt", "springs and dashpots: what engines are asked for"),
-    ("restitution e1, e2", "energetic: e² is the share of the work of compression that restitution returns"),
+    ("restitution e", "energetic: e² is the share of the work of compression that restitution returns"),
     ("share", "the part of D that one cause accounts for; the shares of a cell sum to 100 %"),
     (
         "limit dt -> 0",
@@ -55,21 +82,37 @@ def numbers(summary: Summary) -> Markup:
     unit = unit_of(summary)
     for name in subjects(summary)[:1]:
         shown.append(
-            (value_of(summary, name), f"is the median D of {named(name)} from the model, over all {unit}")
+            (
+                value_of(summary, name),
+                f"is the median D of {named(name)} from the model, of {int(count_of(summary, name).value)} {unit}",
+            )
         )
     for name, law, d in list(asked(summary))[:1]:
         what = "D" if summary.config.column is None else "distance of the limit dt -> 0, per |v0|,"
         shown.append(
             (
                 d["median"],
-                f"is the median {what} of {named(name)} from {named(law)}, the law it was asked for",
+                f"is the median {what} of {named(name)} from {named(law)}, the law it was set to",
             )
         )
     for name in summary.ladder.solvers[:1]:
-        for cause, share in list(shares(summary, name).items())[:1]:
-            label = findings.LABELS[cause]
-            shown.append((share, f"of {named(name)}'s mean D, over this grid, is due to {label}"))
+        regions = [(f"all {unit}", ("all", math.nan)), *summary.ladder.regions.items()]
+        there = [(label, place) for label, place in regions if len(summary.ladder.region(name, *place))]
+        label, place = there[min(1, len(there) - 1)]  # the first region that is told apart
+        causes = shares(summary, name, *place)
+        if causes and cancelling(summary.ladder.region(name, *place).share) is None:
+            cause, share = next(iter(causes.items()))
+            shown.append((share, f"of {named(name)}'s mean D ({label}) is due to {findings.LABELS[cause]}"))
     return render("numbers.html.j2", numbers=shown)
+
+
+def opening(folder: RunFolder, summary: Summary) -> tuple[Markup, Callable[[int], Markup | int]]:
+    """Lay out the map whose cells open; and what opens a cell, its number where it does not."""
+    tiles = tiles_of(load_divergence(folder, summary.config))
+    opens = set(tiles.cells)
+    piece = cells_piece(tiles, packed_cells(folder, tiles.cells), summary.config.solvers, summary.n_cells)
+    button = Markup('<button type="button" data-cell="{0}">{0}</button>')
+    return piece, lambda cell: button.format(cell) if cell in opens else cell
 
 
 def causes_section(summary: Summary, captions: Captions) -> Section:
@@ -102,44 +145,35 @@ def causes_section(summary: Summary, captions: Captions) -> Section:
     )
 
 
-def limit_section(summary: Summary) -> list[Block]:
-    """Say how far engines are from their limits dt -> 0, and how well these are known."""
-    rows = summary.estimates.to_dict("records")
-    if not rows:
-        return []
-    header = [
-        "solver",
-        "asked for",
-        "converged",
-        "order (median)",
-        "step to limit",
-        "estimated error",
-        "limit to asked law",
+def sureness_section(summary: Summary) -> Section:
+    """Say how well results are known: limits of steps, statuses, and which cells count."""
+    limits = summary.statuses.loc[REFERENCE].get("limit", 0)
+    said = [
+        "Nothing is random: the same run gives the same numbers. Every collision of an engine is run at "
+        "several steps, and extrapolated to a step of zero with an estimate of the error.",
+        *(f"{each}." for each in findings.unsolved(summary)),
+        *([f"In {limits} cells the model is a limiting case in closed form."] if limits else []),
+        findings.counted(summary),
     ]
-    header += ["regularisation (max)", f"within {number(HONEST)} estimates"]
-    table = [
+    header = ["solver", "asked for", "converged", "error order", "step error", "estimated error of the limit"]
+    header += ["limit's distance from the law", "regularisation", f"within {number(HONEST)} estimates"]
+    rows = [
         (
-            row["solver"],
+            named(row["solver"]),
             named(row["asked"] or "-"),
             f"{row['converged']} of {row['n']}",
             number(row["order"], 2),
-            *(
-                " / ".join(number(row[f"{kind}_{cut}"], 2) for cut in CUTS)
-                for kind in ("step", "error", "asked")
-            ),
+            *(" / ".join(number(row[f"{kind}_{cut}"], 2) for cut in ("median", "max")) for kind in _ERRORS),
             number(row["regularisation"], 2),
             percent(row["honest"]),
         )
-        for row in rows
+        for row in summary.estimates.to_dict("records")
     ]
-    said = (
-        "Every collision of an engine is run at several steps, and extrapolated to a step of zero with an "
-        "estimate of the error. An engine whose limit is that of the law it was asked for makes no error "
-        "but that of its step. By the naive mapping an engine has contacts of no exact solver, and is "
-        "compared with none."
+    caption = (
+        "Limits dt -> 0 of engines, and the exact solver of the law they were asked for: velocities per "
+        "|v0|, the largest of all balls, median / maximum"
     )
-    caption = "Velocities per |v0|, the largest of all balls: median / 95th percentile / maximum"
-    return [Section("The limit dt -> 0", [said, with_names(Table(header, table, caption, text=3))])]
+    return Section("How sure is it?", [together(said), Table(header, rows, caption, text=3)])
 
 
 def effective_section(folder: RunFolder) -> Section:
@@ -150,7 +184,7 @@ def effective_section(folder: RunFolder) -> Section:
         f"{each.iloc[0]}."
         for name, each in rows.groupby("solver").differences
     ]
-    said = "Adapters read back what an engine will use: stiffness, damping, restitution, step."
+    said = "Stiffness, damping, restitution and step of an engine are read back after they were set."
     return Section(
         "Requested and effective",
         [said, *(found or ["All are as requested, to the engines' own precision."])],
@@ -163,7 +197,6 @@ def unsolved_section(summary: Summary) -> Section:
     reasons = summary.reasons.head(_REASONS).to_numpy().tolist()
     more = len(summary.reasons) - len(reasons)
     blocks: list[Block] = [
-        findings.counted(summary),
         Table(
             ["solver", *statuses],
             [(name, *row) for name, row in statuses.iterrows()],
@@ -191,7 +224,8 @@ def unsolved_section(summary: Summary) -> Section:
 
 def glossary_section(summary: Summary) -> Section:
     """Say what words mean, and what solvers are called in tables and commands."""
-    rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY]
+    pair = summary.config.column is None
+    rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY if pair or not word.startswith("S1")]
     names = [(named(name), name) for name in summary.config.solvers]
     tables = [
         Table(["word", "meaning"], rows, text=2),
@@ -228,11 +262,12 @@ def provenance_section(folder: RunFolder) -> Section:
 
 def found(captions: Captions, *findings: tuple[str, Sequence[Text | str], str]) -> list[Block]:
     """Return findings, each a question, sentences and the name of a picture; those without a sentence are left out."""
-    return [
-        Section(title, [each for each in (*said, *figure(captions, name)) if str(each)], beside=True)
-        for title, said, name in findings
-        if said
-    ]
+    sections: list[Block] = []
+    for title, sentences, name in findings:
+        said, picture = [each for each in sentences if str(each)], figure(captions, name)
+        if said:
+            sections.append(Section(title, [*said, *picture], beside=bool(picture)))
+    return sections
 
 
 def why(summary: Summary) -> list[Text]:
@@ -255,19 +290,18 @@ def code(text: str) -> Markup:
 
 def steps_of(summary: Summary, steps: Mapping[str, float]) -> Text:
     """Say which step keeps the error of engines small."""
-    by_solver = summary.estimates.set_index("solver")
-    sentences = []
-    for name, step in steps.items():
-        row = by_solver.loc[name]
-        sentences.append(
-            say(
-                "{solver} at {f} of the period is off by {median} |v0| (median; 95 %: {p95}); an error "
-                "below 1 % in 95 % of the cells takes about {n} steps a period. ",
-                solver=named(name),
-                f=number(summary.config.step_fraction),
-                median=Value(row.step_median, f"{name} step median"),
-                p95=Value(row.step_p95, f"{name} step p95"),
-                n=Value(1 / step, f"{name} steps a period"),
-            )
+    by_solver, f = summary.estimates.set_index("solver"), summary.config.step_fraction
+    return together(
+        say(
+            "At {run} steps a period {solver} is off by {median} |v0| (median; 95 % of the cells: less "
+            "than {p95}); for an error below {accepted} |v0| in 95 % of the cells take about {n} "
+            "(extrapolated).",
+            run=number(1 / f),
+            solver=named(name),
+            median=Value(by_solver.step_median[name], f"{name} step median"),
+            p95=Value(by_solver.step_p95[name], f"{name} step p95"),
+            accepted=ACCEPTED,
+            n=Value(1 / step, f"{name} steps a period"),
         )
-    return Text(tuple(sentences))
+        for name, step in steps.items()
+    )

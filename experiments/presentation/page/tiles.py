@@ -1,4 +1,4 @@
-"""The map of a run whose tiles open: k2/k1 by the other axes, bounded in number whatever the grid."""
+"""The map of a run whose tiles open: k2/k1, or the number of balls, by other axes, bounded in number."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.measures.aggregates import Compared, Levels, levels_of
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.experiments.tables.parquet import column
+from impact_xval.experiments.tables.parquet import column, texts
 
 #: Tiles of a map at most: what a browser draws at once, and a page has room for.
 TILES = 1000
@@ -19,7 +20,8 @@ TILES = 1000
 #: An axis with more levels than this is put into bins, where the map has no room for them.
 _FEW = 24
 
-_ACROSS = "stiffness_ratio"
+#: How a reader knows an axis.
+LABELS = AXES | COLUMN_AXES
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +30,12 @@ class Tiles:
 
     Attributes
     ----------
+    along : str
+        The axis along the map.
     up : tuple of str
-        The axes along the map's side, beside k2/k1; over the others is the median.
+        The axes along its side.
+    rest : tuple of str
+        The other axes with several values: over them is the median.
     across_labels, up_labels : list of str
         Of the columns and the rows of the map, in their order.
     across, above : list of int
@@ -42,7 +48,9 @@ class Tiles:
         Of the run.
     """
 
+    along: str
     up: tuple[str, ...]
+    rest: tuple[str, ...]
     across_labels: list[str]
     up_labels: list[str]
     across: list[int]
@@ -55,21 +63,22 @@ class Tiles:
 def tiles_of(table: Compared) -> Tiles:
     """Lay the compared cells of a run out as a map.
 
-    As many axes as there is room for stand beside k2/k1, in the order m2/m1, e1, e2: with all three a tile of a grid is
-    one cell.
+    As many axes as there is room for stand up the side, in the order of the tables: with all of them a tile is one
+    cell of a grid. Of columns those that have several values in every cell.
     """
-    levels = {axis: _sorted(table.levels[axis]) for axis in AXES}
-    up = [name for name in AXES if name != _ACROSS]
-    while len(up) > 1 and math.prod(len(levels[axis].values) for axis in (_ACROSS, *up)) > TILES:
+    levels = {axis: _sorted(each) for axis, each in table.levels.items()}
+    along, *up = levels
+    if along == "balls":
+        up = [axis for axis in up if len(levels[axis].values) > 1 and table.rows[axis].notna().all()]
+        up = up or ["arrangement"]
+    while len(up) > 1 and math.prod(len(levels[axis].values) for axis in (along, *up)) > TILES:
         up.pop()
-    axes = (_ACROSS, *up)
+    axes = (along, *up)
     if math.prod(len(levels[axis].values) for axis in axes) > TILES:
         few = {axis: _coarse(table, axis) for axis in axes if len(levels[axis].values) > _FEW}
         levels |= few
     shape = tuple(len(levels[axis].values) for axis in axes)
-    where = np.ravel_multi_index(
-        [levels[axis].codes(np.array(column(table.path, axis))) for axis in axes], shape
-    )
+    where = np.ravel_multi_index([levels[axis].codes(_values(table, axis)) for axis in axes], shape)
     cell = column(table.path, "cell").astype(np.int64)
     d = table.measure("velocity_divergence")
     regular = table.regular
@@ -82,10 +91,12 @@ def tiles_of(table: Compared) -> Tiles:
     rows, above = np.unique(np.ravel_multi_index(places[1:], shape[1:]), return_inverse=True)
     values = np.array(np.unravel_index(rows, shape[1:])).T
     return Tiles(
+        along=along,
         up=tuple(up),
-        across_labels=[number(value) for value in levels[_ACROSS].values],
+        rest=tuple(axis for axis, each in levels.items() if axis not in axes and len(each.values) > 1),
+        across_labels=[number(value) for value in levels[along].values],
         up_labels=[
-            " · ".join(number(levels[axis].values[code]) for axis, code in zip(up, row, strict=True))
+            " · ".join(_label(levels[axis].values[code]) for axis, code in zip(up, row, strict=True))
             for row in values
         ],
         across=places[0].tolist(),
@@ -99,6 +110,14 @@ def tiles_of(table: Compared) -> Tiles:
         cells=cell[order][first].tolist(),
         n_cells=len(cell) // max(1, len(table.solvers)),
     )
+
+
+def _values(table: Compared, axis: str) -> np.ndarray:
+    return texts(table.path, axis) if axis == "arrangement" else np.array(column(table.path, axis))
+
+
+def _label(value: float | str) -> str:
+    return value if isinstance(value, str) else number(value)
 
 
 def _sorted(levels: Levels) -> Levels:

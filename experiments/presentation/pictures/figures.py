@@ -31,7 +31,7 @@ _FLOOR = 1e-6
 
 _LEFT_OUT = "Marked cells (beside a jump) are left out."
 
-_MEDIANS = "Markers: medians over all other axes; bars: 5th to 95th percentile, side by side for legibility."
+_MEDIANS = "Markers: medians over all other axes; bars: 5th to 95th percentile; solvers stand side by side."
 
 #: What is drawn over k2/k1, or of columns over the number of balls: name, measure, label and the caption's beginning.
 _MEASURES = (
@@ -39,15 +39,15 @@ _MEASURES = (
         "divergence",
         "velocity_divergence",
         "velocity divergence D (-)",
-        "Velocity divergence D of each solver from the model over {over}. D = sqrt(sum m_i dv_i^2/sum m_i "
-        f"v_i0^2), dimensionless; values below {number(_FLOOR)} are drawn there.",
+        "Velocity divergence D of each solver from the model over {over}. {medians} D = sqrt(sum m_i "
+        f"dv_i^2/sum m_i v_i0^2), dimensionless; values below {number(_FLOOR)} are drawn there.",
     ),
     (
         "energy",
         "dretained_energy",
         "retained energy, solver minus model (-)",
         "Difference of the fraction of kinetic energy that is left after the collision, solver minus "
-        "model, over {over}. Above zero the solver dissipates less than the model.",
+        "model, over {over}. {medians} Above zero the solver dissipates less than the model.",
     ),
 )
 
@@ -75,15 +75,16 @@ def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[tuple[str, Figure
         votes, values = one_vote(solvers), levels["stiffness_ratio"]
         for name, measure, label, caption in _MEASURES:
             figure = _over(rows, solvers, "stiffness_ratio", measure, label, values)
-            said = caption.format(over="the stiffness ratio k2/k1")
-            yield f"{name}-by-stiffness", figure, f"{said} {_MEDIANS} {_LEFT_OUT} {votes}".strip()
+            said = caption.format(over="the stiffness ratio k2/k1", medians=_MEDIANS)
+            yield f"{name}-by-stiffness", figure, f"{said} {_LEFT_OUT} {votes}".strip()
         yield (
             "state-paths",
             _state_paths(rows, solvers, values),
             (
                 "Share of cells in which a solver passes through the same contact states (S1 both contacts "
                 "active, S2 ball on table, S3 ball on ball, S4 none) as the model, over the stiffness "
-                "ratio k2/k1, of the cells in which the model took no limit (its path ends there). "
+                "ratio k2/k1, of the cells in which the model needed no limiting case. Widths only keep "
+                "overlaps visible. "
                 f"{_LEFT_OUT} {votes}"
             ).strip(),
         )
@@ -126,8 +127,8 @@ def draw_columns(folder: RunFolder, summary: Summary) -> Iterator[tuple[str, Fig
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
     for name, measure, label, caption in _MEASURES if solvers else ():
         figure = _over(rows, solvers, "balls", measure, label, sorted(set(rows.balls)), "arrangement")
-        said = caption.format(over="the number of balls N, a panel an arrangement")
-        yield f"{name}-by-balls", figure, f"{said} {_MEDIANS} {_LEFT_OUT} {one_vote(solvers)}".strip()
+        said = caption.format(over="the number of balls N, a panel an arrangement", medians=_MEDIANS)
+        yield f"{name}-by-balls", figure, f"{said} {_LEFT_OUT} {one_vote(solvers)}".strip()
     yield from draw_ladders(summary.ladder)
     yield from draw_velocities(curves, summary.config)
     yield from draw_wave(curves, summary.config)

@@ -63,14 +63,14 @@ def draw_ladders(ladder: LadderSummary) -> Iterator[tuple[str, Figure, str]]:
 def _stacks_caption(over: str, orders: str) -> str:
     causes = "dissipation law and gravity" if orders == "six" else "and dissipation law"
     return (
-        f"What the mean velocity divergence D of each engine consists of, over {over}. Each cause is a "
-        "difference of velocities made by one change on the way from the model to the engine; drawn is the "
-        "mean of its component along the whole difference, in the kinetic norm. The components of a cell "
-        "sum to its D: the bars, those below zero subtracted, sum to the mean D (black line). Below zero: "
-        f"a cause that takes the engine back towards the model. Whiskers: frozen positions, {causes} can be "
-        f"changed in {orders} orders; a bar is the mean over them, and its whisker reaches from where it "
-        "ends by the order that gives least to where by the one that gives most. D = sqrt(sum m_i "
-        "dv_i^2/sum m_i v_i0^2), dimensionless; marked cells (beside a jump) are left out."
+        f"What the mean velocity divergence D of each engine consists of, over {over}. Line: mean D; bars "
+        f"below zero: causes that take the engine back towards the model; whiskers: the range over {orders} "
+        "orders of the causes. Each cause is a difference of velocities made by one change on the way from "
+        "the model to the engine; drawn is the mean of its component along the whole difference, in the "
+        f"kinetic norm. The components of a cell sum to its D. Frozen positions, {causes} can be changed in "
+        f"{orders} orders; a bar is the mean over them, and its whisker reaches from where it ends by the "
+        "order that gives least to where by the one that gives most. D = sqrt(sum m_i dv_i^2/sum m_i "
+        "v_i0^2), dimensionless; marked cells (beside a jump) are left out."
     )
 
 

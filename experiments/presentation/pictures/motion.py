@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -11,15 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup, escape
-from matplotlib.animation import FuncAnimation
+from markupsafe import Markup
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 from PIL import Image
 
-from impact_xval.experiments.presentation.html import page_of
+from impact_xval.experiments.presentation.html import page_of, render
 from impact_xval.experiments.presentation.pictures.history import Floats, History
 from impact_xval.experiments.presentation.pictures.one import at
 from impact_xval.experiments.presentation.style import drawing
@@ -36,14 +34,11 @@ _CLOCK = (
     "The model has no time: its clock is how long its forces F = sqrt(2 k E) take to pass on its impulses."
 )
 
-#: What is written, by the suffix of the file.
-SUFFIXES = (".gif", ".html", ".mp4")
-
 #: Pictures of a collision, and pictures a second.
 FRAMES, RATE = 100, 10
 
 _DPI = 100
-#: Colours of a picture, but in a film.
+#: Colours of a picture.
 _COLORS = 64
 
 #: Colours of contacts 1 and 2, those of the states in which they act alone.
@@ -56,19 +51,6 @@ _SPRING, _COMPRESSED = 0.6, 0.8
 _RADIUS, _SMALL, _RISE = 0.45, 0.16, 0.7
 #: Length of the arrow of abs(v0), and of the bar of the largest force.
 _ARROW, _BAR = 0.7, 0.75
-
-#: What the controls of matplotlib's player show in place of the icons that it would fetch from the network.
-_ICONS = {
-    "minus": "\N{MINUS SIGN}",
-    "fast-backward": "|\N{BLACK LEFT-POINTING TRIANGLE}",
-    "step-backward": "\N{SINGLE LEFT-POINTING ANGLE QUOTATION MARK}",
-    "play fa-flip-horizontal": "\N{BLACK LEFT-POINTING TRIANGLE}",
-    "pause": "||",
-    "play": "\N{BLACK RIGHT-POINTING TRIANGLE}",
-    "step-forward": "\N{SINGLE RIGHT-POINTING ANGLE QUOTATION MARK}",
-    "fast-forward": "\N{BLACK RIGHT-POINTING TRIANGLE}|",
-    "plus": "+",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,8 +86,8 @@ class Motion:
         c, slower = self.collision, number(FRAMES / RATE / seconds, 2)
         gravity = ", in which the model has no gravity" if self.scenario == "drop" else ""
         return (
-            f"{at(c)}, scenario {self.scenario}{gravity}; {slower} times slower than at m1 = {number(c.m1)} "
-            f"kg, k1 = {number(c.k1)} N/m. Balls and springs show heights with compressions enlarged, a "
+            f"{self.title()}: {at(c)}, scenario {self.scenario}{gravity}; {slower} times slower than at m1 = "
+            f"{number(c.m1)} kg, k1 = {number(c.k1)} N/m. Balls and springs show heights with compressions enlarged, a "
             "grey spring carries no force; arrows are velocities, bars the forces of contact 1 (ball on "
             "ball) and contact 2 (ball on table) per |v0| sqrt(m1 k1), which stand over time below. "
             f"{_CLOCK} The model's heights are those that its velocities imply. Where its balls still "
@@ -249,28 +231,15 @@ def _set_up(figure: Figure, motion: Motion) -> tuple[list[Scene], list[Any]]:
 
 
 def player_of(motion: Motion) -> Markup:
-    """Make HTML of a motion that needs nothing else: its pictures, with matplotlib's player.
+    """Make HTML that plays a motion and needs nothing else."""
 
-    The player would fetch a style sheet for its icons, whose place letters take, and keep every picture in three times
-    its bytes: it is made of blank ones, in the place of which pictures of few colours are put.
-    """
-    pictures = iter(_in_few_colors(frames_of(motion)))
-    blank = FuncAnimation(Figure(figsize=(0.1, 0.1)), lambda frame: [], frames=FRAMES, interval=1000 / RATE)
-    html = blank.to_jshtml(fps=RATE, embed_frames=True, default_mode="loop")
+    def png(picture: Image.Image) -> str:
+        file = BytesIO()
+        picture.save(file, "PNG", optimize=True)
+        return base64.b64encode(file.getvalue()).decode("ascii")
 
-    def picture(_: re.Match[str]) -> str:
-        png = BytesIO()
-        next(pictures).save(png, "PNG", optimize=True)
-        return base64.b64encode(png.getvalue()).decode("ascii")
-
-    html = re.sub(r"(?<=data:image/png;base64,)[^\"]+", picture, html)
-    html = re.sub(r"<link\b[^>]*>", "", html)
-    # What a screen reader says of the picture and of the slider.
-    picture_is = f' alt="{escape(motion.title())}"'
-    slider_is = ' aria-label="Picture that is shown"'
-    html = re.sub(r"<img\b", lambda tag: tag[0] + picture_is, html)
-    html = re.sub(r'<input(?=[^>]*type="range")', lambda tag: tag[0] + slider_is, html)
-    return Markup(re.sub(r'<i class="fa fa-([^"]*)"></i>', lambda icon: _ICONS.get(icon[1], icon[1]), html))
+    pictures = list(map(png, _in_few_colors(frames_of(motion))))
+    return render("player.html.j2", title=motion.title(), pictures=pictures, pause=1000 // RATE)
 
 
 def _in_few_colors(frames: Iterable[Pixels]) -> list[Image.Image]:

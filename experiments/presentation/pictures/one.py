@@ -21,9 +21,6 @@ from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 from impact_xval.model.collision import Path as Way
 
-#: What is written, by the suffix of the file.
-SUFFIXES = (".png", ".svg", ".pdf")
-
 
 @dataclass(frozen=True, slots=True)
 class Drawn:

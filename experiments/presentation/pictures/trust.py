@@ -191,7 +191,7 @@ def _caption(trust: TrustMap, most: int) -> str:
 
 def _figure(trust: TrustMap) -> Figure:
     rows = len(trust.engines)
-    with drawing(7.4, 1.5 + 1.75 * rows) as figure:
+    with drawing(7.4, 1.4 + 1.45 * rows) as figure:
         axes = figure.subplots(rows, 3, sharex=True, sharey=True, squeeze=False)
         titles = (
             "median cell is within",
@@ -219,7 +219,7 @@ def _figure(trust: TrustMap) -> Figure:
             (axes[0, 0].yaxis, trust.mass_ratio, 6),
         ):
             step = max(1, -(-(len(values) - 1) // (most - 1)))
-            axis.set_ticks(range(0, len(values), step), [number(v, 2) for v in values[::step]])
+            axis.set_ticks(range(0, len(values), step), [number(v, 3) for v in values[::step]])
         for ax in axes[-1]:
             ax.set_xlabel("k2/k1 (-)")
         names = [*(f"D up to {100 * level:g} %" for level in LEVELS), f"D above {100 * LEVELS[-1]:g} %"]

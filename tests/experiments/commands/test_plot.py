@@ -26,6 +26,7 @@ def test_a_gif_shows_every_picture_and_its_caption_says_what_the_clock_is(tmp_pa
         picture.seek(FRAMES // 2)
         assert np.abs(np.asarray(picture.convert("RGB"), int) - first).max() > 100  # something moves
     said = " ".join(capsys.readouterr().err.split())
+    assert "the model and exact Kelvin-Voigt: k2/k1 = " in said
     assert "The model has no time: its clock is how long its forces" in said
 
 

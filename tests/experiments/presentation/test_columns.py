@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -9,8 +10,10 @@ import pytest
 
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.experiment import load_config
-from impact_xval.experiments.measures.summary import summarise
+from impact_xval.experiments.measures.summary import load_divergence, summarise
 from impact_xval.experiments.presentation.findings import asked
+from impact_xval.experiments.presentation.page.opened import opened_cells
+from impact_xval.experiments.presentation.page.tiles import tiles_of
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished
@@ -65,6 +68,29 @@ def test_the_page_shows_it(root):
     assert not re.search(r"\bnan\b", re.sub(r"base64,[^\"]*", "", page))
 
 
+def test_its_columns_open_with_what_the_tables_hold(root, monkeypatch, capsys):
+    rows = pq.read_table(root / "cells.parquet").to_pandas().set_index(["cell", "solver"])
+    tiles = tiles_of(load_divergence(finished(root), finished(root).config()))
+    assert (tiles.along, tiles.up) == ("balls", ("arrangement", "e", "exponent"))
+    assert sorted(tiles.cells) == list(range(24))
+    opened = opened_cells(finished(root), [0, 9])
+    for number, cell in opened.items():
+        for result in cell["results"]:
+            stored = rows.loc[(number, result["solver"])]
+            assert result["velocities"] == [
+                None if np.isnan(stored[f"v{i}"]) else stored[f"v{i}"]
+                for i in range(1, 1 + int(stored.balls))
+            ]
+    monkeypatch.chdir(root.parent)
+    show, solve = (shlex.split(command)[1:] for _, command in opened[0]["commands"])
+    assert main(show) == 0, capsys.readouterr().err
+    capsys.readouterr()
+    assert main([*solve, "--solver", "kelvin-voigt", "--json"]) == 0
+    found = {row["solver"]: row["velocities"] for row in json.loads(capsys.readouterr().out)}
+    (law,) = (each["velocities"] for each in opened[0]["results"] if each["solver"] == "kelvin-voigt")
+    assert found["kelvin-voigt"] == pytest.approx(law, abs=1e-12)
+
+
 def test_the_curves_are_of_the_column_of_the_figures(root):
     curves = {row["solver"]: row for row in pq.read_table(root / "curves.parquet").to_pylist()}
     model, law = curves["state-transition"], curves["kelvin-voigt"]
@@ -81,13 +107,23 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
         "[column]\nballs = 3\ngap = [0.0, 1e-5]\ne = [0.8, 0.9]\nstiffness_taper = 1.0\narrangement = 'cradle'\n"
     )
     folder = run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
-    ((engine, law, _),) = asked(summarise(folder))
+    ((engine, law, d),) = asked(summarise(folder))
     assert (engine, law) == ("mujoco", "kelvin-voigt")
+    assert d["max"].value < 1e-3
     assert main(["show", str(tmp_path / "run")]) == 0
     shown = capsys.readouterr().out
     for name in ("kelvin-voigt", "mujoco", "hunt-crossley"):
         (row,) = re.findall(rf"^\S+ +{name} +(\d+) .* (\d+)$", shown, flags=re.MULTILINE)
         assert row == ("2", "2")
+
+
+def test_a_run_of_columns_with_one_contact_has_a_page(tmp_path):
+    (tmp_path / "c.toml").write_text(
+        "solvers = ['kelvin-voigt']\n[column]\nballs = 2\narrangement = 'chain'\ne = [0.5, 0.9]\n"
+        "stiffness_taper = 1.0\n"
+    )
+    folder = run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
+    assert (folder.root / "report.html").is_file()
 
 
 def test_a_command_for_two_balls_refuses_it(root, capsys):

@@ -27,7 +27,7 @@ def test_it_shows_the_tables(engine_run, cells):
         assert [row["solver"] for row in cell["results"]] == list(table.loc[number].index)
         for row in cell["results"]:
             stored = table.loc[(number, row["solver"])]
-            assert (row["v1"], row["v2"]) == (stored.v1 / 2, stored.v2 / 2)
+            assert row["velocities"] == [stored.v1 / 2, stored.v2 / 2]
             assert row["d"] == d.get((number, row["solver"]))
             assert row["states"] == stored.states_compared
         assert cell["causes"] == [ladder.loc[number].sentence]
@@ -46,7 +46,7 @@ def test_curves_end_where_the_tables_do_and_the_scene_is_one(cells):
 
 def test_its_commands_can_be_pasted(engine_run, cells, monkeypatch, capsys):
     monkeypatch.chdir(engine_run.parent)
-    expected = {row["solver"]: row["v1"] for row in cells[7]["results"]}
+    expected = {row["solver"]: row["velocities"][0] for row in cells[7]["results"]}
     ladder, scene, solve, animate = (shlex.split(command)[1:] for _, command in cells[7]["commands"])
     for command in (ladder, scene):
         assert main(command) == 0, capsys.readouterr().err
