@@ -271,9 +271,9 @@ class Branches:
     uncertainty : float
         95 % half-width of that share, binomial.
     elsewhere : float
-        Share of outcomes at neither of `once` and `twice`: after more ends, or lost.
-    once, twice : float
-        Velocity after one and two ends of compression, per abs(v0).
+        Share of outcomes after neither one nor two ends of compression: after more, or lost.
+    once : float
+        Velocity after one end of compression, per abs(v0).
     """
 
     point: Point
@@ -282,7 +282,6 @@ class Branches:
     uncertainty: float
     elsewhere: float
     once: float
-    twice: float
 
     @property
     def more_ends(self) -> int:
@@ -317,4 +316,4 @@ def count_branches(point: Point, seed: int) -> Branches:
     share = float(np.mean(near[1]))
     half = 1.96 * math.sqrt(max(share * (1 - share), 0.25 / COUNT) / COUNT)
     lost = float(np.mean(~(near[0] | near[1])))
-    return Branches(point, end_share(mu, 2), share, half, lost, once, e2 * once)
+    return Branches(point, end_share(mu, 2), share, half, lost, once)

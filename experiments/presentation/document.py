@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from string import Formatter
 from typing import Any
 
@@ -74,7 +74,7 @@ class Section:
     """A part of a document with a title; a `folded` one opens on demand, and one `beside` stands beside its picture."""
 
     title: str
-    blocks: Sequence[Block] = field(default_factory=list)
+    blocks: Sequence[Block]
     folded: bool = False
     beside: bool = False
 
@@ -89,13 +89,10 @@ Block = str | Text | Table | Figure | Section | Markup
 
 
 def say(template: str, **values: Any) -> Text:
-    """Fill a sentence with values, as `str.format` does; values keep what they are."""
+    """Fill the named fields of a sentence; values keep what they are."""
     parts: list[Any] = []
-    for text, name, spec, _ in Formatter().parse(template):
-        parts.append(text)
-        if name is not None:
-            value = values[name]
-            parts.append(format(value, spec) if spec else value)
+    for text, name, _, _ in Formatter().parse(template):
+        parts += [text] if name is None else [text, values[name]]
     return Text(tuple(part if isinstance(part, Value | Text | Markup) else str(part) for part in parts))
 
 

@@ -15,7 +15,7 @@ from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.document import Block, Table, Text, Value, say, together
-from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, MEANINGS, named, one_vote
+from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, MEANINGS, begun, named, one_vote
 from impact_xval.experiments.tables.numbers import number, percent
 from impact_xval.model.collision import RESULT_STATUSES
 
@@ -195,11 +195,6 @@ def _by_region(summary: Summary, solver: str, name: str) -> list[Any]:
     return [f" The shares depend on the grid: of {LABELS[name]} ", *parts, "."] if len(parts) > 2 else []
 
 
-def _first(name: str) -> str:
-    """Begin a sentence with a name."""
-    return name[:1].upper() + name[1:]
-
-
 def unsolved(summary: Summary) -> list[str]:
     """Say of every solver without a result in some cells how many, of which status, and the most frequent reason."""
     found = []
@@ -212,7 +207,7 @@ def unsolved(summary: Summary) -> list[str]:
                 f"{n} {status}" for status, n in some.groupby("status", sort=False).n.sum().items()
             )
             found.append(
-                f"{_first(named(name))} has no result in {some.n.sum()} of {summary.n_cells} {unit_of(summary)} "
+                f"{begun(named(name))} has no result in {some.n.sum()} of {summary.n_cells} {unit_of(summary)} "
                 f"({counts}), most often: {some.reason.iloc[0]}"
             )
     return found

@@ -12,7 +12,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from impact_xval.experiments.presentation.document import Block, Section
-from impact_xval.experiments.tables.numbers import number, percent
 
 
 def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None, scripts: str = "") -> str:
@@ -25,8 +24,8 @@ def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None, scr
         What stands before the contents, and the sections.
     folder : Path, optional
         Where the figures are, as SVG; they become part of the page.
-    scripts : Markup, optional
-        Put at the end of the page.
+    scripts : str, optional
+        HTML (`Markup`), put at the end of the page.
     """
     first = next((place for place, block in enumerate(blocks) if isinstance(block, Section)), len(blocks))
 
@@ -59,5 +58,5 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {}  # in the order in which they were written
-    environment.filters |= {"kind": lambda block: type(block).__name__, "number": number, "percent": percent}
+    environment.filters["kind"] = lambda block: type(block).__name__
     return environment

@@ -38,16 +38,10 @@ def write_tables(folder: RunFolder, summary: Summary) -> None:
 def write_latex(folder: RunFolder, summary: Summary) -> Path:
     """Write the table of divergence by solver as ``summary.tex``, to be read into a document."""
     table, path = overall_table(summary), folder.root / "summary.tex"
-    frame = pd.DataFrame([list(map(str, row)) for row in table.rows], columns=list(table.header))
+    frame = pd.DataFrame(table.rows, columns=list(table.header))
     aligned = "l" * table.text + "r" * (len(table.header) - table.text)
-    frame.columns = [title.replace("%", r"\%") for title in frame.columns]
-    write_text(path, frame.map(_latex).to_latex(index=False, column_format=aligned))
+    write_text(path, frame.to_latex(index=False, escape=True, column_format=aligned))
     return path
-
-
-def _latex(text: str) -> str:
-    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    return "".join(rf"\{letter}" if letter in "&%$#_{}" else special.get(letter, letter) for letter in text)
 
 
 def write_report(folder: RunFolder, summary: Summary | None = None) -> Path:

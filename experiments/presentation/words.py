@@ -50,6 +50,11 @@ def named(solver: str) -> str:
     return _NAMES.get(solver, solver)
 
 
+def begun(sentence: str) -> str:
+    """Begin a sentence that may begin with a name."""
+    return sentence[:1].upper() + sentence[1:]
+
+
 def one_vote(solvers: Iterable[str], name: bool = True) -> str:
     """Say which solvers were asked for one law: together they are one vote on it; empty where none were."""
     groups = [group for group in by_law(solvers).values() if len(group) > 1]
@@ -57,7 +62,7 @@ def one_vote(solvers: Iterable[str], name: bool = True) -> str:
         f"{listed(map(named, group) if name else group)} were asked for one law: one vote, not {_count(group)}."
         for group in groups
     )
-    return said[:1].upper() + said[1:] if name else said
+    return begun(said) if name else said
 
 
 def _count(group: Sequence[str]) -> str:

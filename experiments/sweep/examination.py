@@ -41,14 +41,9 @@ def traps_note(config: Config, cells: Cells | None = None) -> dict[str, Any]:
     try:
         findings = _findings(solver, config, experiment_cells(config) if cells is None else cells)
     except Exception as error:  # a report must not fail for a note
-        return failed_note(f"{type(error).__name__}: {error}")
+        return {"introduction": f"{_LOOKED}, which failed: {type(error).__name__}: {error}.", "found": []}
     said = f"{_LOOKED}: " + (f"{len(findings)} traps." if findings else "no traps.")
     return {"introduction": said, "found": [str(finding) for finding in findings]}
-
-
-def failed_note(reason: str) -> dict[str, Any]:
-    """Say, as `traps_note`, that the scenes could not be examined."""
-    return {"introduction": f"{_LOOKED}, which failed: {reason}.", "found": []}
 
 
 def _findings(solver: Any, config: Config, cells: Cells) -> list[Finding]:

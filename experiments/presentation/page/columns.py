@@ -86,7 +86,6 @@ def _balls(summary: Summary, name: str) -> Text:
 def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
     """Lay out the map whose columns open, and the columns with the largest D."""
     piece, button = parts.opening(folder, summary)
-    order = summary.worst.solver.map(summary.solvers.index)
     axes = [axis for axis in COLUMN_AXES if axis != "arrangement"]
     rows = [
         (
@@ -95,7 +94,7 @@ def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
             button(row.cell),
             *(number(row[axis]) for axis in (*axes, "velocity_divergence", "largest_dv")),
         )
-        for _, row in summary.worst.loc[order.sort_values(kind="stable").index].iterrows()
+        for row in parts.worst_of(summary)
     ]
     header = [
         "solver",

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation import findings
 from impact_xval.experiments.presentation.document import Block, Section, Table, Text, Value, say
-from impact_xval.experiments.presentation.findings import compared, subjects, value_of
+from impact_xval.experiments.presentation.findings import D, compared, subjects, value_of
 from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.page import parts
 from impact_xval.experiments.presentation.page.parts import Captions, code, figure
@@ -118,16 +121,10 @@ def _found(summary: Summary, captions: Captions) -> list[Block]:
 
 def _extremes(summary: Summary, name: str) -> Text | str:
     """Say at which k2/k1 the median D is largest and smallest."""
-    values = [
-        value_of(summary, name, axis="stiffness_ratio", at=at)
-        for at in summary.levels["stiffness_ratio"].values
-    ]
-    known = [
-        (at, value)
-        for at, value in zip(summary.levels["stiffness_ratio"].values, values, strict=True)
-        if value.value == value.value
-    ]
-    low, high = min(known, key=lambda pair: pair[1].value), max(known, key=lambda pair: pair[1].value)
+    levels = summary.levels["stiffness_ratio"].values
+    values = [(at, value_of(summary, name, axis="stiffness_ratio", at=at)) for at in levels]
+    known = sorted((each for each in values if not math.isnan(each[1].value)), key=lambda each: each[1].value)
+    low, high = known[0], known[-1]
     if low[1].value == high[1].value:
         return ""
     return say(
@@ -144,16 +141,15 @@ def _extremes(summary: Summary, name: str) -> Text | str:
 
 def _order(summary: Summary, name: str) -> Text:
     """Say how often a solver passes through the states of the model, and of its own law."""
-    full = "states_equal_without_limit"
     said = say(
         "{solver} passes through the contact states of the model in {equal} of the {n} cells in which the "
         "model needed no limiting case",
         solver=named(name),
-        equal=value_of(summary, name, "mean", full),
-        n=value_of(summary, name, "n", full),
+        equal=value_of(summary, name, "mean", FULL_PATHS),
+        n=value_of(summary, name, "n", FULL_PATHS),
     )
-    own = value_of(summary, name, "mean", "states_equal_own_law")
-    if own.value != own.value:
+    own = value_of(summary, name, "mean", OWN_LAW)
+    if math.isnan(own.value):
         return Text((said, "."))
     return Text((said, say(", and through those of the exact law it was asked for in {own}.", own=own)))
 
@@ -161,15 +157,14 @@ def _order(summary: Summary, name: str) -> Text:
 def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
     """Lay out the map whose cells open, and the cells with the largest D."""
     piece, button = parts.opening(folder, summary)
-    order = summary.worst.solver.map(summary.solvers.index)
     rows = [
         (
             row["solver"],
             *((row[key] or "-") for key in ("model_states_compared", "states_compared")),
             button(row["cell"]),
-            *(number(row[key]) for key in (*AXES, "velocity_divergence", "dv1", "dv2")),
+            *(number(row[key]) for key in (*AXES, D, "dv1", "dv2")),
         )
-        for _, row in summary.worst.loc[order.sort_values(kind="stable").index].iterrows()
+        for row in parts.worst_of(summary)
     ]
     header = ["solver", "model's path", "solver's path", "cell", *AXES.values(), "D", "dv1", "dv2"]
     worst = Table(header, rows, "The cells with the largest D of every solver; velocities per |v0|", text=4)
@@ -179,7 +174,7 @@ def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
 def _matrix(summary: Summary) -> Table:
     """Lay out D between every two solvers."""
     names = [REFERENCE, *summary.solvers]
-    known = {(REFERENCE, name): summary.get(name, "velocity_divergence") for name in summary.solvers}
+    known = {(REFERENCE, name): summary.get(name, D) for name in summary.solvers}
     known |= {(row["solver"], row["other"]): row for _, row in summary.between.iterrows()}
 
     def cell(a: str, b: str) -> str | Text:
@@ -224,17 +219,16 @@ def _by_axis(summary: Summary, captions: Captions) -> Section:
 
 def _paths(summary: Summary) -> Section:
     """Tabulate how often state paths are equal."""
-    full = "states_equal_without_limit"
     levels = findings.spread(summary.levels["stiffness_ratio"].values)
     regions: list[tuple[str, tuple[str, object]]] = [
         (number(value), ("stiffness_ratio", value)) for value in levels
     ]
     rows = [
-        (label, *(percent(summary.get(name, full, *place)["mean"]) for name in summary.solvers))
+        (label, *(percent(summary.get(name, FULL_PATHS, *place)["mean"]) for name in summary.solvers))
         for label, place in [*regions, ("all", ("all", ""))]
     ]
     caption = (
-        "Share of cells whose state path equals the model's, by k2/k1, where the model took no limit; "
+        "Share of cells whose state path equals the model's, by k2/k1, where the model needed no limiting case; "
         f"every path without states held for less than {number(summary.config.shortest_state)} of the "
         "shorter contact period"
     )

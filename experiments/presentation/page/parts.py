@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,6 +26,7 @@ from impact_xval.experiments.presentation.document import (
 )
 from impact_xval.experiments.presentation.findings import (
     CUTS,
+    D,
     asked,
     count_of,
     shares,
@@ -51,10 +52,7 @@ _REASONS = 10
 _ERRORS = ("step", "error", "asked")
 
 GLOSSARY = (
-    (
-        "model",
-        "the state-transition model of Jia, Mason and Erdmann, in the plane of the two impulses, solved exactly",
-    ),
+    ("model", "the state-transition model of Jia, Mason and Erdmann, solved exactly"),
     ("S1, S2, S3, S4", "contact states: both contacts act; ball on table only; ball on ball only; none"),
     ("solver", "the model, a reference, or an engine"),
     ("reference", "a contact law followed in time without an engine, exactly or with a stated error"),
@@ -113,6 +111,12 @@ def opening(folder: RunFolder, summary: Summary) -> tuple[Markup, Callable[[int]
     piece = cells_piece(tiles, packed_cells(folder, tiles.cells), summary.config.solvers, summary.n_cells)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
     return piece, lambda cell: button.format(cell) if cell in opens else cell
+
+
+def worst_of(summary: Summary) -> Iterator[Any]:
+    """Give the cells with the largest D, as rows of the table of divergence, in the order of the solvers."""
+    order = summary.worst.solver.map(summary.solvers.index).sort_values(kind="stable").index
+    return (row for _, row in summary.worst.loc[order].iterrows())
 
 
 def causes_section(summary: Summary, captions: Captions) -> Section:
@@ -213,7 +217,7 @@ def unsolved_section(summary: Summary) -> Section:
     marked = [
         (name, int(row["n"]), *(number(row[cut]) for cut in CUTS))
         for name in summary.solvers
-        if (row := summary.get(name, "velocity_divergence", cells="marked"))["n"]
+        if (row := summary.get(name, D, cells="marked"))["n"]
     ]
     return Section(
         "Marked and unsolved",

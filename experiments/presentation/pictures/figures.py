@@ -104,7 +104,7 @@ def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[tuple[str, Figure
             )
     yield from draw_trust(trust_of(folder, summary.config))
     yield from draw_ladders(summary.ladder)
-    yield from draw_steps(folder, summary)
+    yield from draw_steps(summary)
     if len(first := curves[curves.curve == FIGURE_CELL]):
         cell = ", ".join(f"{label} = {number(first[axis].iloc[0])}" for axis, label in AXES.items())
         yield (
