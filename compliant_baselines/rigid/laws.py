@@ -17,6 +17,10 @@ impact is that of all touching contacts at once, with no positions in it. The la
   Trans. Graphics 31(4):106, 2012): while any approach, P += 2 C, with C the compression of the approaching contacts
   alone. For e < 1 we take (1 - e) times the compression of all touching contacts and e times that elastic impulse, as
   the authors' own program does (github.com/breannansmith/scisim, GRROperator.cpp). It has one e for all contacts.
+* **plastic-then-restitution**: the compression C of all touching contacts; then of those that approached before it
+  0 <= P, u+ + e u- >= 0, complementary, while the others keep C. In what follows at the same instant, e = 0 unless
+  e = 1: a contact that still touches is at rest. (The program of Rapier, is_bouncy in rapier's contact_pair.rs; the
+  order of both parts is that of Catto's soft step, box2d.org/posts/2024/02/solver2d. No paper of it is known to us.)
 
 After an impact bodies may approach again, at once (by Newton's law, where a contact parted before the impact) or after
 a flight: impacts follow one another until no contact approaches. Contacts whose gaps close at the same instant, within
@@ -73,6 +77,8 @@ class Line:
         In s.
     impacts, left : int
         Impacts so far, and how many more are followed.
+    fresh : bool
+        Whether no impact has been at this instant.
     slowest : float
         Lowest rate of approach of an impact so far, in m/s.
     points : list
@@ -89,6 +95,7 @@ class Line:
     touching: Bools = field(init=False)
     time: float = 0.0
     impacts: int = 0
+    fresh: bool = True
     slowest: float = np.inf
 
     def __post_init__(self) -> None:
@@ -137,7 +144,7 @@ class Line:
         self.impulse += impulse
         above = np.append(impulse, [] if self.table else [0.0])
         self.v = self.v + (above - np.append(0.0, above[:-1])) / self.mass
-        self.impacts, self.left = self.impacts + 1, self.left - 1
+        self.impacts, self.left, self.fresh = self.impacts + 1, self.left - 1, False
         self.points.append((self.time, self.v.copy(), self.impulse.copy(), impulse > 0))
 
     def fly(self) -> bool:
@@ -151,7 +158,7 @@ class Line:
         first = int(times.argmin())
         self.time += times[first]
         self.gaps = self.gaps + u * times[first]
-        self.gaps[first] = 0.0
+        self.gaps[first], self.fresh = 0.0, True
         self.touching = self.gaps <= self.smallest
         return True
 
@@ -194,6 +201,15 @@ def reflection(line: Line) -> None:
     line.strike((1 - e) * plastic + e * elastic)
 
 
+def plastic_first(line: Line) -> None:
+    """Apply the plastic impact of all touching contacts, then the restitution of those that approached."""
+    before, among = line.u, line.approaching()
+    e = line.e if line.fresh else np.where(line.e < 1, 0.0, line.e)
+    plastic = line.complementary(before, line.touching)
+    others = np.where(among, 0.0, plastic)
+    line.strike(others + line.complementary((1 + e) * before + line.after(others), among))
+
+
 def _single(line: Line, place: int) -> None:
     i = np.flatnonzero(line.approaching())[place]
     impulse = np.zeros(line.e.size)
@@ -217,6 +233,7 @@ LAWS: dict[str, Callable[[Line], None]] = {
     "sequential-top": topmost,
     "sequential-bottom": lowest,
     "generalised-reflection": reflection,
+    "plastic-then-restitution": plastic_first,
 }
 
 

@@ -90,3 +90,9 @@ class GeneralisedReflection(RigidLaw):
     """The generalised reflections of Smith et al. (2012); one e for all contacts."""
 
     name = law = "generalised-reflection"
+
+
+class PlasticThenRestitution(RigidLaw):
+    """The plastic impact of all touching contacts, then the restitution of those that approached."""
+
+    name = law = "plastic-then-restitution"

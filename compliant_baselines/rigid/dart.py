@@ -1,0 +1,92 @@
+"""DART: one boxed LCP for all contacts of a step (Dantzig's method), in double precision.
+
+The restitution of a contact is the product of the coefficients of its two shapes: e below a ball, 1 on what it meets.
+Each ball slides along a joint. Split impulses keep the correction of overlaps out of velocities.
+
+What is measured (6.20): a contact is softer by 1e-5, so that a rebound is slower by (1 + e) 1e-5 of the approach; no
+contact whose rebound were `SLOWEST` or less rebounds; in a stack the solution is iterated, and not to the end.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from impact_xval.compliant_baselines.engines.packages import import_quietly
+from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
+
+#: Speed of rebound in m/s up to which it drops restitution (dart/constraint/ContactConstraint.cpp).
+SLOWEST = 0.1
+
+
+class DartWorld(RigidWorld):
+    """A world of its own."""
+
+    resolution = 1e-4
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        dart: Any = import_quietly("dartpy")
+        world, half = dart.simulation.World(), self.radius / 2
+        self._world, self._joints, lower, upper = world, [], [], []
+        world.setGravity([0, 0, 0])
+        world.setTimeStep(scene.step)
+        solver = world.getConstraintSolver()
+        solver.setCollisionDetector(dart.collision.DARTCollisionDetector())
+        solver.setSplitImpulseEnabled(True)
+
+        def add(body: Any, shape: Any, z: float, e: float) -> Any:
+            node = body.createShapeNode(shape)
+            node.setRelativeTranslation([0, 0, z])
+            node.createCollisionAspect()
+            material = node.createDynamicsAspect()
+            material.setFrictionCoeff(0)
+            material.setRestitutionCoeff(e)
+            return material
+
+        below, slide = (*scene.restitutions, 1.0), dart.dynamics.PrismaticJointProperties()
+        slide.mAxis = [0, 0, 1]
+        for mass, z, v, e in zip(scene.masses, self.centres, scene.velocities, below, strict=False):
+            skeleton = dart.dynamics.Skeleton()
+            joint, body = skeleton.createPrismaticJointAndBodyNodePair(None, slide)
+            body.setMass(mass)
+            lower.append(add(body, dart.dynamics.SphereShape(half), -half, e))
+            upper.append(add(body, dart.dynamics.SphereShape(half), half, 1.0))
+            joint.setPosition(0, z)
+            joint.setVelocity(0, v)
+            self._joints.append(joint)
+            world.addSkeleton(skeleton)
+        if scene.table:
+            skeleton = dart.dynamics.Skeleton()
+            _, body = skeleton.createWeldJointAndBodyNodePair()
+            upper.append(add(body, dart.dynamics.BoxShape([100 * half] * 3), -50 * half, 1.0))
+            world.addSkeleton(skeleton)
+        pairs = zip(lower, upper[1:], strict=False)
+        self.effective = {
+            "restitution": tuple(a.getRestitutionCoeff() * b.getRestitutionCoeff() for a, b in pairs),
+            "step": (world.getTimeStep(),),
+            "threshold": (SLOWEST,),
+        }
+
+    def step(self) -> tuple[list[float], list[float]]:
+        """Take a step."""
+        self._world.step()
+        return [j.getVelocity(0) for j in self._joints], [j.getPosition(0) for j in self._joints]
+
+
+class Dart(RigidEngine):
+    """DART."""
+
+    name, distribution, module, title = "dart", "dartpy", "dartpy", "DART"
+    way_out = "run pip install 'impact-xval[dart]'"
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Why DART cannot take a scene: where it would drop the restitution of a first impact."""
+        for i, (e, rate) in enumerate(zip(scene.restitutions, scene.rates.tolist(), strict=True), 1):
+            if 0 < e * rate <= SLOWEST:
+                return f"contact {i} would rebound at {e * rate:.3g} m/s: DART drops restitution up to {SLOWEST} m/s"
+        return super().refusal(scene)
+
+    def world(self, scene: Scene) -> DartWorld:
+        """Set a scene up."""
+        return DartWorld(scene)

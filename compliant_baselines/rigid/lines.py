@@ -1,0 +1,115 @@
+"""What adapters of rigid engines share: spheres of one size in a line, and steps that are read one by one.
+
+Contacts that touch overlap by `OVERLAP` of a radius at first, a fraction of the way of a step: most engines meet bodies
+that only just touch in another step than those that overlap, or not, and would make one impact after the other of what
+is meant to be one. Heights at t = 0 are those with the overlap. It is not pushed out: each adapter switches the
+correction of positions off.
+
+Most engines make the restitution of a contact from one number a body (their product, mean, ...). A ball is therefore two
+spheres of half its radius, one above the other: the lower one carries the contact with what is below, and the upper one
+that with what is above. Where they are, no other two can meet.
+
+Bodies that move together do so within rounding: relative velocities of up to `RigidWorld.resolution` of the fastest
+ball at the start are reported as none, or a collision would not be over until a gap has closed at 1e-17 m/s.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+
+import numpy as np
+
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, radius_of, reduced_masses
+from impact_xval.compliant_baselines.engines.world import World
+
+#: Overlap of touching bodies over the radius: 60 units in the last place of a single-precision height of four radii, a
+#: fiftieth of the way in a step of a thousandth of a period. A power of two: exact in double precision.
+OVERLAP = 2.0**-16
+
+#: Sixty-four units in the last place, in double and in single precision.
+DOUBLE, SINGLE = 2.0**-46, 2.0**-17
+
+
+class RigidWorld(World):
+    """Spheres in a line, ball 1 on top; the table's surface is at height 0.
+
+    Attributes
+    ----------
+    radius : float
+        Of the balls, in m.
+    places : ndarray, shape (N,)
+        Centres of balls that only just touch, in m; `places + heights` are those at t = 0.
+    resolution : float
+        Relative velocity, over the largest speed at the start, that is told from none.
+    """
+
+    resolution = DOUBLE
+
+    def __init__(self, scene: Scene) -> None:
+        self.radius = radius_of(scene.depth(scene.stiffnesses))
+        self._table, self._tiny = scene.table, self.resolution * scene.fastest
+        self.places = scene.places(self.radius)
+        heights = scene.start(self.radius)
+        gaps = -np.diff([*scene.heights, *([0.0] if scene.table else [])])
+        below = np.append(gaps == 0, [] if scene.table else [False])
+        self.heights = heights - OVERLAP * self.radius * np.cumsum(below[::-1])[::-1]
+
+    @property
+    def centres(self) -> list[float]:
+        """Heights of the centres at t = 0, in m."""
+        return (self.places + self.heights).tolist()
+
+    @abstractmethod
+    def step(self) -> tuple[list[float], list[float]]:
+        """Take a step; velocities in m/s and heights of the centres in m after it."""
+
+    def advance(self, n: int) -> tuple[Floats, Floats]:
+        """Take n steps."""
+        states = np.array([self.step() for _ in range(n)])
+        v = np.column_stack([states[:, 0], np.zeros(len(states))])
+        for i in range(v.shape[1] - 2 - (not self._table), -1, -1):
+            together = np.abs(v[:, i] - v[:, i + 1]) <= self._tiny
+            v[together, i] = v[together, i + 1]
+        return v[:, :-1], states[:, 1] - self.places
+
+    def weightless(self, velocities: Floats, heights: Floats) -> None:
+        """Go on without gravity: of drops, which are refused."""
+
+
+class RigidEngine(Engine):
+    """A rigid engine: restitutions are the contacts' own, stiffnesses only say how long a step is."""
+
+    kind, law = "rigid", None
+
+    #: Largest number that its precision has, and the restitutions that it takes.
+    largest = 1e30
+
+    def refusal(self, scene: Scene) -> str | None:
+        """Why it cannot take a scene: drops, and what single precision has no numbers for."""
+        if scene.gravity:
+            return f"gravity = {scene.gravity:g} m/s^2: rigid engines are run without; legal: 0"
+        numbers = (*scene.masses, *filter(None, map(abs, scene.velocities)), scene.step)
+        if not 1 / self.largest < min(numbers) <= max(numbers) < self.largest:
+            return f"masses, velocities or a step beyond {self.largest:.0e} or below its inverse, in SI units"
+        return None
+
+
+def said(value: float, asked: float) -> float:
+    """Give a number that an engine of single precision says it uses: the one asked for, if it is the nearest to it."""
+    return asked if np.float32(asked) == np.float32(value) else value
+
+
+def sweeps(scene: Scene) -> int:
+    """Count the sweeps over the contacts after which sequential impulses are converged to rounding, at most 1000.
+
+    Gauss and Seidel's method on the inverse-mass matrix of the contacts, which is symmetric and tridiagonal: its
+    spectral radius is the square of that of Jacobi's (Varga, Matrix Iterative Analysis, 1962, section 4.1).
+    """
+    reduced = np.array(reduced_masses(scene))
+    beside = np.sqrt(reduced[:-1] * reduced[1:]) / np.array(scene.masses)[1 : reduced.size]
+    radius = np.abs(np.linalg.eigvalsh(np.diag(beside, 1) + np.diag(beside, -1))).max(initial=0.0)
+    if radius**2 < 1e-16:
+        return 4
+    return 4 + (math.ceil(36.7 / -math.log(radius**2)) if radius**2 < 0.963 else 996)

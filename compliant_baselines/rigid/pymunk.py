@@ -1,0 +1,56 @@
+"""Pymunk (Chipmunk, 2-D): circles that do not turn, on a thick segment; iterated impulses in double precision.
+
+The restitution of a contact is the product of the elasticities of its two shapes: e below a ball, 1 on what it meets.
+`collision_bias` = 1 and `collision_slop` = 0 leave overlaps as they are.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any
+
+from impact_xval.compliant_baselines.engines.packages import import_quietly
+from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld, sweeps
+
+
+class PymunkWorld(RigidWorld):
+    """A space of its own."""
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        pymunk: Any = import_quietly("pymunk")
+        space = self._space = pymunk.Space()
+        space.iterations, space.collision_slop, space.collision_bias = sweeps(scene), 0, 1
+        half, self._h = self.radius / 2, scene.step
+        self._balls = [pymunk.Body(mass, inf) for mass in scene.masses]
+        lower = [pymunk.Circle(ball, half, (0, -half)) for ball in self._balls]
+        upper: list[Any] = [pymunk.Circle(ball, half, (0, half)) for ball in self._balls]
+        wide = 100 * half
+        upper.append(pymunk.Segment(space.static_body, (-wide, -half), (wide, -half), half))
+        for shape, e in zip(lower, scene.restitutions, strict=False):  # without a table the lowest meets nothing
+            shape.elasticity = e
+        for shape in upper:
+            shape.elasticity = 1.0
+        for ball, z, v in zip(self._balls, self.centres, scene.velocities, strict=True):
+            ball.position, ball.velocity = (0, z), (0, v)
+        space.add(*self._balls, *lower, *upper[: len(upper) - (not scene.table)])
+        said = [below.elasticity * above.elasticity for below, above in zip(lower, upper[1:], strict=True)]
+        self.effective = {"restitution": tuple(said[: len(scene.restitutions)])}
+
+    def step(self) -> tuple[list[float], list[float]]:
+        """Take a step."""
+        self._space.step(self._h)
+        return [ball.velocity.y for ball in self._balls], [ball.position.y for ball in self._balls]
+
+
+class Pymunk(RigidEngine):
+    """Pymunk."""
+
+    name = distribution = module = "pymunk"
+    title = "Pymunk"
+    way_out = "run pip install 'impact-xval[pymunk]'"
+
+    def world(self, scene: Scene) -> PymunkWorld:
+        """Set a scene up."""
+        return PymunkWorld(scene)
