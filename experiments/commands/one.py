@@ -14,6 +14,7 @@ from impact_xval.experiments.commands.options import (
     Json,
     Solvers,
     asked,
+    asked_by_address,
     file_to_write,
     folder_to_write,
     known_solvers,
@@ -25,6 +26,7 @@ from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
+    from impact_xval.experiments.cells.compared import Compared
     from impact_xval.experiments.presentation.pictures.history import History
     from impact_xval.experiments.tables.folder import RunFolder
     from impact_xval.model import Collision, Outcome
@@ -60,6 +62,7 @@ def solve(
     """
     from json import dumps
 
+    from impact_xval.experiments.presentation.terminal import say_waiting
     from impact_xval.experiments.sweep.one import solvers_apart
 
     if plot is not None:
@@ -72,7 +75,9 @@ def solve(
         if arranged is not None and plot is not None and plot.suffix in _FILMS:
             raise UserError(f"--plot {plot}; legal for a column: a file that ends in {', '.join(_PICTURES)}")
         points = 0 if arranged is not None else None
-        outcomes = apart.solve(collision, config, known_solvers(solver), get_solver, _say, points=points)
+        outcomes = apart.solve(
+            collision, config, known_solvers(solver), get_solver, say_waiting, points=points
+        )
     from impact_xval.experiments.cells.compared import Compared
 
     compared = Compared(collision, outcomes, arranged)
@@ -89,28 +94,22 @@ def solve(
         error_line(f"{plot}: {draw(plot, compared, config.scenario, config.gravity)}")
 
 
-def _say(line: str) -> None:
-    """Say what is waited for, on standard error."""
-    from impact_xval.experiments.presentation.terminal import COMPILING, error_line
-
-    error_line(line or COMPILING)
-
-
-def _picture(file: Path, compared: Any, scenario: str, gravity: float) -> str:
+def _picture(file: Path, compared: Compared, scenario: str, gravity: float) -> str:
     """Draw a collision into a file; its caption."""
-    from impact_xval.experiments.presentation.pictures.one import drawn_paths, write_plot
+    from impact_xval.experiments.presentation.pictures.one import caption, drawn_paths
     from impact_xval.experiments.presentation.style import save_as
 
+    try:
+        figure = compared.plot()
+    except ValueError as error:
+        raise UserError(f"--plot {file}: {error}; legal: a collision that one solves") from None
+    save_as(figure, file)
     if compared.is_column:
-        save_as(compared.plot(), file)
         return "final velocities"
-    paths = drawn_paths(compared.problem, compared.outcomes)
-    if not paths:
-        raise UserError(f"--plot {file}: no solver has a path to draw; legal: a collision that one solves")
-    return write_plot(compared.problem, paths, scenario, file)
+    return caption(compared.problem, drawn_paths(compared.problem, compared.outcomes), scenario)
 
 
-def _film(file: Path, compared: Any, scenario: str, gravity: float) -> str:
+def _film(file: Path, compared: Compared, scenario: str, gravity: float) -> str:
     """Show a collision in slow motion, the model beside the first other solver that has a path; its caption."""
     from impact_xval.experiments.config.experiment import REFERENCE
     from impact_xval.experiments.presentation.pictures.motion import Motion, write_animation
@@ -149,24 +148,21 @@ def explore(
             metavar="N", parser=whole("--port", 0, 65535), help="Port to listen at; 0: any free one."
         ),
     ] = 5006,
-    address: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Of this machine; by default for this machine alone.")
-    ] = "127.0.0.1",
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
     ] = True,
 ) -> None:
     """Move one collision by sliders in a browser.
 
-    Or one column of N balls, until Ctrl-C. The model and the exact references follow the sliders; a button runs the
-    engines. The address of the page holds the cell.
+    Two balls on a table, or a column of N, until Ctrl-C. The model and the exact references follow the sliders; a
+    button runs the engines. The address of the page holds the cell. The page is served to this machine alone.
 
     Example: impact-xval explore --no-browser
     """
-    from impact_xval.experiments.cells.serving import explorer
+    from impact_xval.experiments.cells.explorer import explorer
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
-    with explorer(address, port) as (where, serve):
+    with explorer(port, asked_by_address) as (where, serve):
         print_line(make_console(), f"{where} (Ctrl-C ends it)")
         if browser:
             import webbrowser

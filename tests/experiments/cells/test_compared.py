@@ -92,7 +92,7 @@ def test_hostile_names_and_reasons_stay_text():
     failed = Outcome.failure(HOSTILE, PLAIN, "crashed", HOSTILE)
     outcomes = {"state-transition": solve(collision), HOSTILE: failed, HOSTILE + "2": outcome(HOSTILE + "2")}
     compared = Compared(collision, outcomes)
-    shown = Shown(compared.fragment())
+    shown = Shown(compared._repr_html_())
     assert not {"script", "strong", "img"} & set(shown.tags)
     assert HOSTILE in shown.cells
     assert HOSTILE in str(compared)
