@@ -113,11 +113,11 @@ class Compared:
         Raises
         ------
         ValueError
-            If no solver has a result to draw.
+            If no solver has a path, or of a column a result, to draw.
         """
         figure = self._picture()
         if figure is None:
-            raise ValueError(f"no solver has a result to draw; statuses: {self.statuses}")
+            raise ValueError(f"no solver has a path to draw; statuses: {self.statuses}")
         return figure
 
     def _picture(self) -> Figure | None:
@@ -133,10 +133,11 @@ class Compared:
     def blocks(self) -> list[Block]:
         """Return the table of all solvers, and what there is to say of them."""
         table = self._column_table() if self.is_column else self._collision_table()
+        setup = begun(f"{arranged(self.arranged)}.") if self.arranged is not None else ""
         note = _COLUMN if self.is_column and table.rows else ""
         reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
         marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
-        blocks: list[Block] = [self._setup(), table, note, one_vote(self.outcomes), *reasons, *marks]
+        blocks: list[Block] = [setup, table, note, one_vote(self.outcomes), *reasons, *marks]
         return [block for block in blocks if block]
 
     def _repr_html_(self) -> str:
@@ -173,10 +174,6 @@ class Compared:
         """Solvers with a result, in the order of laws."""
         return [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
 
-    def _setup(self) -> str:
-        """Say how a column was set up, if it is known."""
-        return begun(f"{arranged(self.arranged)}.") if self.arranged is not None else ""
-
     def _collision_table(self) -> Table:
         away, unit = self.divergences, self.problem.units
         rows = []
@@ -186,8 +183,8 @@ class Compared:
                 if outcome.status in RESULT_STATUSES:
                     scaled = [v / unit.velocity for v in outcome.velocities]
                     scaled += [impulse / unit.impulse for impulse in outcome.impulses]
-                    d = "-" if (each := away[name]) is None else number(each)
-                    shown = [*(f"{each:.6f}" for each in scaled), d, " ".join(outcome.states)]
+                    states = " ".join(outcome.states)
+                    shown = [*(f"{each:.6f}" for each in scaled), number(away[name]), states]
                 rows.append((law, name, outcome.status, *shown))
         scaled = ("v1/|v0|", "v2/|v0|", "I1/(m1|v0|)", "I2/(m1|v0|)")
         return Table(("law", "solver", "status", *scaled, "D", "states"), rows, text=3)
@@ -256,17 +253,13 @@ def _finite(value: float | None) -> float | None:
 
 def _facts(name: str, outcome: Outcome, measures: Measures, speed: float) -> dict[str, str]:
     """Return a column of the table of a column: velocities per speed of impact, measures, number of states."""
-
-    def rough(value: float | None) -> str:
-        return number(math.nan if value is None else value, 2)
-
     return {
         "law": law_of(name) or "-",
         "status": outcome.status,
         **{f"v{i}": f"{round(v / speed, 6) + 0.0:.6f}" for i, v in enumerate(outcome.velocities, 1)},
-        "D": rough(measures.velocity_divergence),
-        "limit": rough(measures.limit_distance),
-        "error": rough(measures.limit_error),
+        "D": number(measures.velocity_divergence, 2),
+        "limit": number(measures.limit_distance, 2),
+        "error": number(measures.limit_error, 2),
         "E/E0": f"{measures.retained_energy:.6f}",
         "p/p0": f"{measures.retained_momentum:.6f}",
         "states": str(len(outcome.states)),

@@ -11,7 +11,7 @@ import contextlib
 import json
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from functools import cache, lru_cache, partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -79,30 +79,27 @@ class Cells:
             ``problem``, one line; or ``results``, HTML, and ``data`` of the charts by the name of their source.
         """
         given = parse_qsl(query, keep_blank_values=True)
-        engines = [value for key, value in given if key == "solver" and value in ENGINES]
-        asked = tuple((key, value) for key, value in given if key != "solver")
+        asked = (("cell_timeout", _PATIENCE), *(each for each in given if each[0] != "solver"))
         try:
-            cell = self._read({"cell_timeout": _PATIENCE} | dict(asked))
+            collision, arranged, _ = self._read(dict(asked))
         except (UserError, ValueError) as error:
             return {"problem": str(error)}
         outcomes = self._solve(asked, EXACT)
-        for name in engines:
-            outcomes |= self._engine(asked, (name,))
-        compared = Compared(cell[0], outcomes, cell[1])
+        for key, name in given:
+            if key == "solver" and name in ENGINES:
+                outcomes |= self._engine(asked, (name,))
+        compared = Compared(collision, outcomes, arranged)
         return {"results": _results(compared), "data": _data(compared)}
 
-    def _solve(self, asked: tuple[tuple[str, str], ...], names: Sequence[str]) -> dict[str, Outcome]:
+    def _solve(self, asked: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
         """Solve a cell by solvers of one sort, once those before it are solved."""
-        collision, arranged, config = self._read({"cell_timeout": _PATIENCE} | dict(asked))
-        engines = names != EXACT
+        collision, arranged, config = self._read(dict(asked))
+        engines, points = names != EXACT, None if arranged is None else 0
         with self._turn[engines]:
             if engines not in self._apart:
                 began = solvers_apart(ENGINES if engines else EXACT)
                 self._apart[engines] = self._ending.enter_context(began)
-            points = None if arranged is None else 0
-            return self._apart[engines].solve(
-                collision, config, names, get_solver, lambda line: None, points=points
-            )
+            return self._apart[engines].solve(collision, config, names, get_solver, lambda _: None, points)
 
 
 def _results(compared: Compared) -> str:
@@ -119,9 +116,10 @@ def _results(compared: Compared) -> str:
 def _data(compared: Compared) -> dict[str, dict[str, Any]]:
     """Return what the sources of the charts hold; a solver that has nothing to draw has empty ones."""
     collision = compared.problem
-    kinds = ("balls",) if compared.is_column else ("curve", "end")
     data: dict[str, dict[str, Any]] = {
-        f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds
+        f"{kind} {name}": {"x": [], "y": []}
+        for name in (*EXACT, *ENGINES)
+        for kind in ("balls", "curve", "end")
     }
     reach = 0.0
     for name, outcome in compared.outcomes.items():
@@ -191,22 +189,8 @@ class _Request(BaseHTTPRequestHandler):
 def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], None]]]:
     """Open the server, on this machine alone; it, and all that it started, is gone when the block ends.
 
-    Parameters
-    ----------
-    port : int
-        0 for any that is free.
-    read : callable
-        Reads the parameters of an address.
-
-    Yields
-    ------
-    str, callable
-        Where the page is; serves until it is interrupted.
-
-    Raises
-    ------
-    UserError
-        If it cannot listen there.
+    Yields where the page is, and what serves it until it is interrupted; port 0 is any that is free. A port that is
+    not is a `UserError`.
     """
     with contextlib.ExitStack() as ending:
         try:
@@ -214,7 +198,5 @@ def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], None]]
                 _Server(("127.0.0.1", port), partial(_Request, Cells(read, ending)))
             )
         except OSError as error:
-            raise UserError(
-                f"--port = {port}: {error.strerror}; legal: a port that is free (0: any)"
-            ) from None
+            raise UserError(f"--port = {port}: {error.strerror}; legal: a free one (0: any)") from None
         yield f"http://127.0.0.1:{server.server_port}/", server.serve_forever

@@ -134,14 +134,9 @@ def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]
     if config.mapping == "naive":
         again += "".join(f" --solver {name}-naive" for name in exportable_names() if name in config.solvers)
     solve = ["once more, by every solver", f"impact-xval solve {again}"]
-    if config.column is not None:
-        return [show, solve]
-    return [
-        show,
-        ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"],
-        solve,
-        ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"],
-    ]
+    scene = ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"]
+    film = ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"]
+    return [show, *([scene] if config.column is None else []), solve, film]
 
 
 def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, list[list[float]]]]:

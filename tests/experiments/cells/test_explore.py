@@ -64,7 +64,6 @@ def test_an_address_may_hold_a_column(cells):
     column = Collision((1, 2, 4), (1e8, 1e8), (0.5, 0.5), (-1, -1, 0))
     assert answer["data"]["balls state-transition"]["y"] == pytest.approx(solve(column).velocities, abs=1e-12)
     assert "A cradle of 3 balls, 2 striking" in answer["results"]
-    assert "State paths" in answer["results"]
 
 
 def test_what_is_illegal_in_an_address_is_one_line(cells):
@@ -73,10 +72,8 @@ def test_what_is_illegal_in_an_address_is_one_line(cells):
         (f"{pair}&e3=1", "'e3' is no parameter; legal: stiffness_ratio, mass_ratio, e1, e2"),
         (f"{pair}&e1=2", "--e1 = 2.0; legal: from 0 to 1"),
         (f"{pair}&e1={quote('<b>')}", "--e1 = '<b>'; legal: from 0 to 1"),
-        (f"{pair}&e1=", "--e1 = ''; legal: from 0 to 1"),
         (pair, "--e1 missing; legal: "),
         ("balls=3&e=1&arrangement=cube", "--arrangement = 'cube'; legal: 'chain', "),
-        ("balls=3&arrangement=cradle&strike=3", "--strike = 3; legal: a whole number from 1 to 2"),
     ):
         answer = cells.answer(query)
         assert [*answer] == ["problem"]
