@@ -76,7 +76,9 @@ class Motion:
     def colors(self) -> list[Any]:
         """Colours of the contacts."""
         count = len(self.collision.stiffnesses)
-        return [*CONTACT_COLORS[:count]] if count <= 2 else [*colormaps["viridis"](np.linspace(0, 0.92, count))]
+        return (
+            [*CONTACT_COLORS[:count]] if count <= 2 else [*colormaps["viridis"](np.linspace(0, 0.92, count))]
+        )
 
     def title(self) -> str:
         """Say who is shown."""
