@@ -30,6 +30,10 @@ Floats = NDArray[np.float64]
 #: together, so slowly that an engine needs most of its steps for a few collisions.
 MARGIN = 0.1
 
+#: Grazing margin below which an outcome lies beside a jump. In the limits of k2/k1 the stiff contact's ringing, which
+#: is what grazes, shrinks as the root of the contrast, and the margin with it: there it is multiplied by that root.
+GRAZING = 1e-3
+
 #: Ranges that are drawn from: m2/m1, an inelastic e, and k2/k1 of the plastic limits.
 MASS_RATIO, RESTITUTION, STIFFNESS_RATIO = (0.2, 10.0), (0.3, 0.95), (0.03, 30.0)
 

@@ -151,7 +151,8 @@ def test_a_plug_in_states_its_kind_and_law(site):
     for name in ("gone", "of a table from elsewhere"):
         assert (registry.kind_of(name), registry.law_of(name)) == ("compliant", "kelvin-voigt")
     assert voters(["toy", "gone", "kelvin-voigt"]) == ["toy", "kelvin-voigt"]
-    assert laddered(["toy", "gone", "kelvin-voigt"]) == ["gone"]  # the others have no ladder
+    config = parse_config({"solvers": ["toy", "gone", "kelvin-voigt"]})
+    assert laddered(config) == ["gone"]  # the others have no ladder
 
 
 def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, capsys):
