@@ -64,7 +64,7 @@ def show_verdicts(console: Console, results: Results) -> None:
     """Print the verdicts, a row a limit and verdict."""
     rows = []
     for (case, verdict), found in _wholes(results).groupby(["case", "verdict"], sort=False):
-        points = (f"{named(row.solver)} {_reached(row, '/')}" for row in _rows(found))
+        points = (f"{named(row.solver)} {reached(row, '/')}" for row in _rows(found))
         rows.append((case, verdict, ", ".join(points)))
     caption = f"{TITLE} Verdicts, and points at which they are reached"
     table = Table(("limit", "verdict", "solvers"), rows, caption, text=3)
@@ -119,12 +119,12 @@ def _verdicts(results: Results) -> Section:
 def _cell(row: Any) -> Markup:
     low, high = (format(end, ".2f") for end in (row.rate_low, row.rate_high))
     rate = f"r {row.rate:.2f}" + (f" ({low} to {high})" if low != high else "")
-    offsets = f"D {_span((row.offset_least, row.offset_largest))}"
+    offsets = f"D {span((row.offset_least, row.offset_largest))}"
     more = {"supported": rate, "refuted": offsets}.get(
         row.verdict, "within its error" if row.within_error else ""
     )
     close = f"from {short(row.close_from, 1)}" if row.close_from < float("inf") else "never"
-    return Markup("{}, {}<br>{}<br>{}").format(row.verdict, _reached(row), more, close)
+    return Markup("{}, {}<br>{}<br>{}").format(row.verdict, reached(row), more, close)
 
 
 def _answer(results: Results) -> Iterator[str]:
@@ -135,7 +135,7 @@ def _answer(results: Results) -> Iterator[str]:
         held = sum(one.verdict == "supported" for one in model)
         yield f"The model supports the hypothesis in {held} of {len(model)} limits."
     for one in (one for one in model if one.verdict != "supported"):
-        yield f"In {one.case} its verdict is: {one.verdict}, at {_reached(one)} points."
+        yield f"In {one.case} its verdict is: {one.verdict}, at {reached(one)} points."
     if any(one.verdict == "no limit" for one in model):
         yield (
             "There e1 = 1 and e2 < 1, and the united balls ring for ever: depending on the phase, the compression of "
@@ -162,7 +162,7 @@ def _why(results: Results) -> Section | None:
     for case in CASES:
         pair = by.get((case.key, MODEL)), by.get((case.key, LAW_IN_TIME))
         if all(pair):
-            words = tuple(f"{one.verdict}, {_reached(one)}" for one in pair)
+            words = tuple(f"{one.verdict}, {reached(one)}" for one in pair)
             why = _MECHANISM.get((pair[0].verdict, pair[1].verdict), "the verdicts show no mechanism")
             rows.append((case.key, *words, why))
     said = (
@@ -179,7 +179,7 @@ def _columns(results: Results) -> Section | None:
         return None
     design, wholes = results.config.columns, results.columns[results.columns["class"] == "all"]
     said = (
-        f"One contact of a column of {_span(design.balls)} balls becomes infinitely stiffer than all others. The same "
+        f"One contact of a column of {span(design.balls)} balls becomes infinitely stiffer than all others. The same "
         "solver solves the column in which that pair is welded: one body of the mass and momentum of both, or part "
         "of the table. Bodies that meet at first have an impact of their own, which welding leaves out."
     )
@@ -190,10 +190,10 @@ def _columns(results: Results) -> Section | None:
             named(row.solver),
             "meet" if row.meets else "one velocity",
             *(f"{n} of {row.points}" for n in (row.n_supported, row.n_refuted)),
-            _span((row.least_rate, row.largest_rate), ".2f") if row.n_supported else "-",
-            _span((row.offset_least, row.offset_largest)) if row.n_refuted else "-",
+            span((row.least_rate, row.largest_rate), ".2f") if row.n_supported else "-",
+            span((row.offset_least, row.offset_largest)) if row.n_refuted else "-",
         )
-        for row in _rows(_over_places(results).sort_values("meets", kind="stable"))
+        for row in _rows(over_places(results).sort_values("meets", kind="stable"))
     ]
     header = ("solver", "bodies at first", "supported", "refuted", "rates", "D")
     caption = "Columns over all places. D: of the limits of refuted columns, from the welded column"
@@ -201,7 +201,7 @@ def _columns(results: Results) -> Section | None:
     return Section("Columns of N balls", [said, Table(header, rows, caption, text=2), undecided])
 
 
-def _over_places(results: Results) -> pd.DataFrame:
+def over_places(results: Results) -> pd.DataFrame:
     """Count columns by solver, and by whether the bodies of the pair meet at first."""
     wholes = results.columns[results.columns["class"] == "all"]
     how = dict.fromkeys(["points", "n_supported", "n_refuted"], "sum")
@@ -213,7 +213,7 @@ def _columns_as_one(results: Results) -> str:
     """Say at how many columns a pair that has one velocity at first moves as one; empty without columns."""
     if results.columns.empty:
         return ""
-    found = _over_places(results)
+    found = over_places(results)
     said = (f"{named(row.solver)} {row.n_supported} of {row.points}" for row in _rows(found[~found.meets]))
     return f"Columns whose stiff pair has one velocity at first, and moves as one: {', '.join(said)}."
 
@@ -225,9 +225,7 @@ def _classes(results: Results) -> Section:
     for row in _rows(results.verdicts.rename(columns={"class": "kind"})):
         if row.kind != "all" and row.verdict != wholes[row.case, row.solver]:
             word = "within error" if row.within_error else row.verdict
-            together.setdefault((row.case, f"{row.kind}: {_reached(row)}", word), []).append(
-                named(row.solver)
-            )
+            together.setdefault((row.case, f"{row.kind}: {reached(row)}", word), []).append(named(row.solver))
     rows = [(*key, listed(names)) for key, names in together.items()]
     caption = "Classes of points, by which contacts are elastic, with another verdict than their limit"
     return Section(
@@ -263,11 +261,11 @@ def _method(results: Results) -> Section:
     rows = [(case.key, case.title, case.variable, case.regime, case.source) for case in CASES]
     said = [
         f"Each limit has {c.points} points of a scrambled Sobol sequence (seed {c.seed}): m2/m1 from "
-        f"{_span(cases.MASS_RATIO)}, inelastic e from {_span(cases.RESTITUTION)}, fixed shares of elastic contacts, in "
-        f"the plastic limits k2/k1 from {_span(cases.STIFFNESS_RATIO)}; none within {number(cases.MARGIN)} |v0| of a "
-        f"border between regimes. Exact solvers run at {c.per_decade} contrasts a decade from {_span(c.contrast)} "
-        f"(plastic: {_span(c.plastic_contrast)}), engines at {c.engine_per_decade} from {_span(c.engine_contrast)} "
-        f"(plastic: {_span(c.engine_plastic_contrast)}), at {number(c.step_fraction)} of the period of the stiffer "
+        f"{span(cases.MASS_RATIO)}, inelastic e from {span(cases.RESTITUTION)}, fixed shares of elastic contacts, in "
+        f"the plastic limits k2/k1 from {span(cases.STIFFNESS_RATIO)}; none within {number(cases.MARGIN)} |v0| of a "
+        f"border between regimes. Exact solvers run at {c.per_decade} contrasts a decade from {span(c.contrast)} "
+        f"(plastic: {span(c.plastic_contrast)}), engines at {c.engine_per_decade} from {span(c.engine_contrast)} "
+        f"(plastic: {span(c.engine_plastic_contrast)}), at {number(c.step_fraction)} of the period of the stiffer "
         f"contact and less, until the limit dt -> 0 is known to {number(c.tolerance)} |v0|.",
         f"The rate is the Theil-Sen slope of ln D over ln contrast in the last {number(c.fit_decades)} decades "
         f"(engines: {number(c.engine_fit_decades)}) above {number(judging.FLOOR_ERRORS)} errors of the solver; the "
@@ -290,14 +288,14 @@ def _method(results: Results) -> Section:
     return Section("Method, limits and provenance", [limits, *said], folded=True)
 
 
-def _reached(row: Any, of: str = " of ") -> str:
+def reached(row: Any, of: str = " of ") -> str:
     """Say at how many points a verdict is reached."""
     n = row.points - row.n_supported - row.n_refuted
     n = {"supported": row.n_supported, "refuted": row.n_refuted}.get(row.verdict, n)
     return f"{n}{of}{row.points}"
 
 
-def _span(values: Iterable[float], digits: str = "") -> str:
+def span(values: Iterable[float], digits: str = "") -> str:
     """Write the least and the largest of some numbers, in few digits or as a format says."""
     values = list(values)
     low, high = (format(end, digits) if digits else short(end, 2) for end in (min(values), max(values)))

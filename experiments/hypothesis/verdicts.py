@@ -5,7 +5,7 @@ Within a class of points (which contacts are elastic, `cases.pair_class`) the ve
 * `refuted` where a tenth of the points or more is: one law, one counterexample would do, a tenth is robust;
 * else `supported` where half of the points or more is, and every other one either agrees with the closed form within
   the error of its limit, or is short of results; none is refuted or fails to settle;
-* else `no limit` where half of the points or more fail to settle;
+* else `no limit` where half of the points or more have none;
 * else `undecided`, with the most frequent reason.
 
 Over the classes of a limit the worst counts, in the order refuted, no limit, undecided, supported; a class that is
@@ -23,6 +23,7 @@ import numpy as np
 import pandas as pd
 
 from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.hypothesis.config import HypothesisConfig
 from impact_xval.experiments.hypothesis.judging import judge
 from impact_xval.model.collision import RESULT_STATUSES
@@ -54,7 +55,9 @@ def judged(outcomes: pd.DataFrame, config: HypothesisConfig) -> pd.DataFrame:
             (1.0, first.mass_ratio),
             config.engine_fit_decades if is_engine(solver) else config.fit_decades,
         )
-        known = first[["class", "mass_ratio", "e1", "e2", "closed_form_v1", "closed_form_v2"]].to_dict()
+        known = first[["class", "closed_form_v1", "closed_form_v2"]].to_dict()
+        # What goes to its limit has no value here.
+        known |= {name: first[name] if series[name].nunique() == 1 else np.nan for name in AXES}
         lost = series[~series.status.isin(RESULT_STATUSES)].groupby("status").reason.agg(["size", "first"])
         rows.append(
             {
@@ -161,7 +164,7 @@ def class_verdict(points: pd.DataFrame) -> tuple[str, str]:
     supported, refuted = int(by.get("supported", 0)), int(by.get("refuted", 0))
     if refuted >= max(1, REFUTING_SHARE * n):
         return "refuted", ""
-    undecided = points[points.verdict == "undecided"]
+    undecided = points[points.verdict.isin(["undecided", "no limit"])]
     astray = undecided[~undecided.settles]
     harmless = (undecided.consistent | ~np.isfinite(undecided.offset)).all()
     if 2 * supported >= n and not refuted and astray.empty and harmless:
@@ -169,7 +172,7 @@ def class_verdict(points: pd.DataFrame) -> tuple[str, str]:
     worst = undecided if astray.empty else astray
     if worst.empty:
         return "undecided", "one point alone is refuted"
-    verdict = "no limit" if 2 * len(astray) >= n else "undecided"
+    verdict = "no limit" if 2 * int(by.get("no limit", 0)) >= n else "undecided"
     return verdict, f"{worst.reason.iloc[0]} ({len(worst)} of {n} points so)"
 
 

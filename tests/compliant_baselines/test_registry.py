@@ -14,6 +14,7 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.registry import origins
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.measures.layout import laddered
 from impact_xval.experiments.measures.summary import summarise
