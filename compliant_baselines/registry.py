@@ -57,6 +57,13 @@ class Entry:
 _EXACT, _HUNT = "references", "hunt-crossley"
 _ANCHORED, _TEXTBOOK, _LIU = "kelvin-voigt-anchored", "kelvin-voigt-textbook", "liu-zhao-brogliato"
 _MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}" for name in ("mujoco", "pybullet", "drake"))
+_RIGID_LAWS = {
+    "newton-restitution": "NewtonRestitution",
+    "poisson-restitution": "PoissonRestitution",
+    "sequential-top": "SequentialTop",
+    "sequential-bottom": "SequentialBottom",
+    "generalised-reflection": "GeneralisedReflection",
+}
 
 # In the order in which tables list the solvers; those on request after all others.
 _ENTRIES: dict[str, Entry] = {
@@ -70,6 +77,10 @@ _ENTRIES: dict[str, Entry] = {
     _TEXTBOOK: Entry(_EXACT, "TextbookKelvinVoigtSolver", "reference", _TEXTBOOK, on_request=True),
     _HUNT: Entry(_EXACT, "HuntCrossleySolver", "reference", _HUNT, on_request=True),
     _LIU: Entry(_EXACT, "LiuZhaoBrogliatoSolver", "model", _LIU, on_request=True),
+    **{
+        name: Entry("rigid.solvers", cls, "reference", name, on_request=True)
+        for name, cls in _RIGID_LAWS.items()
+    },
     "mujoco-naive": Entry(_MUJOCO, "NaiveMujoco", on_request=True, naive=True),
     "pybullet-naive": Entry(_PYBULLET, "NaivePybullet", on_request=True, naive=True),
     "drake-hunt-crossley": Entry(_DRAKE, "DrakeHuntCrossley", law=_HUNT, on_request=True),
@@ -86,6 +97,11 @@ _DESCRIPTIONS = {
     _TEXTBOOK: "spring and dashpot, exact, damped as a contact that may pull",
     _HUNT: "Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
     _LIU: "the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
+    "newton-restitution": "rigid, exact: Newton's restitution at all touching contacts at once",
+    "poisson-restitution": "rigid, exact: compression at all contacts at once, then e times its impulses",
+    "sequential-top": "rigid, exact: single impacts one after the other, the topmost first",
+    "sequential-bottom": "rigid, exact: single impacts one after the other, the lowest first",
+    "generalised-reflection": "rigid, exact: the generalised reflections of Smith et al. (2012), one e for all",
     "mujoco-naive": "MuJoCo with stiffness and damping written into its solref as they are",
     "pybullet-naive": "PyBullet with one stiffness and damping on both balls",
     "drake-hunt-crossley": "Drake in continuous time, with Hunt and Crossley's contacts",

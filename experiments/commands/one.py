@@ -14,6 +14,7 @@ from impact_xval.experiments.commands.options import (
     Json,
     Solvers,
     asked,
+    asked_by_address,
     file_to_write,
     folder_to_write,
     known_solvers,
@@ -25,12 +26,15 @@ from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
-    from impact_xval.experiments.presentation.pictures.history import History
+    from impact_xval.experiments.cells.compared import Compared
+    from impact_xval.experiments.config.experiment import Config
     from impact_xval.experiments.tables.folder import RunFolder
     from impact_xval.model import Collision, Outcome
 
 #: What is drawn, and what moves, by the suffix of the file.
 _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
+#: Points of the path of a column that moves: of many balls it is large to be sent.
+_POINTS = 4000
 
 #: Difference, per |v0|, above which a tabulated velocity is not the one that was run again.
 SAME = 1e-12
@@ -60,19 +64,21 @@ def solve(
     """
     from json import dumps
 
+    from impact_xval.experiments.presentation.terminal import say_waiting
     from impact_xval.experiments.sweep.one import solvers_apart
 
     if plot is not None:
         file_to_write("--plot", plot, (*_PICTURES, *_FILMS))
+    film = plot is not None and plot.suffix in _FILMS
     columns = typed["arrangement"] is not None or typed["balls"] is not None
     with solvers_apart(solver or (), columns=columns) as apart:
         from impact_xval.compliant_baselines.registry import get_solver
 
         collision, arranged, config = asked(typed)
-        if arranged is not None and plot is not None and plot.suffix in _FILMS:
-            raise UserError(f"--plot {plot}; legal for a column: a file that ends in {', '.join(_PICTURES)}")
-        points = 0 if arranged is not None else None
-        outcomes = apart.solve(collision, config, known_solvers(solver), get_solver, _say, points=points)
+        points = None if arranged is None else _POINTS * film
+        outcomes = apart.solve(
+            collision, config, known_solvers(solver), get_solver, say_waiting, points=points
+        )
     from impact_xval.experiments.cells.compared import Compared
 
     compared = Compared(collision, outcomes, arranged)
@@ -85,61 +91,57 @@ def solve(
     if plot is not None:
         from impact_xval.experiments.presentation.terminal import error_line
 
-        draw = _film if plot.suffix in _FILMS else _picture
-        error_line(f"{plot}: {draw(plot, compared, config.scenario, config.gravity)}")
+        error_line(f"{plot}: {(_film if film else _picture)(plot, compared, config)}")
 
 
-def _say(line: str) -> None:
-    """Say what is waited for, on standard error."""
-    from impact_xval.experiments.presentation.terminal import COMPILING, error_line
-
-    error_line(line or COMPILING)
-
-
-def _picture(file: Path, compared: Any, scenario: str, gravity: float) -> str:
+def _picture(file: Path, compared: Compared, config: Config) -> str:
     """Draw a collision into a file; its caption."""
-    from impact_xval.experiments.presentation.pictures.one import drawn_paths, write_plot
+    from impact_xval.experiments.presentation.pictures.one import caption, drawn_paths
     from impact_xval.experiments.presentation.style import save_as
 
+    try:
+        figure = compared.plot()
+    except ValueError as error:
+        raise UserError(f"--plot {file}: {error}; legal: a collision that one solves") from None
+    save_as(figure, file)
     if compared.is_column:
-        save_as(compared.plot(), file)
         return "final velocities"
-    paths = drawn_paths(compared.problem, compared.outcomes)
-    if not paths:
-        raise UserError(f"--plot {file}: no solver has a path to draw; legal: a collision that one solves")
-    return write_plot(compared.problem, paths, scenario, file)
+    return caption(compared.problem, drawn_paths(compared.problem, compared.outcomes), config.scenario)
 
 
-def _film(file: Path, compared: Any, scenario: str, gravity: float) -> str:
-    """Show a collision in slow motion, the model beside the first other solver that has a path; its caption."""
+def _film(file: Path, compared: Compared, config: Config) -> str:
+    """Show a collision in slow motion, the model beside an engine, or else another solver; its caption."""
+    from impact_xval.compliant_baselines.registry import is_engine
     from impact_xval.experiments.config.experiment import REFERENCE
+    from impact_xval.experiments.presentation.pictures.history import history_of
     from impact_xval.experiments.presentation.pictures.motion import Motion, write_animation
+    from impact_xval.experiments.presentation.pictures.one import at
     from impact_xval.experiments.presentation.terminal import at_work
+    from impact_xval.experiments.presentation.words import arranged
+    from impact_xval.model.collision import RESULT_STATUSES
 
-    collision, outcomes = compared.problem, compared.outcomes
-    weights = {REFERENCE: 0.0} | {
-        name: gravity if scenario == "drop" else 0.0 for name in outcomes if name != REFERENCE
-    }
-    histories = {name: _history(collision, outcomes[name], weight) for name, weight in weights.items()}
-    shown = {name: history for name, history in histories.items() if history is not None}
+    collision, drop, shown = compared.problem, config.scenario == "drop", {}
+    for name in sorted(compared.outcomes, key=lambda name: (name != REFERENCE, not is_engine(name))):
+        outcome = compared.outcomes[name]
+        weight = config.gravity if drop and name != REFERENCE else 0.0
+        if outcome.status in RESULT_STATUSES and outcome.path is not None:
+            history = history_of(collision, outcome.path, weight)
+            shown |= {name: history} if history is not None else {}
     if REFERENCE not in shown or len(shown) < 2:
         raise UserError(
             f"--plot {file}: needs the model and another solver with a path in finite time; legal: such a collision, "
             f"or a file that ends in {', '.join(_PICTURES)}"
         )
-    motion = Motion(collision, scenario, dict(list(shown.items())[:2]))
+    what = (
+        f"{at(collision)}, scenario {config.scenario}"
+        if compared.arranged is None
+        else arranged(compared.arranged)
+    )
+    what += ", in which the model has no gravity" if drop else ""
+    motion = Motion(collision, what, dict(list(shown.items())[:2]))
     with at_work("drawing the motion"):
         write_animation(motion, file)
     return motion.caption()
-
-
-def _history(collision: Collision, outcome: Outcome, gravity: float) -> History | None:
-    from impact_xval.experiments.presentation.pictures.history import history_of
-    from impact_xval.model.collision import RESULT_STATUSES
-
-    if outcome.status not in RESULT_STATUSES or outcome.path is None:
-        return None
-    return history_of(collision, outcome.path, gravity)
 
 
 def explore(
@@ -149,24 +151,21 @@ def explore(
             metavar="N", parser=whole("--port", 0, 65535), help="Port to listen at; 0: any free one."
         ),
     ] = 5006,
-    address: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Of this machine; by default for this machine alone.")
-    ] = "127.0.0.1",
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
     ] = True,
 ) -> None:
     """Move one collision by sliders in a browser.
 
-    Or one column of N balls, until Ctrl-C. The model and the exact references follow the sliders; a button runs the
-    engines. The address of the page holds the cell.
+    Two balls on a table, or a column of N, until Ctrl-C. The model and the exact references follow the sliders; a
+    button runs the engines. The address of the page holds the cell. The page is served to this machine alone.
 
     Example: impact-xval explore --no-browser
     """
-    from impact_xval.experiments.cells.serving import explorer
+    from impact_xval.experiments.cells.explorer import explorer
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
-    with explorer(address, port) as (where, serve):
+    with explorer(port, asked_by_address) as (where, serve):
         print_line(make_console(), f"{where} (Ctrl-C ends it)")
         if browser:
             import webbrowser

@@ -151,6 +151,14 @@ def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Co
     return _column(plain) if column else _two_balls(plain)
 
 
+def asked_by_address(parameters: Mapping[str, str]) -> tuple[Collision, Arranged | None, Config]:
+    """Make a collision of the parameters of an address, which are the options of `solve`; as `asked`."""
+    unknown = [key for key in parameters if key not in ONE]
+    if unknown:
+        raise UserError(f"{unknown[0]!r:.60} is no parameter; legal: {', '.join(ONE)}")
+    return asked(parameters)
+
+
 def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
     from impact_xval.experiments.config.cells import collision_of
     from impact_xval.experiments.config.experiment import parse_config

@@ -26,6 +26,9 @@ from impact_xval.model import Collision, Outcome, solve
 
 Floats = NDArray[np.float64]
 
+#: A `pandas.DataFrame`, of which a type checker cannot tell what a selection gives.
+Frame = Any
+
 #: Least distance from the border of a regime, in velocity per abs(v0). Beside a border the balls also move apart, or
 #: together, so slowly that an engine needs most of its steps for a few collisions.
 MARGIN = 0.1

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.hypothesis.cases import GRAZING
+from impact_xval.experiments.hypothesis.cases import GRAZING, Frame
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.model.collision import RESULT_STATUSES, Collision
 
@@ -136,7 +136,7 @@ def of_each_ball(velocities: Sequence[float], contact: int, balls: int) -> tuple
     return (*velocities[: contact + 1], *velocities[contact:])
 
 
-def column_outcomes(config: HypothesisConfig) -> pd.DataFrame:
+def column_outcomes(config: HypothesisConfig) -> Frame:
     """Solve the columns of a test by its exact solvers; a row a place, solver, column and contrast.
 
     Velocities are in m/s, the incoming ones being 1; `welded` are those of the welded column, a number a ball, and

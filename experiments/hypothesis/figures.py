@@ -36,7 +36,7 @@ CAPTION = (
 def write_figure(results: Results, folder: Path) -> str:
     """Draw it into a folder, as SVG and PDF; return its name."""
     folder.mkdir(parents=True, exist_ok=True)
-    usable = results.outcomes[results.outcomes.used & results.outcomes["class"].isin(LOSSY)]
+    usable: Any = results.outcomes[results.outcomes.used & results.outcomes["class"].isin(LOSSY)]
     with drawing(10.0, 6.0) as figure:
         axes = figure.subplots(2, 3)
         handles: dict[str, Any] = {}

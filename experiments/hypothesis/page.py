@@ -6,13 +6,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from markupsafe import Markup
 from rich.console import Console
 
 from impact_xval.compliant_baselines.registry import engine_free_names, is_engine, kind_of
 from impact_xval.experiments.hypothesis import cases, judging, verdicts
-from impact_xval.experiments.hypothesis.cases import CASES
+from impact_xval.experiments.hypothesis.cases import CASES, Frame
 from impact_xval.experiments.hypothesis.figures import CAPTION, write_figure
 from impact_xval.experiments.hypothesis.run import Results
 from impact_xval.experiments.measures.laws import voters
@@ -64,7 +63,7 @@ def show_verdicts(console: Console, results: Results) -> None:
     """Print the verdicts, a row a limit and verdict."""
     rows = []
     for (case, verdict), found in _wholes(results).groupby(["case", "verdict"], sort=False):
-        points = (f"{named(row.solver)} {reached(row, '/')}" for row in _rows(found))
+        points = (f"{named(row.solver)} {reached(row, '/')}" for row in found.itertuples())
         rows.append((case, verdict, ", ".join(points)))
     caption = f"{TITLE} Verdicts, and points at which they are reached"
     table = Table(("limit", "verdict", "solvers"), rows, caption, text=3)
@@ -93,16 +92,12 @@ def blocks_of(results: Results) -> list[Block]:
     ]
 
 
-def _wholes(results: Results) -> pd.DataFrame:
+def _wholes(results: Results) -> Frame:
     return results.verdicts[results.verdicts["class"] == "all"]
 
 
-def _rows(frame: Any) -> Any:
-    return frame.itertuples()
-
-
 def _verdicts(results: Results) -> Section:
-    found = {(row.solver, row.case): row for row in _rows(_wholes(results))}
+    found = {(row.solver, row.case): row for row in _wholes(results).itertuples()}
     rows = [(named(name), *(_cell(found[name, case.key]) for case in CASES)) for name in results.solvers]
     level = percent(verdicts.CLOSE)
     caption = (
@@ -130,7 +125,7 @@ def _cell(row: Any) -> Markup:
 def _answer(results: Results) -> Iterator[str]:
     """Say what the model does, and what all laws with positions share."""
     wholes = _wholes(results)
-    model = list(_rows(wholes[wholes.solver == MODEL]))
+    model = list(wholes[wholes.solver == MODEL].itertuples())
     if model:
         held = sum(one.verdict == "supported" for one in model)
         yield f"The model supports the hypothesis in {held} of {len(model)} limits."
@@ -157,11 +152,13 @@ def _answer(results: Results) -> Iterator[str]:
 def _why(results: Results) -> Section | None:
     """Say what makes the pair one body: what the law of the model does where positions move."""
     wholes = _wholes(results)
-    by = {(row.case, row.solver): row for row in _rows(wholes[wholes.solver.isin([MODEL, LAW_IN_TIME])])}
+    by: dict[Any, Any] = {
+        (row.case, row.solver): row for row in wholes[wholes.solver.isin([MODEL, LAW_IN_TIME])].itertuples()
+    }
     rows = []
     for case in CASES:
-        pair = by.get((case.key, MODEL)), by.get((case.key, LAW_IN_TIME))
-        if all(pair):
+        pair = [by[key] for key in ((case.key, MODEL), (case.key, LAW_IN_TIME)) if key in by]
+        if len(pair) == 2:
             words = tuple(f"{one.verdict}, {reached(one)}" for one in pair)
             why = _MECHANISM.get((pair[0].verdict, pair[1].verdict), "the verdicts show no mechanism")
             rows.append((case.key, *words, why))
@@ -193,7 +190,7 @@ def _columns(results: Results) -> Section | None:
             span((row.least_rate, row.largest_rate), ".2f") if row.n_supported else "-",
             span((row.offset_least, row.offset_largest)) if row.n_refuted else "-",
         )
-        for row in _rows(over_places(results).sort_values("meets", kind="stable"))
+        for row in over_places(results).sort_values("meets", kind="stable").itertuples()
     ]
     header = ("solver", "bodies at first", "supported", "refuted", "rates", "D")
     caption = "Columns over all places. D: of the limits of refuted columns, from the welded column"
@@ -201,7 +198,7 @@ def _columns(results: Results) -> Section | None:
     return Section("Columns of N balls", [said, Table(header, rows, caption, text=2), undecided])
 
 
-def over_places(results: Results) -> pd.DataFrame:
+def over_places(results: Results) -> Frame:
     """Count columns by solver, and by whether the bodies of the pair meet at first."""
     wholes = results.columns[results.columns["class"] == "all"]
     how = dict.fromkeys(["points", "n_supported", "n_refuted"], "sum")
@@ -214,15 +211,17 @@ def _columns_as_one(results: Results) -> str:
     if results.columns.empty:
         return ""
     found = over_places(results)
-    said = (f"{named(row.solver)} {row.n_supported} of {row.points}" for row in _rows(found[~found.meets]))
+    said = (
+        f"{named(row.solver)} {row.n_supported} of {row.points}" for row in found[~found.meets].itertuples()
+    )
     return f"Columns whose stiff pair has one velocity at first, and moves as one: {', '.join(said)}."
 
 
 def _classes(results: Results) -> Section:
     """Show which classes have another verdict than their limit."""
-    wholes = {(row.case, row.solver): row.verdict for row in _rows(_wholes(results))}
+    wholes = {(row.case, row.solver): row.verdict for row in _wholes(results).itertuples()}
     together: dict[tuple[str, str, str], list[str]] = {}
-    for row in _rows(results.verdicts.rename(columns={"class": "kind"})):
+    for row in results.verdicts.rename(columns={"class": "kind"}).itertuples():
         if row.kind != "all" and row.verdict != wholes[row.case, row.solver]:
             word = "within error" if row.within_error else row.verdict
             together.setdefault((row.case, f"{row.kind}: {reached(row)}", word), []).append(named(row.solver))
@@ -247,7 +246,7 @@ def _sureness(results: Results) -> Section:
                 f"most; {percent(within)} lie within its own error estimate."
             )
     lost = outcomes[~outcomes.status.isin(RESULT_STATUSES)].groupby(["solver", "status"], sort=False).size()
-    words = [f"{n} of {named(solver)} ({status})" for (solver, status), n in lost.items()]  # pyright: ignore
+    words = [f"{n} of {named(solver)} ({status})" for (solver, status), n in lost.items()]
     blocks.append(
         f"Of {len(outcomes)} outcomes {int(outcomes.grazing.sum())} lie beside a grazing jump and are left out of "
         f"every fit; not converged, or without a result, are {listed(words) or 'none'}."

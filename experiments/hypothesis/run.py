@@ -19,7 +19,15 @@ from impact_xval.compliant_baselines.registry import engine_free_names
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
-from impact_xval.experiments.hypothesis.cases import CASES, GRAZING, closed_form, distance, draw, pair_class
+from impact_xval.experiments.hypothesis.cases import (
+    CASES,
+    GRAZING,
+    Frame,
+    closed_form,
+    distance,
+    draw,
+    pair_class,
+)
 from impact_xval.experiments.hypothesis.columns import column_outcomes
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.experiments.hypothesis.verdicts import columns_judged, judged, verdicts
@@ -62,11 +70,11 @@ class Results:
     """
 
     config: HypothesisConfig
-    outcomes: pd.DataFrame
-    points: pd.DataFrame
-    verdicts: pd.DataFrame
-    column_outcomes: pd.DataFrame
-    columns: pd.DataFrame
+    outcomes: Frame
+    points: Frame
+    verdicts: Frame
+    column_outcomes: Frame
+    columns: Frame
     unavailable: dict[str, str]
     versions: dict[str, str]
 
@@ -134,7 +142,7 @@ def _experiment(config: HypothesisConfig, root: Path, name: str) -> Config:
     )
 
 
-def listed(config: HypothesisConfig, run: str) -> pd.DataFrame:
+def listed(config: HypothesisConfig, run: str) -> Frame:
     """List the cells of a run, a row each, with what they are cells of: limit, point, class and contrast.
 
     Contrasts vary more slowly than points: neighbours take about as many steps.
@@ -170,7 +178,7 @@ def results(config: HypothesisConfig, root: Path) -> Results:
         cells = listed(config, name)
         frames.append(rows[rows.solver.isin(solvers)].merge(cells, left_on="cell", right_index=True))
         versions |= {solver: folder.manifest()["versions"][solver] for solver in solvers}
-    found = pd.concat(frames, ignore_index=True)
+    found: Frame = pd.concat(frames, ignore_index=True)
     lost = found[found.status == "unavailable"]
     unavailable = dict(zip(lost.solver, lost.reason, strict=True))
     outcomes = _outcomes(found[~found.solver.isin(list(unavailable))], config)
@@ -197,7 +205,7 @@ _COLUMNS = [
 ]
 
 
-def _outcomes(found: pd.DataFrame, config: HypothesisConfig) -> pd.DataFrame:
+def _outcomes(found: Frame, config: HypothesisConfig) -> Frame:
     """Make the table of outcomes: engines by their limit dt -> 0, and which of all can be used."""
     at_no_step = found[_LIMITS].notna().all(axis=1)
     v = np.where(at_no_step.to_numpy()[:, None], found[_LIMITS], found[_VELOCITIES])

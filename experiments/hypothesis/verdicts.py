@@ -24,6 +24,7 @@ import pandas as pd
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.hypothesis.cases import Frame
 from impact_xval.experiments.hypothesis.config import HypothesisConfig
 from impact_xval.experiments.hypothesis.judging import judge
 from impact_xval.model.collision import RESULT_STATUSES
@@ -41,7 +42,7 @@ COLUMN_ERROR = 1e-9
 _RESAMPLES, _SEED = 2000, 2013
 
 
-def judged(outcomes: pd.DataFrame, config: HypothesisConfig) -> pd.DataFrame:
+def judged(outcomes: Frame, config: HypothesisConfig) -> Frame:
     """Judge the series of outcomes of every solver at every point of a limit; a row each."""
     rows = []
     for (case, solver, point), series in outcomes.groupby(["case", "solver", "point"], sort=False):
@@ -70,7 +71,7 @@ def judged(outcomes: pd.DataFrame, config: HypothesisConfig) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def columns_judged(outcomes: pd.DataFrame, config: HypothesisConfig) -> pd.DataFrame:
+def columns_judged(outcomes: Frame, config: HypothesisConfig) -> Frame:
     """Judge the series of outcomes of every solver and every column (`columns.column_outcomes`); a row each."""
     rows = []
     keys = ["arrangement", "stiff_contact", "meets", "solver", "column", "class"]
@@ -98,14 +99,14 @@ def _flat(judgement: dict[str, Any]) -> dict[str, Any]:
     return judgement | {"window_from": low, "window_to": high} | limit
 
 
-def _close_from(series: pd.DataFrame) -> float:
+def _close_from(series: Frame) -> float:
     """Least contrast from which on D stays within `CLOSE`, as far as the series goes; infinite if at none."""
     far = np.flatnonzero(~(series.distance.to_numpy() <= CLOSE))
     first = int(far[-1]) + 1 if far.size else 0
     return float(series.contrast.iloc[first]) if first < len(series) else np.inf
 
 
-def verdicts(points: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+def verdicts(points: Frame, keys: Sequence[str]) -> Frame:
     """Gather judgements: a row for all points that have the same keys, then one for each of their classes.
 
     Beside the verdict stand how many points there are and at how many it is reached, the median of the rates of those
@@ -135,7 +136,7 @@ def _harmless(row: dict[str, Any], classes: Sequence[dict[str, Any]]) -> bool:
     return row["within_error"] and any(other["verdict"] == "supported" for other in classes)
 
 
-def _class_row(points: pd.DataFrame) -> dict[str, Any]:
+def _class_row(points: Frame) -> dict[str, Any]:
     verdict, reason = class_verdict(points)
     supported, refuted = points[points.verdict == "supported"], points[points.verdict == "refuted"]
     quiet = (points.verdict == "supported") | (points.consistent & points.settles)
@@ -158,7 +159,7 @@ def _class_row(points: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-def class_verdict(points: pd.DataFrame) -> tuple[str, str]:
+def class_verdict(points: Frame) -> tuple[str, str]:
     """Verdict of a class, and the reason if it is undecided; the rule is in the module."""
     n, by = len(points), points.verdict.value_counts()
     supported, refuted = int(by.get("supported", 0)), int(by.get("refuted", 0))

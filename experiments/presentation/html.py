@@ -38,6 +38,12 @@ def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None, scr
     return render("page.html.j2", title=title, **facts)
 
 
+def fragment(blocks: Sequence[Block]) -> Markup:
+    """Write blocks as a piece of a page; figures of a folder are for a page alone."""
+    show = template("blocks.html.j2").make_module({"picture": None}).show  # type: ignore[attr-defined]
+    return Markup("").join(map(show, blocks))
+
+
 def render(name: str, /, **facts: Any) -> Markup:
     """Fill a template of HTML, which escapes what it is given."""
     return Markup(template(name).render(facts))

@@ -264,3 +264,8 @@ def print_line(console: Console, text: str) -> None:
 def error_line(text: str) -> None:
     """Print a line on standard error."""
     Console(stderr=True).print(f"impact-xval: {visible(text)}", markup=False, highlight=False, soft_wrap=True)
+
+
+def say_waiting(line: str) -> None:
+    """Say what is waited for, on standard error; kernels that are compiled have the empty line."""
+    error_line(line or COMPILING)

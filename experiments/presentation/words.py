@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.measures.laws import by_law
-from impact_xval.experiments.tables.numbers import listed
+from impact_xval.experiments.tables.numbers import listed, number
 
 #: The measure of divergence, in words.
 WHAT_D_IS = (
@@ -53,6 +54,17 @@ def named(solver: str) -> str:
 def begun(sentence: str) -> str:
     """Begin a sentence that may begin with a name."""
     return sentence[:1].upper() + sentence[1:]
+
+
+def arranged(column: Arranged) -> str:
+    """Say in words how a column is arranged."""
+    words = f"a {column.arrangement} of {column.balls} balls"
+    words += f", {column.striking} striking" if column.arrangement == "cradle" else ""
+    words += f", e = {number(column.e, 6)}"
+    words += f", F = k delta^{number(column.exponent, 6)}" if column.exponent != 1 else ""
+    words += f", mass taper {number(column.mass_taper, 6)}" if column.mass_taper != 1 else ""
+    words += f", stiffness taper {number(column.stiffness_taper, 6)}" if column.stiffness_taper != 1 else ""
+    return words + (f", gaps of {number(column.gap, 6)} m" if column.gap else "")
 
 
 def one_vote(solvers: Iterable[str], name: bool = True) -> str:

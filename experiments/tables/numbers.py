@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 
-def number(value: float, digits: int = 3) -> str:
+def number(value: float | None, digits: int = 3) -> str:
     """Write a number for a reader; a dash where there is none."""
     if value is None or math.isnan(value):
         return "-"

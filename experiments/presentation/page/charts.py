@@ -12,6 +12,7 @@ from bokeh.models import (
     ColumnDataSource,
     FixedTicker,
     HoverTool,
+    Legend,
     LogColorMapper,
     TapTool,
 )
@@ -55,7 +56,7 @@ def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str], numbers: int)
     shown = tiles.medians[compared[-1]] if compared else [None] * len(tiles.cells)
     axes = AXES if tiles.along in AXES else COLUMN_AXES
     rest = [label for axis, label in axes.items() if axis in tiles.rest]
-    plots = {"map": _map(tiles)} | ({"curves": _curves(solvers)} if axes is AXES else {})
+    plots = {"map": _map(tiles)} | ({"curves": curves_chart(solvers)} if axes is AXES else {})
     return render(
         "cells.html.j2",
         compared=[(name, named(name)) for name in compared],
@@ -72,8 +73,12 @@ def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str], numbers: int)
 
 def scripts() -> Markup:
     """Return what moves the page: the script of Bokeh, which is in its package, and the page's own."""
-    bokeh = Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
-    return render("moving.html.j2", bokeh=bokeh)
+    return render("moving.html.j2", bokeh=bokeh_script())
+
+
+def bokeh_script() -> Markup:
+    """Return the script of Bokeh: a page that has it asks for nothing."""
+    return Markup(Resources(mode="inline", components=["bokeh"], log_level="error").render_js())
 
 
 def _map(tiles: Tiles) -> Any:
@@ -138,37 +143,51 @@ def _hover(tiles: Tiles) -> list[tuple[str, str]]:
     return [(LABELS[tiles.along], "@column"), (" · ".join(LABELS[axis] for axis in tiles.up), "@row")]
 
 
-def _curves(solvers: Sequence[str]) -> Any:
-    """Draw empty impulse curves, a line and an end for each solver, to be filled when a cell is opened."""
+def curves_chart(solvers: Sequence[str]) -> Any:
+    """Draw empty impulse curves; the page fills ``curve SOLVER``, ``end SOLVER``, ``line l1`` and ``line l2``."""
+    plot = _chart("curves", "I1/(m1 |v0|), ball on ball (-)", "I2/(m1 |v0|), ball on table (-)")
+    for line, dash in (("l1: v1 = v2", "dashed"), ("l2: v2 = 0", "dotted")):
+        source = ColumnDataSource({"x": [], "y": []}, name=f"line {line[:2]}")
+        plot.line("x", "y", source=source, color="#808080", line_dash=dash, legend_label=line)
+    return _with_solvers(plot, solvers, "curve", "end")
+
+
+def velocities_chart(solvers: Sequence[str]) -> Any:
+    """Draw empty final velocities of the balls of a column; the page fills ``balls SOLVER``."""
+    plot = _chart("velocities", "ball, 1 on top or first", "final velocity / |v0|, up is positive (-)")
+    plot.xaxis.ticker.mantissas = [1, 2, 5]
+    plot.xaxis.ticker.min_interval = 1
+    plot.xaxis.minor_tick_line_color = None
+    return _with_solvers(plot, solvers, "balls", "balls")
+
+
+def _chart(name: str, across: str, up: str) -> Any:
     plot = figure(
         height=420,
         sizing_mode="stretch_width",
         tools="pan,wheel_zoom,box_zoom,reset",
+        active_drag=None,  # a finger on the chart scrolls the page
         active_scroll=None,
-        x_axis_label="I1/(m1 |v0|), ball on ball (-)",
-        y_axis_label="I2/(m1 |v0|), ball on table (-)",
-        name="curves",
+        x_axis_label=across,
+        y_axis_label=up,
+        name=name,
     )
-    for line, dash in (("l1: v1 = v2", "dashed"), ("l2: v2 = 0", "dotted")):
-        source = ColumnDataSource({"x": [], "y": []}, name=f"line {line[:2]}")
-        plot.line("x", "y", source=source, color="#808080", line_dash=dash, legend_label=line)
+    plot.toolbar.logo = None
+    # Within the chart it would cover a line.
+    plot.add_layout(Legend(location="top_left", ncols=2, spacing=12, label_text_font_size="11px"), "below")
+    return plot
+
+
+def _with_solvers(plot: Any, solvers: Sequence[str], lines: str, points: str) -> Any:
+    """Add a line and points for each solver; their sources have these names, with that of the solver."""
     for position, name in enumerate(solvers):
         style = look(name, position)
         dash = _DASHES.get(style.dash, "solid") if isinstance(style.dash, str) else list(style.dash[1])
-        line = ColumnDataSource({"x": [], "y": []}, name=f"curve {name}")
-        end = ColumnDataSource({"x": [], "y": []}, name=f"end {name}")
+        named_alike = {
+            each: ColumnDataSource({"x": [], "y": []}, name=f"{each} {name}") for each in (lines, points)
+        }
+        how = {"color": style.color, "legend_label": named(name)}
         width = 3 if name == REFERENCE else 2
-        plot.line(
-            "x",
-            "y",
-            source=line,
-            color=style.color,
-            line_dash=dash,
-            line_width=width,
-            legend_label=named(name),
-        )
-        plot.scatter("x", "y", source=end, color=style.color, size=9, legend_label=named(name))
-    plot.legend.location = "top_left"
-    plot.legend.label_text_font_size = "11px"
-    plot.legend.background_fill_alpha = 0.6
+        plot.line("x", "y", source=named_alike[lines], line_dash=dash, line_width=width, **how)
+        plot.scatter("x", "y", source=named_alike[points], size=9, **how)
     return plot

@@ -33,7 +33,7 @@ from impact_xval.experiments.sweep.curves import needed
 from impact_xval.experiments.sweep.rows import settings_of
 from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.model.collision import RESULT_STATUSES, Collision
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 #: Digits of an impulse of a curve: a tenth of what a screen tells apart.
 _DIGITS = 4
@@ -134,14 +134,9 @@ def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]
     if config.mapping == "naive":
         again += "".join(f" --solver {name}-naive" for name in exportable_names() if name in config.solvers)
     solve = ["once more, by every solver", f"impact-xval solve {again}"]
-    if config.column is not None:
-        return [show, solve]
-    return [
-        show,
-        ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"],
-        solve,
-        ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"],
-    ]
+    scene = ["scenes that run in the engine alone", f"impact-xval scene {run} {cell}"]
+    film = ["in slow motion", f"impact-xval solve {again} --plot cell-{cell}.html"]
+    return [show, *([scene] if config.column is None else []), solve, film]
 
 
 def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, list[list[float]]]]:
@@ -154,12 +149,18 @@ def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, l
         for curves, collision, outcome in zip(
             found, collisions, get_solver(name).solve_many(collisions, settings), strict=True
         ):
-            if outcome.status in RESULT_STATUSES and (path := outcome.path) is not None:
-                unit = collision.m1 * abs(collision.v0)
-                points = np.column_stack([path.impulse1, path.impulse2]) / unit
-                kept = points[needed(points.sum(axis=1), points)]
-                curves[name] = kept.T.round(_DIGITS).tolist()
+            if (curve := curve_of(collision, outcome)) is not None:
+                curves[name] = curve
     return found
+
+
+def curve_of(collision: Collision, outcome: Outcome) -> list[list[float]] | None:
+    """Return I1 and I2 per m1 |v0| along an impulse curve, as few points as a line needs; None without a path."""
+    path = outcome.path
+    if outcome.status not in RESULT_STATUSES or path is None:
+        return None
+    points = np.column_stack([path.impulse1, path.impulse2]) / (collision.m1 * abs(collision.v0))
+    return points[needed(points.sum(axis=1), points)].T.round(_DIGITS).tolist()
 
 
 def _scenes(config: Config, collisions: Sequence[Collision]) -> list[str | None]:

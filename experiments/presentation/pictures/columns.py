@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.style import drawing
-from impact_xval.experiments.presentation.words import named, one_vote
+from impact_xval.experiments.presentation.words import arranged, named, one_vote
 from impact_xval.experiments.tables.numbers import number
 
 #: Most panels of the wave in a row.
@@ -28,10 +28,10 @@ def draw_velocities(curves: Frame, config: Config) -> Iterator[tuple[str, Figure
     """Draw the final velocities of the column of the figures: name, figure, caption."""
     moved = curves[curves.velocities.notna()]
     if len(moved):
-        solvers = in_order_of_laws(moved.solver)
+        solvers, by_solver = in_order_of_laws(moved.solver), moved.set_index("solver").velocities
         yield (
             "velocities",
-            velocities_figure(moved, solvers),
+            velocities_figure({name: by_solver[name] for name in solvers}),
             (
                 "Final velocities of one column, ball by ball and solver beside solver, per |v0|, up is "
                 f"positive: {arranged(config.figure_column)}. {one_vote(solvers)}"
@@ -56,28 +56,16 @@ def draw_wave(curves: Frame, config: Config) -> Iterator[tuple[str, Figure, str]
         )
 
 
-def arranged(column: Any) -> str:
-    """Say in words how a column is arranged."""
-    words = f"a {column.arrangement} of {column.balls} balls"
-    words += f", {column.striking} striking" if column.arrangement == "cradle" else ""
-    words += f", e = {number(column.e, 6)}"
-    words += f", F = k delta^{number(column.exponent, 6)}" if column.exponent != 1 else ""
-    words += f", mass taper {number(column.mass_taper, 6)}" if column.mass_taper != 1 else ""
-    words += f", stiffness taper {number(column.stiffness_taper, 6)}" if column.stiffness_taper != 1 else ""
-    return words + (f", gaps of {number(column.gap, 6)} m" if column.gap else "")
-
-
-def velocities_figure(curves: Frame, solvers: list[str]) -> Figure:
-    """Draw the final velocities of one column, solver beside solver."""
-    by_solver = curves.set_index("solver").velocities
-    balls = np.arange(1, 1 + len(by_solver.iloc[0]))
+def velocities_figure(drawn: Mapping[str, Sequence[float]]) -> Figure:
+    """Draw the final velocities of one column per |v0|, solver beside solver."""
+    balls = np.arange(1, 1 + len(next(iter(drawn.values()))))
     with drawing(max(5.0, min(12.0, 1.0 + 0.9 * len(balls))) + 1.6, 3.2) as figure:
         ax = figure.subplots()
         ax.axhline(0, color="black", linewidth=0.8)
-        width = 0.8 / len(solvers)
-        for position, name in enumerate(solvers):
-            place = balls + width * (position + 0.5 - 0.5 * len(solvers))
-            ax.bar(place, by_solver[name], width, color=look(name, position).color, label=named(name))
+        width = 0.8 / len(drawn)
+        for position, (name, velocities) in enumerate(drawn.items()):
+            place = balls + width * (position + 0.5 - 0.5 * len(drawn))
+            ax.bar(place, velocities, width, color=look(name, position).color, label=named(name))
         step = max(1, len(balls) // 20)
         ax.set_xticks(balls[::step])
         ax.set_xlabel("ball, 1 at the top")

@@ -1,7 +1,7 @@
-"""A collision over time, from the path of an outcome: forces, heights and state at any instant, dimensionless.
+"""A collision over time, from the path of an outcome: forces, heights and contacts at any instant, dimensionless.
 
-**Units** are those in which m1 = k1 = 1 and v0 = -1 (`Collision.units`): time sqrt(m1/k1), impulse m1 abs(v0), force
-abs(v0) sqrt(m1 k1).
+**Units** are those of `Collision.units`, in which m1 = k1 = 1 and balls meet with 1: time sqrt(m1/k1) where contacts
+are linear, impulse m1 abs(v0), force their quotient.
 
 **The clock.** References and engines move in time. The model is stated in impulses and has no time; its path carries
 the time in which its contact forces, F = sqrt(2 k E), pass on those impulses: dI = F dt turns equation (15),
@@ -30,25 +30,25 @@ TAIL = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class History:
-    """A collision over time.
+    """A collision of N balls with C contacts over time.
 
     Attributes
     ----------
     time : ndarray, shape (n,)
         Instants since first touch, rising.
-    velocities, heights : ndarray, shape (n, 2)
-        Of B1 and B2; heights are 0 where springs are unloaded and touch.
-    impulses : ndarray, shape (n, 2)
-        Passed so far by contacts 1 and 2.
-    state : ndarray of int, shape (n,)
-        From each instant on, 1 to 4 for S1 to S4.
+    velocities, heights : ndarray, shape (n, N)
+        Of the balls; heights are 0 where springs are unloaded and touch.
+    impulses : ndarray, shape (n, C)
+        Passed so far.
+    acting : ndarray of bool, shape (n, C)
+        Which contacts act from each instant on.
     """
 
     time: Floats
     velocities: Floats
     heights: Floats
     impulses: Floats
-    state: NDArray[np.int64]
+    acting: NDArray[np.bool_]
 
     @property
     def between(self) -> Floats:
@@ -57,43 +57,46 @@ class History:
 
     @property
     def forces(self) -> Floats:
-        """Mean force of contacts 1 and 2 in every interval, shape (n - 1, 2)."""
+        """Mean force of each contact in every interval, shape (n - 1, C)."""
         return np.diff(self.impulses, axis=0) / np.diff(self.time)[:, None]
 
     @property
     def compressions(self) -> Floats:
-        """Of the springs of contacts 1 and 2, shape (n, 2); negative where the contact is open."""
-        return np.stack([self.heights[:, 1] - self.heights[:, 0], -self.heights[:, 1]], axis=1)
+        """Of the springs of the contacts, shape (n, C); negative where a contact is open."""
+        contacts = self.impulses.shape[1]
+        table = np.zeros((len(self.time), 1))
+        return np.hstack([self.heights, table])[:, 1 : 1 + contacts] - self.heights[:, :contacts]
 
     @property
     def ended(self) -> float:
         """When all impulses but `TAIL` of their sum have passed."""
-        return passed_at(self.time, self.impulses)
+        passed = self.impulses.sum(axis=1)
+        return float(self.time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
 
     def height(self, time: Floats) -> Floats:
-        """Heights at instants, shape (m, 2); after the last one bodies fly on as they do then."""
-        within = np.column_stack([np.interp(time, self.time, x) for x in self.heights.T])
-        return within + np.maximum(time - self.time[-1], 0.0)[:, None] * self.velocities[-1]
+        """Heights at instants, shape (m, N); after the last one bodies fly on as they do then."""
+        return (
+            _at(time, self.time, self.heights)
+            + np.maximum(time - self.time[-1], 0)[:, None] * self.velocities[-1]
+        )
 
     def velocity(self, time: Floats) -> Floats:
-        """Velocities at instants, shape (m, 2)."""
-        return np.column_stack([np.interp(time, self.time, v) for v in self.velocities.T])
+        """Velocities at instants, shape (m, N)."""
+        return _at(time, self.time, self.velocities)
 
     def force(self, time: Floats) -> Floats:
-        """Give forces of contacts 1 and 2 at instants, shape (m, 2); 0 after the last one."""
-        forces = np.column_stack([np.interp(time, self.between, f) for f in self.forces.T])
-        return np.where((time > self.time[-1])[:, None], 0.0, forces)
+        """Give forces of the contacts at instants, shape (m, C); 0 after the last one."""
+        return np.where((time > self.time[-1])[:, None], 0.0, _at(time, self.between, self.forces))
 
-    def state_at(self, time: Floats) -> NDArray[np.int64]:
-        """State at instants, shape (m,); S4 after the last one."""
+    def acting_at(self, time: Floats) -> NDArray[np.bool_]:
+        """Which contacts act at instants, shape (m, C); none after the last one."""
         at = np.searchsorted(self.time, time, side="right") - 1
-        return np.where(time >= self.time[-1], 4, self.state[at])
+        return self.acting[at] & (time < self.time[-1])[:, None]
 
 
-def passed_at(time: Floats, impulses: Floats) -> float:
-    """Return when all impulses but `TAIL` of their sum have passed, for impulses so far of shape (n, 2)."""
-    passed = impulses.sum(axis=1)
-    return float(time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
+def _at(time: Floats, known: Floats, values: Floats) -> Floats:
+    """Interpolate columns of values."""
+    return np.column_stack([np.interp(time, known, column) for column in values.T])
 
 
 def history_of(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
@@ -105,7 +108,7 @@ def history_of(collision: Collision, path: Path, gravity: float = 0.0) -> Histor
     path : Path
         In the units of the collision.
     gravity : float
-        In m/s^2: with it B2 begins in static equilibrium on its support.
+        In m/s^2: with it the lower one of two balls begins in static equilibrium on its support.
 
     Returns
     -------
@@ -118,10 +121,13 @@ def history_of(collision: Collision, path: Path, gravity: float = 0.0) -> Histor
         return None
     # On a border a point is given once for each state: the last of them says what follows.
     kept = np.append(np.diff(time) > 0, True)
-    time, state = time[kept], path.state[kept]
-    velocities = np.column_stack([path.v1, path.v2])[kept] / unit.velocity
-    impulses = np.column_stack([path.impulse1, path.impulse2])[kept] / unit.impulse
+    time, velocities = time[kept], path.velocities[kept] / unit.velocity
     steps = 0.5 * (velocities[1:] + velocities[:-1]) * np.diff(time)[:, None]
-    sunk = collision.m2 * gravity / collision.k2 / (unit.velocity * unit.time)
-    heights = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)]) - sunk
-    return History(time, velocities, heights, impulses, state)
+    apart = np.append(collision.gaps, [0.0] * (not collision.table))  # of each ball from the one below
+    start = np.cumsum(apart[::-1])[::-1]
+    if gravity:
+        start = start - collision.m2 * gravity / collision.k2
+    heights = np.vstack([np.zeros(len(start)), np.cumsum(steps, axis=0)]) + start / (
+        unit.velocity * unit.time
+    )
+    return History(time, velocities, heights, path.impulses[kept] / unit.impulse, path.acting[kept])

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,11 +14,10 @@ from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pictures.curves import compression_lines, impulse_labels
-from impact_xval.experiments.presentation.style import drawing, save_as
+from impact_xval.experiments.presentation.style import drawing
 from impact_xval.experiments.presentation.words import one_vote
 from impact_xval.experiments.tables.numbers import number
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
-from impact_xval.model.collision import Path as Way
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +42,7 @@ def drawn_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[s
     return found
 
 
-def _scaled(collision: Collision, path: Way) -> Drawn:
+def _scaled(collision: Collision, path: Path) -> Drawn:
     unit = collision.units
     impulses = path.impulse1 / unit.impulse, path.impulse2 / unit.impulse
     return Drawn(*impulses, path.v1 / unit.velocity, path.v2 / unit.velocity)
@@ -84,15 +82,14 @@ def draw_collision(collision: Collision, paths: Mapping[str, Drawn]) -> Figure:
     return figure
 
 
-def write_plot(collision: Collision, paths: Mapping[str, Drawn], scenario: str, path: Path) -> str:
-    """Write the figure of a collision, as the suffix of the file says, and return its caption."""
-    save_as(draw_collision(collision, paths), path)
+def caption(collision: Collision, solvers: Iterable[str], scenario: str) -> str:
+    """Say what is drawn of a collision."""
     return (
-        f"One collision by {', '.join(paths)}: {at(collision)}, scenario {scenario}. Left: ball-table "
+        f"One collision by {', '.join(solvers)}: {at(collision)}, scenario {scenario}. Left: ball-table "
         "impulse I2 over ball-ball impulse I1, with the compression lines l1 (v1 = v2) and l2 (v2 = 0, I1 "
         "= I2); markers: where each curve ends. Right: velocities over the impulse of both contacts that "
         "has passed, which serves as a clock for all of them, since the model has no time. "
-        f"{one_vote(paths)}"
+        f"{one_vote(solvers)}"
     ).strip()
 
 

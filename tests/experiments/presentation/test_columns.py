@@ -82,8 +82,10 @@ def test_its_columns_open_with_what_the_tables_hold(root, monkeypatch, capsys):
                 for i in range(1, 1 + int(stored.balls))
             ]
     monkeypatch.chdir(root.parent)
-    show, solve = (shlex.split(command)[1:] for _, command in opened[0]["commands"])
+    show, solve, film = (shlex.split(command)[1:] for _, command in opened[0]["commands"])
     assert main(show) == 0, capsys.readouterr().err
+    assert main([*film, "--solver", "kelvin-voigt"]) == 0, capsys.readouterr().err
+    assert (root.parent / film[-1]).read_text().startswith("<!doctype html>")
     capsys.readouterr()
     assert main([*solve, "--solver", "kelvin-voigt", "--json"]) == 0
     found = {row["solver"]: row["velocities"] for row in json.loads(capsys.readouterr().out)}

@@ -1,0 +1,263 @@
+r"""Rigid impact laws for N balls in a line, exact: an impact takes no time, and a contact is a restitution e alone.
+
+Contact i has the relative velocity u_i = v_i - v_{i+1} (v_N at the table, a body of inverse mass 0), which is negative
+while its bodies approach, and the impulse P_i >= 0: u+ = u- + G P, with the tridiagonal G = H M^-1 H^T, H v = u. An
+impact is that of all touching contacts at once, with no positions in it. The laws:
+
+* **newton-restitution**: 0 <= P, u+ + e u- >= 0, complementary. (Moreau, in Nonsmooth Mechanics and Applications, CISM
+  302, 1988; Glocker and Pfeiffer, Nonlinear Dynamics 7:471, 1995.) With unequal e it may create energy.
+* **poisson-restitution**: compression, 0 <= C, u- + G C >= 0, complementary; then 0 <= P - (1 + e) C, u+ >= 0,
+  complementary: e times the impulse of compression comes back, and more where bodies would pass through each other.
+  (Glocker and Pfeiffer, 1995; Anitescu and Potra, Nonlinear Dynamics 14:231, 1997.)
+* **sequential-top**, **sequential-bottom**: single impacts of two bodies, P_i = -(1 + e_i) u_i/G_ii; of the contacts
+  that touch and approach, always the topmost (lowest) is next. Engines that sweep have other orders where several
+  approach. A sequence of infinitely many impacts is followed until no rate of approach exceeds `TINY` of the largest
+  speed; what is left of a geometric sequence is of that size.
+* **generalised-reflection** (Smith, Kaufman, Vouga, Tamstorf and Grinspun, "Reflections on Simultaneous Impact", ACM
+  Trans. Graphics 31(4):106, 2012): while any approach, P += 2 C, with C the compression of the approaching contacts
+  alone. For e < 1 we take (1 - e) times the compression of all touching contacts and e times that elastic impulse, as
+  the authors' own program does (github.com/breannansmith/scisim, GRROperator.cpp). It has one e for all contacts.
+
+After an impact bodies may approach again, at once (by Newton's law, where a contact parted before the impact) or after
+a flight: impacts follow one another until no contact approaches. Contacts whose gaps close at the same instant, within
+`TINY_GAP` of the largest gap, are one impact.
+
+G is a Stieltjes matrix (its entries off the diagonal are not positive), for which the complementarity problem has one
+solution, found in at most as many linear systems as there are contacts: Chandrasekaran, Opsearch 7:263, 1970; Cottle,
+Pang and Stone, The Linear Complementarity Problem, 1992, section 4.7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+
+from impact_xval.model.collision import Collision, Floats
+
+Bools = NDArray[np.bool_]
+
+#: Relative velocity, over the largest speed at the start, below which bodies move together.
+TINY = 1e-14
+
+#: Gap, over the largest at the start, below which bodies touch.
+TINY_GAP = 1e-12
+
+#: Rate of approach over the largest speed from which on a sequence of impacts counts as one without end: single impacts
+#: of a finite sequence are not that slow.
+ENDLESS = 1e-9
+
+
+class TooManyImpactsError(RuntimeError):
+    """A collision was given up; the message says after how many impacts."""
+
+
+@dataclass
+class Line:
+    """Balls in a line, between impacts.
+
+    Attributes
+    ----------
+    mass, v : ndarray, shape (N,)
+        In kg and m/s.
+    e, gaps, impulse : ndarray, shape (C,)
+        Restitutions, gaps in m, impulses so far in N s.
+    touching : ndarray of bool, shape (C,)
+        Contacts whose gap is closed.
+    tiny : float
+        Relative velocity in m/s that counts as none.
+    time : float
+        In s.
+    impacts, left : int
+        Impacts so far, and how many more are followed.
+    slowest : float
+        Lowest rate of approach of an impact so far, in m/s.
+    points : list
+        Time, velocities, impulses and acting contacts at the start and after each impact.
+    """
+
+    mass: Floats
+    e: Floats
+    v: Floats
+    gaps: Floats
+    tiny: float
+    left: int
+    table: bool
+    touching: Bools = field(init=False)
+    time: float = 0.0
+    impacts: int = 0
+    slowest: float = np.inf
+
+    def __post_init__(self) -> None:
+        contacts = self.e.size
+        self.smallest = TINY_GAP * self.gaps.max(initial=0.0)
+        self.touching, self.impulse = self.gaps <= self.smallest, np.zeros(contacts)
+        below = np.append(1 / self.mass, 0.0)
+        self.diagonal, self.off = (below[:-1] + below[1:])[:contacts], -below[1:contacts]
+        self.points = [(0.0, self.v.copy(), self.impulse.copy(), self.touching.copy())]
+
+    @property
+    def u(self) -> Floats:
+        """Relative velocities in m/s, shape (C,)."""
+        return -np.diff(self.v, append=0.0) if self.table else -np.diff(self.v)
+
+    def after(self, impulse: Floats) -> Floats:
+        """Give the change of relative velocities in m/s that impulses in N s make: G P."""
+        change = self.diagonal * impulse
+        change[:-1] += self.off * impulse[1:]
+        change[1:] += self.off * impulse[:-1]
+        return change
+
+    def complementary(self, q: Floats, contacts: Bools) -> Floats:
+        """Solve 0 <= P, q + G P >= 0, complementary, of some contacts; P of the others is 0."""
+        among, impulse = np.zeros(q.size, bool), np.zeros(q.size)
+        while (new := contacts & ~among & (q + self.after(impulse) < 0)).any():
+            among |= new
+            # One row more than there are contacts: LAPACK's ptsv is not to be had for a single one.
+            band = np.array([np.zeros(q.size + 1), np.ones(q.size + 1)])
+            band[0, 1:-1] = np.where(among[1:] & among[:-1], self.off, 0.0)
+            band[1, :-1][among] = self.diagonal[among]
+            right = np.append(np.where(among, -q, 0.0), 0.0)
+            impulse = solveh_banded(band, right, check_finite=False)[:-1]
+        return np.maximum(impulse, 0.0)
+
+    def approaching(self) -> Bools:
+        """Tell which contacts touch and approach."""
+        return self.touching & (self.u < -self.tiny)
+
+    def strike(self, impulse: Floats) -> None:
+        """Apply impulses in N s."""
+        if self.left == 0:
+            raise TooManyImpactsError(f"not over after {self.impacts} impacts")
+        rates = -self.u[impulse > 0]
+        self.slowest = min(self.slowest, rates[rates > self.tiny].min(initial=np.inf))
+        self.impulse += impulse
+        above = np.append(impulse, [] if self.table else [0.0])
+        self.v = self.v + (above - np.append(0.0, above[:-1])) / self.mass
+        self.impacts, self.left = self.impacts + 1, self.left - 1
+        self.points.append((self.time, self.v.copy(), self.impulse.copy(), impulse > 0))
+
+    def fly(self) -> bool:
+        """Move freely until the next contact closes; False if none will."""
+        u = self.u
+        meet = ~self.touching & (u < -self.tiny)
+        if not meet.any():
+            return False
+        times = np.full(u.size, np.inf)
+        times[meet] = self.gaps[meet] / -u[meet]
+        first = int(times.argmin())
+        self.time += times[first]
+        self.gaps = self.gaps + u * times[first]
+        self.gaps[first] = 0.0
+        self.touching = self.gaps <= self.smallest
+        return True
+
+    def unite(self) -> None:
+        """Give one velocity to bodies that touch and move together but for rounding: that of their centre of mass."""
+        together = self.touching & (np.abs(self.u) <= self.tiny)
+        start = 0
+        for i in range(len(self.mass)):
+            if i < self.e.size and together[i] and i + 1 < len(self.mass):
+                continue
+            group, on_table = slice(start, i + 1), i < self.e.size and together[i]
+            if i > start or on_table:
+                self.v[group] = 0.0 if on_table else np.average(self.v[group], weights=self.mass[group])
+            start = i + 1
+
+
+def newton(line: Line) -> None:
+    """Apply Newton's restitution at all touching contacts."""
+    line.strike(line.complementary((1 + line.e) * line.u, line.touching))
+
+
+def poisson(line: Line) -> None:
+    """Apply Poisson's restitution at all touching contacts."""
+    back = (1 + line.e) * line.complementary(line.u, line.touching)
+    line.strike(back + line.complementary(line.u + line.after(back), line.touching))
+
+
+def reflection(line: Line) -> None:
+    """Apply generalised reflections, blended with the plastic impact of all touching contacts."""
+    plastic, e = line.complementary(line.u, line.touching), line.e[0]
+    elastic, u = np.zeros(line.e.size), line.u
+    for _ in range(line.left):
+        approaching = line.touching & (u < -line.tiny)
+        if not approaching.any():
+            break
+        elastic += 2 * line.complementary(u, approaching)
+        u = line.u + line.after(elastic)
+    else:
+        raise TooManyImpactsError(f"not over after {line.left} reflections")
+    line.strike((1 - e) * plastic + e * elastic)
+
+
+def _single(line: Line, place: int) -> None:
+    i = np.flatnonzero(line.approaching())[place]
+    impulse = np.zeros(line.e.size)
+    impulse[i] = -(1 + line.e[i]) * line.u[i] / line.diagonal[i]
+    line.strike(impulse)
+
+
+def topmost(line: Line) -> None:
+    """Apply the single impact of the topmost contact that approaches."""
+    _single(line, 0)
+
+
+def lowest(line: Line) -> None:
+    """Apply the single impact of the lowest contact that approaches."""
+    _single(line, -1)
+
+
+LAWS: dict[str, Callable[[Line], None]] = {
+    "newton-restitution": newton,
+    "poisson-restitution": poisson,
+    "sequential-top": topmost,
+    "sequential-bottom": lowest,
+    "generalised-reflection": reflection,
+}
+
+
+def follow(collision: Collision, law: str, most: int = 100_000) -> Line:
+    """Follow balls by a rigid law until no contact approaches; stiffnesses play no part.
+
+    Parameters
+    ----------
+    collision : Collision
+        With its gaps, if any.
+    law : str
+        One of `LAWS`.
+    most : int
+        Impacts after which it is given up.
+
+    Returns
+    -------
+    Line
+        The balls at the end, velocities and impulses exact to rounding.
+
+    Raises
+    ------
+    ValueError
+        For an unknown law, or unequal restitutions where it has one for all contacts.
+    TooManyImpactsError
+        If it was not over after that many impacts.
+    """
+    c = collision
+    if law not in LAWS:
+        raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
+    if law == "generalised-reflection" and len(set(c.restitutions)) > 1:
+        raise ValueError(f"restitutions = {c.restitutions}: {law} has one e for all contacts")
+    fastest = max(map(abs, c.velocities))
+    arrays = (np.array(each) for each in (c.masses, c.restitutions, c.velocities, c.gaps))
+    line = Line(*arrays, tiny=TINY * fastest, left=most, table=c.table)
+    while True:
+        while line.approaching().any():
+            LAWS[law](line)
+        if not line.fly():
+            break
+    line.unite()
+    # Impulses of the balance of momentum, so that they go with the velocities to the last bit.
+    line.impulse = np.cumsum(line.mass * (line.v - c.velocities))[: line.e.size]
+    return line

@@ -1,0 +1,202 @@
+"""The explorer: a page of this machine whose chart and table follow its sliders.
+
+The standard library's server is enough: a page, and an address that answers a cell with what the page is to show.
+Solvers run in processes apart, engines beside the exact ones, so that no crash or long run of an engine holds a slider
+up.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
+from functools import cache, lru_cache, partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import parse_qsl
+
+from bokeh.core.types import ID
+from bokeh.embed import json_item
+
+from impact_xval.compliant_baselines import get_solver, solver_names
+from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.experiments.cells.compared import Compared
+from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import Config
+from impact_xval.experiments.measures.laws import in_order_of_laws
+from impact_xval.experiments.presentation.document import Section, Table
+from impact_xval.experiments.presentation.html import fragment, page_of, render
+from impact_xval.experiments.presentation.page.charts import bokeh_script, curves_chart, velocities_chart
+from impact_xval.experiments.presentation.page.opened import curve_of
+from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
+from impact_xval.experiments.sweep.process import ClosedError
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+
+#: Solvers that follow the sliders, and those that the button runs.
+EXACT = tuple(name for name in solver_names() if not is_engine(name))
+ENGINES = tuple(name for name in solver_names() if is_engine(name))
+#: Seconds that a solver has unless the address says otherwise.
+_PATIENCE = "60"
+#: Outcomes of engines that are kept: the table is asked for again as each of them ends.
+_KEPT = 64
+
+#: Makes of the parameters of an address what they ask for, or raises a `UserError`.
+Reader = Callable[[dict[str, str]], tuple[Collision, Arranged | None, Config]]
+
+
+class Cells:
+    """Cells that pages ask for.
+
+    Parameters
+    ----------
+    read : callable
+        Reads the parameters of an address.
+    ending : ExitStack
+        Ends the processes, which begin when they are first needed.
+    """
+
+    def __init__(self, read: Reader, ending: contextlib.ExitStack) -> None:
+        self._read, self._ending = read, ending
+        self._apart: dict[bool, SolversApart] = {}
+        self._turn = {engines: threading.Lock() for engines in (False, True)}
+        self._engine = lru_cache(_KEPT)(self._solve)
+
+    def answer(self, query: str) -> dict[str, Any]:
+        """Return what a page shows of a cell.
+
+        Parameters
+        ----------
+        query : str
+            As after the question mark of an address: options of `solve`, and ``solver`` for every engine.
+
+        Returns
+        -------
+        dict
+            ``problem``, one line; or ``results``, HTML, and ``data`` of the charts by the name of their source.
+        """
+        given = parse_qsl(query, keep_blank_values=True)
+        asked = (("cell_timeout", _PATIENCE), *(each for each in given if each[0] != "solver"))
+        try:
+            collision, arranged, _ = self._read(dict(asked))
+        except (UserError, ValueError) as error:
+            return {"problem": str(error)}
+        outcomes = self._solve(asked, EXACT)
+        for key, name in given:
+            if key == "solver" and name in ENGINES:
+                outcomes |= self._engine(asked, (name,))
+        compared = Compared(collision, outcomes, arranged)
+        return {"results": _results(compared), "data": _data(compared)}
+
+    def _solve(self, asked: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
+        """Solve a cell by solvers of one sort, once those before it are solved."""
+        collision, arranged, config = self._read(dict(asked))
+        engines, points = names != EXACT, None if arranged is None else 0
+        with self._turn[engines]:
+            if engines not in self._apart:
+                began = solvers_apart(ENGINES if engines else EXACT)
+                self._apart[engines] = self._ending.enter_context(began)
+            return self._apart[engines].solve(collision, config, names, get_solver, lambda _: None, points)
+
+
+def _results(compared: Compared) -> str:
+    """Lay out the table of all solvers; of a column the state paths follow, for the table counts them."""
+    blocks = compared.blocks()
+    if compared.is_column:
+        rows = [(name, " ".join(states)) for name, states in compared.states.items() if states]
+        blocks.append(
+            Section("State paths: the contacts that act", [Table(["solver", "states"], rows, text=2)])
+        )
+    return fragment(blocks)
+
+
+def _data(compared: Compared) -> dict[str, dict[str, Any]]:
+    """Return what the sources of the charts hold; a solver that has nothing to draw has empty ones."""
+    collision = compared.problem
+    data: dict[str, dict[str, Any]] = {
+        f"{kind} {name}": {"x": [], "y": []}
+        for name in (*EXACT, *ENGINES)
+        for kind in ("balls", "curve", "end")
+    }
+    reach = 0.0
+    for name, outcome in compared.outcomes.items():
+        if outcome.status not in RESULT_STATUSES:
+            continue
+        if compared.is_column:
+            speed = max(map(abs, collision.velocities))
+            balls = range(1, 1 + len(collision.masses))
+            data[f"balls {name}"] = {"x": [*balls], "y": [v / speed for v in outcome.velocities]}
+        elif (curve := curve_of(collision, outcome)) is not None:
+            data[f"curve {name}"] = dict(zip("xy", curve, strict=True))
+            data[f"end {name}"] = {"x": curve[0][-1:], "y": curve[1][-1:]}
+            reach = max(reach, *curve[0], *curve[1])
+    if not compared.is_column:
+        mass = collision.mass_ratio
+        data["line l1"] = {"x": [mass / (1 + mass), (reach + mass) / (1 + mass)], "y": [0, reach]}
+        data["line l2"] = {"x": [0, reach], "y": [0, reach]}
+    return data
+
+
+@cache
+def page() -> str:
+    """Return the page, which then asks for cells."""
+    solvers = in_order_of_laws([*EXACT, *ENGINES])
+    charts = {"curves": curves_chart(solvers), "velocities": velocities_chart(solvers)}
+    items = [json_item(chart, ID(name)) for name, chart in charts.items()]
+    form = render("explore.html.j2", charts=items, engines=ENGINES, bokeh=bokeh_script())
+    return page_of("One collision, as it moves", [form])
+
+
+class _Server(ThreadingHTTPServer):
+    """Answers requests, each in a thread."""
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a page that was closed, nor of a cell that Ctrl-C ended."""
+        if not isinstance(sys.exc_info()[1], OSError | ClosedError | CancelledError):
+            super().handle_error(request, client_address)
+
+
+class _Request(BaseHTTPRequestHandler):
+    def __init__(self, cells: Cells, *request: Any) -> None:
+        self._cells = cells
+        super().__init__(*request)
+
+    def do_GET(self) -> None:
+        """Answer with the page, or with what it shows of a cell."""
+        path, _, query = self.path.partition("?")
+        if path == "/":
+            self._send("text/html", page())
+        elif path == "/solved":
+            self._send("application/json", json.dumps(self._cells.answer(query)))
+        else:  # such as the icon, which browsers ask for
+            self.send_response(204)
+            self.end_headers()
+
+    def _send(self, kind: str, text: str) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.end_headers()
+        self.wfile.write(text.encode())
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Write nothing: the terminal is for the address alone."""
+
+
+@contextlib.contextmanager
+def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], None]]]:
+    """Open the server, on this machine alone; it, and all that it started, is gone when the block ends.
+
+    Yields where the page is, and what serves it until it is interrupted; port 0 is any that is free. A port that is
+    not is a `UserError`.
+    """
+    with contextlib.ExitStack() as ending:
+        try:
+            server = ending.enter_context(
+                _Server(("127.0.0.1", port), partial(_Request, Cells(read, ending)))
+            )
+        except OSError as error:
+            raise UserError(f"--port = {port}: {error.strerror}; legal: a free one (0: any)") from None
+        yield f"http://127.0.0.1:{server.server_port}/", server.serve_forever
