@@ -12,7 +12,7 @@ import tomli_w
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from impact_xval.compliant_baselines.registry import engine_free_names, solver_names
+from impact_xval.compliant_baselines.registry import engine_free_names, has_stiffness, solver_names
 from impact_xval.experiments.config.axes import Strict, at_most, table, whole
 from impact_xval.experiments.config.errors import read_toml, short, validated
 from impact_xval.experiments.config.experiment import solvers_problem
@@ -37,9 +37,10 @@ _RANGES: dict[str, Callable[[float, float], bool]] = {
 
 
 def _default_names() -> list[str]:
-    """Names of the solvers of every run, and of all models and references."""
+    """Names of the solvers of every run, and of all models and references whose contacts have a stiffness."""
     usual = solver_names()
-    return [*usual, *(name for name in engine_free_names() if name not in usual)]
+    others = (name for name in engine_free_names() if name not in usual)
+    return [*usual, *(name for name in others if has_stiffness(name))]
 
 
 class _WithRanges(Strict):
@@ -117,7 +118,7 @@ class HypothesisConfig(_WithRanges):
     engine_fit_decades: float = Field(2.0, ge=1, le=8, description="from 1 to 8 (decades of a fit)")
     step_fraction: float = at_most(5e-3, 0.1, "of the stiffer contact's period")
     tolerance: float = at_most(3e-4, 1, "of |v0|")
-    halvings: int = whole(4, 0, 10, " (of the step)")
+    halvings: int = whole(3, 0, 10, " (of the step)")
     cell_timeout: float = at_most(300.0, 1e6, "s of wall time")
     workers: int | None = whole(None, 1, 4096)
     columns: ColumnsConfig = table(ColumnsConfig)

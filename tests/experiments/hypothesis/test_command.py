@@ -10,8 +10,10 @@ import shutil
 import pandas as pd
 import pytest
 
+from impact_xval.compliant_baselines import solver_names
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.hypothesis.cases import CASES
+from impact_xval.experiments.hypothesis.config import parse
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
 
 SMALL = """
@@ -60,6 +62,13 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path, capsys, monkeypatch)
         assert said.err.count("\n") == 1, text
         assert all(word in said.err for word in words), (text, said.err)
         assert not (tmp_path / "runs").exists(), text
+
+
+def test_the_built_in_test_is_of_the_usual_solvers_and_of_all_laws_that_have_a_stiffness():
+    names = parse({}, "test").solvers
+    assert set(solver_names()) < set(names)
+    assert {"hunt-crossley", "liu-zhao-brogliato", "kelvin-voigt-textbook"} < set(names)
+    assert not {"newton-restitution", "sequential-top", "mujoco-naive"} & set(names)
 
 
 def test_a_folder_that_holds_anything_else_is_refused(tmp_path, capsys):
