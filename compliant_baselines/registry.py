@@ -145,6 +145,11 @@ def is_ours(name: str) -> bool:
     return name in _ENTRIES
 
 
+def has_stiffness(name: str) -> bool:
+    """Whether a solver of this project depends on the stiffnesses of contacts: all but the rigid laws do."""
+    return name not in _RIGID_LAWS
+
+
 def kind_of(name: str) -> Kind:
     """Tell the kind of a solver by its name."""
     return _known(name).kind

@@ -249,24 +249,26 @@ def hypothesis(
     """Test whether infinitely stiff pairs move as one.
 
     The supplement's hypothesis, limit by limit and solver by solver: verdicts, tables, a page.
+    The same command continues a test that was stopped.
 
     Example: impact-xval hypothesis --out my-verdicts
     """
     from impact_xval.experiments.hypothesis.config import load
-    from impact_xval.experiments.hypothesis.page import show_verdicts, write_all
-    from impact_xval.experiments.hypothesis.run import run_hypothesis
-    from impact_xval.experiments.presentation.terminal import make_console, print_line, show_progress
-    from impact_xval.experiments.tables.folder import new_folder
 
     start = time.perf_counter()
     design = load(config)
+    from impact_xval.experiments.hypothesis.page import show_verdicts, write_all
+    from impact_xval.experiments.hypothesis.run import results, stages
+    from impact_xval.experiments.presentation.terminal import make_console, print_line
+
     root = out if out is not None else Path("runs") / "hypothesis"
-    new_folder(root)
-    console = make_console()
-    with show_progress(console) as progress:
-        results = run_hypothesis(design, workers=workers, progress=progress)
-    page = write_all(results, root, time.perf_counter() - start)
-    show_verdicts(console, results)
+    words, console = ["hypothesis", *([config] if config else []), "--out", root], make_console()
+    for name, solve in stages(design, root):
+        with _writing(words, console, lambda: [], name) as progress:
+            solve(workers=workers, progress=progress)
+    found = results(design, root)
+    page = write_all(found, root)
+    show_verdicts(console, found)
     print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {page}")
 
 

@@ -134,6 +134,10 @@ class Config(Strict):
     mapping: Literal["calibrated", "naive"] = Field("calibrated", description="'calibrated' or 'naive'")
     stiffness_ratio_cutoff: Cutoff = Field("exact", description=LEGAL_CUTOFF)
     grazing_threshold: float = Field(GRAZING_THRESHOLD, ge=0, le=1, description="from 0 to 1")
+    measures: Literal["all", "velocities"] = Field(
+        "all",
+        description="'all', or 'velocities' (without impulse curves, marks and ladders; several times faster)",
+    )
     cell_timeout: float = at_most(300.0, 1e6, "s of wall time")
     chunk_size: int | None = whole(None, 1, 100_000, " (cells)")
     workers: int | None = whole(None, 1, 4096)

@@ -8,37 +8,30 @@ A pair of equal velocities at first, whether it moves or rests, is told apart fr
 comes first: welding it takes all the energy of its relative motion, of which a restitution keeps a part.
 
 A dashpot is mapped with the reduced mass of its own two bodies. Where a body is welded to another, the dashpots of its
-other contacts were mapped with its own mass and work against that of both: `dashpots_kept` is the welded column with
-them as they were, and what a Kelvin-Voigt law is predicted to go to.
+other contacts were mapped with its own mass and work against that of both: a lossy Kelvin-Voigt column goes elsewhere.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.mapping import damping_ratio, textbook_damping_ratio
 from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.experiments.hypothesis.cases import GRAZING, Frame
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
-from impact_xval.experiments.hypothesis.judging import Judgement, judge
-from impact_xval.experiments.hypothesis.predictions import dashpot_restitution
-from impact_xval.experiments.hypothesis.verdicts import GRAZING, Group, gather
-from impact_xval.experiments.measures.divergence import norms
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.collision import RESULT_STATUSES, Collision
 
 Floats = NDArray[np.float64]
 
 #: Solvers of columns that are exact for linear contacts, and fast enough where one rings a thousand times.
 SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
-
-#: Error of their velocities per speed of impact (docs/columns.md, sections 6 and 7).
-ERROR = 1e-9
 
 #: Masses and stiffnesses are drawn between these, logarithmically; restitutions of lossy contacts uniformly.
 SPREAD, RESTITUTION = (0.3, 3.0), (0.5, 0.99)
@@ -90,66 +83,6 @@ PLACES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class ColumnPoint:
-    """One solver and one column.
-
-    Attributes
-    ----------
-    column : Collision
-        With the contact as stiff as the stiffest of the others: at a contrast of 1.
-    outcomes : tuple of Outcome
-        By contrast.
-    welded : tuple of float
-        Velocities of the welded column, of each ball of this one, in m/s.
-    judgement : Judgement
-        Of the distance D from them.
-    missed : float
-        D of the limit from the welded column whose dashpots are as they were; NaN where that is not predicted.
-    """
-
-    column: Collision
-    outcomes: tuple[Outcome, ...]
-    welded: tuple[float, ...]
-    judgement: Judgement
-    missed: float
-
-    def distances(self) -> Floats:
-        """D of each outcome from the welded column; NaN without a result."""
-        return np.array([_apart(self.column, self.welded, each.velocities) for each in self.outcomes])
-
-
-@dataclass(frozen=True, slots=True)
-class ColumnResult:
-    """One solver at one place.
-
-    Attributes
-    ----------
-    solver : str
-    place : Place
-    contrast : ndarray, shape (n,)
-    whole : Group
-    classes : tuple of Group
-        ``lossy`` and ``elastic``.
-    """
-
-    solver: str
-    place: Place
-    contrast: Floats
-    whole: Group[ColumnPoint]
-    classes: tuple[Group[ColumnPoint], ...]
-
-    @property
-    def differing(self) -> tuple[Group[ColumnPoint], ...]:
-        """Classes whose verdict is not that of the whole."""
-        return tuple(group for group in self.classes if group.verdict != self.whole.verdict)
-
-
-def missed(group: Group[ColumnPoint]) -> list[float]:
-    """Distances of the refuted points' limits from what is predicted of them, of those of which something is."""
-    return [p.missed for p in group.judged("refuted") if not math.isnan(p.missed)]
-
-
 def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[Collision]:
     """Draw columns whose contact at a place is as stiff as the stiffest of the others.
 
@@ -196,40 +129,6 @@ def welded(column: Collision, contact: int) -> Collision:
     return Collision(tuple(masses), tuple(stiffnesses), tuple(restitutions), tuple(velocities), column.table)
 
 
-def dashpots_kept(column: Collision, contact: int, solver: str) -> Collision | None:
-    """Return the welded column with the dashpots the whole one is given by a Kelvin-Voigt solver; None without any.
-
-    Restitutions beside the pair are those with which that solver maps the same dashpots against the mass of the pair. A
-    textbook damping ratio from 1 on is that of no restitution: None too.
-    """
-    if not solver.startswith("kelvin-voigt"):
-        return None
-    one, restitutions = welded(column, contact), []
-    for i, e in enumerate(column.restitutions):
-        if i == contact:
-            continue
-        mapped, against = _reduced_mass(column, i), _reduced_mass(one, i - (i > contact))
-        if solver.endswith("textbook"):
-            zeta = textbook_damping_ratio(e) * math.sqrt(mapped / against)
-            if zeta >= 1:
-                return None
-            restitutions.append(math.exp(-math.pi * zeta / math.sqrt((1 - zeta) * (1 + zeta))))
-        else:
-            restitutions.append(dashpot_restitution(damping_ratio(e), mapped, against))
-    return replace(one, restitutions=tuple(restitutions))
-
-
-def _apart(column: Collision, some: Sequence[float], others: Sequence[float]) -> float:
-    """D of final velocities of a column from others."""
-    difference = np.subtract(others, some)
-    return float(norms(np.array(column.masses), difference, np.array(column.velocities)))
-
-
-def _reduced_mass(column: Collision, contact: int) -> float:
-    pair = column.masses[contact : contact + 2]
-    return 1 / sum(1 / m for m in pair)
-
-
 def of_each_ball(velocities: Sequence[float], contact: int, balls: int) -> tuple[float, ...]:
     """Give the velocities of a welded column to the balls of the whole one."""
     if contact == balls - 1:
@@ -237,51 +136,61 @@ def of_each_ball(velocities: Sequence[float], contact: int, balls: int) -> tuple
     return (*velocities[: contact + 1], *velocities[contact:])
 
 
-def examine_columns(config: HypothesisConfig) -> Iterator[ColumnResult]:
-    """Judge every exact solver of an experiment at every place, one after the other."""
+def column_outcomes(config: HypothesisConfig) -> Frame:
+    """Solve the columns of a test by its exact solvers; a row a place, solver, column and contrast.
+
+    Velocities are in m/s, the incoming ones being 1; `welded` are those of the welded column, a number a ball, and
+    `weights` the balls' masses per twice the kinetic energy at first.
+    """
     design = config.columns
     contrast = spaced(design.contrast, design.per_decade)
+    rows = []
     for place in PLACES:
         columns = draw(place, design.points, design.balls, config.seed)
-        for name in columns_solvers(config):
-            yield examine_place(name, place, columns, contrast, design.fit_decades)
+        for solver in columns_solvers(config):
+            rows += solved(solver, place, columns, contrast)
+    return pd.DataFrame(rows)
 
 
 def columns_solvers(config: HypothesisConfig) -> list[str]:
-    """Return the solvers of an experiment that are judged in columns."""
+    """Return the solvers of a test that are judged in columns."""
     return [name for name in SOLVERS if name in config.solvers]
 
 
-def examine_place(
-    solver: str, place: Place, columns: Sequence[Collision], contrast: Floats, decades: float
-) -> ColumnResult:
-    """Judge a solver at a place, by columns drawn there (`draw`), at rising contrasts, over so many decades."""
-    points = [_examined(solver, place, column, contrast, decades) for column in columns]
-    elastic = [all(e == 1 for e in column.restitutions) for column in columns]
-    whole, *classes = gather(["elastic" if each else "lossy" for each in elastic], points)
-    return ColumnResult(solver, place, contrast, whole, tuple(classes))
-
-
-def _examined(solver: str, place: Place, column: Collision, contrast: Floats, decades: float) -> ColumnPoint:
-    balls = len(column.masses)
-    contact = place.contact(balls)
-    kept = None if place.meets else dashpots_kept(column, contact, solver)
-    series = [stiffened(column, contact, x) for x in contrast]
-    forms = [welded(column, contact), *([kept] if kept else [])]
-    outcomes = get_solver(solver).solve_many([*series, *forms], Settings())
-    form, *others = (of_each_ball(each.velocities, contact, balls) for each in outcomes[contrast.size :])
-    outcomes = tuple(outcomes[: contrast.size])
-    margins = np.array([math.inf if o.grazing_margin is None else o.grazing_margin for o in outcomes])
-    usable = np.isin([o.status for o in outcomes], RESULT_STATUSES) & (margins * np.sqrt(contrast) >= GRAZING)
-    energy = math.fsum(m * v**2 for m, v in zip(column.masses, column.velocities, strict=True))
-    judgement = judge(
-        contrast,
-        np.array([o.velocities for o in outcomes]),
-        np.full(contrast.size, ERROR),
-        usable,
-        form,
-        [m / energy for m in column.masses],
-        decades,
-    )
-    missed = _apart(column, others[0], judgement.limit) if others else math.nan
-    return ColumnPoint(column, outcomes, form, judgement, missed)
+def solved(solver: str, place: Place, columns: Sequence[Collision], contrast: Floats) -> list[dict[str, Any]]:
+    """Solve columns drawn at a place (`draw`) at rising contrasts; the rows of `column_outcomes`."""
+    at = [place.contact(len(column.masses)) for column in columns]
+    series = [
+        stiffened(column, contact, x) for column, contact in zip(columns, at, strict=True) for x in contrast
+    ]
+    forms = [welded(column, contact) for column, contact in zip(columns, at, strict=True)]
+    outcomes = list(get_solver(solver).solve_many([*series, *forms], Settings(mark=False)))
+    rows = []
+    for i, (column, contact) in enumerate(zip(columns, at, strict=True)):
+        m, v0 = np.array(column.masses), np.array(column.velocities)
+        weights = m / (m @ v0**2)
+        form = np.array(of_each_ball(outcomes[len(series) + i].velocities, contact, len(m)))
+        known = {
+            **{"arrangement": place.arrangement, "stiff_contact": place.where, "meets": place.meets},
+            **{
+                "solver": solver,
+                "column": i,
+                "class": "elastic" if min(column.restitutions) == 1 else "lossy",
+            },
+            **{name: getattr(column, name) for name in ("masses", "stiffnesses", "restitutions")},
+            **{"incoming": column.velocities, "weights": weights, "welded": form},
+        }
+        for x, outcome in zip(contrast, outcomes[i * len(contrast) :], strict=False):
+            margin = math.inf if outcome.grazing_margin is None else outcome.grazing_margin * math.sqrt(x)
+            rows.append(
+                {
+                    **known,
+                    "contrast": x,
+                    "velocities": outcome.velocities,
+                    "distance": float(np.sqrt(weights @ (np.array(outcome.velocities) - form) ** 2)),
+                    "status": outcome.status,
+                    "reason": outcome.reason,
+                    "used": outcome.status in RESULT_STATUSES and margin >= GRAZING,
+                }
+            )
+    return rows

@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+import tomli_w
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from impact_xval.experiments.config.axes import whole
+from impact_xval.compliant_baselines.registry import engine_free_names, has_stiffness, solver_names
+from impact_xval.experiments.config.axes import Strict, at_most, table, whole
 from impact_xval.experiments.config.errors import read_toml, short, validated
 from impact_xval.experiments.config.experiment import solvers_problem
 from impact_xval.experiments.hypothesis.cases import BY_KEY, Point, outside, point_of
-from impact_xval.experiments.hypothesis.solvers import default_names
 
 #: TOML has lists only: they may stand for pairs, whose numbers are no less strict for it.
 _Range = Annotated[tuple[float, float], Field(strict=False)]
@@ -28,9 +29,6 @@ _CaseName = Literal[
 
 #: What a range must be, by its field: contrasts end where double precision does, or what a user can wait for.
 _RANGES: dict[str, Callable[[float, float], bool]] = {
-    "stiffness_ratio": lambda low, high: 0 < low < 1 < high <= 1e12,
-    "engine_stiffness_ratio": lambda low, high: 1e-6 <= low < 1 < high <= 1e6,
-    "mass_ratio": lambda low, high: 0 < low < high <= 1e12,
     "contrast": lambda low, high: 1 < low < high <= 1e10,
     "plastic_contrast": lambda low, high: 1 < low < high <= 1e16,
     "engine_contrast": lambda low, high: 1 < low < high <= 1e6,
@@ -38,35 +36,20 @@ _RANGES: dict[str, Callable[[float, float], bool]] = {
 }
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+def _default_names() -> list[str]:
+    """Names of the solvers of every run, and of all models and references whose contacts have a stiffness."""
+    usual = solver_names()
+    others = (name for name in engine_free_names() if name not in usual)
+    return [*usual, *(name for name in others if has_stiffness(name))]
 
 
-class _WithRanges(_Strict):
+class _WithRanges(Strict):
     @field_validator(*_RANGES, check_fields=False)
     @classmethod
     def _legal(cls, value: _Range, info: Any) -> _Range:
         if not _RANGES[info.field_name](*value):
             raise ValueError(f"{short(list(value))}; legal: {cls.model_fields[info.field_name].description}")
         return value
-
-
-class MapConfig(_WithRanges):
-    """The maps of where the hypothesis is good enough."""
-
-    size: int = whole(61, 4, 400, " (cells along each axis)")
-    engine_size: int = whole(13, 3, 60, " (cells along each axis)")
-    stiffness_ratio: _Range = Field((1e-6, 1e6), description="[lo, hi] with 0 < lo < 1 < hi <= 1e12 (k2/k1)")
-    engine_stiffness_ratio: _Range = Field(
-        (1e-3, 1e3), description="[lo, hi] with 1e-6 <= lo < 1 < hi <= 1e6 (k2/k1)"
-    )
-    mass_ratio: _Range = Field((0.05, 20.0), description="[lo, hi] with 0 < lo < hi <= 1e12 (m2/m1)")
-    restitutions: list[_Pair] = Field(
-        [(0.9, 0.7), (1.0, 1.0), (0.5, 0.5)],
-        min_length=1,
-        max_length=6,
-        description="a list of 1 to 6 pairs [e1, e2], from 0.02 to 1",
-    )
 
 
 class ColumnsConfig(_WithRanges):
@@ -90,7 +73,7 @@ class ColumnsConfig(_WithRanges):
         return value
 
 
-class GivenPoint(_Strict):
+class GivenPoint(Strict):
     """A point of the design that is given, not drawn."""
 
     case: _CaseName = Field(description=", ".join(BY_KEY))
@@ -119,7 +102,7 @@ class HypothesisConfig(_WithRanges):
     seed: int = Field(1, ge=0, le=2**32, description="a whole number from 0 to 2^32")
     points: int = whole(24, 6, 500, " (points of each limit)")
     solvers: list[str] = Field(
-        default_factory=default_names, description="a list of names of solvers, each once"
+        default_factory=_default_names, description="a list of names of solvers, each once"
     )
     contrast: _Range = Field((1e1, 1e8), description="[lo, hi] with 1 < lo < hi <= 1e10 (k1/k2 or k2/k1)")
     plastic_contrast: _Range = Field((1e1, 1e12), description="[lo, hi] with 1 < lo < hi <= 1e16 (1/e^2)")
@@ -133,19 +116,12 @@ class HypothesisConfig(_WithRanges):
     engine_per_decade: int = whole(2, 2, 16, " (contrasts in a decade)")
     fit_decades: float = Field(4.0, ge=1, le=8, description="from 1 to 8 (decades of a fit)")
     engine_fit_decades: float = Field(2.0, ge=1, le=8, description="from 1 to 8 (decades of a fit)")
-    steps: int = whole(100, 20, 2000, " (steps in a period of the stiffer contact)")
-    cell_timeout: float = Field(
-        300.0, gt=0, le=1e6, allow_inf_nan=False, description="greater than 0, at most 1e6 (s of wall time)"
-    )
+    step_fraction: float = at_most(5e-3, 0.1, "of the stiffer contact's period")
+    tolerance: float = at_most(3e-4, 1, "of |v0|")
+    halvings: int = whole(3, 0, 10, " (of the step)")
+    cell_timeout: float = at_most(300.0, 1e6, "s of wall time")
     workers: int | None = whole(None, 1, 4096)
-    map: MapConfig = Field(
-        default_factory=lambda: MapConfig.model_validate({}),
-        description="a table: " + ", ".join(MapConfig.model_fields),
-    )
-    columns: ColumnsConfig = Field(
-        default_factory=lambda: ColumnsConfig.model_validate({}),
-        description="a table: " + ", ".join(ColumnsConfig.model_fields),
-    )
+    columns: ColumnsConfig = table(ColumnsConfig)
     point: list[GivenPoint] = Field(
         [], description="a list of tables: case, mass_ratio, e1, e2, for a plastic limit stiffness_ratio"
     )
@@ -157,6 +133,10 @@ class HypothesisConfig(_WithRanges):
         if problem:
             raise ValueError(problem)
         return value
+
+    def toml(self) -> str:
+        """Return the configuration as the text of a TOML file."""
+        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
 
     def given(self, case: str) -> list[Point]:
         """Return the points given for a case."""

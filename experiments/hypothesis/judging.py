@@ -21,7 +21,7 @@ vectors w, of two balls (v1, sqrt(m2/m1) v2), whose length is the kinetic norm.
 Verdict: `refuted` if it settles, L lies further from the closed form than three of its errors and than a fifth of the
 last distances, and no outcome of the last decade comes closer to the closed form than half that; else `supported` if
 the interval of the rate lies above `LEAST_RATE`, the distance falls by `LEAST_FALL`, and the series settles without a
-jump; else `undecided`, with the reason.
+jump; `no limit` if it jumps, or does not settle though its distance falls and rises; else `undecided`, with the reason.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.stats import theilslopes
 
 Floats = NDArray[np.float64]
-Verdict = Literal["supported", "refuted", "undecided"]
+Verdict = Literal["supported", "refuted", "no limit", "undecided"]
 
 #: Rates below this cannot be told from none: over four decades a distance would fall by 2.5.
 LEAST_RATE = 0.1
@@ -70,7 +70,7 @@ class Judgement:
     ----------
     verdict : str
     reason : str
-        In one sentence, if undecided.
+        In one sentence, if undecided or without a limit.
     rate, rate_low, rate_high : float
         Of the distance from the closed form, with its 95 % interval; NaN without a fit.
     window : tuple of float
@@ -215,6 +215,8 @@ def _limit(window: _Window, target: Floats, scale: Floats) -> tuple[Judgement, s
     ends = zip((w[final] / scale).min(axis=0), (w[final] / scale).max(axis=0), strict=True)
     ranges = [f"from {a:.3g} to {b:.3g}" for a, b in ends]
     first, *others = (f"v{i} {'runs ' if i == 1 else ''}{each}" for i, each in enumerate(ranges, 1))
+    drifts = bool(np.all(np.diff(D) < 0))
+    found = found if drifts else replace(found, verdict="no limit")
     return found, f"it does not settle: in the last decade {' and '.join([first, *others])}"
 
 
@@ -233,7 +235,7 @@ def _rate(found: Judgement, window: _Window, sunk: bool) -> Judgement:
         jumps = int(np.count_nonzero(late_half & (np.minimum(above, rise) > math.log10(JUMP))))
         if jumps:
             reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
-            return replace(found, reason=reason, settles=False, consistent=False)
+            return replace(found, verdict="no limit", reason=reason, settles=False, consistent=False)
     if sunk:
         reach = float(x_clear[-1] - x[0]) if x_clear.size else 0.0
         reason = (

@@ -5,317 +5,182 @@ Within a class of points (which contacts are elastic, `cases.pair_class`) the ve
 * `refuted` where a tenth of the points or more is: one law, one counterexample would do, a tenth is robust;
 * else `supported` where half of the points or more is, and every other one either agrees with the closed form within
   the error of its limit, or is short of results; none is refuted or fails to settle;
+* else `no limit` where half of the points or more have none;
 * else `undecided`, with the most frequent reason.
 
-Over the classes of a limit the worst counts: `refuted` before `undecided` before `supported`; a class that is undecided
-only because it is within the solver's own error of the closed form does not count against one that is supported. The
-classes that differ are named beside it.
+Over the classes of a limit the worst counts, in the order refuted, no limit, undecided, supported; a class that is
+undecided only because it is within the solver's own error of the closed form does not count against one that is
+supported.
 """
 
 from __future__ import annotations
 
-import math
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeVar
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.registry import law_of
-from impact_xval.experiments.hypothesis.cases import Case, Point, closed_form, distance, pair_class
-from impact_xval.experiments.hypothesis.judging import Judgement, Verdict, judge
-from impact_xval.experiments.hypothesis.predictions import Prediction, predict
-from impact_xval.experiments.hypothesis.solvers import SolverUnderTest
+from impact_xval.compliant_baselines.registry import is_engine
+from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.hypothesis.cases import Frame
+from impact_xval.experiments.hypothesis.config import HypothesisConfig
+from impact_xval.experiments.hypothesis.judging import judge
 from impact_xval.model.collision import RESULT_STATUSES
-
-Floats = NDArray[np.float64]
-
-#: Grazing margin below which an outcome lies beside a jump. In the limits of k2/k1 the stiff contact's ringing, which
-#: is what grazes, shrinks as the root of the contrast, and the margin with it: there it is multiplied by that root.
-GRAZING = 1e-3
 
 #: Share of refuted points from which a class is.
 REFUTING_SHARE = 0.1
 
-#: Distance D of a limit from the closed form that is told apart from lesser ones: one per cent of the impact.
-FAR = 0.01
+#: D from which on a limit is close enough to be used, per impact.
+CLOSE = 0.05
+
+#: Error of an exact solver's velocities in columns, per speed of impact (docs/columns.md, sections 6 and 7).
+COLUMN_ERROR = 1e-9
 
 #: Resamples of a bootstrap, and its seed.
 _RESAMPLES, _SEED = 2000, 2013
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Series:
-    """Outcomes of a solver at all points of a limit.
-
-    Attributes
-    ----------
-    solver : SolverUnderTest
-    case : Case
-    points : tuple of Point
-    contrast : ndarray, shape (m,)
-    outcomes : DataFrame
-        Of n points and m contrasts, the contrast varying fastest (`solvers.outcomes_of`).
-    """
-
-    solver: SolverUnderTest
-    case: Case
-    points: tuple[Point, ...]
-    contrast: Floats
-    outcomes: pd.DataFrame
-
-    def rows(self, name: str) -> NDArray:
-        """Return a column of the outcomes by point and contrast, shape (n, m)."""
-        return self.outcomes[name].to_numpy().reshape(len(self.points), self.contrast.size)
-
-    def usable(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which outcomes are results away from a jump, and which are grazing; shape (n, m) each."""
-        scale = 1.0 if self.case.plastic else np.sqrt(self.contrast)
-        done = np.isin(self.rows("status"), RESULT_STATUSES)
-        grazing = done & (self.rows("grazing_margin") * scale < GRAZING)
-        return done & ~grazing, grazing
-
-    def without_result(self, i: int) -> str:
-        """Say how many outcomes of a point are no results, by status, and why the first is none; empty if all are."""
-        m = self.contrast.size
-        by_status = self.outcomes.iloc[i * m : (i + 1) * m].groupby("status", sort=False)
-        return "; ".join(
-            f"{len(same)} of {m} {status}: {same.reason.iloc[0]}"
-            for status, same in by_status
-            if status not in RESULT_STATUSES
+def judged(outcomes: Frame, config: HypothesisConfig) -> Frame:
+    """Judge the series of outcomes of every solver at every point of a limit; a row each."""
+    rows = []
+    for (case, solver, point), series in outcomes.groupby(["case", "solver", "point"], sort=False):
+        first = series.iloc[0]
+        found = judge(
+            series.contrast.to_numpy(),
+            series[["v1", "v2"]].to_numpy(),
+            series.error.to_numpy(),
+            series.used.to_numpy(),
+            first[["closed_form_v1", "closed_form_v2"]].to_numpy(float),
+            (1.0, first.mass_ratio),
+            config.engine_fit_decades if is_engine(solver) else config.fit_decades,
         )
+        known = first[["class", "closed_form_v1", "closed_form_v2"]].to_dict()
+        # What goes to its limit has no value here.
+        known |= {name: first[name] if series[name].nunique() == 1 else np.nan for name in AXES}
+        lost = series[~series.status.isin(RESULT_STATUSES)].groupby("status").reason.agg(["size", "first"])
+        rows.append(
+            {
+                **{"case": case, "solver": solver, "point": point, **known, **_flat(asdict(found))},
+                "close_from": _close_from(series),
+                "grazing_left_out": int(series.grazing.sum()),
+                "without_result": "; ".join(f"{n} {status}: {why}" for status, n, why in lost.itertuples()),
+            }
+        )
+    return pd.DataFrame(rows)
 
-    def distances(self) -> Floats:
-        """Distance of every outcome from the closed form, shape (n, m); NaN without a result."""
-        forms = np.array([closed_form(self.case, point) for point in self.points])
-        mass_ratio = np.array([[point.mass_ratio] for point in self.points])
-        return distance(mass_ratio, self.rows("v1") - forms[:, :1], self.rows("v2") - forms[:, 1:])
+
+def columns_judged(outcomes: Frame, config: HypothesisConfig) -> Frame:
+    """Judge the series of outcomes of every solver and every column (`columns.column_outcomes`); a row each."""
+    rows = []
+    keys = ["arrangement", "stiff_contact", "meets", "solver", "column", "class"]
+    for key, series in outcomes.groupby(keys, sort=False):
+        first = series.iloc[0]
+        found = judge(
+            series.contrast.to_numpy(),
+            np.array(series.velocities.to_list()),
+            np.full(len(series), COLUMN_ERROR),
+            series.used.to_numpy(),
+            first.welded,
+            first.weights,
+            config.columns.fit_decades,
+        )
+        rows.append(
+            dict(zip(keys, key, strict=True)) | _flat(asdict(found)) | {"close_from": _close_from(series)}
+        )
+    return pd.DataFrame(rows)
 
 
-@dataclass(frozen=True, slots=True)
-class PointResult:
-    """One solver at one point of one limit.
+def _flat(judgement: dict[str, Any]) -> dict[str, Any]:
+    """Give the numbers of a judgement a column each."""
+    low, high = judgement.pop("window")
+    limit = {f"limit_v{i}": v for i, v in enumerate(judgement.pop("limit"), 1)}
+    return judgement | {"window_from": low, "window_to": high} | limit
 
-    Attributes
-    ----------
-    point : Point
-    judgement, shifted : Judgement
-        On the last decades of contrast, and on those a decade before.
-    prediction : Prediction or None
-    closed_form : tuple of float
-    grazing : int
-        Outcomes left out because they lie beside a grazing jump.
-    without_result : str
-        How many outcomes have no result, by status, and why the first of them has none; empty if all have one.
+
+def _close_from(series: Frame) -> float:
+    """Least contrast from which on D stays within `CLOSE`, as far as the series goes; infinite if at none."""
+    far = np.flatnonzero(~(series.distance.to_numpy() <= CLOSE))
+    first = int(far[-1]) + 1 if far.size else 0
+    return float(series.contrast.iloc[first]) if first < len(series) else np.inf
+
+
+def verdicts(points: Frame, keys: Sequence[str]) -> Frame:
+    """Gather judgements: a row for all points that have the same keys, then one for each of their classes.
+
+    Beside the verdict stand how many points there are and at how many it is reached, the median of the rates of those
+    that support it with its 95 % bootstrap interval, their range, the offsets of those that refute it, and the median
+    contrast from which on D stays within `CLOSE`.
     """
-
-    point: Point
-    judgement: Judgement
-    shifted: Judgement
-    prediction: Prediction | None
-    closed_form: tuple[float, float]
-    grazing: int
-    without_result: str
-
-    @property
-    def missed(self) -> float:
-        """Distance of the extrapolated limit from the prediction; NaN without either."""
-        if self.prediction is None:
-            return math.nan
-        v1, v2 = self.judgement.limit
-        dv1, dv2 = v1 - self.prediction.v1, v2 - self.prediction.v2
-        return math.hypot(dv1, math.sqrt(self.point.mass_ratio) * dv2)
+    rows = []
+    for key, group in points.groupby(list(keys), sort=False):
+        known = dict(zip(keys, key, strict=True))
+        classes = [
+            known | {"class": name} | _class_row(some) for name, some in group.groupby("class", sort=False)
+        ]
+        worst = min((row["verdict"] for row in classes if not _harmless(row, classes)), key=_ORDER.index)
+        reason = next(row["reason"] for row in classes if row["verdict"] == worst)
+        rows += [
+            known | {"class": "all"} | _class_row(group) | {"verdict": worst, "reason": reason},
+            *classes,
+        ]
+    return pd.DataFrame(rows)
 
 
-class Judged(Protocol):
-    """What has a judgement."""
-
-    @property
-    def judgement(self) -> Judgement:
-        """Of one series."""
-        ...
+_ORDER = ("refuted", "no limit", "undecided", "supported")
 
 
-P = TypeVar("P", bound=Judged)
+def _harmless(row: dict[str, Any], classes: Sequence[dict[str, Any]]) -> bool:
+    """Whether a class is merely within the solver's own error of the closed form, beside one that is supported."""
+    return row["within_error"] and any(other["verdict"] == "supported" for other in classes)
 
 
-@dataclass(frozen=True, slots=True)
-class Group(Generic[P]):
-    """The points of a class, or of all classes, together.
-
-    Attributes
-    ----------
-    name : str
-        Of the class; ``all`` for all.
-    members : tuple of PointResult, or of others that are judged
-    verdict : str
-    reason : str
-        If undecided.
-    shifted : Group or None
-        The same points judged a decade before, if the contrasts leave room for it.
-    """
-
-    name: str
-    members: tuple[P, ...]
-    verdict: Verdict
-    reason: str
-    shifted: Group[P] | None = None
-
-    @property
-    def counts(self) -> Counter[str]:
-        """Points by verdict."""
-        return Counter(m.judgement.verdict for m in self.members)
-
-    @property
-    def points(self) -> int:
-        """How many points there are."""
-        return len(self.members)
-
-    @property
-    def agrees(self) -> bool:
-        """Undecided, with nothing refuted or unsettled: the closed form lies within the error of every limit."""
-        judgements = [m.judgement for m in self.members]
-        fine = all(j.verdict == "supported" or (j.consistent and j.settles) for j in judgements)
-        return self.verdict == "undecided" and fine
-
-    def judged(self, verdict: Verdict) -> list[P]:
-        """Return the points of a verdict."""
-        return [m for m in self.members if m.judgement.verdict == verdict]
-
-    @property
-    def rates(self) -> list[float]:
-        """Rates at the supported points."""
-        return [m.judgement.rate for m in self.judged("supported")]
-
-    @property
-    def rate(self) -> float:
-        """Median of `rates`; NaN without any."""
-        return float(np.median(self.rates or [math.nan]))
-
-    @property
-    def rate_interval(self) -> tuple[float, float]:
-        """95 % bootstrap interval of `rate`; one rate is legal, which scipy.stats.bootstrap refuses."""
-        rates = self.rates or [math.nan]
-        draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, len(rates)))
-        low, high = map(float, np.quantile(np.median(draws, axis=1), [0.025, 0.975]))
-        return low, high
-
-    @property
-    def offsets(self) -> list[float]:
-        """Distances of the limits from the closed form at the refuted points."""
-        return [m.judgement.offset for m in self.judged("refuted")]
-
-    @property
-    def far(self) -> int:
-        """Refuted points whose limit lies further than `FAR` from the closed form."""
-        return sum(offset > FAR for offset in self.offsets)
-
-    @property
-    def word(self) -> str:
-        """The verdict in a word or two."""
-        return "within error" if self.agrees else self.verdict
+def _class_row(points: Frame) -> dict[str, Any]:
+    verdict, reason = class_verdict(points)
+    supported, refuted = points[points.verdict == "supported"], points[points.verdict == "refuted"]
+    quiet = (points.verdict == "supported") | (points.consistent & points.settles)
+    low, high = _interval(supported.rate.to_numpy())
+    return {
+        "verdict": verdict,
+        "within_error": bool(verdict == "undecided" and quiet.all()),
+        "points": len(points),
+        "n_supported": len(supported),
+        "n_refuted": len(refuted),
+        "n_undecided": len(points) - len(supported) - len(refuted),
+        **{"rate": supported.rate.median(), "rate_low": low, "rate_high": high},
+        **{"least_rate": supported.rate.min(), "largest_rate": supported.rate.max()},
+        "offset_least": refuted.offset.min(),
+        "offset_median": refuted.offset.median(),
+        "offset_largest": refuted.offset.max(),
+        "limit_error_largest": refuted.limit_error.max(),
+        "close_from": points.close_from.median(),
+        "reason": reason,
+    }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CaseResult:
-    """One solver at one limit.
-
-    Attributes
-    ----------
-    solver : str
-    kind : str
-        `exact`, `stepped` or `single`.
-    case : Case
-    whole : Group
-    classes : tuple of Group
-    decades : float
-        Of the fits.
-    """
-
-    solver: str
-    kind: str
-    case: Case
-    whole: Group[PointResult]
-    classes: tuple[Group[PointResult], ...]
-    decades: float
-
-    @property
-    def law(self) -> str:
-        """The law the solver has or was given."""
-        return law_of(self.solver) or "-"
-
-    @property
-    def differing(self) -> tuple[Group, ...]:
-        """Classes whose verdict is not that of the whole."""
-        return tuple(group for group in self.classes if group.verdict != self.whole.verdict)
-
-
-def examine(series: Series, decades: float) -> CaseResult:
-    """Judge every point of a series, on its last decades and on those a decade before, and gather the verdicts."""
-    usable, grazing = series.usable()
-    x = series.contrast
-    results = []
-    for i, point in enumerate(series.points):
-        v1, v2, error = (series.rows(name)[i] for name in ("v1", "v2", "error"))
-        velocities, masses = np.column_stack([v1, v2]), (1.0, point.mass_ratio)
-        form = closed_form(series.case, point)
-        judgement = judge(x, velocities, error, usable[i], form, masses, decades)
-        # The window may end before the last contrast, where rounding is reached: a decade before *its* end, if that
-        # leaves enough.
-        end = judgement.window[1] / 10
-        enough = np.log10(end / x[0]) >= decades - 1e-6
-        before = x <= (end if enough else x[-1] / 10) * (1 + 1e-6)
-        shifted = judge(x, velocities, error, usable[i] & before, form, masses, decades)
-        prediction = predict(series.case, point, series.solver.family)
-        beside, lost = int(grazing[i].sum()), series.without_result(i)
-        results.append(PointResult(point, judgement, shifted, prediction, form, beside, lost))
-    names = [pair_class(series.case, point) for point in series.points]
-    groups = gather(names, results)
-    if np.log10(x[-1] / x[0]) >= decades + 1 - 1e-6:
-        earlier = gather(names, [replace(result, judgement=result.shifted) for result in results])
-        groups = [replace(now, shifted=then) for now, then in zip(groups, earlier, strict=True)]
-    whole, *classes = groups
-    return CaseResult(series.solver.name, series.solver.kind, series.case, whole, tuple(classes), decades)
-
-
-def gather(names: Sequence[str], results: Sequence[P]) -> list[Group[P]]:
-    """Give the verdict over all points, and then that of every class; the name of its class for each point."""
-    classes: dict[str, list[P]] = {}
-    for name, result in zip(names, results, strict=True):
-        classes.setdefault(name, []).append(result)
-    groups = [
-        Group(name, tuple(members), *class_verdict([m.judgement for m in members]))
-        for name, members in classes.items()
-    ]
-    verdict = _worst(groups)
-    reason = next((group.reason for group in groups if group.verdict == verdict), "")
-    return [Group("all", tuple(results), verdict, reason), *groups]
-
-
-def class_verdict(judgements: Sequence[Judgement]) -> tuple[Verdict, str]:
-    """Verdict of a class, and the reason if undecided; the rule is in the module."""
-    n = len(judgements)
-    by = Counter(j.verdict for j in judgements)
-    if by["refuted"] >= max(1, REFUTING_SHARE * n):
+def class_verdict(points: Frame) -> tuple[str, str]:
+    """Verdict of a class, and the reason if it is undecided; the rule is in the module."""
+    n, by = len(points), points.verdict.value_counts()
+    supported, refuted = int(by.get("supported", 0)), int(by.get("refuted", 0))
+    if refuted >= max(1, REFUTING_SHARE * n):
         return "refuted", ""
-    open_ones = [j for j in judgements if j.verdict == "undecided"]
-    astray = [j for j in open_ones if not j.settles]
-    harmless = all(j.consistent or not math.isfinite(j.offset) for j in open_ones)
-    if 2 * by["supported"] >= n and not by["refuted"] and not astray and harmless:
+    undecided = points[points.verdict.isin(["undecided", "no limit"])]
+    astray = undecided[~undecided.settles]
+    harmless = (undecided.consistent | ~np.isfinite(undecided.offset)).all()
+    if 2 * supported >= n and not refuted and astray.empty and harmless:
         return "supported", ""
-    worst = astray or open_ones
-    if not worst:
+    worst = undecided if astray.empty else astray
+    if worst.empty:
         return "undecided", "one point alone is refuted"
-    return "undecided", f"{worst[0].reason} ({len(worst)} of {n} points so)"
+    verdict = "no limit" if 2 * int(by.get("no limit", 0)) >= n else "undecided"
+    return verdict, f"{worst.reason.iloc[0]} ({len(worst)} of {n} points so)"
 
 
-def _worst(groups: Sequence[Group[P]]) -> Verdict:
-    """Verdict over classes; one that agrees within the solver's error does not count against support."""
-    verdicts = {group.verdict for group in groups}
-    if "refuted" in verdicts:
-        return "refuted"
-    unexplained = any(group.verdict == "undecided" and not group.agrees for group in groups)
-    return "undecided" if unexplained or "supported" not in verdicts else "supported"
+def _interval(rates: np.ndarray) -> tuple[float, float]:
+    """95 % bootstrap interval of the median; one rate is legal, which scipy.stats.bootstrap refuses."""
+    if not rates.size:
+        return np.nan, np.nan
+    draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, rates.size))
+    low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
+    return float(low), float(high)

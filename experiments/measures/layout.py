@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import pyarrow.compute as pc
 
@@ -52,7 +52,7 @@ def layout_of(config: Config) -> Layout:
     of_cell = (*parameters, *(["gravity_number"] if pair else []), "solver")
     known = {name: cells[name] for name in of_cell}
     tables["ladder"] = Cut(known | ladder, (*of_cell, *in_part), pc.field("ladder_status").is_valid(), True)
-    rows = schema(cells | divergence | (in_part if laddered(config.solvers) else {}))
+    rows = schema(cells | divergence | (in_part if laddered(config) else {}))
     return Layout(pair, balls, contacts, tuple(parameters), rows, tables)
 
 
@@ -64,9 +64,10 @@ def size_of(config: Config) -> tuple[int, int]:
     return balls, balls - 1 + bool({"drop", "stack"} & set(config.column.arrangement))
 
 
-def laddered(solvers: Sequence[str]) -> list[str]:
+def laddered(config: Config) -> list[str]:
     """List the engines that were asked for the law of an exact solver; others have no ladder."""
-    return [name for name in solvers if is_engine(name) and law_of(name) is not None]
+    engines = [name for name in config.solvers if is_engine(name) and law_of(name) is not None]
+    return engines if config.measures == "all" else []
 
 
 def ladder_columns(*, gravity: bool) -> dict[str, Column]:

@@ -70,7 +70,8 @@ class Experiment:
                 Outcome.failure(name, c, *known[i]) if i in known else next(found)
                 for i, c in enumerate(block.collisions)
             ]
-        shortest = self.config.shortest_state * shortest_periods(block) if self.layout.pair else None
+        paths = self.layout.pair and self.config.measures == "all"
+        shortest = self.config.shortest_state * shortest_periods(block) if paths else None
         return results_of(outcomes, _speeds(block), self.layout.balls, self.layout.contacts, shortest)
 
     def models(self, block: Block, lost: Lost) -> Results:
@@ -179,7 +180,7 @@ def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
     names, layout = experiment.config.solvers, experiment.layout
     per_cell = {name: np.arange(i, len(rows), len(names)) for i, name in enumerate(names)}
     columns: dict[str, Any] = {"limit_distance": _limit_distances(experiment, block, rows, per_cell)}
-    engines = {name: rows.take(per_cell[name]) for name in laddered(names)}
+    engines = {name: rows.take(per_cell[name]) for name in laddered(experiment.config)}
     for name, found in ladders(
         experiment.config, block, rows.take(per_cell[REFERENCE]), engines, layout
     ).items():
@@ -190,7 +191,7 @@ def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
 
 def without_ladder(experiment: Experiment, rows: pa.Table, status: str, reason: str) -> pa.Table:
     """Say of the rows of engines why they have no ladder."""
-    engines = np.isin(rows["solver"].to_pylist(), laddered(experiment.config.solvers))
+    engines = np.isin(rows["solver"].to_pylist(), laddered(experiment.config))
     return _with(
         rows, {f"ladder_{key}": x for key, x in failed_ladders(rows, engines, status, reason).items()}
     )
@@ -259,7 +260,8 @@ def settings_of(config: Config, *, paths: bool = True) -> Settings:
         max_steps=config.max_steps,
         mapping=config.mapping,
         shortest_state=config.shortest_state,
-        record_path=paths,
+        record_path=paths and config.measures == "all",
+        mark=config.measures == "all",
         stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
         grazing_threshold=config.grazing_threshold,
         convergence=Convergence(config.convergence.tolerance, config.convergence.halvings)

@@ -14,6 +14,7 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.registry import origins
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
+from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.measures.layout import laddered
 from impact_xval.experiments.measures.summary import summarise
@@ -151,7 +152,8 @@ def test_a_plug_in_states_its_kind_and_law(site):
     for name in ("gone", "of a table from elsewhere"):
         assert (registry.kind_of(name), registry.law_of(name)) == ("compliant", "kelvin-voigt")
     assert voters(["toy", "gone", "kelvin-voigt"]) == ["toy", "kelvin-voigt"]
-    assert laddered(["toy", "gone", "kelvin-voigt"]) == ["gone"]  # the others have no ladder
+    config = parse_config({"solvers": ["toy", "gone", "kelvin-voigt"]})
+    assert laddered(config) == ["gone"]  # the others have no ladder
 
 
 def test_broken_ones_are_unavailable_with_the_reason_and_break_no_command(site, capsys):

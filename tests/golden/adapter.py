@@ -27,12 +27,6 @@ from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.hypothesis.config import parse as parse_hypothesis
 from impact_xval.experiments.hypothesis.run import run_hypothesis
-from impact_xval.experiments.hypothesis.tables import (
-    class_frame,
-    column_class_frame,
-    need_frame,
-    point_frame,
-)
 from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model import Collision, Collisions
@@ -199,17 +193,12 @@ def _listed(columns):
     return columns | lists
 
 
-def hypothesis(spec):
+def hypothesis(spec, folder):
     """Tables of a test of the hypothesis by exact solvers, those that `spec` names."""
     config = {name: value for name, value in spec.items() if name != "tables"}
-    results = run_hypothesis(parse_hypothesis(config, "golden"), workers=1, isolate=False)
-    frames = {
-        "limits": class_frame,
-        "points": point_frame,
-        "columns": column_class_frame,
-        "needs": need_frame,
-    }
-    return {name: _columns(frame(results)) for name, frame in frames.items() if name in spec["tables"]}
+    results = run_hypothesis(parse_hypothesis(config, "golden"), folder, workers=1, isolate=False)
+    frames = {"limits": results.verdicts, "points": results.points, "columns": results.columns}
+    return {name: _columns(frame) for name, frame in frames.items() if name in spec["tables"]}
 
 
 def _columns(table):

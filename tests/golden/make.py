@@ -74,7 +74,8 @@ def tables(name):
 def hypothesis(name):
     """Test the hypothesis, a small design and the full one."""
     for design, spec in values.spec(name).items():
-        write_tables(f"{name}-{design}", adapter.hypothesis(spec))
+        with tempfile.TemporaryDirectory() as folder:
+            write_tables(f"{name}-{design}", adapter.hypothesis(spec, Path(folder)))
 
 
 MAKERS = {

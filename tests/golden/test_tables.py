@@ -16,8 +16,8 @@ def test_tables_of_a_run(run, tmp_path):
 
 
 @pytest.mark.parametrize("design", ["small", pytest.param("full", marks=pytest.mark.nightly)])
-def test_hypothesis(design):
-    found = adapter.hypothesis(values.spec("hypothesis")[design])
+def test_hypothesis(design, tmp_path):
+    found = adapter.hypothesis(values.spec("hypothesis")[design], tmp_path)
     report(
         [text for name in found for text in values.table_misses(f"hypothesis-{design}-{name}", found[name])]
     )

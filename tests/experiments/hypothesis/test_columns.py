@@ -1,30 +1,40 @@
 """The hypothesis in columns: what a welded column is, and verdicts on laws of which it is known where they go."""
 
 import math
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.mapping import damping_ratio, textbook_damping_ratio
+from impact_xval.compliant_baselines.mapping import damping_ratio, restitution
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.hypothesis.cases import BY_KEY, closed_form, point_of
 from impact_xval.experiments.hypothesis.columns import (
     PLACES,
     Place,
-    dashpots_kept,
     draw,
-    examine_place,
     of_each_ball,
+    solved,
     stiffened,
     welded,
 )
-from impact_xval.experiments.hypothesis.config import spaced
+from impact_xval.experiments.hypothesis.config import parse, spaced
+from impact_xval.experiments.hypothesis.verdicts import columns_judged, verdicts
 from impact_xval.model.collision import Collision
-from tests.model.columns import solved
+from tests.model.columns import solved as solved_column
 
-CONTRAST = np.logspace(1, 5, 17)
+SETTINGS = Settings()
+
+
+def judged(solver, place, balls=(4, 5), contrast=None):
+    """Judge three columns at a place: each by itself, and their classes."""
+    contrast = np.logspace(1, 5, 17) if contrast is None else contrast
+    outcomes = pd.DataFrame(solved(solver, place, draw(place, 3, balls, 1), contrast))
+    points = columns_judged(outcomes, parse({}, "test"))
+    classes = verdicts(points, ["arrangement", "stiff_contact", "meets", "solver"]).set_index("class").verdict
+    return outcomes, points, classes.to_dict()
 
 
 def test_a_welded_column_has_the_mass_and_the_momentum_of_all_but_what_is_part_of_the_table():
@@ -46,57 +56,39 @@ def test_a_welded_column_has_the_mass_and_the_momentum_of_all_but_what_is_part_o
 def test_of_two_balls_on_a_stiff_table_it_is_the_closed_form_of_the_supplement():
     point = point_of(BY_KEY["infinity"], 1.7, 0.8, 0.6, math.nan)
     column = Collision((1.0, 1.7), (1.0, 1.0), (0.8, 0.6), (-1.0, 0.0), table=True)
-    found = of_each_ball(solved(welded(column, 1)).velocities, 1, 2)
+    found = of_each_ball(solved_column(welded(column, 1)).velocities, 1, 2)
     assert found == pytest.approx(closed_form(BY_KEY["infinity"], point), abs=1e-14)
 
 
-def test_dashpots_beside_a_pair_stay_what_they_were():
+def dashpots(column, restitutions):
     """c = 2 zeta sqrt(k m), m the reduced mass of the bodies of a contact."""
-
-    def dashpots(column, ratio):
-        masses = (*column.masses, math.inf) if column.table else column.masses
-        reduced = [1 / (1 / a + 1 / b) for a, b in pairwise(masses)]
-        values = zip(column.restitutions, column.stiffnesses, reduced, strict=True)
-        return [2 * ratio(e) * math.sqrt(k * m) for e, k, m in values]
-
-    laws = (("kelvin-voigt", damping_ratio), ("kelvin-voigt-textbook", textbook_damping_ratio))
-    for place, (solver, ratio) in product(PLACES, laws):
-        for column in draw(place, 2, (4, 7), 3):
-            contact = place.contact(len(column.masses))
-            before, kept = dashpots(column, ratio), dashpots_kept(column, contact, solver)
-            del before[contact]
-            assert dashpots(kept, ratio) == pytest.approx(before, rel=1e-9), (place, solver)
-            assert dashpots(welded(column, contact), ratio) != pytest.approx(before, rel=1e-3)
-
-
-def test_no_dashpot_is_kept_of_what_has_none_or_cannot_be_mapped():
-    column = Collision((1.0, 1e-4, 1e4), (1.0, 1.0), (1e-12, 0.9), (-1.0, 0.0, 0.0))
-    assert dashpots_kept(column, 1, "bistiffness") is None
-    assert dashpots_kept(column, 1, "kelvin-voigt") is not None
-    heavy = Collision((1.0, 1e4, 1e-4), (1.0, 1.0), (1e-12, 0.9), (-1.0, 0.0, 0.0))
-    assert dashpots_kept(heavy, 1, "kelvin-voigt-textbook") is not None
-    assert dashpots_kept(heavy.reversed(), 0, "kelvin-voigt-textbook") is not None
-    light = Collision((1.0, 1e4, 1e-4), (1.0, 1.0), (0.9, 1e-12), (-1.0, 0.0, 0.0))
-    assert dashpots_kept(light, 0, "kelvin-voigt-textbook").restitutions[0] == pytest.approx(1e-12, rel=1e-2)
-
-
-def apart(column, some, others):
-    """D of final velocities from others."""
-    m, v = np.array(column.masses), np.array(column.velocities)
-    return np.sqrt(m @ np.subtract(some, others) ** 2 / (m @ v**2))
+    masses = (*column.masses, math.inf) if column.table else column.masses
+    reduced = [1 / (1 / a + 1 / b) for a, b in pairwise(masses)]
+    values = zip(restitutions, column.stiffnesses, reduced, strict=True)
+    return [2 * damping_ratio(e) * math.sqrt(k * m) for e, k, m in values]
 
 
 def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapped_anew():
+    """The welded column is given the dashpots as they were, by the restitutions with which they are mapped to it."""
     place = Place("drop", "middle")
     for column in draw(place, 2, (4, 5), 2):
-        balls = len(column.masses)
-        contact = place.contact(balls)
-        kept = dashpots_kept(column, contact, "kelvin-voigt")
-        columns = [stiffened(column, contact, 1e6), welded(column, contact), kept]
-        stiff, anew, as_were = get_solver("kelvin-voigt").solve_many(columns, Settings())
+        contact = place.contact(len(column.masses))
+        anew, wanted = welded(column, contact), dashpots(column, column.restitutions)
+        del wanted[contact]
+        # The restitutions by which these dashpots are mapped to the welded column: c is linear in zeta.
+        unit = dashpots(anew, [math.exp(-math.pi)] * len(wanted))
+        kept = [
+            restitution(c / u * damping_ratio(math.exp(-math.pi))) for c, u in zip(wanted, unit, strict=True)
+        ]
+        as_were = Collision(anew.masses, anew.stiffnesses, tuple(kept), anew.velocities, table=True)
+        outcomes = get_solver("kelvin-voigt").solve_many(
+            [stiffened(column, contact, 1e6), anew, as_were], SETTINGS
+        )
+        m = np.array(column.masses)
+        stiff, *forms = (np.array(each.velocities) for each in outcomes)
         away = [
-            apart(column, of_each_ball(each.velocities, contact, balls), stiff.velocities)
-            for each in (anew, as_were)
+            np.sqrt(m @ (np.array(of_each_ball(form, contact, len(m))) - stiff) ** 2 / column.masses[0])
+            for form in forms
         ]
         assert away[0] > 1e-3
         assert away[1] < 1e-5
@@ -113,16 +105,15 @@ def test_a_dashpot_law_goes_where_its_own_dashpots_lead_and_not_where_it_is_mapp
     ],
 )
 def test_verdicts(solver, arrangement, where, lossy, elastic):
-    place = Place(arrangement, where)
-    found = examine_place(solver, place, draw(place, 3, (4, 5), 1), CONTRAST, 3.0)
-    assert {group.name: group.verdict for group in found.classes} == {"lossy": lossy, "elastic": elastic}
-    for point in found.whole.members:
-        D = point.distances()
-        if point.judgement.verdict == "supported":
+    outcomes, points, classes = judged(solver, Place(arrangement, where))
+    assert (classes["lossy"], classes["elastic"]) == (lossy, elastic)
+    for row, (_, series) in zip(points.itertuples(), outcomes.groupby("column"), strict=True):
+        D = series.distance.to_numpy()
+        if row.verdict == "supported":
             assert D[-1] < 1e-3 * D[0]
-            assert 0.4 < point.judgement.rate < 2.2
+            assert 0.4 < row.rate < 2.2
         else:
-            assert point.judgement.offset == pytest.approx(D[-1], rel=0.2)
+            assert row.offset == pytest.approx(D[-1], rel=0.2)
 
 
 @pytest.mark.parametrize("end", [5e4, 2e4])
@@ -131,8 +122,4 @@ def test_a_range_of_any_length_leaves_no_window_without_outcomes(end):
     assert x[-1] == pytest.approx(end)
     assert 10.0 * (1 - 1e-9) <= x[0] < 10.0 * 10**0.25
     assert np.diff(np.log10(x)) == pytest.approx(0.25)
-    place = Place("stack", "middle")
-    assert (
-        examine_place("state-transition", place, draw(place, 3, (4, 4), 1), x, 3.0).whole.verdict
-        == "supported"
-    )
+    assert judged("state-transition", Place("stack", "middle"), (4, 4), x)[2]["all"] == "supported"

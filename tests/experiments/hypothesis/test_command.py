@@ -3,13 +3,17 @@
 import contextlib
 import html
 import io
+import math
 import re
+import shutil
 
 import pandas as pd
 import pytest
 
+from impact_xval.compliant_baselines import solver_names
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.hypothesis.cases import CASES
+from impact_xval.experiments.hypothesis.config import parse
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
 
 SMALL = """
@@ -22,9 +26,6 @@ per_decade = 4
 points = 3
 balls = [4, 4]
 contrast = [10, 1e5]
-[map]
-size = 8
-restitutions = [[0.9, 0.7]]
 [[point]]
 case = "zero-late"
 mass_ratio = 1.1547005383792517
@@ -40,12 +41,11 @@ BAD = {
     "contrast = [1e5, 10]": ["contrast = [100000.0, 10.0]", "lo < hi"],
     "engine_contrast = [0, 10]": ["engine_contrast", "1 < lo < hi <= 1e6"],
     "solvers = ['mujoko']": ["solvers", "'mujoko'", "did you mean 'mujoco'"],
-    "[map]\nsise = 3": ["map.sise", "unknown key", "size"],
-    "[map]\nstiffness_ratio = [2, 10]": ["map.stiffness_ratio", "lo < 1 < hi"],
-    "[map]\nrestitutions = [[0.9, 0.7], [0.9, 0.0]]": ["map.restitutions.1.1 = 0.0", "from 0.02 to 1"],
+    "[columns]\npoint = 3": ["columns.point", "unknown key", "points"],
+    "[[point]]\ncase = 'infinity'\nmass_ratio = 1.0\ne1 = 0.0": ["point.0.e1 = 0.0", "from 0.02 to 1"],
     "[columns]\nballs = [3, 7]": ["columns.balls = [3, 7]", "whole numbers from 4 to 12"],
     "seed = 1.5": ["seed = 1.5", "a whole number from 0 to 2^32"],
-    "points = 3\nsteps = 3": ["points = 3", "and 1 more"],
+    "points = 3\nhalvings = 30": ["points = 3", "and 1 more"],
     "points =": ["not TOML"],
 }
 
@@ -64,11 +64,34 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path, capsys, monkeypatch)
         assert not (tmp_path / "runs").exists(), text
 
 
-def test_a_folder_that_holds_files_is_refused(tmp_path, capsys):
+def test_the_built_in_test_is_of_the_usual_solvers_and_of_all_laws_that_have_a_stiffness():
+    names = parse({}, "test").solvers
+    assert set(solver_names()) < set(names)
+    assert {"hunt-crossley", "liu-zhao-brogliato", "kelvin-voigt-textbook"} < set(names)
+    assert not {"newton-restitution", "sequential-top", "mujoco-naive"} & set(names)
+
+
+def test_a_folder_that_holds_anything_else_is_refused(tmp_path, capsys):
     (tmp_path / "mine.txt").write_text("precious")
     assert main(["hypothesis", "--out", str(tmp_path)]) == 2
     assert "not empty; legal: a new or empty folder" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_it_is_continued_to_the_same_tables_and_holds_no_other_test(made, tmp_path, capsys):
+    root, _ = made
+    again = tmp_path / "again"
+    shutil.copytree(root, again)
+    table = (again / "verdicts.csv").read_bytes()
+    lost = sorted((again / "exact" / "parts").iterdir())[::2]
+    for path in (*lost, again / "verdicts.csv", again / "exact" / "cells.parquet"):
+        path.unlink()
+    (tmp_path / "h.toml").write_text(SMALL)
+    assert main(["hypothesis", str(tmp_path / "h.toml"), "--out", str(again), "--workers", "2"]) == 0
+    assert "resumed: " in capsys.readouterr().out
+    assert (again / "verdicts.csv").read_bytes() == table
+    assert main(["hypothesis", "--out", str(again)]) == 2
+    assert "holds another test of the hypothesis" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
@@ -106,13 +129,11 @@ def test_the_page_and_the_command_show_the_verdicts_of_the_tables(made):
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in table.split("<tr>")]
     shown = {row[0]: dict(zip((case.key for case in CASES), row[1:], strict=True)) for row in cells if row}
     for row in verdicts.itertuples():
-        n = getattr(row, f"n_{row.verdict}")
-        verdict, more = shown[named(row.solver)][row.case].split("<br>")
-        assert verdict in (f"{row.verdict}, {n} of {row.points}", f"no limit, {n} of {row.points}")
-        assert verdict.startswith("no limit") <= (
-            row.solver == "state-transition" and row.verdict == "undecided"
-        )
-        assert more.startswith(f"{row.rate:.2f}" if row.verdict == "supported" else "")
+        n = getattr(row, f"n_{row.verdict.replace('no limit', 'undecided')}")
+        verdict, more, close = shown[named(row.solver)][row.case].split("<br>")
+        assert verdict == f"{row.verdict}, {n} of {row.points}"
+        assert more.startswith(f"r {row.rate:.2f}" if row.verdict == "supported" else "")
+        assert (close == "never") == math.isinf(row.close_from)
         assert f"{named(row.solver)} {n}/{row.points}" in said
     late = verdicts[verdicts.case == "zero-late"].set_index("solver")
     assert late.verdict.to_dict() == {
@@ -130,8 +151,8 @@ def test_columns_that_move_as_one_are_those_of_the_tables_on_the_page_and_in_the
     assert len(wholes) == 12 * 3
     together = wholes[~wholes.meets]
     for solver, found in together.groupby("solver"):
-        words = f"{named(solver)} {found.n_supported.sum()} of {found.points.sum()}"
-        assert words in (root / "report.html").read_text()
-        assert words in "\n".join(lines)
+        count = f"{found.n_supported.sum()} of {found.points.sum()}"
+        assert f">{count}</td>" in (root / "report.html").read_text()
+        assert f"{named(solver)} {count}" in " ".join(lines)
     assert (together[together.solver == "kelvin-voigt"].verdict == "refuted").all()
     assert (together[together.solver != "kelvin-voigt"].n_refuted == 0).all()
