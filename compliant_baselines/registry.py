@@ -66,6 +66,9 @@ _RIGID_LAWS = {
     "plastic-then-restitution": "PlasticThenRestitution",
 }
 
+#: Rigid engines, by name: the module below `compliant_baselines.rigid` is named alike.
+_RIGID_ENGINES = {"pymunk": "Pymunk", "dart": "Dart", "rapier": "Rapier"}
+
 # In the order in which tables list the solvers; those on request after all others.
 _ENTRIES: dict[str, Entry] = {
     "state-transition": Entry(_EXACT, "StateTransitionSolver", "model", "state-transition"),
@@ -81,6 +84,10 @@ _ENTRIES: dict[str, Entry] = {
     **{
         name: Entry("rigid.solvers", cls, "reference", name, on_request=True)
         for name, cls in _RIGID_LAWS.items()
+    },
+    **{
+        name: Entry(f"rigid.{name}", cls, "rigid", None, on_request=True)
+        for name, cls in _RIGID_ENGINES.items()
     },
     "mujoco-naive": Entry(_MUJOCO, "NaiveMujoco", on_request=True, naive=True),
     "pybullet-naive": Entry(_PYBULLET, "NaivePybullet", on_request=True, naive=True),
@@ -103,7 +110,10 @@ _DESCRIPTIONS = {
     "sequential-top": "rigid, exact: single impacts one after the other, the topmost first",
     "sequential-bottom": "rigid, exact: single impacts one after the other, the lowest first",
     "generalised-reflection": "rigid, exact: the generalised reflections of Smith et al. (2012), one e for all",
-    "plastic-then-restitution": "rigid, exact: the plastic impact of all contacts, then restitution of those that approached",
+    "plastic-then-restitution": "rigid, exact: plastic at all contacts, then restitution of those that approached",
+    "pymunk": "Pymunk (2-D): rigid contacts, iterated impulses",
+    "dart": "DART: rigid contacts, one complementarity problem a step",
+    "rapier": "Rapier: rigid contacts, without restitution in sub-steps, then restitution once",
     "mujoco-naive": "MuJoCo with stiffness and damping written into its solref as they are",
     "pybullet-naive": "PyBullet with one stiffness and damping on both balls",
     "drake-hunt-crossley": "Drake in continuous time, with Hunt and Crossley's contacts",

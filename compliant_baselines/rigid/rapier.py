@@ -3,6 +3,9 @@
 Coefficients of two colliders combine by a rule that is set: here their product, e below a ball and 1 on what it meets.
 Bodies move along one axis and do not turn. Iterations are as many as converge; the speed at which overlaps are pushed
 out is 0.
+
+What is measured (0.36): a single impact returns its e at every step; of two impacts in a row on a table the second one
+depends on the step where that is 2e-6 s or less.
 """
 
 from __future__ import annotations
@@ -34,7 +37,9 @@ class RapierWorld(RigidWorld):
 
         below, lower, upper, bodies = (*scene.restitutions, 1.0), [], [], []
         for mass, z, v, e in zip(scene.masses, self.centres, scene.velocities, below, strict=False):
-            body = rapier.RigidBodyBuilder(rapier.RigidBodyType.DYNAMIC).additional_mass(mass).can_sleep(False)
+            body = (
+                rapier.RigidBodyBuilder(rapier.RigidBodyType.DYNAMIC).additional_mass(mass).can_sleep(False)
+            )
             body = body.translation((0, 0, z)).linvel((0, 0, v)).enabled_rotations((False, False, False))
             bodies.append(world.add_body(body.enabled_translations((False, False, True))))
             lower.append(add(rapier.Collider.ball(half), -half, e, bodies[-1]))

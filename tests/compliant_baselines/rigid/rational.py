@@ -43,17 +43,18 @@ class Balls:
     def after(self, impulse):
         return [sum(a * p for a, p in zip(row, impulse, strict=True)) for row in self.g]
 
-    def complementary(self, q):
-        """Solve 0 <= P, q + G P >= 0, complementary, by trying every set of contacts that push."""
+    def complementary(self, q, among=None):
+        """Solve 0 <= P, q + G P >= 0, complementary, among some contacts, by trying every set of them that pushes."""
         n, found = len(q), []
-        for size in range(n + 1):
-            for some in combinations(range(n), size):
+        among = list(range(n)) if among is None else among
+        for size in range(len(among) + 1):
+            for some in combinations(among, size):
                 part = solved([[self.g[i][j] for j in some] for i in some], [-q[i] for i in some])
                 impulse = [Fraction(0)] * n
                 for i, p in zip(some, part, strict=True):
                     impulse[i] = p
                 w = [a + b for a, b in zip(q, self.after(impulse), strict=True)]
-                if min(impulse, default=0) >= 0 and min(w, default=0) >= 0:
+                if min(impulse, default=0) >= 0 and min((w[i] for i in among), default=0) >= 0:
                     found.append(impulse)
         assert all(each == found[0] for each in found)  # G is positive definite: one solution
         return found[0]
@@ -65,6 +66,17 @@ class Balls:
     def poisson(self):
         self.push([(1 + e) * p for e, p in zip(self.e, self.complementary(self.u), strict=True)])
         self.push(self.complementary(self.u))
+
+    def plastic(self):
+        e = self.e
+        while min(self.u) < 0:
+            u, c = self.u, self.complementary(self.u)
+            among = [i for i, x in enumerate(u) if x < 0]
+            kept = [Fraction(0) if i in among else p for i, p in enumerate(c)]
+            q = [(1 + a) * x + y for a, x, y in zip(e, u, self.after(kept), strict=True)]
+            back = self.complementary(q, among)
+            self.push([a + b for a, b in zip(kept, back, strict=True)])
+            e = [a if a == 1 else Fraction(0) for a in self.e]
 
     def sequential(self, last):
         while min(self.u) < 0:
