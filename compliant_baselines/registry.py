@@ -66,8 +66,14 @@ _RIGID_LAWS = {
     "plastic-then-restitution": "PlasticThenRestitution",
 }
 
-#: Rigid engines, by name: the module below `compliant_baselines.rigid` is named alike.
-_RIGID_ENGINES = {"pymunk": "Pymunk", "dart": "Dart", "rapier": "Rapier"}
+#: Rigid engines, by name: module below `compliant_baselines.rigid`, and class.
+_RIGID_ENGINES = {
+    "pymunk": ("pymunk", "Pymunk"),
+    "dart": ("dart", "Dart"),
+    "rapier": ("rapier", "Rapier"),
+    "pybullet-restitution": ("bullet", "PybulletRestitution"),
+    "sapien": ("sapien", "Sapien"),
+}
 
 # In the order in which tables list the solvers; those on request after all others.
 _ENTRIES: dict[str, Entry] = {
@@ -86,8 +92,8 @@ _ENTRIES: dict[str, Entry] = {
         for name, cls in _RIGID_LAWS.items()
     },
     **{
-        name: Entry(f"rigid.{name}", cls, "rigid", None, on_request=True)
-        for name, cls in _RIGID_ENGINES.items()
+        name: Entry(f"rigid.{module}", cls, "rigid", None, on_request=True)
+        for name, (module, cls) in _RIGID_ENGINES.items()
     },
     "mujoco-naive": Entry(_MUJOCO, "NaiveMujoco", on_request=True, naive=True),
     "pybullet-naive": Entry(_PYBULLET, "NaivePybullet", on_request=True, naive=True),
@@ -114,6 +120,8 @@ _DESCRIPTIONS = {
     "pymunk": "Pymunk (2-D): rigid contacts, iterated impulses",
     "dart": "DART: rigid contacts, one complementarity problem a step",
     "rapier": "Rapier: rigid contacts, without restitution in sub-steps, then restitution once",
+    "sapien": "SAPIEN (PhysX 5): rigid contacts, by its TGS solver",
+    "pybullet-restitution": "PyBullet with coefficients of restitution: sequential impulses",
     "mujoco-naive": "MuJoCo with stiffness and damping written into its solref as they are",
     "pybullet-naive": "PyBullet with one stiffness and damping on both balls",
     "drake-hunt-crossley": "Drake in continuous time, with Hunt and Crossley's contacts",

@@ -66,6 +66,19 @@ FIXED |= {key: [(0, 0, 0)] for key in ("linkPositions", "linkInertialFramePositi
 FIXED |= {key: [(0, 0, 0, 1)] for key in ("linkOrientations", "linkInertialFrameOrientations")}
 
 
+@contextmanager
+def connected() -> Iterator[int]:
+    """Connect a client; one that was kept would be client 0 to whoever else uses PyBullet and names none."""
+    p: Any = import_quietly("pybullet")
+    client = p.connect(p.DIRECT)
+    if client < 0:
+        raise RuntimeError("PyBullet gave no client: more than 1024 are connected in this process")
+    try:
+        yield client
+    finally:
+        p.disconnect(physicsClientId=client)
+
+
 class Pybullet(Engine):
     """PyBullet, where it has wheels (CPython up to 3.11) or was built; a client is connected for a call."""
 
@@ -106,15 +119,10 @@ class Pybullet(Engine):
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Connect a client; one that was kept would be client 0 to whoever else uses PyBullet and names none."""
-        p: Any = import_quietly("pybullet")
-        self._client, self._made = p.connect(p.DIRECT), {}
-        if self._client < 0:
-            raise RuntimeError("PyBullet gave no client: more than 1024 are connected in this process")
-        try:
+        """Connect a client."""
+        with connected() as self._client:
+            self._made = {}
             yield
-        finally:
-            p.disconnect(physicsClientId=self._client)
 
 
 class NaivePybullet(Pybullet):

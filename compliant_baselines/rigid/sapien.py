@@ -1,0 +1,117 @@
+"""SAPIEN, that is PhysX 5 on a CPU, in single precision: the TGS solver, restitution by material.
+
+PhysX combines the coefficients of two shapes by their mean: both shapes of a contact carry its e. Rotations, and two of
+three translations, are locked. Of the parameters that SAPIEN sets for all scenes, the speed below which there is no
+restitution is 0 while ours run (its default is 2 m/s), and what was set before is restored.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from impact_xval.compliant_baselines.engines.packages import import_quietly
+from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.compliant_baselines.rigid.lines import SINGLE, RigidEngine, RigidWorld, said
+
+#: Iterations of both kinds, the most that PhysX takes. By four a single ball rebounds with 0.693 in place of 0.7.
+MOST = 255
+
+
+class SapienWorld(RigidWorld):
+    """A scene of its own, with physics alone."""
+
+    resolution = SINGLE
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        sapien: Any = import_quietly("sapien")
+        physx, half = sapien.physx, self.radius / 2
+        system = self._system = physx.PhysxCpuSystem()
+        self._scene = sapien.Scene([system])
+        system.timestep = scene.step
+
+        def attach(body: Any, shape: Any, z: float) -> None:
+            shape.local_pose = sapien.Pose([0, 0, z])
+            shape.contact_offset, shape.rest_offset = 1e-3 * self.radius, 0.0
+            body.attach(shape)
+
+        def add(body: Any, z: float) -> None:
+            entity = sapien.Entity()
+            entity.add_component(body)
+            entity.pose = sapien.Pose([0, 0, z])
+            self._scene.add_entity(entity)
+
+        materials = [physx.PhysxMaterial(0, 0, e) for e in (*scene.restitutions, 0.0)]
+        self._bodies, above = [], physx.PhysxMaterial(0, 0, 0)
+        for mass, z, v, below in zip(scene.masses, self.centres, scene.velocities, materials, strict=False):
+            body = physx.PhysxRigidDynamicComponent()
+            attach(body, physx.PhysxCollisionShapeSphere(half, above), half)
+            attach(body, physx.PhysxCollisionShapeSphere(half, below), -half)
+            body.mass, body.inertia = mass, [mass * half**2] * 3
+            body.linear_damping = body.angular_damping = body.sleep_threshold = 0
+            body.max_depenetration_velocity = 1e-20
+            body.set_locked_motion_axes([True, True, False, True, True, True])
+            body.solver_position_iterations = body.solver_velocity_iterations = MOST
+            body.disable_gravity = True
+            add(body, z)
+            body.linear_velocity = [0, 0, v]
+            self._bodies.append(body)
+            above = below
+        if scene.table:
+            body = physx.PhysxRigidStaticComponent()
+            attach(body, physx.PhysxCollisionShapeBox([50 * half, 50 * half, half], above), -half)
+            add(body, 0.0)
+        of = zip((each.restitution for each in materials), scene.restitutions, strict=False)
+        self.effective = {
+            "restitution": tuple(said(*each) for each in of),
+            "step": (said(system.timestep, scene.step),),
+            "threshold": (physx.get_scene_config().bounce_threshold,),
+        }
+
+    def step(self) -> tuple[list[float], list[float]]:
+        """Take a step."""
+        self._system.step()
+        velocities = [float(body.linear_velocity[2]) for body in self._bodies]
+        return velocities, [float(body.pose.p[2]) for body in self._bodies]
+
+
+@contextmanager
+def _without_graphics() -> Iterator[None]:
+    """Keep SAPIEN from warning that it finds no graphics, of which ours needs none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+class Sapien(RigidEngine):
+    """SAPIEN."""
+
+    name = distribution = module = "sapien"
+    title = "SAPIEN"
+    way_out = "run pip install 'impact-xval[sapien]'"
+
+    def unavailable(self) -> str | None:
+        """Why it cannot run."""
+        with _without_graphics():
+            return super().unavailable()
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Set what SAPIEN sets for all scenes, and restore it."""
+        physx: Any = import_quietly("sapien").physx
+        before = physx.get_scene_config()
+        threshold = before.bounce_threshold
+        physx.set_scene_config(gravity=[0, 0, 0], bounce_threshold=0.0, enable_tgs=True)
+        try:
+            with _without_graphics():
+                yield
+        finally:
+            before.bounce_threshold = threshold
+            physx.set_scene_config(before)
+
+    def world(self, scene: Scene) -> SapienWorld:
+        """Set a scene up."""
+        return SapienWorld(scene)
