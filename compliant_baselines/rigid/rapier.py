@@ -2,10 +2,7 @@
 
 Coefficients of two colliders combine by a rule that is set: here their product, e below a ball and 1 on what it meets.
 Bodies move along one axis and do not turn. Iterations are as many as converge; the speed at which overlaps are pushed
-out is 0.
-
-What is measured (0.36): a single impact returns its e at every step; of two impacts in a row on a table the second one
-depends on the step where that is 2e-6 s or less.
+out is 0, and bodies may be as fast as they are: as it ships, not faster than 400 of its length unit a second.
 """
 
 from __future__ import annotations
@@ -28,6 +25,7 @@ class RapierWorld(RigidWorld):
         world, half = rapier.PhysicsWorld(), self.radius / 2
         how = world.integration_parameters
         how.dt, how.length_unit, how.normalized_max_corrective_velocity = scene.step, self.radius, 0
+        how.normalized_max_linear_velocity = 1e20
         how.num_internal_pgs_iterations = how.num_internal_stabilization_iterations = sweeps(scene)
 
         def add(shape: Any, z: float, e: float, body: Any = None) -> Any:
