@@ -83,7 +83,7 @@ class RigidEngine(Engine):
 
     kind, law = "rigid", None
 
-    #: Largest number that its precision has, and the restitutions that it takes.
+    #: Largest number that its precision has; the inverse is the smallest.
     largest = 1e30
 
     def refusal(self, scene: Scene) -> str | None:
