@@ -103,7 +103,7 @@ _DESCRIPTIONS = {
     "sequential-top": "rigid, exact: single impacts one after the other, the topmost first",
     "sequential-bottom": "rigid, exact: single impacts one after the other, the lowest first",
     "generalised-reflection": "rigid, exact: the generalised reflections of Smith et al. (2012), one e for all",
-    "plastic-then-restitution": "rigid, exact: the plastic impact of all contacts, then restitution of those that approached",
+    "plastic-then-restitution": "rigid, exact: a plastic impact of all contacts, then restitution of those that met",
     "mujoco-naive": "MuJoCo with stiffness and damping written into its solref as they are",
     "pybullet-naive": "PyBullet with one stiffness and damping on both balls",
     "drake-hunt-crossley": "Drake in continuous time, with Hunt and Crossley's contacts",

@@ -5,9 +5,9 @@ that only just touch in another step than those that overlap, or not, and would 
 is meant to be one. Heights at t = 0 are those with the overlap. It is not pushed out: each adapter switches the
 correction of positions off.
 
-Most engines make the restitution of a contact from one number a body (their product, mean, ...). A ball is therefore two
-spheres of half its radius, one above the other: the lower one carries the contact with what is below, and the upper one
-that with what is above. Where they are, no other two can meet.
+Most engines make the restitution of a contact from one number a body (their product, mean, ...). A ball is therefore
+two spheres of half its radius, one above the other: the lower one carries the contact with what is below, and the upper
+one that with what is above. Where they are, no other two can meet.
 
 Bodies that move together do so within rounding: relative velocities of up to `RigidWorld.resolution` of the fastest
 ball at the start are reported as none, or a collision would not be over until a gap has closed at 1e-17 m/s.

@@ -34,7 +34,9 @@ class RapierWorld(RigidWorld):
 
         below, lower, upper, bodies = (*scene.restitutions, 1.0), [], [], []
         for mass, z, v, e in zip(scene.masses, self.centres, scene.velocities, below, strict=False):
-            body = rapier.RigidBodyBuilder(rapier.RigidBodyType.DYNAMIC).additional_mass(mass).can_sleep(False)
+            body = (
+                rapier.RigidBodyBuilder(rapier.RigidBodyType.DYNAMIC).additional_mass(mass).can_sleep(False)
+            )
             body = body.translation((0, 0, z)).linvel((0, 0, v)).enabled_rotations((False, False, False))
             bodies.append(world.add_body(body.enabled_translations((False, False, True))))
             lower.append(add(rapier.Collider.ball(half), -half, e, bodies[-1]))

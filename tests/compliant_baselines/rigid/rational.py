@@ -43,16 +43,17 @@ class Balls:
     def after(self, impulse):
         return [sum(a * p for a, p in zip(row, impulse, strict=True)) for row in self.g]
 
-    def complementary(self, q):
-        """Solve 0 <= P, q + G P >= 0, complementary, by trying every set of contacts that push."""
+    def complementary(self, q, among=None):
+        """Solve 0 <= P, q + G P >= 0, complementary, by trying every set of contacts that push, of all or some."""
         n, found = len(q), []
-        for size in range(n + 1):
-            for some in combinations(range(n), size):
+        among = range(n) if among is None else among
+        for size in range(len(among) + 1):
+            for some in combinations(among, size):
                 part = solved([[self.g[i][j] for j in some] for i in some], [-q[i] for i in some])
                 impulse = [Fraction(0)] * n
                 for i, p in zip(some, part, strict=True):
                     impulse[i] = p
-                w = [a + b for a, b in zip(q, self.after(impulse), strict=True)]
+                w = [q[i] + self.after(impulse)[i] for i in among]
                 if min(impulse, default=0) >= 0 and min(w, default=0) >= 0:
                     found.append(impulse)
         assert all(each == found[0] for each in found)  # G is positive definite: one solution
@@ -72,3 +73,13 @@ class Balls:
             self.push(
                 [-(1 + self.e[i]) * self.u[i] / self.g[i][i] if j == i else 0 for j in range(len(self.u))]
             )
+
+    def plastic(self):
+        restitutions = self.e
+        while min(self.u) < 0:
+            before, stop = self.u, self.complementary(self.u)
+            struck = [i for i, u in enumerate(before) if u < 0]
+            kept = [0 if i in struck else p for i, p in enumerate(stop)]
+            goal = [(1 + e) * u + w for e, u, w in zip(restitutions, before, self.after(kept), strict=True)]
+            self.push([a + b for a, b in zip(kept, self.complementary(goal, struck), strict=True)])
+            restitutions = [int(e == 1) for e in self.e]
