@@ -85,6 +85,9 @@ _ENTRIES: dict[str, Entry] = {
     "mujoco-naive": Entry(_MUJOCO, "NaiveMujoco", on_request=True, naive=True),
     "pybullet-naive": Entry(_PYBULLET, "NaivePybullet", on_request=True, naive=True),
     "drake-hunt-crossley": Entry(_DRAKE, "DrakeHuntCrossley", law=_HUNT, on_request=True),
+    "pymunk": Entry("rigid.pymunk", "Pymunk", "rigid", None, on_request=True),
+    "dart": Entry("rigid.dart", "Dart", "rigid", None, on_request=True),
+    "rapier": Entry("rigid.rapier", "Rapier", "rigid", None, on_request=True),
 }
 
 _DESCRIPTIONS = {
@@ -107,6 +110,9 @@ _DESCRIPTIONS = {
     "mujoco-naive": "MuJoCo with stiffness and damping written into its solref as they are",
     "pybullet-naive": "PyBullet with one stiffness and damping on both balls",
     "drake-hunt-crossley": "Drake in continuous time, with Hunt and Crossley's contacts",
+    "pymunk": "Pymunk, rigid: iterated impulses with coefficients of restitution",
+    "dart": "DART, rigid: one complementarity problem with coefficients of restitution",
+    "rapier": "Rapier, rigid: a soft step, then coefficients of restitution",
 }
 
 

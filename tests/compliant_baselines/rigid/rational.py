@@ -43,17 +43,16 @@ class Balls:
     def after(self, impulse):
         return [sum(a * p for a, p in zip(row, impulse, strict=True)) for row in self.g]
 
-    def complementary(self, q, among=None):
-        """Solve 0 <= P, q + G P >= 0, complementary, by trying every set of contacts that push, of all or some."""
+    def complementary(self, q):
+        """Solve 0 <= P, q + G P >= 0, complementary, by trying every set of contacts that push."""
         n, found = len(q), []
-        among = range(n) if among is None else among
-        for size in range(len(among) + 1):
-            for some in combinations(among, size):
+        for size in range(n + 1):
+            for some in combinations(range(n), size):
                 part = solved([[self.g[i][j] for j in some] for i in some], [-q[i] for i in some])
                 impulse = [Fraction(0)] * n
                 for i, p in zip(some, part, strict=True):
                     impulse[i] = p
-                w = [q[i] + self.after(impulse)[i] for i in among]
+                w = [a + b for a, b in zip(q, self.after(impulse), strict=True)]
                 if min(impulse, default=0) >= 0 and min(w, default=0) >= 0:
                     found.append(impulse)
         assert all(each == found[0] for each in found)  # G is positive definite: one solution
@@ -75,11 +74,14 @@ class Balls:
             )
 
     def plastic(self):
+        """Stop, then push contacts apart one by one: those between balls by turns, then the one at the table."""
+        order = sorted(range(len(self.u)), key=lambda i: (i == len(self.m) - 1, i % 2, i))
         restitutions = self.e
         while min(self.u) < 0:
-            before, stop = self.u, self.complementary(self.u)
-            struck = [i for i, u in enumerate(before) if u < 0]
-            kept = [0 if i in struck else p for i, p in enumerate(stop)]
-            goal = [(1 + e) * u + w for e, u, w in zip(restitutions, before, self.after(kept), strict=True)]
-            self.push([a + b for a, b in zip(kept, self.complementary(goal, struck), strict=True)])
+            before, total = self.u, self.complementary(self.u)
+            self.push(total)
+            for i in order:
+                if before[i] < 0:
+                    more = max((-restitutions[i] * before[i] - self.u[i]) / self.g[i][i], -total[i])
+                    self.push([more if j == i else 0 for j in range(len(total))])
             restitutions = [int(e == 1) for e in self.e]

@@ -78,7 +78,7 @@ def test_a_break_off_is_symmetric_only_where_impacts_are_simultaneous():
     for law in LAWS:
         v = velocities(law, c)
         symmetric = v[0] == pytest.approx(-v[2], abs=1e-14) and v[1] == pytest.approx(0, abs=1e-14)
-        assert symmetric == (not law.startswith("sequential")), law
+        assert symmetric == (law in AT_ONCE or law == "generalised-reflection"), law
 
 
 def columns(n_most=4):
@@ -151,6 +151,8 @@ def test_invariances(given_):
             assert m @ after == pytest.approx(m @ before, abs=1e-12), law
             moved = replace(c, velocities=tuple(before + 0.75))
             assert velocities(law, moved) == pytest.approx(after + 0.75, abs=1e-12), law
+            if law == PLASTIC:  # it sweeps from the top
+                continue
             other = {"sequential-top": "sequential-bottom", "sequential-bottom": "sequential-top"}
             mirrored = velocities(other.get(law, law), c.reversed())
             assert -mirrored[::-1] == pytest.approx(after, abs=1e-12), law
