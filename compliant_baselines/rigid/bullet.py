@@ -1,7 +1,7 @@
 """PyBullet with `restitution`: sequential impulses in double precision, as most of its users run it.
 
-Coefficients of two bodies multiply: e on a ball's base, which meets the ball below, 1 on its link, which meets the ball
-above (`engines.pybullet`). No correction of overlaps (`contactERP` = 0), no threshold of restitution.
+Coefficients of two bodies multiply: e on a ball's base, which meets the ball below, `partner` on its link, which meets
+the ball above (`engines.pybullet`). No correction of overlaps (`contactERP` = 0), no threshold of restitution.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class BulletWorld(RigidWorld):
             bodies.append((plane, BASE))
         for body, part in [*((ball, BASE) for ball in self._balls), *bodies]:
             p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE, **on)
-            p.changeDynamics(body, part, restitution=1.0, **on)
+            p.changeDynamics(body, part, restitution=self.partner, **on)
             p.setCollisionFilterGroupMask(body, part, 0, 0, **on)
         said = []
         for ball, above, e in zip(self._balls, bodies[1:], scene.restitutions, strict=False):

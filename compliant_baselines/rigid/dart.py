@@ -1,10 +1,10 @@
 """DART: one boxed LCP for all contacts of a step (Dantzig's method), in double precision.
 
-The restitution of a contact is the product of the coefficients of its two shapes: e below a ball, 1 on what it meets.
-Each ball slides along a joint. Split impulses keep the correction of overlaps out of velocities.
+The restitution of a contact is the product of the coefficients of its two shapes: e below a ball, `partner` on what it
+meets. Each ball slides along a joint. Split impulses keep the correction of overlaps out of velocities.
 
 What is measured (6.20): a contact is softer by 1e-5, so that a rebound is slower by (1 + e) 1e-5 of the approach; no
-contact whose rebound were `SLOWEST` or less rebounds; in a stack the solution is iterated, and not to the end.
+contact whose rebound were `SLOWEST` or less rebounds, and none rebounds faster than `FASTEST`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld
 
-#: Speed of rebound in m/s up to which it drops restitution (dart/constraint/ContactConstraint.cpp).
-SLOWEST = 0.1
+#: Speeds of rebound in m/s: up to the first it drops restitution, and none is faster than the other
+#: (DART_BOUNCING_VELOCITY_THRESHOLD and DART_MAX_BOUNCING_VELOCITY in dart/constraint/ContactConstraint.cpp).
+SLOWEST, FASTEST = 0.1, 100.0
 
 
 class DartWorld(RigidWorld):
@@ -34,6 +35,10 @@ class DartWorld(RigidWorld):
         solver = world.getConstraintSolver()
         solver.setCollisionDetector(dart.collision.DARTCollisionDetector())
         solver.setSplitImpulseEnabled(True)
+        # Where Dantzig's method gives up, in columns of four balls, sweeps follow: 30 by default, which is far too few.
+        solver.getSecondaryBoxedLcpSolver().setOption(
+            dart.constraint.PgsBoxedLcpSolverOption(10_000, 0.0, 1e-14)
+        )
 
         def add(body: Any, shape: Any, z: float, e: float) -> Any:
             node = body.createShapeNode(shape)
@@ -51,7 +56,7 @@ class DartWorld(RigidWorld):
             joint, body = skeleton.createPrismaticJointAndBodyNodePair(None, slide)
             body.setMass(mass)
             lower.append(add(body, dart.dynamics.SphereShape(half), -half, e))
-            upper.append(add(body, dart.dynamics.SphereShape(half), half, 1.0))
+            upper.append(add(body, dart.dynamics.SphereShape(half), half, self.partner))
             joint.setPosition(0, z)
             joint.setVelocity(0, v)
             self._joints.append(joint)
@@ -59,7 +64,7 @@ class DartWorld(RigidWorld):
         if scene.table:
             skeleton = dart.dynamics.Skeleton()
             _, body = skeleton.createWeldJointAndBodyNodePair()
-            upper.append(add(body, dart.dynamics.BoxShape([100 * half] * 3), -50 * half, 1.0))
+            upper.append(add(body, dart.dynamics.BoxShape([100 * half] * 3), -50 * half, self.partner))
             world.addSkeleton(skeleton)
         pairs = zip(lower, upper[1:], strict=False)
         self.effective = {
@@ -81,10 +86,12 @@ class Dart(RigidEngine):
     way_out = "run pip install 'impact-xval[dart]'"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Why DART cannot take a scene: where it would drop the restitution of a first impact."""
+        """Why DART cannot take a scene: where it would drop or cut the restitution of a first impact."""
         for i, (e, rate) in enumerate(zip(scene.restitutions, scene.rates.tolist(), strict=True), 1):
             if 0 < e * rate <= SLOWEST:
                 return f"contact {i} would rebound at {e * rate:.3g} m/s: DART drops restitution up to {SLOWEST} m/s"
+            if e * rate > FASTEST:
+                return f"contact {i} would rebound at {e * rate:.3g} m/s: DART has none faster than {FASTEST} m/s"
         return super().refusal(scene)
 
     def world(self, scene: Scene) -> DartWorld:

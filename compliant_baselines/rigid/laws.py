@@ -17,10 +17,12 @@ impact is that of all touching contacts at once, with no positions in it. The la
   Trans. Graphics 31(4):106, 2012): while any approach, P += 2 C, with C the compression of the approaching contacts
   alone. For e < 1 we take (1 - e) times the compression of all touching contacts and e times that elastic impulse, as
   the authors' own program does (github.com/breannansmith/scisim, GRROperator.cpp). It has one e for all contacts.
-* **plastic-then-restitution**: the compression C of all touching contacts; then of those that approached before it
-  0 <= P, u+ + e u- >= 0, complementary, while the others keep C. In what follows at the same instant, e = 0 unless
-  e = 1: a contact that still touches is at rest. (The program of Rapier, is_bouncy in rapier's contact_pair.rs; the
-  order of both parts is that of Catto's soft step, box2d.org/posts/2024/02/solver2d. No paper of it is known to us.)
+* **plastic-then-restitution**: the compression C of all touching contacts; then one sweep over those that approached
+  before it, in which each impulse is changed to u+ + e u- = 0, or 0 if it would pull: first the odd contacts between
+  balls, then the even ones, then the table. In what follows at the same instant, e = 0 unless e = 1: a contact that
+  still touches is at rest. (The program of Rapier: is_bouncy in its contact_pair.rs; the order of the parts is that of
+  Catto's soft step, box2d.org/posts/2024/02/solver2d, and that of the sweep the colours of its contact graph. No paper
+  of it is known to us.)
 
 After an impact bodies may approach again, at once (by Newton's law, where a contact parted before the impact) or after
 a flight: impacts follow one another until no contact approaches. Contacts whose gaps close at the same instant, within
@@ -203,11 +205,14 @@ def reflection(line: Line) -> None:
 
 def plastic_first(line: Line) -> None:
     """Apply the plastic impact of all touching contacts, then the restitution of those that approached."""
-    before, among = line.u, line.approaching()
+    before, among, between = line.u, line.approaching(), line.mass.size - 1
     e = line.e if line.fresh else np.where(line.e < 1, 0.0, line.e)
-    plastic = line.complementary(before, line.touching)
-    others = np.where(among, 0.0, plastic)
-    line.strike(others + line.complementary((1 + e) * before + line.after(others), among))
+    impulse = line.complementary(before, line.touching)
+    for i in (*range(0, between, 2), *range(1, between, 2), *range(between, line.e.size)):
+        if among[i]:
+            goal = (1 + e[i]) * before[i] + line.after(impulse)[i]
+            impulse[i] = max(impulse[i] - goal / line.diagonal[i], 0.0)
+    line.strike(impulse)
 
 
 def _single(line: Line, place: int) -> None:

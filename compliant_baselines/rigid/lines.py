@@ -43,9 +43,11 @@ class RigidWorld(World):
         Centres of balls that only just touch, in m; `places + heights` are those at t = 0.
     resolution : float
         Relative velocity, over the largest speed at the start, that is told from none.
+    partner : float
+        Coefficient of restitution above a ball and on the table, with which e combines.
     """
 
-    resolution = DOUBLE
+    resolution, partner = DOUBLE, 1.0
 
     def __init__(self, scene: Scene) -> None:
         self.radius = radius_of(scene.depth(scene.stiffnesses))

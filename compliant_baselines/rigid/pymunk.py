@@ -1,7 +1,7 @@
 """Pymunk (Chipmunk, 2-D): circles that do not turn, on a thick segment; iterated impulses in double precision.
 
-The restitution of a contact is the product of the elasticities of its two shapes: e below a ball, 1 on what it meets.
-`collision_bias` = 1 and `collision_slop` = 0 leave overlaps as they are.
+The restitution of a contact is the product of the elasticities of its two shapes: e below a ball, `partner` on what it
+meets. `collision_bias` = 1 and `collision_slop` = 0 leave overlaps as they are.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class PymunkWorld(RigidWorld):
         ):  # without a table the lowest meets nothing
             shape.elasticity = e
         for shape in upper:
-            shape.elasticity = 1.0
+            shape.elasticity = self.partner
         for ball, z, v in zip(self._balls, self.centres, scene.velocities, strict=True):
             ball.position, ball.velocity = (0, z), (0, v)
         space.add(*self._balls, *lower, *upper[: len(upper) - (not scene.table)])

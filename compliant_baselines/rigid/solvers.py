@@ -93,6 +93,6 @@ class GeneralisedReflection(RigidLaw):
 
 
 class PlasticThenRestitution(RigidLaw):
-    """The plastic impact of all touching contacts, then the restitution of those that approached."""
+    """The plastic impact of all touching contacts, then a sweep of restitution over those that approached."""
 
     name = law = "plastic-then-restitution"

@@ -43,18 +43,17 @@ class Balls:
     def after(self, impulse):
         return [sum(a * p for a, p in zip(row, impulse, strict=True)) for row in self.g]
 
-    def complementary(self, q, among=None):
-        """Solve 0 <= P, q + G P >= 0, complementary, among some contacts, by trying every set of them that pushes."""
+    def complementary(self, q):
+        """Solve 0 <= P, q + G P >= 0, complementary, by trying every set of contacts that push."""
         n, found = len(q), []
-        among = list(range(n)) if among is None else among
-        for size in range(len(among) + 1):
-            for some in combinations(among, size):
+        for size in range(n + 1):
+            for some in combinations(range(n), size):
                 part = solved([[self.g[i][j] for j in some] for i in some], [-q[i] for i in some])
                 impulse = [Fraction(0)] * n
                 for i, p in zip(some, part, strict=True):
                     impulse[i] = p
                 w = [a + b for a, b in zip(q, self.after(impulse), strict=True)]
-                if min(impulse, default=0) >= 0 and min((w[i] for i in among), default=0) >= 0:
+                if min(impulse, default=0) >= 0 and min(w, default=0) >= 0:
                     found.append(impulse)
         assert all(each == found[0] for each in found)  # G is positive definite: one solution
         return found[0]
@@ -67,20 +66,22 @@ class Balls:
         self.push([(1 + e) * p for e, p in zip(self.e, self.complementary(self.u), strict=True)])
         self.push(self.complementary(self.u))
 
-    def plastic(self):
-        e = self.e
-        while min(self.u) < 0:
-            u, c = self.u, self.complementary(self.u)
-            among = [i for i, x in enumerate(u) if x < 0]
-            kept = [Fraction(0) if i in among else p for i, p in enumerate(c)]
-            q = [(1 + a) * x + y for a, x, y in zip(e, u, self.after(kept), strict=True)]
-            back = self.complementary(q, among)
-            self.push([a + b for a, b in zip(kept, back, strict=True)])
-            e = [a if a == 1 else Fraction(0) for a in self.e]
-
     def sequential(self, last):
         while min(self.u) < 0:
             i = [i for i, u in enumerate(self.u) if u < 0][-1 if last else 0]
             self.push(
                 [-(1 + self.e[i]) * self.u[i] / self.g[i][i] if j == i else 0 for j in range(len(self.u))]
             )
+
+    def plastic(self):
+        """Stop, then push contacts apart one by one: those between balls by turns, then the one at the table."""
+        order = sorted(range(len(self.u)), key=lambda i: (i == len(self.m) - 1, i % 2, i))
+        restitutions = self.e
+        while min(self.u) < 0:
+            before, total = self.u, self.complementary(self.u)
+            self.push(total)
+            for i in order:
+                if before[i] < 0:
+                    more = max((-restitutions[i] * before[i] - self.u[i]) / self.g[i][i], -total[i])
+                    self.push([more if j == i else 0 for j in range(len(total))])
+            restitutions = [int(e == 1) for e in self.e]
