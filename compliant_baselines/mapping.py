@@ -11,6 +11,9 @@ not the engine's source; it is there for its cost to be tabulated. Its zeta is t
 * PyBullet and Drake get k with c or c/k as properties of each *body*: both balls those of the ball-ball contact, the
   table those of the ball-table contact. The engines combine two bodies in series, so that equal balls are half as stiff
   as asked; dampings (PyBullet) and relaxation times c/k (Drake) add.
+
+MuJoCo has two more: **documented**, time constant 1/(zeta omega) and damping ratio zeta under the default solimp, and,
+like PyBullet with coefficients of restitution, **shipped**: nothing is set, and the step is the engine's own.
 """
 
 from __future__ import annotations
@@ -29,7 +32,9 @@ from impact_xval.compliant_baselines.solver import MappingName
 #: MuJoCo's least constraint impedance (mjMINIMP of mjmodel.h): as near as it comes to a contact at the level of forces.
 MUJOCO_IMPEDANCE = 1e-4
 
-#: MuJoCo's default solimp (dmin, dmax, width in m, midpoint, power), of the XML reference.
+#: MuJoCo's default solref (time constant in s, damping ratio) and solimp (dmin, dmax, width in m, midpoint, power), of
+#: the XML reference.
+MUJOCO_DEFAULT_SOLREF = (0.02, 1.0)
 MUJOCO_DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
 #: A stiffness in N/m that adds nothing in series, 1/(1/k + 1/1e30) = k: PyBullet's own for a body that was not given
@@ -66,7 +71,7 @@ class Contact:
         ValueError
             For e outside (0, 1].
         """
-        zeta = damping_ratio(e) if mapping == "calibrated" else textbook_damping_ratio(e)
+        zeta = textbook_damping_ratio(e) if mapping == "naive" else damping_ratio(e)
         return cls(k, 2 * zeta * math.sqrt(k) * math.sqrt(mass), mass)
 
     @property
@@ -102,13 +107,19 @@ class MujocoContact:
     Attributes
     ----------
     solref : tuple of float
-        Direct format: (-stiffness, -damping), in 1/s^2 and 1/s.
+        Direct format, (-stiffness, -damping) in 1/s^2 and 1/s, or positive: time constant in s and damping ratio.
     solimp : tuple of float
         (dmin, dmax, width, midpoint, power).
     """
 
     solref: tuple[float, float]
     solimp: tuple[float, float, float, float, float]
+
+    @property
+    def direct(self) -> tuple[float, float]:
+        """The solref in the direct format (the engine's chapter "Solver parameters", "Reference acceleration")."""
+        first, second = self.solref
+        return self.solref if first <= 0 else (-1 / (first * second) ** 2, -2 / first)
 
     def stiffness(self, mass: float) -> float:
         """Stiffness in N/m that a pair of this reduced mass, alone, finds in this contact, at least.
@@ -117,7 +128,7 @@ class MujocoContact:
         spring. Exact at a constant impedance; else that of the smallest d.
         """
         dmin, dmax = self.solimp[:2]
-        return -self.solref[0] * mass * (dmin / dmax) ** 2
+        return -self.direct[0] * mass * (dmin / dmax) ** 2
 
     def rest_penetration(self, acceleration: float) -> float:
         """Penetration in m at which a ball rests on this contact in a field of this acceleration, in m/s^2.
@@ -126,7 +137,7 @@ class MujocoContact:
         "Computation" chapter, section "Constraint model").
         """
         dmin, dmax, width, midpoint, power = self.solimp
-        stiffness = -self.solref[0]
+        stiffness = -self.direct[0]
         if dmin == dmax:
             return (1 - dmin) * acceleration / stiffness
         # d >= dmin: the rest lies above that of a constant impedance dmin.
@@ -155,6 +166,8 @@ def mujoco_contact(
     """
     if mapping == "naive":
         return MujocoContact((-contact.k, -contact.c), MUJOCO_DEFAULT_SOLIMP)
+    if mapping == "documented":
+        return MujocoContact((1 / (contact.zeta * contact.omega), contact.zeta), MUJOCO_DEFAULT_SOLIMP)
     d = impedance
     return MujocoContact((-contact.k / contact.mass, -contact.c / contact.mass), (d, d, 0.001, 0.5, 1.0))
 

@@ -14,10 +14,11 @@ loaded, such as a solver in a table that is read where it is not installed, coun
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from typing import Any
 
 from impact_xval.compliant_baselines.answers import said
 from impact_xval.compliant_baselines.solver import KELVIN_VOIGT, Kind, Settings, Solver
@@ -40,8 +41,8 @@ class Entry:
         Whether a step of it costs ten times that of the other engines.
     exportable : bool
         Whether the scene it runs can be written down, to be run without this package or to be examined.
-    naive : bool
-        Whether it is given the naive mapping whatever is configured, and so does not run what it is asked for.
+    as_set : mapping
+        Settings that are its own, whatever is configured: of an engine as people use it.
     """
 
     module: str
@@ -51,9 +52,13 @@ class Entry:
     on_request: bool = False
     costly: bool = False
     exportable: bool = False
-    naive: bool = False
+    as_set: Mapping[str, Any] = field(default_factory=dict)
 
 
+#: Steps of practice, over the shorter contact period, at which MuJoCo and PyBullet are solvers of their own.
+STEPS = (0.01, 0.03, 0.1)
+
+_SHIPPED = {"mapping": "shipped", "convergence": None}
 _EXACT, _HUNT = "references", "hunt-crossley"
 _ANCHORED, _TEXTBOOK, _LIU = "kelvin-voigt-anchored", "kelvin-voigt-textbook", "liu-zhao-brogliato"
 _MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}" for name in ("mujoco", "pybullet", "drake"))
@@ -95,8 +100,20 @@ _ENTRIES: dict[str, Entry] = {
         name: Entry(f"rigid.{module}", cls, "rigid", None, on_request=True)
         for name, (module, cls) in _RIGID_ENGINES.items()
     },
-    "mujoco-naive": Entry(_MUJOCO, "NaiveMujoco", on_request=True, naive=True),
-    "pybullet-naive": Entry(_PYBULLET, "NaivePybullet", on_request=True, naive=True),
+    "mujoco-naive": Entry(_MUJOCO, "Mujoco", on_request=True, as_set={"mapping": "naive"}),
+    "pybullet-naive": Entry(_PYBULLET, "Pybullet", on_request=True, as_set={"mapping": "naive"}),
+    "mujoco:documented": Entry(_MUJOCO, "Mujoco", on_request=True, as_set={"mapping": "documented"}),
+    "mujoco:default": Entry(_MUJOCO, "Mujoco", "compliant", None, on_request=True, as_set=_SHIPPED),
+    "pybullet:default": Entry(
+        "rigid.bullet", "PybulletRestitution", "rigid", None, on_request=True, as_set=_SHIPPED
+    ),
+    **{
+        f"{name}:step-{step:g}": Entry(
+            module, cls, on_request=True, as_set={"step_fraction": step, "convergence": None}
+        )
+        for name, module, cls in (("mujoco", _MUJOCO, "Mujoco"), ("pybullet", _PYBULLET, "Pybullet"))
+        for step in STEPS
+    },
     "drake-hunt-crossley": Entry(_DRAKE, "DrakeHuntCrossley", law=_HUNT, on_request=True),
 }
 
@@ -123,7 +140,15 @@ _DESCRIPTIONS = {
     "sapien": "SAPIEN (PhysX 5): rigid contacts, by its TGS solver",
     "pybullet-restitution": "PyBullet with coefficients of restitution: sequential impulses",
     "mujoco-naive": "MuJoCo with stiffness and damping written into its solref as they are",
-    "pybullet-naive": "PyBullet with one stiffness and damping on both balls",
+    "pybullet-naive": "PyBullet as documented: one stiffness and damping on both balls",
+    "mujoco:documented": "MuJoCo with time constant and damping ratio of the contacts asked for, solimp as it ships",
+    "mujoco:default": "MuJoCo as it ships: solref, solimp and a step of 2 ms, whatever contacts are asked for",
+    "pybullet:default": "PyBullet as it ships, with coefficients of restitution, at a step of 1/240 s",
+    **{
+        f"{name}:step-{step:g}": f"{title}, mapped, at a step of {step:g} of the shorter contact period"
+        for name, title in (("mujoco", "MuJoCo"), ("pybullet", "PyBullet"))
+        for step in STEPS
+    },
     "drake-hunt-crossley": "Drake in continuous time, with Hunt and Crossley's contacts",
 }
 
@@ -188,9 +213,9 @@ def is_costly(name: str) -> bool:
     return name in _ENTRIES and _ENTRIES[name].costly
 
 
-def is_naive(name: str) -> bool:
-    """Whether a solver is given the naive mapping whatever is configured."""
-    return name in _ENTRIES and _ENTRIES[name].naive
+def is_mapped(name: str) -> bool:
+    """Whether a solver has a mapping of its own, whatever is configured, and so not the contacts asked for."""
+    return name in _ENTRIES and "mapping" in _ENTRIES[name].as_set
 
 
 def description_of(name: str) -> str:
@@ -208,7 +233,9 @@ def get_solver(name: str) -> Solver:
     """
     if name in _ENTRIES:
         entry = _ENTRIES[name]
-        return getattr(import_module(f"impact_xval.compliant_baselines.{entry.module}"), entry.cls)()
+        cls = getattr(import_module(f"impact_xval.compliant_baselines.{entry.module}"), entry.cls)
+        own = {"name": name, "law": entry.law, "as_set": entry.as_set}
+        return type(cls.__name__, (cls,), own)() if entry.as_set else cls()
     points = _plug_ins().get(name)
     if points is None:
         raise ValueError(f"solver {name!r} is unknown; known: {', '.join(solver_names(on_request=True))}")

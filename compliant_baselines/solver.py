@@ -21,7 +21,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from impact_xval.model.collision import RESULT_STATUSES, Collision, Collisions, 
 from impact_xval.model.inputs import GRAZING_THRESHOLD, LEGAL_CUTOFF, Cutoff, legal_cutoff
 
 Scenario = Literal["impact", "drop"]
-MappingName = Literal["calibrated", "naive"]
+MappingName = Literal["calibrated", "naive", "documented", "shipped"]
 
 #: Impulses alone, positions frozen; contacts in time, solved exactly; an engine of compliant or of rigid contacts.
 Kind = Literal["model", "reference", "compliant", "rigid"]
@@ -100,8 +100,8 @@ class Settings:
         Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.1].
     max_steps : int
         Steps after which a collision that is not over is given up (status ``timeout``).
-    mapping : {"calibrated", "naive"}
-        How k_i and c_i become the engine's own parameters.
+    mapping : {"calibrated", "naive", "documented", "shipped"}
+        How k_i and c_i become the engine's own parameters (`mapping`).
     shortest_state : float
         A state that an engine holds for less than this share of the shorter contact period takes the state before it
         (`states`); in [0, 0.1].
@@ -140,7 +140,7 @@ class Settings:
             ("gravity", 0 < self.gravity < float("inf"), "a finite number > 0 (m/s^2)"),
             ("step_fraction", 0 < self.step_fraction <= 0.1, "greater than 0, at most 0.1 (of a period)"),
             ("max_steps", self.max_steps >= 1, "a whole number >= 1"),
-            ("mapping", self.mapping in ("calibrated", "naive"), "'calibrated' or 'naive'"),
+            ("mapping", self.mapping in get_args(MappingName), f"one of {', '.join(get_args(MappingName))}"),
             ("shortest_state", 0 <= self.shortest_state <= 0.1, "from 0 to 0.1 (of the shorter period)"),
             ("stiffness_ratio_cutoff", legal_cutoff(self.stiffness_ratio_cutoff), LEGAL_CUTOFF),
             ("grazing_threshold", 0 <= self.grazing_threshold <= 1, "from 0 to 1"),

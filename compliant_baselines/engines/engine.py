@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import inf
+from types import MappingProxyType
+from typing import Any
 
-from impact_xval.compliant_baselines import registry
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
 from impact_xval.compliant_baselines.engines.packages import version_of, why_not
 from impact_xval.compliant_baselines.engines.scene import BEYOND, Scene, reduced_masses, unrepresentable
@@ -38,6 +39,10 @@ class Engine(Solver):
 
     #: How many times as much regularisation of contacts shows what that of the engine does; None: it has none.
     regularisation_probe: float | None = None
+
+    #: Settings that are this solver's own, whatever is asked for (`registry`), and the step in s as the engine ships.
+    as_set: Mapping[str, Any] = MappingProxyType({})
+    shipped_step: float
 
     def version(self) -> str:
         """Version of the engine's package, or ``""`` if it is not installed."""
@@ -69,11 +74,14 @@ class Engine(Solver):
 
     def scene_or_refusal(self, collision: Collision, settings: Settings) -> Scene | str:
         """Set a collision up as a scene that this engine takes, or say in one sentence why it takes none."""
-        refused = unrepresentable(collision, settings, dashpots=self.kind == "compliant")
+        shipped = settings.mapping == "shipped"
+        refused = unrepresentable(collision, settings, dashpots=self.kind == "compliant" and not shipped)
         if refused is not None:
             return refused
         try:
             scene = Scene.of(collision, settings)
+            if shipped:
+                scene = replace(scene, step=self.shipped_step)
             energy = sum(m * v * v for m, v in zip(scene.masses, scene.velocities, strict=True))
             # Energies are told over that at the start, and radii follow from how deep contacts go.
             if not (0 < energy < inf and 0 < scene.step < inf and scene.depth(scene.stiffnesses) > 0):
@@ -84,8 +92,7 @@ class Engine(Solver):
 
     def solve_many(self, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
         """Answer every collision, in order; failures are outcomes with a status."""
-        if registry.is_naive(self.name):
-            settings = replace(settings, mapping="naive")
+        settings = replace(settings, **self.as_set)
         missing = self.unavailable()
         if missing is not None:
             return [Outcome.failure(self.name, each, "unavailable", missing) for each in collisions]
@@ -100,7 +107,7 @@ class Engine(Solver):
             for collision, run in zip(collisions, runs, strict=True)
         ]
         ends = self._add_limits(outcomes, runs, settings)
-        if settings.mapping == "naive" or self.law is None:
+        if settings.mapping != "calibrated" or self.law is None:
             return outcomes  # its contacts are not those of the law
         return marked(outcomes, collisions, self.law, settings, ends)
 

@@ -13,10 +13,18 @@ from importlib import import_module
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import BEYOND, Floats, Scene, radius_of, reduced_masses
 from impact_xval.compliant_baselines.engines.world import World
-from impact_xval.compliant_baselines.mapping import MUJOCO_IMPEDANCE, MujocoContact, mujoco_contact
+from impact_xval.compliant_baselines.mapping import (
+    MUJOCO_DEFAULT_SOLIMP,
+    MUJOCO_DEFAULT_SOLREF,
+    MUJOCO_IMPEDANCE,
+    MujocoContact,
+    mujoco_contact,
+)
 
 #: Largest position, velocity and acceleration the engine accepts, in SI units (mjMAXVAL of mjtype.h).
 LARGEST_VALUE = 1e10
@@ -65,9 +73,13 @@ class Mujoco(Engine):
     name = distribution = "mujoco"
     title, module, way_out = "MuJoCo", "mujoco.batch", "run pip install 'mujoco>=4.0'"
     regularisation_probe = 10.0
+    shipped_step = 0.002
 
     def refusal(self, scene: Scene) -> str | None:
-        """Why MuJoCo cannot take a scene: accelerations beyond what it accepts."""
+        """Why MuJoCo cannot take a scene: accelerations beyond what it accepts, no damping where it takes a ratio."""
+        if scene.mapping == "documented" and 1 in scene.restitutions:
+            where = scene.restitutions.index(1) + 1
+            return f"e{where} = 1: no time constant and damping ratio are undamped; legal: below 1"
         _, depth, acceleration = mapped(scene)
         if acceleration <= LARGEST_VALUE:
             return None if depth > 0 else BEYOND
@@ -91,12 +103,6 @@ class Mujoco(Engine):
             yield
         finally:
             mujoco.set_mju_user_warning(before)
-
-
-class NaiveMujoco(Mujoco):
-    """MuJoCo with k and c in a direct-format solref as N/m and N s/m, under the default solimp: breaks Theorem 5."""
-
-    name = "mujoco-naive"
 
 
 class MujocoWorld(World):
@@ -134,9 +140,13 @@ class MujocoWorld(World):
         inverse = self.batch.expand("body_invweight0")[0][[*range(1, balls.stop), 0], 0]
         solref, solimp = (self.batch.expand(name)[0][where] for name in ("pair_solref", "pair_solimp"))
         scale = (solimp[:, 0] / solimp[:, 1]) ** 2 / (inverse[1:] + inverse[:-1])[: len(where)]
+        solref[:, 0] = np.where(
+            solref[:, 0] > 0, np.maximum(solref[:, 0], 2 * scene.step), solref[:, 0]
+        )  # refsafe
+        direct = -np.array([MujocoContact(tuple(each), MUJOCO_DEFAULT_SOLIMP).direct for each in solref])
         self.effective = {
-            "stiffness": tuple((-solref[:, 0] * scale).tolist()),
-            "damping": tuple((-solref[:, 1] * scale).tolist()),
+            "stiffness": tuple((direct[:, 0] * scale).tolist()),
+            "damping": tuple((direct[:, 1] * scale).tolist()),
             "step": (float(self.batch.expand("opt.timestep")[0]),),
         }
 
@@ -158,7 +168,10 @@ class MujocoWorld(World):
 def mapped(scene: Scene) -> tuple[list[MujocoContact], float, float]:
     """Map the contacts; how deep they go in m, and the largest acceleration in m/s^2, of a pair that meets alone."""
     impedance = scene.regularisation * MUJOCO_IMPEDANCE
-    pairs = [mujoco_contact(contact, scene.mapping, impedance) for contact in scene.contacts]
+    if scene.mapping == "shipped":
+        pairs = [MujocoContact(MUJOCO_DEFAULT_SOLREF, MUJOCO_DEFAULT_SOLIMP)] * len(scene.stiffnesses)
+    else:
+        pairs = [mujoco_contact(contact, scene.mapping, impedance) for contact in scene.contacts]
     alone = zip(pairs, reduced_masses(scene), strict=True)
     depth = scene.depth([pair.stiffness(mass) for pair, mass in alone])
-    return pairs, depth, scene.fastest * math.sqrt(max(-pair.solref[0] for pair in pairs)) + scene.gravity
+    return pairs, depth, scene.fastest * math.sqrt(max(-pair.direct[0] for pair in pairs)) + scene.gravity

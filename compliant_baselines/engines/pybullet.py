@@ -125,12 +125,6 @@ class Pybullet(Engine):
             yield
 
 
-class NaivePybullet(Pybullet):
-    """PyBullet with the stiffness and damping of the ball-ball contact on both balls, zeta from the textbook."""
-
-    name = "pybullet-naive"
-
-
 class PybulletWorld(World):
     """Plane and spheres in a client, which is emptied first."""
 

@@ -52,7 +52,7 @@ class Scene:
     settled : bool
         Whether the lowest ball starts in static equilibrium on the table (each engine knows its own); heights then
         count from there. Asked for by a drop.
-    mapping : {"calibrated", "naive"}
+    mapping : str
         How contacts become the engine's own parameters.
     regularisation : float
         How many times the engine's least regularisation of contacts, where it has any.

@@ -1,7 +1,8 @@
 """PyBullet with `restitution`: sequential impulses in double precision, as most of its users run it.
 
 Coefficients of two bodies multiply: e on a ball's base, which meets the ball below, `partner` on its link, which meets
-the ball above (`engines.pybullet`). No correction of overlaps (`contactERP` = 0), no threshold of restitution.
+the ball above (`engines.pybullet`). No correction of overlaps (`contactERP` = 0), no threshold of restitution, unless
+it is run as it ships: then only the damping of velocities in free flight is switched off.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ from impact_xval.compliant_baselines.engines.pybullet import (
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld, sweeps
 
+#: Velocities that fall between impacts would count as forces of contacts.
+UNDAMPED = {"linearDamping": 0.0, "angularDamping": 0.0}
+
 
 class BulletWorld(RigidWorld):
     """Plane and spheres in a client, which is emptied first."""
@@ -33,16 +37,17 @@ class BulletWorld(RigidWorld):
         self._p, self._client = p, client
         on = {"physicsClientId": client}
         p.resetSimulation(**on)
-        p.setPhysicsEngineParameter(
-            fixedTimeStep=scene.step,
-            numSubSteps=0,
-            numSolverIterations=sweeps(scene),
-            contactBreakingThreshold=1e-4 * self.radius,
-            erp=0,
-            contactERP=0,
-            **EXACT,
-            **on,
-        )
+        p.setPhysicsEngineParameter(fixedTimeStep=scene.step, numSubSteps=0, **on)
+        exact = scene.mapping != "shipped"
+        if exact:
+            p.setPhysicsEngineParameter(
+                numSolverIterations=sweeps(scene),
+                contactBreakingThreshold=1e-4 * self.radius,
+                erp=0,
+                contactERP=0,
+                **EXACT,
+                **on,
+            )
         sphere = p.createCollisionShape(p.GEOM_SPHERE, self.radius, **on)
         link = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
         self._balls = [
@@ -54,7 +59,8 @@ class BulletWorld(RigidWorld):
             plane = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, **on), **on)
             bodies.append((plane, BASE))
         for body, part in [*((ball, BASE) for ball in self._balls), *bodies]:
-            p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **FREE, **on)
+            p.changeDynamics(body, part, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **on)
+            p.changeDynamics(body, part, **(FREE if exact else UNDAMPED), **on)
             p.changeDynamics(body, part, restitution=self.partner, **on)
             p.setCollisionFilterGroupMask(body, part, 0, 0, **on)
         said = []
@@ -79,7 +85,7 @@ class PybulletRestitution(RigidEngine):
     """PyBullet, rigid; a client is connected for a call."""
 
     name, distribution, module = "pybullet-restitution", "pybullet", "pybullet"
-    title, way_out = "PyBullet", Pybullet.way_out
+    title, way_out, shipped_step = "PyBullet", Pybullet.way_out, 1 / 240
 
     @contextmanager
     def running(self) -> Iterator[None]:

@@ -28,6 +28,9 @@ from impact_xval.compliant_baselines.engines.world import World
 #: fiftieth of the way in a step of a thousandth of a period. A power of two: exact in double precision.
 OVERLAP = 2.0**-16
 
+#: Radius in m of the balls of an engine that is run as it ships: its thresholds are lengths.
+SHIPPED_RADIUS = 2.0**-4
+
 #: Sixty-four units in the last place, in double and in single precision.
 DOUBLE, SINGLE = 2.0**-46, 2.0**-17
 
@@ -50,7 +53,8 @@ class RigidWorld(World):
     resolution, partner = DOUBLE, 1.0
 
     def __init__(self, scene: Scene) -> None:
-        self.radius = radius_of(scene.depth(scene.stiffnesses))
+        shipped = scene.mapping == "shipped"
+        self.radius = SHIPPED_RADIUS if shipped else radius_of(scene.depth(scene.stiffnesses))
         self._table, self._tiny = scene.table, self.resolution * scene.fastest
         self.places = scene.places(self.radius)
         heights = scene.start(self.radius)
@@ -92,6 +96,11 @@ class RigidEngine(Engine):
         """Why it cannot take a scene: drops, and what single precision has no numbers for."""
         if scene.gravity:
             return f"gravity = {scene.gravity:g} m/s^2: rigid engines are run without; legal: 0"
+        if scene.mapping == "shipped" and scene.fastest * scene.step > SHIPPED_RADIUS:
+            return (
+                f"|v0| = {scene.fastest:.3g} m/s: more than a radius of {SHIPPED_RADIUS} m "
+                f"in a step of {scene.step:.3g} s"
+            )
         numbers = (*scene.masses, *filter(None, map(abs, scene.velocities)), scene.step)
         if not 1 / self.largest < min(numbers) <= max(numbers) < self.largest:
             return f"masses, velocities or a step beyond {self.largest:.0e} or below its inverse, in SI units"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from impact_xval.compliant_baselines.registry import is_naive, law_of
+from impact_xval.compliant_baselines.registry import is_mapped, law_of
 from impact_xval.compliant_baselines.solver import MappingName
 
 
@@ -27,5 +27,5 @@ def voters(names: Iterable[str]) -> list[str]:
 
 
 def exact_for(name: str, mapping: MappingName) -> str:
-    """Name the exact solver of the law a solver was asked for; empty without one, as with the naive mapping."""
-    return "" if mapping == "naive" or is_naive(name) else law_of(name) or ""
+    """Name the exact solver of the law a solver was asked for; empty without one, as with a mapping of its own."""
+    return "" if mapping == "naive" or is_mapped(name) else law_of(name) or ""

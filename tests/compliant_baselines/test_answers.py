@@ -20,7 +20,7 @@ def test_illegal_settings_are_named_with_the_legal_range():
         ("gravity", [0.0, math.inf, math.nan], "a finite number > 0"),
         ("step_fraction", [0.0, 0.2, math.nan], "greater than 0, at most 0.1"),
         ("max_steps", [0], "a whole number >= 1"),
-        ("mapping", ["default"], "'calibrated' or 'naive'"),
+        ("mapping", ["default"], "one of calibrated, naive, documented, shipped"),
         ("shortest_state", [-0.001, 0.2, math.nan], "from 0 to 0.1"),
         ("stiffness_ratio_cutoff", [1.0], "greater than 1, up to inf"),
     ):

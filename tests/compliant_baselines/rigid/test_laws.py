@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from impact_xval.compliant_baselines import SolverError, get_solver
 from impact_xval.compliant_baselines.conformance import conform
-from impact_xval.compliant_baselines.rigid.laws import LAWS, follow
+from impact_xval.compliant_baselines.rigid.laws import LAWS, TooManyImpactsError, follow
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 from tests.compliant_baselines.rigid.rational import Balls
@@ -138,7 +138,11 @@ def test_invariances(given_):
         return
     m, before = np.array(c.masses), np.array(c.velocities)
     for law in LAWS:
-        after = velocities(law, c)
+        try:
+            after = velocities(law, c)
+        except TooManyImpactsError:  # heavy balls that come to rest on light ones, impact by impact
+            assert law in SINGLE
+            continue
         between = -np.diff([*after, 0.0] if table else after)
         assert (between >= 0).all(), law
         assert m @ after**2 <= m @ before**2 * (1 + 1e-12), law  # e is one for all

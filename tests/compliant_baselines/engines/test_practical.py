@@ -1,0 +1,79 @@
+"""MuJoCo and PyBullet as people run them: longer steps, parameters as documented, nothing set at all."""
+
+import pytest
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.compliant_baselines.registry import STEPS, law_of
+from impact_xval.compliant_baselines.restitution import damping_ratio
+from impact_xval.compliant_baselines.solver import Convergence, Settings, SolverError
+from impact_xval.model.collision import Collision
+
+BASIC = Collision.two_balls(1.0, 2.0, 1e6, 1e6, 0.9, 0.7)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+@pytest.mark.parametrize("step", STEPS)
+def test_a_step_of_practice_is_the_calibrated_engine_at_that_step_and_has_no_limit(engine, step):
+    found = get_solver(f"{engine}:step-{step:g}").solve(BASIC, Settings(convergence=Convergence()))
+    assert found.velocities == get_solver(engine).solve(BASIC, Settings(step_fraction=step)).velocities
+    assert found.solver == f"{engine}:step-{step:g}"
+    assert "limit_error" not in found.diagnostics
+    assert law_of(found.solver) == "kelvin-voigt"
+
+
+def by_hand(solrefs: list[str], option: str) -> tuple[float, float]:
+    """Where `BASIC` ends in a scene that a user of MuJoCo writes: geoms that meet, no <pair>."""
+    mujoco = pytest.importorskip("mujoco")
+    balls = "".join(
+        f"""<body pos="0 0 {z}"><joint type="slide" axis="0 0 1"/>
+        <geom type="sphere" size="0.125" mass="{mass}" {solrefs[i]}/></body>"""
+        for i, (z, mass) in enumerate([(0.375, 1), (0.125, 2)])
+    )
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option gravity="0 0 0" {option}/><worldbody>
+        <geom type="plane" size="1 1 1" {solrefs[2]}/>{balls}</worldbody></mujoco>"""
+    )
+    data = mujoco.MjData(model)
+    data.qvel[:] = -1, 0
+    for _ in range(200_000):
+        mujoco.mj_step(model, data)
+        if data.qpos[0] > data.qpos[1] and data.qpos[1] > 0 and data.qvel[0] > data.qvel[1]:
+            return tuple(data.qvel.tolist())
+    raise AssertionError("not over")
+
+
+def test_mujoco_as_it_ships_is_a_scene_in_which_nothing_is_set():
+    found = get_solver("mujoco:default").solve(BASIC)
+    assert found.velocities == pytest.approx(by_hand([""] * 3, ""), abs=2e-6)
+    assert found.effective["step"] == (0.002,)
+    other = Collision.two_balls(1.0, 2.0, 1e4, 1e8, 0.0, 1.0)
+    assert get_solver("mujoco:default").solve(other).velocities == found.velocities
+
+
+def test_mujoco_as_documented_is_a_scene_with_time_constant_and_damping_ratio():
+    e = 0.8
+    c = Collision.two_balls(1.0, 2.0, 1e6, 3e6, e, e)
+    zeta, masses = damping_ratio(e), (2 / 3, 2.0)
+    ball, table = (1 / (zeta * (k / m) ** 0.5) for k, m in zip(c.stiffnesses, masses, strict=True))
+    # One solref for a pair of geoms: that of the geom with the higher priority.
+    solrefs = [f'solref="{ball!r} {zeta!r}" priority="1"', "", f'solref="{table!r} {zeta!r}" priority="2"']
+    found = get_solver("mujoco:documented").solve(c)
+    step = f'timestep="{found.diagnostics["step"]!r}" tolerance="0"'
+    assert found.velocities == pytest.approx(by_hand(solrefs, step), abs=1e-4)
+    with pytest.raises(SolverError, match=r"e2 = 1: no time constant and damping ratio are undamped"):
+        get_solver("mujoco:documented").solve(Collision.two_balls(1.0, 2.0, 1e6, 1e6, 0.9, 1.0))
+
+
+def ends_of_one_ball(v0: float, e: float) -> float:
+    one = Collision((1.0,), (1e6,), (e,), (v0,), table=True)
+    return get_solver("pybullet:default").solve(one).velocities[0]
+
+
+def test_pybullet_as_it_ships_rebounds_above_its_threshold_only():
+    pytest.importorskip("pybullet")
+    assert ends_of_one_ball(-1.0, 0.7) == pytest.approx(0.7, abs=0.01)
+    assert ends_of_one_ball(-0.15, 0.7) == pytest.approx(0.0, abs=0.01)
+    assert get_solver("pybullet:default").solve(BASIC).effective["step"] == (1 / 240,)
+    fast = Collision.two_balls(1.0, 2.0, 1e6, 1e6, 0.9, 0.7, v0=-100.0)
+    with pytest.raises(SolverError, match=r"\|v0\| = 100 m/s: more than a radius of 0.0625 m in a step"):
+        get_solver("pybullet:default").solve(fast)
