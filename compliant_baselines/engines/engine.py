@@ -78,6 +78,8 @@ class Engine(Solver):
         refused = unrepresentable(collision, settings, dashpots=self.kind == "compliant" and not shipped)
         if refused is not None:
             return refused
+        if shipped and settings.scenario == "drop":
+            return "scenario = 'drop': an engine as it ships is run without gravity; legal: 'impact'"
         try:
             scene = Scene.of(collision, settings)
             if shipped:

@@ -48,6 +48,8 @@ def test_mujoco_as_it_ships_is_a_scene_in_which_nothing_is_set():
     assert found.effective["step"] == (0.002,)
     other = Collision.two_balls(1.0, 2.0, 1e4, 1e8, 0.0, 1.0)
     assert get_solver("mujoco:default").solve(other).velocities == found.velocities
+    with pytest.raises(SolverError, match="an engine as it ships is run without gravity; legal: 'impact'"):
+        get_solver("mujoco:default").solve(BASIC, Settings(scenario="drop"))
 
 
 def test_mujoco_as_documented_is_a_scene_with_time_constant_and_damping_ratio():
