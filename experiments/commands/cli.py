@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from impact_xval.experiments.commands import contact, one, runs, solvers
+from impact_xval.experiments.commands import contact, one, runs, scoreboard, solvers
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 
 PROGRAM = "impact-xval"
@@ -81,6 +81,7 @@ for command in (
     one.solve,
     one.explore,
     runs.hypothesis,
+    scoreboard.scoreboard,
     contact.contact,
     one.scene,
     solvers.solvers,

@@ -37,6 +37,7 @@ _NAMES = {
     "rapier": "Rapier",
     "sapien": "PhysX 5",
     "drake": "Drake",
+    "drake-hunt-crossley": "Drake (Hunt-Crossley)",
     "kelvin-voigt": "exact Kelvin-Voigt",
     "hunt-crossley": "exact Hunt-Crossley",
     "bistiffness": "exact bistiffness",
@@ -56,7 +57,8 @@ _COUNTS = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight
 
 def named(solver: str) -> str:
     """Name a solver as a reader knows it."""
-    return _NAMES.get(solver, solver)
+    engine, at, step = solver.partition(":step-")
+    return f"{named(engine)} (step {step})" if at else _NAMES.get(solver, solver)
 
 
 def begun(sentence: str) -> str:

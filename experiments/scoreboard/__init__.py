@@ -1,0 +1,1 @@
+"""What every engine answers when several bodies meet at once, and which exact law explains it."""

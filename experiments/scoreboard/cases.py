@@ -1,0 +1,97 @@
+"""What every solver is asked, and the arrangements of it that change the impact by nothing, or next to nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from impact_xval.compliant_baselines.engines.engine import Engine
+from impact_xval.compliant_baselines.engines.scene import Scene, radius_of
+from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.experiments.config.arrangements import Arranged
+
+#: Coefficients of restitution of all contacts.
+RESTITUTIONS = (1.0, 0.9, 0.5, 0.0)
+
+#: Collisions by name, as `Arranged` takes them; where nothing else is said balls of 1 kg at 1 m/s, contacts of 1e8 N/m.
+COLUMNS: dict[str, dict[str, Any]] = {
+    "drop, k2/k1 = 0.01": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 0.01},
+    "drop, k2/k1 = 1": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0},
+    "drop, k2/k1 = 100": {"arrangement": "drop", "balls": 2, "mass_taper": 2.0, "stiffness_taper": 100.0},
+    "cradle 1 on 2": {"arrangement": "cradle", "balls": 3},
+    "1 on 2, 1 mm apart": {"arrangement": "chain", "balls": 3, "gap": 1e-3},
+    "cradle 1 on 4": {"arrangement": "cradle", "balls": 5},
+    "cradle 2 on 3": {"arrangement": "cradle", "balls": 5, "strike": 2},
+    "stack of 3": {"arrangement": "stack", "balls": 3},
+}
+PICTURED = "cradle 1 on 4"
+
+#: The arrangement that is compared with the laws.
+USUAL = "as it is"
+
+#: Gaps, in radii, by which touching bodies are apart, or overlap.
+_GAPS = {
+    "apart by 1e-4": 1e-4,
+    "apart by 1e-6": 1e-6,
+    "overlapping by 1e-6": -1e-6,
+    "overlapping by 1e-4": -1e-4,
+}
+
+#: Steps over the usual one.
+STEPS = {"half the step": 0.5, "twice the step": 2.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A collision of `COLUMNS` with one e for all contacts."""
+
+    name: str
+    e: float
+
+    @property
+    def arranged(self) -> Arranged:
+        """The column."""
+        return Arranged(**COLUMNS[self.name], e=self.e)
+
+    @property
+    def command(self) -> str:
+        """The command that solves it by exact laws and engines."""
+        options = COLUMNS[self.name] | {"e": self.e}
+        return "impact-xval solve " + " ".join(f"--{k.replace('_', '-')} {v}" for k, v in options.items())
+
+
+def cases() -> list[Case]:
+    """Give every case, in the order of the board."""
+    return [Case(name, e) for name in COLUMNS for e in RESTITUTIONS]
+
+
+def arrangements(engine: Engine, case: Case, settings: Settings) -> dict[str, Scene] | str:
+    """Arrange a case in every way for an engine, or say why it takes none.
+
+    Every gap is changed at once, by the share of a radius that the name says. Without a table a column is also moved
+    along its line, and made in the other order: mirrored, so that ball N comes first.
+    """
+    collision = case.arranged.column()
+    usual = engine.scene_or_refusal(collision, settings)
+    if isinstance(usual, str):
+        return usual
+    radius = radius_of(usual.depth(usual.stiffnesses))
+    # Heights grow upwards: ball i is above as many changed gaps as there are contacts below it.
+    below = np.arange(len(usual.masses), 0, -1) - (not usual.table)
+
+    def moved(by: np.ndarray) -> Scene:
+        return replace(usual, heights=tuple((np.array(usual.heights) + by * radius).tolist()))
+
+    found = {USUAL: usual} | {name: moved(gap * below) for name, gap in _GAPS.items()}
+    found |= {name: replace(usual, step=usual.step * share) for name, share in STEPS.items()}
+    if not usual.table:
+        found["moved by 0.37 radii"] = moved(np.full(len(usual.masses), 0.37))
+        mirrored = engine.scene_or_refusal(collision.reversed(), settings)
+        assert isinstance(mirrored, Scene)
+        found[MIRRORED] = mirrored
+    return found
+
+
+MIRRORED = "made in the other order"
