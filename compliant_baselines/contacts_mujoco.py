@@ -1,4 +1,10 @@
-"""The contacts that a MuJoCo scene can have: places, masses, and the attributes that decide each."""
+"""The contacts that a MuJoCo scene can have, and each of them in a scene of its own.
+
+That scene has two spheres on vertical slides; a fixed body is a plane. What decides a contact is that of the user's
+scene: attributes of the geoms, which the engine combines here as there, or of the <pair>; masses and inverse weights. A
+sphere has one contact, where a box that lands on a face shares its load among four. A body on joints counts with its
+mass in the direction in which it moves most easily.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +74,9 @@ def places(model: Any) -> Iterator[Place]:
     (the engine's chapter "Computation", section "Collision detection").
     """
     mujoco: Any = import_module("mujoco")
-    if model.opt.disableflags & (mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT):
+    if model.opt.disableflags & (
+        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    ):
         return
     pairs = [(int(a), int(b)) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)]
     for i, (a, b) in enumerate(pairs):
@@ -98,7 +106,13 @@ def bodies(model: Any) -> Iterator[tuple[str, Bodies]]:
     """Contacts but those of two fixed bodies: what each is called, and its bodies."""
     mujoco: Any = import_module("mujoco")
     data = mujoco.MjData(model)
-    for stage in ("kinematics", "comPos", "tendon", "makeM", "factorM"):  # what inertia needs, without collisions
+    for stage in (
+        "kinematics",
+        "comPos",
+        "tendon",
+        "makeM",
+        "factorM",
+    ):  # what inertia needs, without collisions
         getattr(mujoco, f"mj_{stage}")(model, data)
     masses = [_mass(model, data, i) for i in range(model.nbody)]
     weights = [_rounded(weight) for weight in model.body_invweight0]
@@ -107,8 +121,15 @@ def bodies(model: Any) -> Iterator[tuple[str, Bodies]]:
         one, two = sorted(both, key=lambda geom: masses[model.geom_bodyid[geom]])
         a, b = model.geom_bodyid[[one, two]].tolist()
         if math.isfinite(masses[a]):
-            own = () if pair is None else (*_read(model, "pair", pair, _PAIR), ("condim", int(model.pair_dim[pair])))
-            yield where, Bodies((masses[a], masses[b]), (weights[a], weights[b]), (geoms[one], geoms[two]), own)
+            own = (
+                ()
+                if pair is None
+                else (*_read(model, "pair", pair, _PAIR), ("condim", int(model.pair_dim[pair])))
+            )
+            yield (
+                where,
+                Bodies((masses[a], masses[b]), (weights[a], weights[b]), (geoms[one], geoms[two]), own),
+            )
 
 
 def _mass(model: Any, data: Any, body: int) -> float:
@@ -131,3 +152,25 @@ def _rounded(values: Any) -> tuple[float, ...]:
 def _read(model: Any, what: str, i: int, names: tuple[str, ...]) -> _Attributes:
     values = (getattr(model, f"{what}_{name}")[i].tolist() for name in names)
     return tuple((n, tuple(v) if isinstance(v, list) else v) for n, v in zip(names, values, strict=True))
+
+
+def alone(bodies: Bodies, radius: float) -> Any:
+    """Compile a scene of two bodies that touch at a height of zero, the lighter one above; radius in m."""
+    mujoco: Any = import_module("mujoco")
+    spec, kinds = mujoco.MjSpec(), mujoco.mjtGeom
+    for name, mass, height, attributes in zip(
+        "AB", bodies.masses, (radius, -radius), bodies.geoms, strict=True
+    ):
+        body, shape = spec.worldbody, {"type": kinds.mjGEOM_PLANE, "size": (0, 0, 1)}
+        if math.isfinite(mass):
+            inertial = {"mass": mass, "inertia": (mass, mass, mass), "explicitinertial": True}
+            body = spec.worldbody.add_body(name=name, pos=(0, 0, height), **inertial)
+            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
+            shape = {"type": kinds.mjGEOM_SPHERE, "size": (radius, 0, 0)}
+        meets = 0 if bodies.pair else 1
+        body.add_geom(name=name, contype=meets, conaffinity=meets, **shape, **dict(attributes))
+    if bodies.pair:
+        spec.add_pair(geomname1="A", geomname2="B", **dict(bodies.pair))
+    model = spec.compile()
+    model.body_invweight0[1:] = bodies.weights[: model.nbody - 1]
+    return model
