@@ -68,10 +68,9 @@ def test_mujocos_default_ball_that_falls_at_2_80_rebounds_with_0_37():
 @pytest.mark.parametrize(("scene", "mass"), [(ON_FLOOR, 0.5), (ON_BALL, 0.4)], ids=["floor", "ball"])
 @pytest.mark.parametrize(("e", "k"), [(1.0, 1e4), (0.7, 1e4), (0.3, 1e6)])
 def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
-    d, g = 1e-4, 9.81
     asked = Contact.from_restitution(k, e, mass)
     pair = f'<pair geom1="up" geom2="low" solref="{-k / mass} {-asked.c / mass}" {FORCE_LEVEL}/>'
-    (row,) = measure_model(compiled(scene, contact=pair, step=asked.duration / 200, g=-g))
+    (row,) = measure_model(compiled(scene, contact=pair, step=asked.duration / 200, g=-9.81))
     assert (row.masses, row.restitution) == (
         (0.5, math.inf if scene is ON_FLOOR else 2),
         pytest.approx(e, abs=2e-3),
@@ -79,7 +78,7 @@ def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
     assert (row.duration, row.steps) == (pytest.approx(asked.duration, rel=5e-3), pytest.approx(200, abs=1))
     assert row.stiffness == pytest.approx(k, rel=1.2e-2)
     assert row.damping == pytest.approx(asked.c, abs=1.2e-2 * math.sqrt(k * mass))
-    assert row.penetration == pytest.approx(0.5 * g / k * (1 - d), rel=1e-7)  # the lighter's weight
+    assert row.penetration == pytest.approx(0.5 * 9.81 / k * (1 - 1e-4), rel=1e-7)  # the lighter's weight
     assert row.change == ""
 
 
@@ -134,8 +133,7 @@ def test_contacts_are_those_that_the_engine_makes_and_alike_ones_one_row():
     <body name="e"><freejoint/><geom size="6"/></body></worldbody>
     <contact><exclude body1="e" body2="c"/><pair name="named" geom1="ghost" geom2="d"/></contact></mujoco>"""
     model = mujoco.MjModel.from_xml_string(text)
-    found = {frozenset(place.geoms) for place in places(model)}
-    data = mujoco.MjData(model)
+    found, data = {frozenset(place.geoms) for place in places(model)}, mujoco.MjData(model)
     model.geom_margin[:] = model.body_margin[:] = 100
     mujoco.mj_forward(model, data)
     assert found == {frozenset(contact.geom.tolist()) for contact in data.contact}
