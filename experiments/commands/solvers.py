@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from impact_xval.compliant_baselines.measure_mujoco import Measured
     from impact_xval.experiments.presentation.document import Block
 
-#: Seconds that a check of a solver may take, and a scene to be loaded and examined.
-_TO_CHECK, _TO_INSPECT = 300.0, 40.0
+#: Seconds that a check of a solver may take, and a scene to be loaded, measured and examined.
+_TO_CHECK, _TO_INSPECT = 300.0, 120.0
 
 
 def solvers(
