@@ -9,12 +9,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from impact_xval.compliant_baselines.contacts_mujoco import Bodies, places
+from impact_xval.compliant_baselines.mapping import Contact, mujoco_contact
 
 #: Steps in a contact below which its restitution is off by 10 % and more.
 FEWEST_STEPS = 30
@@ -22,8 +25,8 @@ FEWEST_STEPS = 30
 #: Impedance above which a contact is not at the level of forces.
 FORCE_LEVEL = 0.01
 
-#: Geom pairs looked at, at most.
-MOST_PAIRS = 100_000
+#: Restitution of a contact that is not to rebound: no finite damping gives 0.
+NO_REBOUND = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +117,7 @@ def inspect_model(model: Any) -> list[Finding]:
     list of Finding
         Empty if there are none; a trap that many contacts share in the same words stands once.
     """
-    contacts = [_facts(model.opt, *contact) for contact in (*_pairs(model), *_geom_pairs(model))]
+    contacts = [_facts(model.opt, *contact) for contact in _contacts(model)]
     places: dict[tuple[str, str], dict[str, None]] = {}
     for trap, c in itertools.product(TRAPS, contacts):
         if trap.seen(c):
@@ -125,28 +128,24 @@ def inspect_model(model: Any) -> list[Finding]:
     ]
 
 
-def _pairs(model: Any) -> Iterator[tuple[Any, ...]]:
-    """Contacts of the <pair>s: place, sum of inverse weights, solref, solimp; nothing is mixed."""
-    for i in range(model.npair):
-        a, b = int(model.pair_geom1[i]), int(model.pair_geom2[i])
-        name = model.pair(i).name or f"{_name(model, a)} and {_name(model, b)}"
-        solref, solimp = tuple(model.pair_solref[i].tolist()), model.pair_solimp[i].tolist()
-        yield f"pair {name}", _inverse_mass(model, a, b), solref, solimp, None
-
-
-def _geom_pairs(model: Any) -> Iterator[tuple[Any, ...]]:
-    """Contacts that two geoms make without a <pair>, as `_pairs`; one for each combination of parameters."""
-    own = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
+def _contacts(model: Any) -> Iterator[tuple[Any, ...]]:
+    """Place, sum of inverse weights, solref, solimp, and what is mixed of a contact; one of each combination."""
     parameters = model.geom_solref, model.geom_solimp, model.geom_solmix, model.geom_priority
     rows, seen = np.column_stack(parameters), set()
-    for a, b in itertools.islice(itertools.combinations(range(model.ngeom), 2), MOST_PAIRS):
-        if frozenset((a, b)) in own or not _collide(model, a, b):
+    for where, (a, b), pair in places(model):
+        inverse_mass = float(model.body_invweight0[model.geom_bodyid[[a, b]], 0].sum())
+        if pair is not None:  # its own, of which nothing is mixed
+            yield (
+                where,
+                inverse_mass,
+                tuple(model.pair_solref[pair].tolist()),
+                model.pair_solimp[pair].tolist(),
+                None,
+            )
             continue
-        inverse_mass = _inverse_mass(model, a, b)
         key = rows[a].tobytes(), rows[b].tobytes(), inverse_mass
         if inverse_mass > 0 and key not in seen:
             seen.add(key)
-            where = f"geoms {_name(model, a)} and {_name(model, b)}"
             yield where, inverse_mass, *_combined(rows[a], rows[b])
 
 
@@ -162,21 +161,6 @@ def _combined(one: np.ndarray, two: np.ndarray) -> tuple[Any, Any, Any]:
     solrefs = [tuple(each[:2].tolist()) for each in (one, two, row)]
     mixed = solrefs[0] != solrefs[1] and min(solrefs[2]) <= 0
     return solrefs[2], row[2:7].tolist(), solrefs if mixed else None
-
-
-def _collide(model: Any, a: int, b: int) -> bool:
-    body_a, body_b = model.geom_bodyid[a], model.geom_bodyid[b]
-    type_, affinity = model.geom_contype, model.geom_conaffinity
-    apart = model.body_weldid[body_a] != model.body_weldid[body_b]
-    return bool(apart and (type_[a] & affinity[b] or type_[b] & affinity[a]))
-
-
-def _inverse_mass(model: Any, a: int, b: int) -> float:
-    return float(model.body_invweight0[model.geom_bodyid[[a, b]], 0].sum())
-
-
-def _name(model: Any, geom: int) -> str:
-    return model.geom(geom).name or f"#{geom}"
 
 
 def _facts(
@@ -212,3 +196,52 @@ def _facts(
         steps=duration / step if step > 0 else math.inf,
         hundredth=duration / 100,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Meant:
+    """What was probably meant by a solref, and the <pair> that gives it; whether the solref was direct."""
+
+    contact: Contact
+    solref: tuple[float, float]
+    solimp: tuple[float, ...]
+    direct: bool
+
+    @property
+    def pair(self) -> tuple[tuple[str, Any], ...]:
+        """Attributes of the <pair>."""
+        return ("solref", self.solref), ("solimp", self.solimp), ("condim", 1)
+
+    @property
+    def longest_step(self) -> float:
+        """A hundredth of the contact, in s, and short enough for refsafe to leave a time constant as it is."""
+        safe = math.inf if self.direct else self.solref[0] / 2.2
+        return float(f"{min(self.contact.duration / 100, safe):.2g}")
+
+    def __str__(self) -> str:
+        c = self.contact
+        asked = f"{c.k:.4g} N/m and {c.c:.4g} N s/m" if self.direct else f"e = {c.restitution:.2g}"
+        if c.restitution < 1.01 * NO_REBOUND and not self.direct:
+            asked = f"no rebound ({asked})"
+        words = (" ".join(f"{number:.6g}" for number in numbers) for numbers in (self.solref, self.solimp))
+        return 'for {}: <pair condim="1" solref="{}" solimp="{}"/>'.format(asked, *words)
+
+
+def meant(solref: tuple[float, float], solimp: tuple[float, ...], bodies: Bodies) -> Meant | None:
+    """Guess what was meant: direct numbers in N/m and N s/m, or a damping ratio as in textbooks; None if neither.
+
+    Direct numbers at the level of forces are taken for what they are. A textbook's contact may pull, and has no rebound
+    from a ratio of 1 on.
+    """
+    first, second = map(abs, solref)
+    if solref[0] < 0:
+        forces = solimp[0] <= FORCE_LEVEL and solref[1] <= 0
+        weight = bodies.inverse_weight if forces else 1.0
+        contact = Contact(first / weight, second / weight, bodies.mass)
+        own = mujoco_contact(replace(contact, mass=1 / bodies.inverse_weight))
+        return Meant(contact, own.solref, own.solimp, direct=True)
+    if not first or not second:
+        return None
+    e = math.exp(-math.pi * second / math.sqrt(1 - second**2)) if second < 1 else 0.0
+    contact = Contact.from_restitution(bodies.mass / (first * second) ** 2, max(e, NO_REBOUND), bodies.mass)
+    return Meant(contact, (1 / (contact.zeta * contact.omega), contact.zeta), solimp, direct=False)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands.options import Json, path
+from impact_xval.experiments.commands.options import Json, number, path
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines.inspect_mujoco import Finding
+    from impact_xval.compliant_baselines.measure_mujoco import Measured
+    from impact_xval.experiments.presentation.document import Block
 
-#: Seconds that a check of a solver may take, and a scene to be loaded and examined.
-_TO_CHECK, _TO_INSPECT = 300.0, 40.0
+#: Seconds that a check of a solver may take, and a scene to be loaded, measured and examined.
+_TO_CHECK, _TO_INSPECT = 300.0, 120.0
 
 
 def solvers(
@@ -103,11 +106,14 @@ def inspect(
     scene: Annotated[
         Path, typer.Argument(metavar="SCENE.xml", parser=path("SCENE"), help="An MJCF file, or .mjb.")
     ],
+    speed: Annotated[str, typer.Option(metavar="M/S", help="At which bodies are dropped.")] = "1",
     json: Json = False,
 ) -> None:
-    """Look for traps in a MuJoCo scene.
+    """Measure the contacts of a MuJoCo scene, and look for traps in them.
 
-    Contact parameters that are replaced, ignored or not what they seem. Exit code 3 if there are any.
+    Each two geoms that can touch are dropped and loaded alone: restitution, stiffness, steps in a contact, and what
+    to write for what was probably meant. Then contact parameters that are replaced, ignored or not what they seem.
+    Exit code 3 if there are any.
 
     Example: impact-xval inspect robot.xml
     """
@@ -115,18 +121,27 @@ def inspect(
     from json import dumps
 
     from impact_xval.compliant_baselines import get_solver
-    from impact_xval.experiments.presentation.terminal import make_console, print_line
+    from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line, show
 
+    approach = number("--speed", speed)
+    if not 0 < approach < math.inf:
+        raise UserError(f"--speed = {speed!r:.60}; legal: a finite number > 0 (m/s)")
     if not scene.is_file() or scene.suffix not in (".xml", ".mjb"):
         raise UserError(f"{scene}: no such file of MuJoCo; legal: a file that ends in .xml or .mjb")
     reason = get_solver("mujoco").unavailable()
     if reason is not None:
         raise UserError(f"{scene}: mujoco is unavailable: {reason}")
-    findings = _examined(scene)
+    with at_work(f"dropping the contacts of {scene}"):
+        contacts, findings = _examined(scene, approach)
     if json:
-        print(dumps([asdict(finding) for finding in findings], indent=2))
+        # JSON knows no infinity.
+        rows = [
+            asdict(row) | {"masses": [m if m < math.inf else "inf" for m in row.masses]} for row in contacts
+        ]
+        print(dumps({"contacts": rows, "traps": [asdict(finding) for finding in findings]}, indent=2))
     else:
         console = make_console()
+        show(console, _contacts_shown(contacts, approach))
         for finding in findings:
             print_line(console, str(finding))
         print_line(console, f"{scene}: {len(findings) or 'no'} trap{'s' if len(findings) != 1 else ''} found")
@@ -134,11 +149,39 @@ def inspect(
         raise typer.Exit(3)
 
 
-def _examined(scene: Path) -> list[Finding]:
+def _contacts_shown(contacts: list[Measured], speed: float) -> list[Block]:
+    """Table of what was measured, and what to change."""
+    from impact_xval.compliant_baselines.measure_mujoco import MOST_ROWS
+    from impact_xval.experiments.presentation.document import Table
+    from impact_xval.experiments.tables.numbers import number
+
+    header = ("contact", "masses, kg", "e", "k, N/m", "c, N s/m", "duration, s", "steps", "at rest, m")
+    rows, lines = [], []
+    for contact in contacts:
+        values = [contact.stiffness, contact.damping, contact.duration, contact.steps, contact.penetration]
+        low, high = (number(e) for e in contact.restitution_range or (None, None))
+        rows.append(
+            (
+                contact.where,
+                " ".join(f"{mass:.4g}" for mass in contact.masses),
+                low if low == high else f"{low} to {high}",
+                *map(number, values),
+            )
+        )
+        lines += [f"{contact.where}: {said}" for said in (contact.reason, contact.change) if said]
+    caption = (
+        f"Dropped at {speed:g} m/s, and loaded with the weight of the lighter body, each two bodies alone"
+    )
+    if len(rows) == MOST_ROWS:
+        caption += f"; the first {MOST_ROWS} combinations of parameters and masses"
+    return [Table(header, rows, caption, text=2), *lines, ""] if rows else []
+
+
+def _examined(scene: Path, speed: float) -> tuple[list[Measured], list[Finding]]:
     """Examine a file in a process of its own: a few bytes can be a scene of any size, and crash its engine."""
     from impact_xval.experiments.sweep.process import FaultError, Worker
 
-    with contextlib.closing(Worker()) as worker:
+    with contextlib.closing(Worker(speed)) as worker:
         try:
             found = worker.call(_findings, scene, timeout=_TO_INSPECT)
         except FaultError as fault:
@@ -148,15 +191,17 @@ def _examined(scene: Path) -> list[Finding]:
     return found
 
 
-def _findings(_: None, scene: Path) -> list[Finding] | str:
-    """Return what was found, or why nothing could be."""
+def _findings(speed: float, scene: Path) -> tuple[list[Measured], list[Finding]] | str:
+    """Return what was measured and found, or why nothing could be."""
     from importlib import import_module
 
     from impact_xval.compliant_baselines.inspect_mujoco import inspect_model
+    from impact_xval.compliant_baselines.measure_mujoco import measure_model
 
     mujoco: Any = import_module("mujoco")
     load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path
     try:
-        return inspect_model(load(str(scene)))
+        model = load(str(scene))
+        return measure_model(model, speed), inspect_model(model)
     except Exception as error:  # of an engine that met what it does not expect
         return f"{scene}: MuJoCo does not compile it: {error}"

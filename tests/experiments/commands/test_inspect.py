@@ -1,6 +1,7 @@
 """The command `inspect`, on files a user might have."""
 
 import json
+import math
 
 import pytest
 
@@ -18,12 +19,28 @@ def test_an_mjcf_file(tmp_path, capsys):
     sound.write_text(SCENE.format(step=1e-3, solref="0.05 1"), encoding="utf-8")
     bad.write_text(SCENE.format(step=1e-3, solref="-100 1"), encoding="utf-8")
     assert main(["inspect", str(sound)]) == 0
-    assert capsys.readouterr().out == f"{sound}: no traps found\n"
+    out = capsys.readouterr().out
+    assert "geoms #0 and ball  4189 inf" in out  # of the density 1000 kg/m^3
+    assert out.endswith(f"\n{sound}: no traps found\n")
     assert main(["inspect", str(bad)]) == 3
     out = capsys.readouterr().out
     assert "mixed-signs: geoms #0 and ball: solref (-100, 1) is neither" in out
     assert main(["inspect", str(bad), "--json"]) == 3
-    assert "mixed-signs" in [row["trap"] for row in json.loads(capsys.readouterr().out)]
+    found = json.loads(capsys.readouterr().out)
+    assert "mixed-signs" in [row["trap"] for row in found["traps"]]
+    (row,) = found["contacts"]
+    assert row["masses"] == [pytest.approx(4000 * math.pi / 3), "inf"]
+    assert row["damping"] == pytest.approx(row["masses"][0] * 100, rel=0.1)  # 2 M/(0.02 s): the default
+    assert row["change"].startswith("for 100 N/m and 1 N s/m: <pair ")
+    assert row["change"].split(": ", 1)[1] in out
+
+
+@pytest.mark.parametrize("speed", ["0", "-1", "inf", "nan", "fast"])
+def test_a_speed_that_is_none_is_refused(tmp_path, capsys, speed):
+    path = tmp_path / "sound.xml"
+    path.write_text(SCENE.format(step=1e-3, solref="0.05 1"), encoding="utf-8")
+    assert main(["inspect", str(path), f"--speed={speed}"]) == 2
+    assert "--speed" in capsys.readouterr().err
 
 
 def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys):

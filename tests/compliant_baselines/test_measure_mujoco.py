@@ -1,0 +1,150 @@
+"""Contacts of scenes as they are measured, beside closed forms and drops written by hand."""
+
+import math
+import re
+
+import mujoco
+import numpy as np
+import pytest
+
+from impact_xval.compliant_baselines.contacts_mujoco import places
+from impact_xval.compliant_baselines.mapping import Contact
+from impact_xval.compliant_baselines.measure_mujoco import PLACES, measure_model
+
+FORCE_LEVEL = 'condim="1" solimp="1e-4 1e-4 .001 .5 1"'
+SOFT = 'solref="-4e3 -10" solimp=".3 .6 .01 .5 2"'
+
+#: A ball of 0.5 kg above a floor, or above a ball of 2 kg.
+ON_FLOOR = """<mujoco><option timestep="{step}" gravity="0 0 {g}" {option}><flag {flag}/></option><worldbody>
+<geom name="low" type="plane" size="1 1 1" {lower}/>
+<body name="up" pos="0 0 {height}"><freejoint/><geom name="up" size="0.2" mass="0.5" {upper}/></body>
+</worldbody><contact>{contact}</contact></mujoco>"""
+ON_BALL = ON_FLOOR.replace(
+    '<geom name="low" type="plane" size="1 1 1" {lower}/>',
+    '<body name="low" pos="0 0 -.3"><freejoint/><geom name="low" size=".3" mass="2" {lower}/></body>',
+)
+
+
+def compiled(scene=ON_FLOOR, **fields):
+    empty = {"option": "", "flag": "", "lower": "", "upper": "", "contact": ""}
+    return mujoco.MjModel.from_xml_string(
+        scene.format(**empty | {"step": 2e-3, "g": 0, "height": 1} | fields)
+    )
+
+
+def hand_drops(scene, speed, margin=0.0, **fields):
+    """Restitution at each place of the touch, by free bodies in the user's own scene."""
+    found = []
+    for place in PLACES:
+        model = compiled(scene, height=0.2 + margin + place * speed * fields["step"], **fields)
+        data = mujoco.MjData(model)
+        up, low = model.body("up").dofadr[0] + 2, model.body("low").dofadr[0] + 2 if model.nv > 6 else None
+        data.qvel[up], met = -speed, False
+        for _ in range(4000):
+            mujoco.mj_step(model, data)
+            rate = data.qvel[up] - (0 if low is None else data.qvel[low])
+            met |= abs(rate + speed) > 1e-9 * speed
+            if met and rate > 0 and not data.efc_force.any():
+                break
+        found.append(rate / speed)
+    return found
+
+
+def test_mujocos_default_ball_that_falls_at_2_80_rebounds_with_0_37():
+    model = compiled(g=-9.81, height=0.6)
+    data, velocities = mujoco.MjData(model), []
+    for _ in range(400):
+        mujoco.mj_step(model, data)
+        velocities.append(data.qvel[2])
+    assert min(velocities) == pytest.approx(-2.80, abs=0.01)
+    assert max(velocities) == pytest.approx(0.37, abs=0.005)
+    (row,) = measure_model(model, speed=2.80)
+    low, high = row.restitution_range
+    assert low <= max(velocities) / -min(velocities) <= high < low + 0.03
+    assert data.qpos[2] == pytest.approx(0.2 - row.penetration, abs=1e-6)  # it has come to rest meanwhile
+    assert row.change.startswith("for no rebound")
+
+
+@pytest.mark.parametrize(("scene", "mass"), [(ON_FLOOR, 0.5), (ON_BALL, 0.4)], ids=["floor", "ball"])
+@pytest.mark.parametrize(("e", "k"), [(1.0, 1e4), (0.7, 1e4), (0.3, 1e6)])
+def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
+    asked = Contact.from_restitution(k, e, mass)
+    pair = f'<pair geom1="up" geom2="low" solref="{-k / mass} {-asked.c / mass}" {FORCE_LEVEL}/>'
+    (row,) = measure_model(compiled(scene, contact=pair, step=asked.duration / 200, g=-9.81))
+    assert (row.masses, row.restitution) == (
+        (0.5, math.inf if scene is ON_FLOOR else 2),
+        pytest.approx(e, abs=2e-3),
+    )
+    assert (row.duration, row.steps) == (pytest.approx(asked.duration, rel=5e-3), pytest.approx(200, abs=1))
+    assert row.stiffness == pytest.approx(k, rel=1.2e-2)
+    assert row.damping == pytest.approx(asked.c, abs=1.2e-2 * math.sqrt(k * mass))
+    assert row.penetration == pytest.approx(0.5 * 9.81 / k * (1 - 1e-4), rel=1e-7)  # the lighter's weight
+    assert row.change == ""
+
+
+@pytest.mark.parametrize("scene", [ON_FLOOR, ON_BALL], ids=["floor", "ball"])
+@pytest.mark.parametrize(
+    ("fields", "margin"),
+    [
+        ({"upper": SOFT + " solmix='5'", "lower": "solref='-1e3 -40' solmix='1'"}, 0.0),
+        ({"upper": "solref='.05 .3' solmix='5'", "lower": "solref='.03 .2' condim='6'"}, 0.0),
+        ({"upper": "friction='2 .1 .1'", "option": "solver='CG' cone='elliptic' impratio='3'"}, 0.0),
+        ({"lower": SOFT + " priority='1'", "option": "integrator='discrete'"}, 0.0),
+        ({"upper": SOFT, "flag": "override='enable'", "option": "o_solref='.02 .4' integrator='RK4'"}, 0.0),
+        ({"contact": "<pair geom1='up' geom2='low' condim='1' margin='-.01'/>"}, -0.01),
+    ],
+)
+def test_a_contact_is_that_of_the_scene(scene, fields, margin):
+    own = hand_drops(scene, 0.7, margin, step=2e-3, **fields)
+    (row,) = measure_model(compiled(scene, **fields), speed=0.7)
+    assert row.restitution == pytest.approx(np.mean(own), abs=2e-6)
+    assert row.restitution_range == pytest.approx((min(own), max(own)), abs=2e-6)
+    assert row.penetration is None  # there is no gravity
+
+
+def test_the_change_for_newton_per_metre_does_in_a_scene_what_was_meant():
+    wrong, meant = 'solref="-1e4 -20"', Contact(1e4, 20.0, 0.5)
+    (row,) = measure_model(compiled(upper=wrong))
+    assert row.stiffness < 0.6 * meant.k
+    pair, step = re.search(r"<pair (.*)/> and a step of (\S+) s", row.change).groups()
+    fields = {"step": float(step), "upper": wrong, "contact": f'<pair geom1="up" geom2="low" {pair}/>'}
+    assert np.mean(hand_drops(ON_FLOOR, 1.0, **fields)) == pytest.approx(meant.restitution, abs=0.005)
+    (row,) = measure_model(compiled(**fields))
+    assert (row.stiffness, row.change) == (pytest.approx(meant.k, rel=0.02), "")
+
+
+def test_what_cannot_be_measured_is_a_row_with_the_reason():
+    for upper, reason in (
+        ("solref='0 0' priority='1'", "no force within 20000 steps"),
+        ("solref='-1e-3 0' priority='1'", "not over within 20000 steps"),
+        ("margin='-1000'", "makes no contact"),
+    ):
+        (row,) = measure_model(compiled(upper=upper))
+        assert reason in row.reason
+        assert row.restitution is row.stiffness is row.penetration is None
+
+
+def test_contacts_are_those_that_the_engine_makes_and_alike_ones_one_row():
+    text = """<mujoco><worldbody>
+    <geom type="plane" size="1 1 1"/><geom type="plane" size="1 1 1"/><geom name="ghost" size="1" contype="0"/>
+    <body><freejoint/><geom size="1"/><geom size="2"/>
+      <body><joint/><geom size="3"/><body name="c"><joint/><geom size="4"/></body></body></body>
+    <body><freejoint/><geom name="d" size="5" contype="2" conaffinity="4"/></body>
+    <body name="e"><freejoint/><geom size="6"/></body></worldbody>
+    <contact><exclude body1="e" body2="c"/><pair name="named" geom1="ghost" geom2="d"/></contact></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    found, data = {frozenset(place.geoms) for place in places(model)}, mujoco.MjData(model)
+    model.geom_margin[:] = model.body_margin[:] = 100
+    mujoco.mj_forward(model, data)
+    assert found == {frozenset(contact.geom.tolist()) for contact in data.contact}
+    other = '<worldbody><body pos="5 0 1"><freejoint/><geom size=".2" mass="0.5"/></body></worldbody>'
+    rows = measure_model(compiled(contact=f"</contact>{other}<contact>"))
+    assert [row.where for row in rows] == ["geoms low and up and 1 more", "geoms up and #2"]
+
+
+def test_a_pendulum_counts_with_the_mass_that_strikes():
+    text = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 5"><joint axis="0 1 0"/>
+    <inertial pos="2 0 0" mass="0.3" diaginertia="1e-8 1e-8 1e-8"/><geom size="0.1" pos="2 0 0"/></body>
+    </worldbody></mujoco>"""
+    (row,) = measure_model(mujoco.MjModel.from_xml_string(text))
+    assert row.masses == (pytest.approx(0.3, rel=1e-6), math.inf)
