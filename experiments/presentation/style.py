@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,17 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.parquet import replacing
+
+#: Name, figure and caption.
+Drawn = tuple[str, Figure, str]
+
+#: Of a legend to the right of its axes.
+BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)}
+
+#: Of figures that leave marked cells out.
+LEFT_OUT = "Marked cells (beside a jump) are left out."
 
 _PARAMETERS: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
@@ -34,6 +44,13 @@ def drawing(width: float, height: float) -> Iterator[Figure]:
     """Give an empty figure of a size in inches, in the style of the project; no state is left behind."""
     with mpl.rc_context(_PARAMETERS):
         yield Figure(figsize=(width, height), layout="constrained")
+
+
+def label_places(axis: Any, values: Sequence[Any], most: int) -> None:
+    """Label at most so many of the places 0, 1, ... of an axis with the values that stand there."""
+    step = max(1, -(-len(values) // most))
+    labels = [value if isinstance(value, str) else number(value, 2) for value in values[::step]]
+    axis.set_ticks(range(0, len(values), step), labels)
 
 
 def _apart(low: float, high: float) -> tuple[float, float]:

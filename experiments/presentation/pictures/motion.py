@@ -172,10 +172,7 @@ def frames_of(motion: Motion) -> Iterator[Pixels]:
     with drawing(7.6, 5.0 + 0.4 * min(len(motion.collision.masses), 20)) as figure:
         figure.dpi = _DPI
         scenes, cursors = _set_up(figure, motion)
-        moving = [
-            (each.height(instants), each.velocity(instants), each.force(instants), each.acting_at(instants))
-            for each in motion.histories.values()
-        ]
+        moving = [each.at(instants) for each in motion.histories.values()]
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         still = canvas.copy_from_bbox(figure.bbox)

@@ -8,7 +8,7 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.presentation.pictures.one import draw_collision, drawn_paths
+from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawn_paths
 from impact_xval.model import Collision, Outcome, solve
 
 M2 = 2 / math.sqrt(3)
@@ -27,7 +27,7 @@ def test_curves_end_at_the_published_numbers_whatever_the_units():
     figure = draw_collision(collision, drawn_paths(collision, outcomes))
     curve, upper, lower = figure.axes
     ends = [1 + V1, 1 + V1 + M2 * V2]
-    lines = {ax: [line for line in ax.lines if line.get_label() == "state-transition"] for ax in figure.axes}
+    lines = {ax: [line for line in ax.lines if line.get_label() == "the model"] for ax in figure.axes}
     assert lines[curve][0].get_xydata()[-1] == pytest.approx(ends, abs=1e-11)
     for ax, start, end in ((upper, -1.0, V1), (lower, 0.0, V2)):
         (line,) = lines[ax]
