@@ -10,6 +10,7 @@ from impact_xval.compliant_baselines.registry import is_engine, law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.measures.aggregates import FULL_PATHS
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
 from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.measures.laws import exact_for
@@ -228,30 +229,31 @@ def counted(summary: Summary) -> str:
     )
 
 
-def along_axis(summary: Summary, axis: str, label: str, measure: str = D) -> Table:
-    """Tabulate a measure along an axis, a row a value: median / 95 % / maximum over the other axes."""
-    levels = summary.levels[axis]
+def along_axis(summary: Summary, axis: str, measure: str = D) -> Table:
+    """Tabulate along an axis, a row a value, D over the other axes, or the share of equal state paths."""
+    levels, label = summary.levels[axis], (AXES | COLUMN_AXES)[axis]
     shown = levels.values if axis == "arrangement" else spread(levels.values)
 
     def cell(name: str, value: Any) -> str:
         row = summary.get(name, measure, axis, value)
+        if measure == FULL_PATHS:
+            return percent(row["mean"])
         return " / ".join(number(row[cut], 2) for cut in CUTS) if row["n"] else "-"
 
-    note = (
-        f" ({len(shown)} of {len(levels.values)} values; all are in summary.csv)"
-        if len(shown) < len(levels.values)
-        else ""
-    )
-    note += f" (in bins of {label}, named by their middle)" if levels.edges is not None else ""
+    caption = f"D by {label}: median / 95th percentile / maximum over the other axes"
+    if measure == FULL_PATHS:
+        caption = (
+            f"Cells with the model's state path by {label}, of those in which it needed no limiting case"
+        )
+    if len(shown) < len(levels.values):
+        caption += f" ({len(shown)} of {len(levels.values)} values; all are in summary.csv)"
+    if levels.edges is not None:
+        caption += f" (in bins of {label}, named by their middle)"
     rows = [
         (value if isinstance(value, str) else number(value), *(cell(name, value) for name in summary.solvers))
         for value in shown
     ]
-    return Table(
-        [label, *summary.solvers],
-        rows,
-        f"D by {label}: median / 95th percentile / maximum over the other axes{note}",
-    )
+    return Table([label, *map(named, summary.solvers)], rows, caption)
 
 
 def region_table(ladder: LadderSummary) -> Table:
@@ -288,29 +290,6 @@ def _share_text(region: Any, name: str) -> str:
         str(share)
         if low == high or isinstance(share, str)
         else f"{share} ({low.removesuffix(' %')} to {high.removesuffix(' %')})"
-    )
-
-
-def norm_table(ladder: LadderSummary) -> Table:
-    """Tabulate how large each cause is by itself."""
-    rows = [
-        (
-            solver,
-            LABELS[name],
-            int(row.n),
-            *(number(row[cut]) for cut in ("mean", *CUTS)),
-            percent(row.dominant),
-        )
-        for solver in ladder.solvers
-        for name, row in ladder.region(solver).iterrows()
-    ]
-    caption = (
-        "How large each cause is by itself: kinetic norm of its difference of velocities, per |v0|. Norms "
-        "do not add; causes may oppose each other. Last column: share of the cells in which the cause "
-        "has the largest share."
-    )
-    return Table(
-        ["solver", "cause", "cells", "mean", "median", "95 %", "max", "largest in"], rows, caption, text=2
     )
 
 
@@ -359,8 +338,7 @@ def brief(summary: Summary) -> list[Block]:
 
 
 def why(summary: Summary) -> list[Block]:
-    """Say on a terminal why the engines of a run diverge."""
-    ladder = summary.ladder
-    if not ladder.solvers:
+    """Tabulate on a terminal why the engines of a run diverge."""
+    if not summary.ladder.solvers:
         return ["no engine of this run has a result: there is nothing to split"]
-    return [region_table(ladder), norm_table(ladder), *(causes(summary, name, 5) for name in ladder.solvers)]
+    return [region_table(summary.ladder)]
