@@ -20,7 +20,6 @@ from bokeh.plotting import figure
 from bokeh.resources import Resources
 from markupsafe import Markup
 
-from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.presentation.html import render
@@ -35,6 +34,9 @@ _FLOOR = 1e-4
 #: Labels of an axis at most.
 _LABELS = 60
 
+#: Sides of the map: place, and what it says there.
+_SIDES = (("across", "column"), ("above", "row"))
+
 #: How Bokeh draws the dashes of `style`.
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 
@@ -45,6 +47,7 @@ def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str], numbers: int)
     Parameters
     ----------
     tiles : Tiles
+        Of a run in which a solver was compared.
     packed : str
         What is shown of the cells (`opened.packed_cells`).
     solvers : sequence of str
@@ -52,21 +55,19 @@ def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str], numbers: int)
     numbers : int
         How many cells the run has.
     """
-    compared = [name for name, medians in tiles.medians.items() if any(d is not None for d in medians)]
-    shown = tiles.medians[compared[-1]] if compared else [None] * len(tiles.cells)
-    axes = AXES if tiles.along in AXES else COLUMN_AXES
-    rest = [label for axis, label in axes.items() if axis in tiles.rest]
-    plots = {"map": _map(tiles)} | ({"curves": curves_chart(solvers)} if axes is AXES else {})
+    rest = [LABELS[axis] for axis in tiles.rest]
+    plots = {"map": _map(tiles)} | ({"curves": curves_chart(solvers)} if tiles.along in AXES else {})
     return render(
         "cells.html.j2",
-        compared=[(name, named(name)) for name in compared],
-        tiles=tiles,
+        compared=[(name, named(name)) for name in tiles.medians],
+        shown=len(tiles.places),
+        n_cells=tiles.n_cells,
         rest=listed(rest) if rest else "the cells in it",
         rows=listed(LABELS[axis] for axis in tiles.up),
         last=numbers - 1,
-        first=tiles.cells[max(range(len(shown)), key=lambda place: shown[place] or 0.0)],
+        first=tiles.places.cell[tiles.medians.iloc[:, -1].idxmax()],
         data=packed,
-        curves=axes is AXES,
+        curves="curves" in plots,
         charts=[json_item(plot, ID(name)) for name, plot in plots.items()],
     )
 
@@ -83,34 +84,22 @@ def bokeh_script() -> Markup:
 
 def _map(tiles: Tiles) -> Any:
     """Draw one tile a cell, or the median of several, coloured by the D of one solver."""
-    names = [name for name, medians in tiles.medians.items() if any(d is not None for d in medians)]
-    shown = names[-1] if names else REFERENCE
-    values = [d for name in names for d in tiles.medians[name] if d is not None]
-    highest = max([*values, 10 * _FLOOR])
-    source = ColumnDataSource(
-        {
-            "across": tiles.across,
-            "above": tiles.above,
-            "column": [tiles.across_labels[place] for place in tiles.across],
-            "row": [tiles.up_labels[place] for place in tiles.above],
-            "cell": tiles.cells,
-            "shown": _floored(tiles.medians.get(shown, [None] * len(tiles.cells))),
-            **{f"d {name}": _floored(tiles.medians[name]) for name in names},
-        },
-        name="tiles",
-    )
+    places, floored = tiles.places, tiles.medians.clip(lower=_FLOOR)
+    medians = {f"d {name}": floored[name].tolist() for name in floored}
+    sides = places.to_dict("list")
+    source = ColumnDataSource({**sides, "shown": [*medians.values()][-1], **medians}, name="tiles")
+    highest = max(10 * _FLOOR, float(floored.max(axis=None)))
     mapper = LogColorMapper(palette="Viridis256", low=_FLOOR, high=highest, nan_color="#dddddd")
-    rows = len(tiles.up_labels)
+    columns, rows = (dict(zip(places[at], places[says], strict=True)) for at, says in _SIDES)
+    up = " · ".join(LABELS[axis] for axis in tiles.up)
+    tips = [(LABELS[tiles.along], "@column"), (up, "@row"), ("D", "@shown{0.0000}"), ("opens cell", "@cell")]
     plot = figure(
-        height=min(1000, 110 + max(9, 11 if rows > 30 else 22) * rows),
+        height=min(1000, 110 + (11 if len(rows) > 30 else 22) * len(rows)),
         sizing_mode="stretch_width",
-        tools=[
-            TapTool(),
-            HoverTool(tooltips=[*_hover(tiles), ("D", "@shown{0.0000}"), ("opens cell", "@cell")]),
-        ],
+        tools=[TapTool(), HoverTool(tooltips=tips)],
         toolbar_location=None,
         x_axis_label=f"{LABELS[tiles.along]} (-)",
-        y_axis_label=" · ".join(LABELS[axis] for axis in tiles.up),
+        y_axis_label=up,
         name="map",
     )
     plot.rect(
@@ -125,22 +114,14 @@ def _map(tiles: Tiles) -> Any:
         line_width=3,
         selection_line_color="#d00000",
     )
-    for axis, labels in ((plot.xaxis, tiles.across_labels), (plot.yaxis, tiles.up_labels)):
-        axis.ticker = FixedTicker(ticks=list(range(0, len(labels), -(-len(labels) // _LABELS))))
-        axis.major_label_overrides = dict(enumerate(labels))
+    for axis, labels in ((plot.xaxis, columns), (plot.yaxis, rows)):
+        axis.ticker = FixedTicker(ticks=sorted(labels)[:: -(-len(labels) // _LABELS)])
+        axis.major_label_overrides = labels
     plot.xaxis.major_label_orientation = "vertical"
     plot.yaxis.major_label_text_font_size = "10px"
     plot.grid.visible = False
     plot.add_layout(ColorBar(color_mapper=mapper, title="D", width=10), "right")
     return plot
-
-
-def _floored(medians: Sequence[float | None]) -> list[float]:
-    return [float("nan") if d is None else max(d, _FLOOR) for d in medians]
-
-
-def _hover(tiles: Tiles) -> list[tuple[str, str]]:
-    return [(LABELS[tiles.along], "@column"), (" · ".join(LABELS[axis] for axis in tiles.up), "@row")]
 
 
 def curves_chart(solvers: Sequence[str]) -> Any:

@@ -244,7 +244,8 @@ def _balls(summary: Summary, name: str) -> Text:
 def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
     """Lay out the map whose cells open, and the cells with the largest D."""
     tiles = tiles_of(load_divergence(folder, summary.config))
-    piece = cells_piece(tiles, packed_cells(folder, tiles.cells), summary.config.solvers, summary.n_cells)
+    opens = tiles.places.cell.tolist()
+    piece = cells_piece(tiles, packed_cells(folder, opens), summary.config.solvers, summary.n_cells)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
     if summary.config.column is None:
         words = {"model_states_compared": "model's path", "states_compared": "solver's path"}
@@ -258,7 +259,7 @@ def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
         (
             named(row["solver"]),
             *(row[key] or "-" for key in words),
-            button.format(row["cell"]) if row["cell"] in tiles.cells else row["cell"],
+            button.format(row["cell"]) if row["cell"] in opens else row["cell"],
             *(number(row[key]) for key in columns),
         )
         for row in summary.worst.loc[order].to_dict("records")

@@ -10,7 +10,7 @@ import pandas as pd
 
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.measures.aggregates import Compared, Levels, levels_of
+from impact_xval.experiments.measures.aggregates import Compared, Frame, Levels, levels_of
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.parquet import column, texts
 
@@ -36,14 +36,11 @@ class Tiles:
         The axes along its side.
     rest : tuple of str
         The other axes with several values: over them is the median.
-    across_labels, up_labels : list of str
-        Of the columns and the rows of the map, in their order.
-    across, above : list of int
-        Column and row of every tile.
-    medians : dict of list
-        Median D of each solver by tile, marked cells left out; None where nothing was compared.
-    cells : list of int
-        The cell that a tile opens: that of the largest D by any solver, unmarked where there is one.
+    places : DataFrame
+        Of every tile its place, ``across`` and ``above``; what it says there, ``column`` and ``row``; and the ``cell``
+        that it opens: that of the largest D by any solver, unmarked where there is one.
+    medians : DataFrame
+        Median D of each solver that was compared, by tile, marked cells left out; NaN where nothing was compared.
     n_cells : int
         Of the run.
     """
@@ -51,12 +48,8 @@ class Tiles:
     along: str
     up: tuple[str, ...]
     rest: tuple[str, ...]
-    across_labels: list[str]
-    up_labels: list[str]
-    across: list[int]
-    above: list[int]
-    medians: dict[str, list[float | None]]
-    cells: list[int]
+    places: Frame
+    medians: Frame
     n_cells: int
 
 
@@ -66,49 +59,44 @@ def tiles_of(table: Compared) -> Tiles:
     As many axes as there is room for stand up the side, in the order of the tables: with all of them a tile is one
     cell of a grid. Of columns those that have several values in every cell.
     """
-    levels = {axis: _sorted(each) for axis, each in table.levels.items()}
+    levels = {
+        axis: each if each.edges is not None else Levels(sorted(each.values))
+        for axis, each in table.levels.items()
+    }
     along, *up = levels
     if along == "balls":
         up = [axis for axis in up if len(levels[axis].values) > 1 and table.rows[axis].notna().all()]
         up = up or ["arrangement"]
-    while len(up) > 1 and math.prod(len(levels[axis].values) for axis in (along, *up)) > TILES:
+
+    def count() -> int:
+        return math.prod(len(levels[axis].values) for axis in (along, *up))
+
+    while len(up) > 1 and count() > TILES:
         up.pop()
     axes = (along, *up)
-    if math.prod(len(levels[axis].values) for axis in axes) > TILES:
-        few = {axis: _coarse(table, axis) for axis in axes if len(levels[axis].values) > _FEW}
-        levels |= few
-    shape = tuple(len(levels[axis].values) for axis in axes)
-    where = np.ravel_multi_index([levels[axis].codes(_values(table, axis)) for axis in axes], shape)
-    cell = column(table.path, "cell").astype(np.int64)
-    d = table.measure("velocity_divergence")
-    regular = table.regular
-    rank = np.where(regular, d, -1.0)  # those that are kept apart come last
-    order = np.lexsort((-rank, where))
-    tiles, first = np.unique(where[order], return_index=True)
-    frame = pd.DataFrame({"tile": where[regular], "solver": table.rows.solver[regular], "d": d[regular]})
-    medians = frame.groupby(["tile", "solver"], observed=True).d.median().unstack().reindex(tiles)
-    places = np.unravel_index(tiles, shape)
-    rows, above = np.unique(np.ravel_multi_index(places[1:], shape[1:]), return_inverse=True)
-    values = np.array(np.unravel_index(rows, shape[1:])).T
+    for axis in axes if count() > TILES else ():
+        if len(levels[axis].values) > _FEW:
+            levels[axis] = levels_of(column(table.path, axis))
+    rows = pd.DataFrame({axis: levels[axis].codes(_values(table, axis)) for axis in axes})
+    rows["tile"] = rows.groupby(list(axes)).ngroup()  # numbered in the order of the axes
+    rows["cell"] = column(table.path, "cell").astype(np.int64)
+    rows["d"], rows["solver"] = table.measure("velocity_divergence"), table.rows.solver
+    rows["rank"] = np.where(table.regular, rows.d, -1.0)  # those that are kept apart come last
+    largest = rows.sort_values(["tile", "rank"], ascending=[True, False], kind="stable")
+    places = largest.drop_duplicates("tile").reset_index(drop=True)
+    places["across"] = places[along]
+    places["above"] = places.groupby(up).ngroup()
+    places["column"] = [_label(levels, along, code) for code in places[along]]
+    codes = zip(*(places[axis] for axis in up), strict=True)
+    places["row"] = [" · ".join(map(_label, [levels] * len(up), up, row)) for row in codes]
+    medians = rows[table.regular].groupby(["tile", "solver"], observed=True).d.median().unstack()
     return Tiles(
         along=along,
         up=tuple(up),
         rest=tuple(axis for axis, each in levels.items() if axis not in axes and len(each.values) > 1),
-        across_labels=[number(value) for value in levels[along].values],
-        up_labels=[
-            " · ".join(_label(levels[axis].values[code]) for axis, code in zip(up, row, strict=True))
-            for row in values
-        ],
-        across=places[0].tolist(),
-        above=above.tolist(),
-        medians={
-            name: [None if math.isnan(value) else value for value in medians[name]]
-            if name in medians
-            else [None] * len(tiles)
-            for name in table.solvers
-        },
-        cells=cell[order][first].tolist(),
-        n_cells=len(cell) // max(1, len(table.solvers)),
+        places=places[["across", "above", "column", "row", "cell"]],
+        medians=medians.reindex(places.index),
+        n_cells=len(rows) // max(1, len(table.solvers)),
     )
 
 
@@ -116,13 +104,6 @@ def _values(table: Compared, axis: str) -> np.ndarray:
     return texts(table.path, axis) if axis == "arrangement" else np.array(column(table.path, axis))
 
 
-def _label(value: float | str) -> str:
+def _label(levels: dict[str, Levels], axis: str, code: int) -> str:
+    value = levels[axis].values[code]
     return value if isinstance(value, str) else number(value)
-
-
-def _sorted(levels: Levels) -> Levels:
-    return levels if levels.edges is not None else Levels(sorted(levels.values))
-
-
-def _coarse(table: Compared, axis: str) -> Levels:
-    return levels_of(column(table.path, axis))

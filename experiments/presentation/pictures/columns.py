@@ -15,7 +15,7 @@ from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pictures.history import TAIL, passed_at
 from impact_xval.experiments.presentation.style import BESIDE, Drawn, drawing
-from impact_xval.experiments.presentation.words import arranged, named, one_vote
+from impact_xval.experiments.presentation.words import arranged, named
 from impact_xval.experiments.tables.numbers import number
 
 #: Most panels of the wave in a row.
@@ -28,8 +28,8 @@ def draw_velocities(curves: Frame, config: Config) -> Iterator[Drawn]:
     if len(moved):
         solvers, by_solver = in_order_of_laws(moved.solver), moved.set_index("solver").velocities
         said = "Final velocities of one column, ball by ball and solver beside solver, per |v0|, up is positive: "
-        said += f"{arranged(config.figure_column)}. {one_vote(solvers)}"
-        yield "velocities", velocities_figure({name: by_solver[name] for name in solvers}), said.strip()
+        said += f"{arranged(config.figure_column)}."
+        yield "velocities", velocities_figure({name: by_solver[name] for name in solvers}), said
 
 
 def draw_wave(curves: Frame, config: Config) -> Iterator[Drawn]:

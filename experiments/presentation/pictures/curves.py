@@ -15,7 +15,7 @@ from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.style import Drawn, drawing
-from impact_xval.experiments.presentation.words import named, one_vote
+from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Path
 
@@ -33,9 +33,9 @@ def draw_cell_curves(curves: Frame, names: Iterable[str]) -> Iterator[Drawn]:
         f"Impulse curves of one collision ({cell}): ball-table impulse I2 over ball-ball impulse "
         "I1, both per m1 |v0|. Grey lines: compression line l1 (equal velocities, v1 = v2) and l2 "
         "(lower ball at rest, I1 = I2). Markers: where each curve ends; the right panel enlarges "
-        f"the ends. {one_vote(names)}"
+        "the ends."
     )
-    yield "impulse-curves", _whole_and_ends(points, float(curves.mass_ratio.iloc[0])), said.strip()
+    yield "impulse-curves", _whole_and_ends(points, float(curves.mass_ratio.iloc[0])), said
 
 
 def _whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figure:
@@ -126,9 +126,8 @@ def caption(collision: Collision, solvers: Iterable[str], scenario: str) -> str:
         f"One collision by {', '.join(solvers)}: {at(collision)}, scenario {scenario}. Left: ball-table "
         "impulse I2 over ball-ball impulse I1, with the compression lines l1 (v1 = v2) and l2 (v2 = 0, I1 "
         "= I2); markers: where each curve ends. Right: velocities over the impulse of both contacts that "
-        "has passed, which serves as a clock for all of them, since the model has no time. "
-        f"{one_vote(solvers)}"
-    ).strip()
+        "has passed, which serves as a clock for all of them, since the model has no time."
+    )
 
 
 def at(collision: Collision) -> str:

@@ -37,16 +37,16 @@ _LABELS = {
 _SIDE = "solvers stand side by side."
 _MEDIANS = f"Markers: medians over all other axes; bars: 5th to 95th percentile; {_SIDE}"
 
-#: How the captions begin of what is drawn over k2/k1, or of columns over the number of balls.
+#: Captions of what is drawn over k2/k1, or of columns over the number of balls.
 _CAPTIONS = {
     _D: "Velocity divergence D of each solver from the model over {over}. "
     f"{_MEDIANS} D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2), dimensionless; values below {number(_FLOOR)} are drawn "
-    "there.",
+    f"there. {LEFT_OUT} {{votes}}",
     _ENERGY: "Difference of the fraction of kinetic energy that is left after the collision, solver minus model, over "
-    f"{{over}}. {_MEDIANS} Above zero the solver dissipates less than the model.",
+    f"{{over}}. {_MEDIANS} Above zero the solver dissipates less than the model. {LEFT_OUT}",
     FULL_PATHS: "Share of cells in which a solver passes through the same contact states (S1 both contacts active, S2 "
     "ball on table, S3 ball on ball, S4 none) as the model, over {over}, of the cells in which the model needed no "
-    f"limiting case; {_SIDE}",
+    f"limiting case; {_SIDE} {LEFT_OUT}",
 }
 
 
@@ -70,15 +70,13 @@ def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     levels = {axis: sorted(levels.values) for axis, levels in table.levels.items()}
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
     if solvers:
-        votes = one_vote(solvers)
         for measure, name in (
             (_D, "divergence-by-stiffness"),
             (_ENERGY, "energy-by-stiffness"),
             (FULL_PATHS, "state-paths"),
         ):
             figure = _over(rows, solvers, "stiffness_ratio", measure, levels["stiffness_ratio"])
-            said = _CAPTIONS[measure].format(over="the stiffness ratio k2/k1")
-            yield name, figure, f"{said} {LEFT_OUT} {votes}".strip()
+            yield name, figure, _caption(measure, "the stiffness ratio k2/k1", solvers)
         for name, across, up in (
             ("divergence-map", "stiffness_ratio", "mass_ratio"),
             ("divergence-by-restitution", "e1", "e2"),
@@ -86,8 +84,8 @@ def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
             figure = _median_maps(rows, solvers, levels, across, up)
             rest = " and ".join(label for axis, label in AXES.items() if axis not in (across, up))
             said = f"Median over {rest} of the velocity divergence D from the model, by {AXES[across]} and {AXES[up]}"
-            said += f", a panel a solver. White: nothing to compare. {LEFT_OUT} {votes}"
-            yield name, figure, said.strip()
+            said += f", a panel a solver. White: nothing to compare. {LEFT_OUT}"
+            yield name, figure, said
     yield from draw_trust(trust_of(folder, summary.config))
     yield from draw_ladders(summary.ladder)
     yield from draw_steps(summary)
@@ -101,11 +99,14 @@ def draw_columns(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
     for measure, name in ((_D, "divergence-by-balls"), (_ENERGY, "energy-by-balls")) if solvers else ():
         figure = _over(rows, solvers, "balls", measure, sorted(set(rows.balls)), "arrangement")
-        said = _CAPTIONS[measure].format(over="the number of balls N, a panel an arrangement")
-        yield name, figure, f"{said} {LEFT_OUT} {one_vote(solvers)}".strip()
+        yield name, figure, _caption(measure, "the number of balls N, a panel an arrangement", solvers)
     yield from draw_ladders(summary.ladder)
     yield from draw_velocities(curves, summary.config)
     yield from draw_wave(curves, summary.config)
+
+
+def _caption(measure: str, over: str, solvers: Sequence[str]) -> str:
+    return _CAPTIONS[measure].format(over=over, votes=one_vote(solvers)).strip()
 
 
 def _axis(ax: Any, axis: str, values: Sequence[float]) -> np.ndarray:

@@ -72,7 +72,7 @@ def test_its_columns_open_with_what_the_tables_hold(root, monkeypatch, capsys):
     rows = pq.read_table(root / "cells.parquet").to_pandas().set_index(["cell", "solver"])
     tiles = tiles_of(load_divergence(finished(root), finished(root).config()))
     assert (tiles.along, tiles.up) == ("balls", ("arrangement", "e", "exponent"))
-    assert sorted(tiles.cells) == list(range(24))
+    assert sorted(tiles.places.cell) == list(range(24))
     opened = opened_cells(finished(root), [0, 9])
     for number, cell in opened.items():
         for result in cell["results"]:
