@@ -28,9 +28,8 @@ from impact_xval.experiments.presentation.document import (
 from impact_xval.experiments.presentation.findings import D, compared, subjects, unit_of, value_of
 from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.page import evidence, method
-from impact_xval.experiments.presentation.page.charts import cells_piece
+from impact_xval.experiments.presentation.page.charts import cells_piece, tiles_of
 from impact_xval.experiments.presentation.page.opened import packed_cells
-from impact_xval.experiments.presentation.page.tiles import tiles_of
 from impact_xval.experiments.presentation.pictures.steps import ACCEPTED, recommended
 from impact_xval.experiments.presentation.words import WHAT_D_IS, named, one_vote
 from impact_xval.experiments.sweep.examination import traps_note
@@ -245,7 +244,7 @@ def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
     """Lay out the map whose cells open, and the cells with the largest D."""
     tiles = tiles_of(load_divergence(folder, summary.config))
     opens = tiles.places.cell.tolist()
-    piece = cells_piece(tiles, packed_cells(folder, opens), summary.config.solvers, summary.n_cells)
+    piece = cells_piece(tiles, packed_cells(folder, opens), summary.config.solvers)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
     if summary.config.column is None:
         words = {"model_states_compared": "model's path", "states_compared": "solver's path"}

@@ -12,8 +12,8 @@ from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.measures.summary import load_divergence, summarise
 from impact_xval.experiments.presentation.findings import asked
+from impact_xval.experiments.presentation.page.charts import tiles_of
 from impact_xval.experiments.presentation.page.opened import opened_cells
-from impact_xval.experiments.presentation.page.tiles import tiles_of
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished

@@ -5,7 +5,7 @@ import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.summary import load_divergence
-from impact_xval.experiments.presentation.page.tiles import TILES, tiles_of
+from impact_xval.experiments.presentation.page.charts import TILES, tiles_of
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import RunFolder
 from tests.experiments.conftest import SMALL
