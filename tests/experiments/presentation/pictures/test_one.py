@@ -41,16 +41,3 @@ def test_the_suffix_says_what_is_written_and_json_stays_json(tmp_path, capsys):
         assert main(["solve", *CELL, "--solver", "kelvin-voigt", "--json", "--plot", str(file)]) == 0
         assert len(json.loads(capsys.readouterr().out)) == 2
         assert file.read_bytes().startswith(first)
-
-
-def test_a_file_that_cannot_be_written_is_refused_before_anything_is_solved(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "folder.png").mkdir()
-    for file, says in (
-        ("one.jpg", "; legal: a file that ends in .png, .svg, .pdf, .gif, .html"),
-        ("there/one.png", ": no folder there; legal: a file in a folder that is there"),
-        ("folder.png", "; legal: a file that ends in .png, .svg, .pdf, .gif, .html"),
-    ):
-        assert main(["solve", *CELL, "--plot", file]) == 2
-        said = capsys.readouterr()
-        assert (said.out, said.err) == ("", f"impact-xval: --plot {file}{says}\n")
