@@ -45,19 +45,7 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
 
 
 def write_report(folder: RunFolder, summary: Summary | None = None) -> Path:
-    """Write ``report.html`` of a finished run; its figures are drawn if they are not there.
-
-    Parameters
-    ----------
-    folder : RunFolder
-    summary : Summary, optional
-        That of the run, where it is known; by default it is computed.
-
-    Returns
-    -------
-    Path
-        The page.
-    """
+    """Write ``report.html`` of a finished run, and return its path; figures are drawn if they are not there."""
     summary = summarise(folder) if summary is None else summary
     figures = folder.root / "figures"
     known = figures / CAPTIONS

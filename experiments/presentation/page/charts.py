@@ -145,17 +145,7 @@ def _label(levels: dict[str, Levels], axis: str, code: int) -> str:
 
 
 def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str]) -> Markup:
-    """Lay out the map and the cell that is open.
-
-    Parameters
-    ----------
-    tiles : Tiles
-        Of a run in which a solver was compared.
-    packed : str
-        What is shown of the cells (`opened.packed_cells`).
-    solvers : sequence of str
-        All of the run, the model among them.
-    """
+    """Lay out the map of a run in which a solver was compared, and the cell that is open (`opened.packed_cells`)."""
     rest = [LABELS[axis] for axis in tiles.rest]
     plots = {"map": _map(tiles)} | ({"curves": curves_chart(solvers)} if tiles.along in AXES else {})
     return render(

@@ -95,9 +95,9 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
     for name in subjects(summary)[:1]:
         n = int(findings.count_of(summary, name).value)
         yield value_of(summary, name), f"is the median D of {named(name)} from the model, of {n} {unit}"
-    for name, law, d in list(findings.asked(summary))[:1]:
+    for name, law, median, _ in list(findings.asked(summary))[:1]:
         what = "D" if summary.config.column is None else "distance of the limit dt -> 0, per |v0|,"
-        yield d["median"], f"is the median {what} of {named(name)} from {named(law)}, the law it was set to"
+        yield median, f"is the median {what} of {named(name)} from {named(law)}, the law it was set to"
     for name in summary.ladder.solvers[:1]:
         regions = [(f"all {unit}", ("all", math.nan)), *summary.ladder.regions.items()]
         there = [(label, place) for label, place in regions if len(summary.ladder.region(name, *place))]

@@ -98,20 +98,9 @@ def _between(time: Floats, known: Floats, values: Floats) -> Floats:
 
 
 def history_of(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
-    """Make a history of a path.
+    """Make a history of a path in the units of its collision; None where it has no finite clock.
 
-    Parameters
-    ----------
-    collision : Collision
-    path : Path
-        In the units of the collision.
-    gravity : float
-        In m/s^2: with it the lower one of two balls begins in static equilibrium on its support.
-
-    Returns
-    -------
-    History or None
-        None where the path has no finite clock.
+    With gravity (m/s^2) the lower one of two balls begins in static equilibrium on its support.
     """
     unit = collision.units
     time = path.time / unit.time

@@ -51,16 +51,7 @@ _ARROW, _BAR = 0.7, 0.75
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What is animated.
-
-    Attributes
-    ----------
-    collision : Collision
-    what : str
-        Which collision it is, in words.
-    histories : dict of History
-        By solver, the model first.
-    """
+    """What is animated: a collision, which it is in words, and its histories by solver, the model first."""
 
     collision: Collision
     what: str
@@ -224,13 +215,7 @@ def _set_up(figure: Figure, motion: Motion) -> tuple[list[Scene], list[Any]]:
 
 
 def write_animation(motion: Motion, path: Path) -> None:
-    """Write an animation as GIF or a page that needs nothing else, as the suffix of the file says.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Write an animation as GIF or a page that needs nothing else, as the suffix of the file says."""
     pictures = list(frames_of(motion))
     # One palette, that of the first and the middle one: in these are all colours.
     both = np.vstack([pictures[0], pictures[len(pictures) // 2]])

@@ -72,13 +72,7 @@ class TrustMap:
 
 
 def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
-    """Compute the trust map of a finished run of two balls from its table of ladders.
-
-    Returns
-    -------
-    TrustMap or None
-        None where there is no plane, only one value along an axis, or no engine with a result.
-    """
+    """Compute the trust map of a run of two balls from its ladders; None without a plane or a result of an engine."""
     path = folder.table_path("ladder.parquet")
     known = [axis_levels(config, axis, column(path, axis)) for axis in _PLANE]
     levels = [Levels(sorted(each.values), each.edges) for each in known]
