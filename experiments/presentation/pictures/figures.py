@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -109,26 +108,6 @@ def _caption(measure: str, over: str, solvers: Sequence[str]) -> str:
     return _CAPTIONS[measure].format(over=over, votes=one_vote(solvers)).strip()
 
 
-def _axis(ax: Any, axis: str, values: Sequence[float]) -> np.ndarray:
-    """Prepare an axis: k2/k1 logarithmic where 0 and infinity are not among its values, else evenly spaced values."""
-    ax.set_xlabel("number of balls N" if axis == "balls" else "stiffness ratio k2/k1 (-)")
-    array = np.array(values, dtype=float)
-    if axis == "stiffness_ratio" and np.all((array > 0) & np.isfinite(array)):
-        ax.set_xscale("log")
-        return array
-    label_places(ax.xaxis, values, len(values) if axis == "balls" else 8)
-    return np.arange(len(array), dtype=float)
-
-
-def _beside(ax: Any, x: np.ndarray, place: float) -> np.ndarray:
-    """Shift places along an axis by a part of what lies between two of them."""
-    logarithmic = ax.get_xscale() == "log"
-    places = np.log10(x) if logarithmic else x
-    apart = float(np.min(np.diff(places))) if len(x) > 1 else 0.5
-    shifted = places + 0.6 * apart * place
-    return 10**shifted if logarithmic else shifted
-
-
 def _over(
     rows: Frame,
     solvers: Sequence[str],
@@ -144,10 +123,11 @@ def _over(
         for ax, name in zip(axes, panels, strict=True):
             some = rows if name is None else rows[rows[panel] == name]
             here = [value for value in values if value in set(some[axis])] if panel else values
-            x = _axis(ax, axis, here)
+            label_places(ax.xaxis, here, 8)
+            ax.set_xlabel("number of balls N" if axis == "balls" else "stiffness ratio k2/k1 (-)")
             for position, solver in enumerate(solvers):
                 style = look(solver, position)
-                at = _beside(ax, x, (position + 0.5) / len(solvers) - 0.5)
+                at = np.arange(len(here)) + 0.6 * ((position + 0.5) / len(solvers) - 0.5)
                 grouped = some[some.solver == solver].groupby(axis)[measure]
                 if measure == FULL_PATHS:
                     shown = grouped.mean().reindex(here)

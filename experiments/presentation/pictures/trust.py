@@ -7,7 +7,6 @@ of components over the cells of the field that are beyond the lowest level.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -56,14 +55,11 @@ class TrustMap:
         A row a field that has a cell, by engine and its positions in the two: ``cells``, the number of those that are
         compared; ``typical`` and ``strict``, the position in `LEVELS` of the level that the median cell, or every cell,
         stays within, 3 beyond all of them; ``blamed``, the name of the contribution, NaN where nothing is.
-    whole : int
-        Cells of a field of a grid, one a pair of restitutions; 0 where cells are scattered.
     """
 
     mass_ratio: list[float]
     stiffness_ratio: list[float]
     fields: Frame
-    whole: int
 
     def image(self, values: Frame) -> Any:
         """Lay values of the fields of one engine out over the plane; NaN where there is none."""
@@ -98,9 +94,7 @@ def trust_of(folder: RunFolder, config: Config) -> TrustMap | None:
             "blamed": sums.idxmax(axis=1) if len(sums) else None,
         }
     )
-    scattered = config.sample is not None or config.cells is not None
-    whole = 0 if scattered else math.prod(list(config.grid.lengths().values())[2:])
-    return TrustMap(levels[0].values, levels[1].values, fields, whole)
+    return TrustMap(levels[0].values, levels[1].values, fields)
 
 
 def _level(d: float) -> int:
@@ -117,7 +111,6 @@ def draw_trust(trust: TrustMap | None) -> Iterator[Drawn]:
 
 def _caption(trust: TrustMap, engines: Sequence[str]) -> str:
     first, second, third = (number(100 * level) for level in LEVELS)
-    dot = f" Dot: of its {trust.whole} cells some have no result, or are marked." if trust.whole else ""
     said = ""
     for name in engines:
         fields = trust.fields.loc[name]
@@ -131,7 +124,7 @@ def _caption(trust: TrustMap, engines: Sequence[str]) -> str:
         f"holds the cells of all restitutions, {trust.fields.cells.max()} at most. Left: the velocity divergence D "
         f"that its median cell stays within, {first} %, {second} %, {third} % or more; middle: that every cell of it "
         "stays within. Right: the cause with the largest part of D, summed over those of its cells that are beyond "
-        f"{first} % (docs/ladder.md); grey: no cell is. White: nothing to compare.{dot}{said} {LEFT_OUT}"
+        f"{first} % (docs/ladder.md); grey: no cell is. White: nothing to compare.{said} {LEFT_OUT}"
     )
 
 
@@ -151,9 +144,6 @@ def _figure(trust: TrustMap, engines: Sequence[str]) -> Figure:
             fields = trust.fields.loc[name]
             for ax, of_fields in zip(row, (fields.typical, fields.strict), strict=False):
                 _show(ax, trust.image(of_fields), _COLORS)
-                lacking = fields[fields.cells < trust.whole].index
-                y, x = lacking.get_level_values(0), lacking.get_level_values(1)
-                ax.plot(x, y, "o", color="white", markeredgecolor="black", markersize=4)
             blamed = fields.blamed.map(places).fillna(0)
             _show(row[2], trust.image(blamed), [_WITHIN, *(c.color for c in shown)])
             row[0].set_ylabel(f"{named(name)}\nm2/m1 (-)")
