@@ -281,7 +281,7 @@ def overall_table(summary: Summary) -> Table:
         known = (int(row["n"]), *(number(row[cut]) for cut in CUTS), *(each(name) for each in last.values()))
         rows.append((law_of(name) or "-", name, *known, int(apart)))
     header = ["law", "solver", unit_of(summary), "median D", "95 %", "max", *last, "not compared"]
-    caption = f"Divergence D from the model, by the law asked for. {one_vote(compared(summary), name=False)}"
+    caption = f"Divergence D from the model, by the law asked for. {one_vote(compared(summary))}"
     return Table(header, rows, caption.strip(), text=2)
 
 

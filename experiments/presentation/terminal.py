@@ -94,18 +94,7 @@ def show_progress(
 ) -> Iterator[Callable[[int, int, str], None]]:
     """Show progress: a bar and the medians so far on a terminal, otherwise a line for every tenth.
 
-    Parameters
-    ----------
-    console : Console
-    unit : str
-        What is counted.
-    medians : callable
-        Gives law, solver, number of cells and median D of every solver that has any.
-
-    Yields
-    ------
-    callable
-        To be given how many are done, of how many, and a line worth saying; from any thread.
+    Yields what is to be given how many are done, of how many, and a line worth saying; from any thread.
     """
     if console.is_terminal and not console.is_dumb_terminal:
         with _Bar(console, unit, medians) as bar:
