@@ -13,7 +13,8 @@ from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.page.charts import scripts
 from impact_xval.experiments.presentation.page.page import blocks_of
-from impact_xval.experiments.presentation.pictures.figures import CAPTIONS, write_figures
+from impact_xval.experiments.presentation.pictures.figures import write_figures
+from impact_xval.experiments.presentation.style import CAPTIONS
 from impact_xval.experiments.tables.folder import RunFolder, write_text
 from impact_xval.experiments.tables.parquet import replacing
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,11 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from impact_xval.experiments.tables.folder import write_json
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.parquet import replacing
+
+CAPTIONS = "captions.json"
 
 #: Name, figure and caption.
 Drawn = tuple[str, Figure, str]
@@ -78,8 +81,18 @@ def save(figure: Figure, folder: Path, name: str) -> None:
         FigureCanvasPdf(figure).print_pdf(file, metadata={"CreationDate": None})
 
 
-def save_as(figure: Figure, path: Path, dpi: int = 200) -> None:
+def save_all(figures: Iterable[Drawn], folder: Path) -> dict[str, str]:
+    """Write figures, and their captions by name, which are returned, as ``captions.json``."""
+    captions = {}
+    for name, figure, caption in figures:
+        save(figure, folder, name)
+        captions[name] = caption
+    write_json(folder / CAPTIONS, captions)
+    return captions
+
+
+def save_as(figure: Figure, path: Path) -> None:
     """Write a figure as its suffix says: .png, .svg or .pdf; one that is drawn again gives the same file."""
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with mpl.rc_context(_PARAMETERS), replacing(path) as temporary:
-        figure.savefig(temporary, format=path.suffix[1:], dpi=dpi, metadata=dates.get(path.suffix))
+        figure.savefig(temporary, format=path.suffix[1:], dpi=200, metadata=dates.get(path.suffix))

@@ -90,25 +90,25 @@ def _table(block: Table) -> RichTable:
 
 @contextmanager
 def show_progress(
-    console: Console, unit: str = "cells", medians: MedianRows = lambda: []
+    console: Console, medians: MedianRows = lambda: []
 ) -> Iterator[Callable[[int, int, str], None]]:
     """Show progress: a bar and the medians so far on a terminal, otherwise a line for every tenth.
 
     Yields what is to be given how many are done, of how many, and a line worth saying; from any thread.
     """
     if console.is_terminal and not console.is_dumb_terminal:
-        with _Bar(console, unit, medians) as bar:
+        with _Bar(console, medians) as bar:
             yield bar.report
             bar.live.transient = True  # what follows says it better
     else:
-        yield _Log(console, unit, medians).report
+        yield _Log(console, medians).report
 
 
 class _Bar(Progress):
     """A bar, and above it the medians so far."""
 
-    def __init__(self, console: Console, unit: str, medians: MedianRows) -> None:
-        self._unit, self._medians = unit, medians
+    def __init__(self, console: Console, medians: MedianRows) -> None:
+        self._medians = medians
         self._rows: list[tuple[str, str, int, float]] = []
         super().__init__(
             TextColumn("{task.description}"),
@@ -119,7 +119,7 @@ class _Bar(Progress):
             console=console,
             speed_estimate_period=3600,  # parts may take minutes
         )
-        self._task = self.add_task(unit, total=None)
+        self._task = self.add_task("cells", total=None)
 
     def get_renderables(self) -> Iterator[Any]:
         """Lay out the table above the bar; called by rich."""
@@ -133,15 +133,15 @@ class _Bar(Progress):
             self.console.print(visible(line), markup=False, highlight=False)
         if total:
             self._rows = self._medians()
-            description = "writing" if done == total else self._unit
+            description = "writing" if done == total else "cells"
             self.update(self._task, completed=done, total=total, description=description)
 
 
 class _Log:
     """A line for the first report and for every tenth, with the medians so far."""
 
-    def __init__(self, console: Console, unit: str, medians: MedianRows) -> None:
-        self._console, self._unit, self._medians = console, unit, medians
+    def __init__(self, console: Console, medians: MedianRows) -> None:
+        self._console, self._medians = console, medians
         self._start, self._said, self._lock = time.perf_counter(), -1, threading.Lock()
         self._first: tuple[float, int] | None = None
 
@@ -155,7 +155,7 @@ class _Log:
 
     def _line(self, done: int, total: int, now: float) -> str:
         self._first = since, before = self._first or (now, done)  # what was done before costs no time
-        line = f"{done} of {total} {self._unit} after {now - self._start:.0f} s"
+        line = f"{done} of {total} cells after {now - self._start:.0f} s"
         if before < done < total:
             left = timedelta(seconds=round((total - done) * (now - since) / (done - before)))
             line += f", {left} left at this rate"

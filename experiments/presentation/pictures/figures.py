@@ -16,13 +16,18 @@ from impact_xval.experiments.presentation.pictures.curves import draw_cell_curve
 from impact_xval.experiments.presentation.pictures.ladders import draw_ladders
 from impact_xval.experiments.presentation.pictures.steps import draw_steps
 from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
-from impact_xval.experiments.presentation.style import BESIDE, LEFT_OUT, Drawn, drawing, label_places, save
+from impact_xval.experiments.presentation.style import (
+    BESIDE,
+    LEFT_OUT,
+    Drawn,
+    drawing,
+    label_places,
+    save_all,
+)
 from impact_xval.experiments.presentation.words import named, one_vote
 from impact_xval.experiments.sweep.curves import CURVES, FIGURE_CELL
-from impact_xval.experiments.tables.folder import RunFolder, write_json
+from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
-
-CAPTIONS = "captions.json"
 
 #: D below this is drawn at this height on logarithmic axes: about the rounding of the solvers.
 _FLOOR = 1e-6
@@ -51,14 +56,10 @@ _CAPTIONS = {
 
 def write_figures(folder: RunFolder, summary: Summary) -> dict[str, str]:
     """Draw every figure of a finished run into ``figures/``: their captions by name, which ``captions.json`` holds."""
-    target, captions = folder.root / "figures", {}
+    target = folder.root / "figures"
     target.mkdir(exist_ok=True)
     draw = draw_pair if summary.config.column is None else draw_columns
-    for name, figure, caption in draw(folder, summary):
-        save(figure, target, name)
-        captions[name] = caption
-    write_json(target / CAPTIONS, captions)
-    return captions
+    return save_all(draw(folder, summary), target)
 
 
 def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
@@ -161,9 +162,8 @@ def _median_maps(
     levels: dict[str, list[float]],
     across: str,
     up: str,
-    written: int = 36,
 ) -> Figure:
-    """Draw the median D over two axes, a panel a solver; maps of at most `written` fields hold their numbers."""
+    """Draw the median D over two axes, a panel a solver; small maps hold their numbers."""
     columns, lines = levels[across], levels[up]
     size = 2.4 * len(solvers) + 1.2, 1.9 + 0.28 * min(len(lines), 20)
     medians = rows.groupby(["solver", up, across], observed=True)[_D].median()
@@ -173,7 +173,7 @@ def _median_maps(
         for ax, name in zip(axes, solvers, strict=True):
             table = medians[name].unstack().reindex(index=lines, columns=columns).to_numpy(float)
             ax.imshow(table, origin="lower", aspect="auto", cmap="viridis", vmin=0, vmax=highest)
-            for (row, column), value in np.ndenumerate(table) if table.size <= written else ():
+            for (row, column), value in np.ndenumerate(table) if table.size <= 36 else ():
                 shade = "black" if value > 0.6 * highest else "white"
                 ax.text(column, row, number(value, 2), ha="center", va="center", fontsize=7, color=shade)
             label_places(ax.xaxis, columns, 5)

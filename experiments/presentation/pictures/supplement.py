@@ -17,8 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.presentation.pictures.curves import compression_lines, impulse_labels
-from impact_xval.experiments.presentation.style import Drawn, drawing, save
-from impact_xval.experiments.tables.folder import write_json
+from impact_xval.experiments.presentation.style import Drawn, drawing, save_all
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model import Collision, Outcome, solve
 
@@ -129,11 +128,7 @@ def _caption(row: str, panels: list[Panel]) -> str:
 
 def write_supplement_figures(root: Path) -> list[tuple[Path, str]]:
     """Draw the figures into a folder: the SVG and the caption of each; ``captions.json`` holds the captions."""
-    captions = {}
-    for name, figure, caption in draw_supplement_figures():
-        save(figure, root, name)
-        captions[name] = caption
-    write_json(root / "captions.json", captions)
+    captions = save_all(draw_supplement_figures(), root)
     return [(root / f"{name}.svg", caption) for name, caption in captions.items()]
 
 
