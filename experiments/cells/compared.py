@@ -122,7 +122,7 @@ class Compared:
 
     def _picture(self) -> Figure | None:
         from impact_xval.experiments.presentation.pictures.columns import velocities_figure
-        from impact_xval.experiments.presentation.pictures.one import draw_collision, drawn_paths
+        from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawn_paths
 
         if not self.is_column:
             paths = drawn_paths(self.problem, self.outcomes)

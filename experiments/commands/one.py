@@ -96,7 +96,7 @@ def solve(
 
 def _picture(file: Path, compared: Compared, config: Config) -> str:
     """Draw a collision into a file; its caption."""
-    from impact_xval.experiments.presentation.pictures.one import caption, drawn_paths
+    from impact_xval.experiments.presentation.pictures.curves import caption, drawn_paths
     from impact_xval.experiments.presentation.style import save_as
 
     try:
@@ -113,9 +113,9 @@ def _film(file: Path, compared: Compared, config: Config) -> str:
     """Show a collision in slow motion, the model beside an engine, or else another solver; its caption."""
     from impact_xval.compliant_baselines.registry import is_engine
     from impact_xval.experiments.config.experiment import REFERENCE
+    from impact_xval.experiments.presentation.pictures.curves import at
     from impact_xval.experiments.presentation.pictures.history import history_of
     from impact_xval.experiments.presentation.pictures.motion import Motion, write_animation
-    from impact_xval.experiments.presentation.pictures.one import at
     from impact_xval.experiments.presentation.terminal import at_work
     from impact_xval.experiments.presentation.words import arranged
     from impact_xval.model.collision import RESULT_STATUSES

@@ -49,7 +49,7 @@ def scoreboard(
 
     start, console = time.perf_counter(), make_console()
     root = out if out is not None else Path("runs") / "scoreboard"
-    with show_progress(console, unit="solvers") as progress:
+    with show_progress(console) as progress:
         solvers, answers = play(entrants(solver or ()), root, workers or 2, progress)
     show_board(console, write_all(solvers, answers, root))
     print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {root / 'report.html'}")

@@ -104,7 +104,7 @@ def _verdicts(results: Results) -> Section:
         "Verdict, and the points at which it is reached. Below it, of a supported limit the rate r at which D, the "
         "distance from the closed form, falls as contrast^-r, median and 95 % interval of the median over the points; "
         f"of a refuted one the range of D. Last, the contrast from which on D stays within {level}, median over the "
-        f"points. {one_vote(results.solvers, name=True)}"
+        f"points. {one_vote(results.solvers)}"
     )
     header = ("solver", *(case.key for case in CASES))
     table = Table(header, rows, caption, text=len(header))

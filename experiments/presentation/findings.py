@@ -10,6 +10,7 @@ from impact_xval.compliant_baselines.registry import is_engine, law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.measures.aggregates import FULL_PATHS
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
 from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.measures.laws import exact_for
@@ -101,45 +102,37 @@ def how_far(summary: Summary) -> Text:
     )
 
 
-def asked(summary: Summary) -> Iterator[tuple[str, str, dict[str, Value]]]:
-    """Give every engine beside the exact solver of the law it was asked for, with their D, or the limit's distance.
-
-    Yields
-    ------
-    str, str, dict
-        Engine, exact solver, and ``median`` and ``max``.
-    """
-    cuts = ("median", "max")
-    for row in summary.between.to_dict("records"):
-        for name, law in ((row["solver"], row["other"]), (row["other"], row["solver"])):
-            if exact_for(name, summary.config.mapping) == law != name:
-                yield name, law, {cut: Value(row[cut], f"{name} from {law} {cut}") for cut in cuts}
-    of_columns = summary.config.column is not None
-    for row in summary.estimates.to_dict("records") if of_columns else ():
+def asked(summary: Summary) -> Iterator[tuple[str, str, Value, Value]]:
+    """Give engine, exact solver of its law, and their median and largest D, or of columns the limit's distance."""
+    if summary.config.column is None:
+        for row in summary.between.to_dict("records"):
+            for name, law in ((row["solver"], row["other"]), (row["other"], row["solver"])):
+                if exact_for(name, summary.config.mapping) == law != name:
+                    median, most = (Value(row[cut], f"{name} from {law} {cut}") for cut in ("median", "max"))
+                    yield name, law, median, most
+        return
+    for row in summary.estimates.to_dict("records"):
         if row["held"]:
             name, law = row["solver"], row["asked"]
-            yield (
-                name,
-                law,
-                {cut: Value(row[f"asked_{cut}"], f"{name} limit from {law} {cut}") for cut in cuts},
-            )
+            key = f"{name} limit from {law}"
+            median, most = (Value(row[f"asked_{cut}"], f"{key} {cut}") for cut in ("median", "max"))
+            yield name, law, median, most
 
 
 def as_asked(summary: Summary) -> list[Text]:
-    """Say how near engines are to the law that they were asked for, beside their distance from the model."""
-    if summary.config.column is None:
-        near = "{solver} ends D = {near} (median; at most {near_most}) from {law}"
-    else:
-        near = "The limits dt -> 0 of {solver} are {near} |v0| (median; at most {near_most} |v0|) from {law}"
+    """Say how near engines are to the law that they were asked for."""
+    near = "{solver} ends D = {median} (median; at most {most}) from {law}"
+    if summary.config.column is not None:
+        near = "The limits dt -> 0 of {solver} are {median} |v0| (median; at most {most} |v0|) from {law}"
     return [
         say(
-            near
-            + ", the exact solution of the law it was asked for; from the model it ends D = {far} (median; at most "
-            "{far_most}).",
-            **{"solver": named(name), "law": named(law), "near": d["median"], "near_most": d["max"]},
-            **{"far": value_of(summary, name), "far_most": value_of(summary, name, "max")},
+            near + ", the exact solution of the law it was asked for.",
+            solver=named(name),
+            law=named(law),
+            median=median,
+            most=most,
         )
-        for name, law, d in asked(summary)
+        for name, law, median, most in asked(summary)
     ]
 
 
@@ -197,15 +190,12 @@ def _by_region(summary: Summary, solver: str, name: str) -> list[Any]:
 
 def unsolved(summary: Summary) -> list[str]:
     """Say of every solver without a result in some cells how many, of which status, and the most frequent reason."""
-    found = []
+    found, failed = [], summary.reasons[~summary.reasons.status.isin(RESULT_STATUSES)]
     for name in (REFERENCE, *summary.solvers):
-        some = summary.reasons[
-            (summary.reasons.solver == name) & ~summary.reasons.status.isin(RESULT_STATUSES)
-        ]
+        some = failed[failed.solver == name]
         if len(some):
-            counts = ", ".join(
-                f"{n} {status}" for status, n in some.groupby("status", sort=False).n.sum().items()
-            )
+            numbers = some.groupby("status", sort=False).n.sum()
+            counts = ", ".join(f"{n} {status}" for status, n in numbers.items())
             found.append(
                 f"{begun(named(name))} has no result in {some.n.sum()} of {summary.n_cells} {unit_of(summary)} "
                 f"({counts}), most often: {some.reason.iloc[0]}"
@@ -216,66 +206,53 @@ def unsolved(summary: Summary) -> list[str]:
 def counted(summary: Summary) -> str:
     """Say which cells statistics are over: one sentence for run, ladder and findings."""
     beyond = "".join(f", {n} more of {named(name)}" for name, n in summary.marked_beyond.items())
-    ladders = (
-        " Causes are known where every exact law between the model and the engine is unmarked too."
-        if len(summary.ladder.statistics)
-        else ""
-    )
-    return (
+    said = (
         f"Statistics are over the {unit_of(summary)} that both the solver and the model solved and that are "
         f"not marked. Marked, beside a jump of the outcome, are {summary.n_marked} of {summary.n_cells} in "
-        f"the model{beyond}.{ladders}"
+        f"the model{beyond}."
     )
+    if len(summary.ladder.statistics):
+        said += " Causes are known where every exact law between the model and the engine is unmarked too."
+    return said
 
 
-def along_axis(summary: Summary, axis: str, label: str, measure: str = D) -> Table:
-    """Tabulate a measure along an axis, a row a value: median / 95 % / maximum over the other axes."""
-    levels = summary.levels[axis]
+def along_axis(summary: Summary, axis: str, measure: str = D) -> Table:
+    """Tabulate along an axis, a row a value, D over the other axes, or the share of equal state paths."""
+    levels, label = summary.levels[axis], (AXES | COLUMN_AXES)[axis]
     shown = levels.values if axis == "arrangement" else spread(levels.values)
 
     def cell(name: str, value: Any) -> str:
         row = summary.get(name, measure, axis, value)
+        if measure == FULL_PATHS:
+            return percent(row["mean"])
         return " / ".join(number(row[cut], 2) for cut in CUTS) if row["n"] else "-"
 
-    note = (
-        f" ({len(shown)} of {len(levels.values)} values; all are in summary.csv)"
-        if len(shown) < len(levels.values)
-        else ""
-    )
-    note += f" (in bins of {label}, named by their middle)" if levels.edges is not None else ""
+    caption = f"D by {label}: median / 95th percentile / maximum over the other axes"
+    if measure == FULL_PATHS:
+        caption = f"Cells with the model's state path by {label}, where it needed no limiting case"
+    if len(shown) < len(levels.values):
+        caption += f" ({len(shown)} of {len(levels.values)} values; all are in summary.csv)"
+    if levels.edges is not None:
+        caption += f" (in bins of {label}, named by their middle)"
     rows = [
         (value if isinstance(value, str) else number(value), *(cell(name, value) for name in summary.solvers))
         for value in shown
     ]
-    return Table(
-        [label, *summary.solvers],
-        rows,
-        f"D by {label}: median / 95th percentile / maximum over the other axes{note}",
-    )
+    return Table([label, *map(named, summary.solvers)], rows, caption)
 
 
 def region_table(ladder: LadderSummary) -> Table:
     """Tabulate what the mean D of each engine consists of, by region, with the range over the orders of the causes."""
-    regions = {"all": ("all", math.nan), **ladder.regions}
-    rows = [
-        (
-            solver,
-            label,
-            int(region.n.max()),
-            number(region.total.iloc[0]),
-            *(_share_text(region, c.name) for c in ladder.present),
-        )
-        for solver in ladder.solvers
-        for label, place in regions.items()
-        if len(region := ladder.region(solver, *place))
-    ]
+    rows = []
+    for solver in ladder.solvers:
+        for label, place in {"all": ("all", math.nan), **ladder.regions}.items():
+            region = ladder.region(solver, *place)
+            if len(region):
+                known = (int(region.n.max()), number(region.total.iloc[0]))
+                rows.append((solver, label, *known, *(_share_text(region, c.name) for c in ladder.present)))
     header = ["solver", "region", "cells", "mean D", *(c.label for c in ladder.present)]
-    return Table(
-        header,
-        rows,
-        f"What the mean D of each engine consists of; in brackets the range over the {ladder.orders} orders of causes",
-        text=2,
-    )
+    caption = "What the mean D of each engine consists of; in brackets the range over the "
+    return Table(header, rows, f"{caption}{ladder.orders} orders of causes", text=2)
 
 
 def _share_text(region: Any, name: str) -> str:
@@ -284,64 +261,28 @@ def _share_text(region: Any, name: str) -> str:
     row = region.loc[name]
     share = _or_cancels(region, name, Value(row.share, "", 0))
     low, high = percent(row.low), percent(row.high)
-    return (
-        str(share)
-        if low == high or isinstance(share, str)
-        else f"{share} ({low.removesuffix(' %')} to {high.removesuffix(' %')})"
-    )
-
-
-def norm_table(ladder: LadderSummary) -> Table:
-    """Tabulate how large each cause is by itself."""
-    rows = [
-        (
-            solver,
-            LABELS[name],
-            int(row.n),
-            *(number(row[cut]) for cut in ("mean", *CUTS)),
-            percent(row.dominant),
-        )
-        for solver in ladder.solvers
-        for name, row in ladder.region(solver).iterrows()
-    ]
-    caption = (
-        "How large each cause is by itself: kinetic norm of its difference of velocities, per |v0|. Norms "
-        "do not add; causes may oppose each other. Last column: share of the cells in which the cause "
-        "has the largest share."
-    )
-    return Table(
-        ["solver", "cause", "cells", "mean", "median", "95 %", "max", "largest in"], rows, caption, text=2
-    )
+    if low == high or isinstance(share, str):
+        return str(share)
+    return f"{share} ({low.removesuffix(' %')} to {high.removesuffix(' %')})"
 
 
 def overall_table(summary: Summary) -> Table:
     """Tabulate how far each solver is from the model, a row a solver, for one screen."""
-    of_columns = summary.config.column is not None
-    balls = [int(n) for n in spread(summary.levels["balls"].values)] if of_columns else []
+    last = {"same path": lambda name: percent(summary.get(name, "states_equal")["mean"])}
+    if summary.config.column is not None:
+        last = {
+            f"N = {n:g}": lambda name, n=n: number(summary.get(name, D, "balls", n)["median"])
+            for n in spread(summary.levels["balls"].values)
+        }
     rows = []
     for name in summary.solvers:
         row = summary.get(name, D)
-        last = [number(summary.get(name, D, "balls", n)["median"]) for n in balls]
-        last = last if of_columns else [percent(summary.get(name, "states_equal")["mean"])]
         apart = summary.n_cells - row["n"] - summary.get(name, D, cells="marked")["n"]
-        cuts = (number(row[cut]) for cut in CUTS)
-        rows.append((law_of(name) or "-", name, int(row["n"]), *cuts, *last, int(apart)))
-    header = [
-        "law",
-        "solver",
-        unit_of(summary),
-        "median D",
-        "95 %",
-        "max",
-        *([f"N = {n}" for n in balls] or ["same path"]),
-        "not compared",
-    ]
-    return Table(
-        header,
-        rows,
-        f"Divergence D from the model, by the law asked for. {one_vote(compared(summary), name=False)}".strip(),
-        text=2,
-    )
+        known = (int(row["n"]), *(number(row[cut]) for cut in CUTS), *(each(name) for each in last.values()))
+        rows.append((law_of(name) or "-", name, *known, int(apart)))
+    header = ["law", "solver", unit_of(summary), "median D", "95 %", "max", *last, "not compared"]
+    caption = f"Divergence D from the model, by the law asked for. {one_vote(compared(summary))}"
+    return Table(header, rows, caption.strip(), text=2)
 
 
 def brief(summary: Summary) -> list[Block]:
@@ -359,8 +300,7 @@ def brief(summary: Summary) -> list[Block]:
 
 
 def why(summary: Summary) -> list[Block]:
-    """Say on a terminal why the engines of a run diverge."""
-    ladder = summary.ladder
-    if not ladder.solvers:
+    """Tabulate on a terminal why the engines of a run diverge."""
+    if not summary.ladder.solvers:
         return ["no engine of this run has a result: there is nothing to split"]
-    return [region_table(ladder), norm_table(ladder), *(causes(summary, name, 5) for name in ladder.solvers)]
+    return [region_table(summary.ladder)]

@@ -11,9 +11,10 @@ from impact_xval.experiments.measures.ladder_summary import csv_rows
 from impact_xval.experiments.measures.summary import Summary, summarise
 from impact_xval.experiments.presentation.findings import overall_table
 from impact_xval.experiments.presentation.html import page_of
-from impact_xval.experiments.presentation.page import columns, pair
 from impact_xval.experiments.presentation.page.charts import scripts
-from impact_xval.experiments.presentation.pictures.figures import CAPTIONS, write_figures
+from impact_xval.experiments.presentation.page.page import blocks_of
+from impact_xval.experiments.presentation.pictures.figures import write_figures
+from impact_xval.experiments.presentation.style import CAPTIONS
 from impact_xval.experiments.tables.folder import RunFolder, write_text
 from impact_xval.experiments.tables.parquet import replacing
 
@@ -45,27 +46,14 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
 
 
 def write_report(folder: RunFolder, summary: Summary | None = None) -> Path:
-    """Write ``report.html`` of a finished run; its figures are drawn if they are not there.
-
-    Parameters
-    ----------
-    folder : RunFolder
-    summary : Summary, optional
-        That of the run, where it is known; by default it is computed.
-
-    Returns
-    -------
-    Path
-        The page.
-    """
+    """Write ``report.html`` of a finished run, and return its path; figures are drawn if they are not there."""
     summary = summarise(folder) if summary is None else summary
     figures = folder.root / "figures"
     known = figures / CAPTIONS
     captions: dict[str, str] = json.loads(known.read_text(encoding="utf-8")) if known.is_file() else {}
     if not captions or not all((figures / f"{name}.svg").is_file() for name in captions):
         captions = write_figures(folder, summary)
-    page = pair if summary.config.column is None else columns
-    blocks = page.blocks_of(folder, summary, captions)
+    blocks = blocks_of(folder, summary, captions)
     path = folder.root / "report.html"
     write_text(path, page_of(f"impact-xval: {summary.config.name}", blocks, figures, scripts()))
     return path

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,20 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from impact_xval.experiments.tables.folder import write_json
+from impact_xval.experiments.tables.numbers import number
 from impact_xval.experiments.tables.parquet import replacing
+
+CAPTIONS = "captions.json"
+
+#: Name, figure and caption.
+Drawn = tuple[str, Figure, str]
+
+#: Of a legend to the right of its axes.
+BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)}
+
+#: Of figures that leave marked cells out.
+LEFT_OUT = "Marked cells (beside a jump) are left out."
 
 _PARAMETERS: dict[Any, Any] = {
     "figure.constrained_layout.use": True,
@@ -34,6 +47,13 @@ def drawing(width: float, height: float) -> Iterator[Figure]:
     """Give an empty figure of a size in inches, in the style of the project; no state is left behind."""
     with mpl.rc_context(_PARAMETERS):
         yield Figure(figsize=(width, height), layout="constrained")
+
+
+def label_places(axis: Any, values: Sequence[Any], most: int) -> None:
+    """Label at most so many of the places 0, 1, ... of an axis with the values that stand there."""
+    step = max(1, -(-len(values) // most))
+    labels = [value if isinstance(value, str) else number(value, 2) for value in values[::step]]
+    axis.set_ticks(range(0, len(values), step), labels)
 
 
 def _apart(low: float, high: float) -> tuple[float, float]:
@@ -61,8 +81,18 @@ def save(figure: Figure, folder: Path, name: str) -> None:
         FigureCanvasPdf(figure).print_pdf(file, metadata={"CreationDate": None})
 
 
-def save_as(figure: Figure, path: Path, dpi: int = 200) -> None:
+def save_all(figures: Iterable[Drawn], folder: Path) -> dict[str, str]:
+    """Write figures, and their captions by name, which are returned, as ``captions.json``."""
+    captions = {}
+    for name, figure, caption in figures:
+        save(figure, folder, name)
+        captions[name] = caption
+    write_json(folder / CAPTIONS, captions)
+    return captions
+
+
+def save_as(figure: Figure, path: Path) -> None:
     """Write a figure as its suffix says: .png, .svg or .pdf; one that is drawn again gives the same file."""
     dates = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with mpl.rc_context(_PARAMETERS), replacing(path) as temporary:
-        figure.savefig(temporary, format=path.suffix[1:], dpi=dpi, metadata=dates.get(path.suffix))
+        figure.savefig(temporary, format=path.suffix[1:], dpi=200, metadata=dates.get(path.suffix))

@@ -11,9 +11,15 @@ from datetime import timedelta
 from typing import Any
 
 from markupsafe import Markup
-from rich.console import Console, Group
-from rich.live import Live
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -36,8 +42,6 @@ _WIDTH = 150
 _SAY = 20.0
 #: What an error of a console calls it.
 _STDOUT = "standard output"
-#: Above a bar medians stand for at least so many times what it took to find them.
-_STAND = 100
 
 
 def show(console: Console, blocks: Iterable[Block]) -> None:
@@ -75,147 +79,88 @@ def _table(block: Table) -> RichTable:
     for place, title in enumerate(block.header):
         table.add_column(Text(visible(str(title))), justify="left" if place < block.text else "right")
     for row in block.rows:
-        colors = [
-            FIXED.get(str(cell), (BLACK,))[0] if title == "solver" else BLACK
-            for title, cell in zip(block.header, row, strict=True)
-        ]
-        table.add_row(
-            *(
-                Text(visible(str(cell)), "" if color == BLACK else color)
-                for color, cell in zip(colors, row, strict=True)
-            )
-        )
+        cells = [Text(visible(str(cell))) for cell in row]
+        for title, cell in zip(block.header, cells, strict=True):
+            color, *_ = FIXED.get(cell.plain, (BLACK,))
+            if title == "solver" and color != BLACK:
+                cell.stylize(color)
+        table.add_row(*cells)
     return table
 
 
 @contextmanager
 def show_progress(
-    console: Console, unit: str = "cells", medians: MedianRows = lambda: []
+    console: Console, medians: MedianRows = lambda: []
 ) -> Iterator[Callable[[int, int, str], None]]:
     """Show progress: a bar and the medians so far on a terminal, otherwise a line for every tenth.
 
-    Parameters
-    ----------
-    console : Console
-    unit : str
-        What is counted.
-    medians : callable
-        Gives law, solver, number of cells and median D of every solver that has any.
-
-    Yields
-    ------
-    callable
-        To be given how many are done, of how many, and a line worth saying; from any thread.
+    Yields what is to be given how many are done, of how many, and a line worth saying; from any thread.
     """
-    with (_bar if console.is_terminal and not console.is_dumb_terminal else _log)(
-        console, unit, medians
-    ) as progress:
-        yield progress
+    if console.is_terminal and not console.is_dumb_terminal:
+        with _Bar(console, medians) as bar:
+            yield bar.report
+            bar.live.transient = True  # what follows says it better
+    else:
+        yield _Log(console, medians).report
 
 
-class _Pace:
-    """How fast work goes, from how much was done when: what comes before the first report is not counted."""
+class _Bar(Progress):
+    """A bar, and above it the medians so far."""
 
-    def __init__(self) -> None:
-        self.done = self.total = self._before = 0
-        self._since: float | None = None
-        self._latest = 0.0
+    def __init__(self, console: Console, medians: MedianRows) -> None:
+        self._medians = medians
+        self._rows: list[tuple[str, str, int, float]] = []
+        super().__init__(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            speed_estimate_period=3600,  # parts may take minutes
+        )
+        self._task = self.add_task("cells", total=None)
 
-    def report(self, done: int, total: int) -> None:
-        """Take how many are done, of how many."""
-        now = time.perf_counter()
-        if self._since is None:
-            self._since, self._before = now, done
-        if done > self.done:
-            self._latest = now
-        self.done, self.total = done, total
-
-    @property
-    def left(self) -> timedelta | None:
-        """Time left at the rate of all so far; None where nothing has been done yet, or that has passed already."""
-        if self._since is None or self.done <= self._before:
-            return None
-        each = (self._latest - self._since) / (self.done - self._before)
-        seconds = (self.total - self.done) * each - (time.perf_counter() - self._latest)
-        return timedelta(seconds=round(seconds)) if seconds >= 1 else None
-
-
-@contextmanager
-def _bar(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
-    bar = Progress(
-        TextColumn(unit),
-        BarColumn(),
-        MofNCompleteColumn(),
-        # rich's own stops with the last cell
-        TextColumn("{task.fields[elapsed]}", style="progress.elapsed"),
-        TextColumn("{task.fields[left]}"),
-        console=console,
-    )
-    task, pace, start = bar.add_task(unit, total=None, left="", elapsed=""), _Pace(), time.perf_counter()
-    medians = _seldom(medians)
-
-    def shown() -> Group:
-        elapsed = timedelta(seconds=int(time.perf_counter() - start))
-        left = "writing" if 0 < pace.total == pace.done else f"{pace.left} left" if pace.left else ""
-        bar.update(task, left=left, elapsed=str(elapsed))
-        rows = [(*names, number(median)) for *names, median in medians()]
+    def get_renderables(self) -> Iterator[Any]:
+        """Lay out the table above the bar; called by rich."""
+        rows = [(*names, number(median)) for *names, median in self._rows]
         page = _renderables([Table(MEDIANS, rows, "Divergence from the model so far", text=2)])
-        return Group(*(Text(each) if isinstance(each, str) else each for each in page), bar)
+        yield from (Text(each) if isinstance(each, str) else each for each in page)
+        yield self.make_tasks_table(self.tasks)
 
-    with Live(get_renderable=shown, console=console) as live:
+    def report(self, done: int, total: int, line: str) -> None:
+        if line:
+            self.console.print(visible(line), markup=False, highlight=False)
+        if total:
+            self._rows = self._medians()
+            description = "writing" if done == total else "cells"
+            self.update(self._task, completed=done, total=total, description=description)
 
-        def on_bar(done: int, total: int, line: str) -> None:
+
+class _Log:
+    """A line for the first report and for every tenth, with the medians so far."""
+
+    def __init__(self, console: Console, medians: MedianRows) -> None:
+        self._console, self._medians = console, medians
+        self._start, self._said, self._lock = time.perf_counter(), -1, threading.Lock()
+        self._first: tuple[float, int] | None = None
+
+    def report(self, done: int, total: int, line: str) -> None:
+        with self._lock:
             if line:
-                live.console.print(visible(line), markup=False, highlight=False)
-            if total:
-                pace.report(done, total)
-                bar.update(task, completed=done, total=total)
+                print_line(self._console, line)
+            elif total and 10 * done // total > self._said:
+                self._said = 10 * done // total
+                print_line(self._console, self._line(done, total, time.perf_counter()))
 
-        yield on_bar
-        live.transient = True  # what follows says it better
-
-
-def _seldom(medians: MedianRows) -> MedianRows:
-    """Have medians found for a hundredth of the time at most: those of millions of cells take a while."""
-    rows, until = [], 0.0
-
-    def last() -> list[tuple[str, str, int, float]]:
-        nonlocal rows, until
-        start = time.perf_counter()
-        if start >= until:
-            rows = medians()
-            now = time.perf_counter()
-            until = now + _STAND * (now - start)
-        return rows
-
-    return last
-
-
-@contextmanager
-def _log(console: Console, unit: str, medians: MedianRows) -> Iterator[Callable[[int, int, str], None]]:
-    start, said, pace, lock = time.perf_counter(), -1, _Pace(), threading.Lock()
-
-    def on_log(done: int, total: int, line: str) -> None:
-        nonlocal said
-        with lock:
-            if line:
-                print_line(console, line)
-            elif total:
-                pace.report(done, total)
-                if 10 * done // total > said:
-                    said, seconds = 10 * done // total, time.perf_counter() - start
-                    print_line(console, _progress(done, total, unit, seconds, pace.left, medians()))
-
-    yield on_log
-
-
-def _progress(done: int, total: int, unit: str, seconds: float, left: timedelta | None, rows: list) -> str:
-    """Write the line of a log: how much is done, and the medians so far."""
-    line = f"{done} of {total} {unit} after {seconds:.0f} s"
-    if left is not None:
-        line += f", {left} left at this rate"
-    medians = ", ".join(f"{solver} {number(median)} (of {n})" for _, solver, n, median in rows)
-    return f"{line}; median D so far: {medians}" if medians else line
+    def _line(self, done: int, total: int, now: float) -> str:
+        self._first = since, before = self._first or (now, done)  # what was done before costs no time
+        line = f"{done} of {total} cells after {now - self._start:.0f} s"
+        if before < done < total:
+            left = timedelta(seconds=round((total - done) * (now - since) / (done - before)))
+            line += f", {left} left at this rate"
+        medians = ", ".join(f"{solver} {number(median)} (of {n})" for _, solver, n, median in self._medians())
+        return f"{line}; median D so far: {medians}" if medians else line
 
 
 class _Console(Console):

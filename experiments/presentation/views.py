@@ -103,8 +103,8 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
         (
             row["solver"],
             row["status"],
-            *(_digits(row[f"v{i}"], speed) for i in balls),
-            number(row["velocity_divergence"] if row["velocity_divergence"] is not None else math.nan),
+            *("-" if row[f"v{i}"] is None else f"{row[f'v{i}'] / speed:.6f}" for i in balls),
+            number(row["velocity_divergence"]),
             row.get("states") or "-",
         )
         for row in rows
@@ -120,15 +120,10 @@ def show_cell(console: Console, cell: int, rows: list[dict[str, Any]]) -> None:
     show(console, blocks)
 
 
-def _digits(velocity: float | None, speed: float) -> str:
-    return "-" if velocity is None else f"{velocity / speed:.6f}"
-
-
 def _contributions(row: dict[str, Any], balls: range) -> list[tuple[str, ...]]:
     """Rows of the table of a cell and engine; empty where the engine has no ladder."""
     from impact_xval.experiments.measures.ladder import CAUSES, CONTRIBUTIONS, cancelling
     from impact_xval.experiments.measures.ladder_rows import between
-    from impact_xval.experiments.tables.numbers import percent
 
     there = [c for c in CONTRIBUTIONS if row.get(f"{c.name}_norm") is not None]
     pair = cancelling([row[f"{c.name}_share"] for c in there]) or ()
@@ -160,10 +155,8 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
     limit = number(found.tolerance)
     moved = f"{found.moved} rows moved by more than {limit}, or have another status."
     blocks: list[Block] = [moved if found.moved else f"Nothing moved by more than {limit}."]
-    for name, (before, after) in found.versions.items():
+    for name, (before, after) in [*found.versions.items(), *found.settings.items()]:
         blocks.append(f"{name} is {before} in the first run, {after} in the second.")
-    for name, (before, after) in found.settings.items():
-        blocks.append(f"{name} = {before} in the first run, {after} in the second.")
     if found.alone:
         blocks.append(f"Not compared, since only one run has them: {', '.join(found.alone)}.")
     by_solver = ("solver", "cells", "moved", "other status", "largest dv/|v0|", "largest dD")

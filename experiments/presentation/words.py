@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.measures.laws import by_law
@@ -77,15 +77,11 @@ def arranged(column: Arranged) -> str:
     return words + (f", gaps of {number(column.gap, 6)} m" if column.gap else "")
 
 
-def one_vote(solvers: Iterable[str], name: bool = True) -> str:
+def one_vote(solvers: Iterable[str]) -> str:
     """Say which solvers were asked for one law: together they are one vote on it; empty where none were."""
-    groups = [group for group in by_law(solvers).values() if len(group) > 1]
-    said = " ".join(
-        f"{listed(map(named, group) if name else group)} were asked for one law: one vote, not {_count(group)}."
-        for group in groups
-    )
-    return begun(said) if name else said
-
-
-def _count(group: Sequence[str]) -> str:
-    return _COUNTS[len(group)] if len(group) < len(_COUNTS) else str(len(group))
+    said = []
+    for group in by_law(solvers).values():
+        if len(group) > 1:
+            count = _COUNTS[len(group)] if len(group) < len(_COUNTS) else len(group)
+            said.append(f"{begun(listed(map(named, group)))} were asked for one law: one vote, not {count}.")
+    return " ".join(said)

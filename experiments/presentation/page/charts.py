@@ -1,10 +1,17 @@
-"""What moves on the page, by Bokeh: the map whose tiles open, and the impulse curves of the cell that is open."""
+"""What moves on the page, by Bokeh: the map whose tiles open, and the impulse curves of the cell that is open.
+
+The map is of k2/k1, or the number of balls, by other axes; its tiles are bounded in number.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import pandas as pd
 from bokeh.core.types import ID
 from bokeh.embed import json_item
 from bokeh.models import (
@@ -23,11 +30,21 @@ from markupsafe import Markup
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.measures.aggregates import Compared, Frame, Levels, levels_of
 from impact_xval.experiments.presentation.html import render
 from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.page.tiles import LABELS, Tiles
 from impact_xval.experiments.presentation.words import named
-from impact_xval.experiments.tables.numbers import listed
+from impact_xval.experiments.tables.numbers import listed, number
+from impact_xval.experiments.tables.parquet import column, texts
+
+#: Tiles of a map at most: what a browser draws at once, and a page has room for.
+TILES = 1000
+
+#: An axis with more levels than this is put into bins, where the map has no room for them.
+_FEW = 24
+
+#: How a reader knows an axis.
+LABELS = AXES | COLUMN_AXES
 
 #: D below this has the colour of this: about the rounding of the solvers.
 _FLOOR = 1e-4
@@ -35,38 +52,113 @@ _FLOOR = 1e-4
 #: Labels of an axis at most.
 _LABELS = 60
 
+#: Sides of the map: place, and what it says there.
+_SIDES = (("across", "column"), ("above", "row"))
+
 #: How Bokeh draws the dashes of `style`.
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 
 
-def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str], numbers: int) -> Markup:
-    """Lay out the map and the cell that is open.
+@dataclass(frozen=True, slots=True)
+class Tiles:
+    """Tiles of a map, those without a cell left out.
 
-    Parameters
+    Attributes
     ----------
-    tiles : Tiles
-    packed : str
-        What is shown of the cells (`opened.packed_cells`).
-    solvers : sequence of str
-        All of the run, the model among them.
-    numbers : int
-        How many cells the run has.
+    along : str
+        The axis along the map.
+    up : tuple of str
+        The axes along its side.
+    rest : tuple of str
+        The other axes with several values: over them is the median.
+    places : DataFrame
+        Of every tile its place, ``across`` and ``above``; what it says there, ``column`` and ``row``; and the ``cell``
+        that it opens: that of the largest D by any solver, unmarked where there is one.
+    medians : DataFrame
+        Median D of each solver that was compared, by tile, marked cells left out; NaN where nothing was compared.
+    n_cells : int
+        Of the run.
     """
-    compared = [name for name, medians in tiles.medians.items() if any(d is not None for d in medians)]
-    shown = tiles.medians[compared[-1]] if compared else [None] * len(tiles.cells)
-    axes = AXES if tiles.along in AXES else COLUMN_AXES
-    rest = [label for axis, label in axes.items() if axis in tiles.rest]
-    plots = {"map": _map(tiles)} | ({"curves": curves_chart(solvers)} if axes is AXES else {})
+
+    along: str
+    up: tuple[str, ...]
+    rest: tuple[str, ...]
+    places: Frame
+    medians: Frame
+    n_cells: int
+
+
+def tiles_of(table: Compared) -> Tiles:
+    """Lay the compared cells of a run out as a map.
+
+    As many axes as there is room for stand up the side, in the order of the tables: with all of them a tile is one
+    cell of a grid. Of columns those that have several values in every cell.
+    """
+    levels = {
+        axis: each if each.edges is not None else Levels(sorted(each.values))
+        for axis, each in table.levels.items()
+    }
+    along, *up = levels
+    if along == "balls":
+        up = [axis for axis in up if len(levels[axis].values) > 1 and table.rows[axis].notna().all()]
+        up = up or ["arrangement"]
+
+    def count() -> int:
+        return math.prod(len(levels[axis].values) for axis in (along, *up))
+
+    while len(up) > 1 and count() > TILES:
+        up.pop()
+    axes = (along, *up)
+    for axis in axes if count() > TILES else ():
+        if len(levels[axis].values) > _FEW:
+            levels[axis] = levels_of(column(table.path, axis))
+    rows = pd.DataFrame({axis: levels[axis].codes(_values(table, axis)) for axis in axes})
+    rows["tile"] = rows.groupby(list(axes)).ngroup()  # numbered in the order of the axes
+    rows["cell"] = column(table.path, "cell").astype(np.int64)
+    rows["d"], rows["solver"] = table.measure("velocity_divergence"), table.rows.solver
+    rows["rank"] = np.where(table.regular, rows.d, -1.0)  # those that are kept apart come last
+    largest = rows.sort_values(["tile", "rank"], ascending=[True, False], kind="stable")
+    places = largest.drop_duplicates("tile").reset_index(drop=True)
+    places["across"] = places[along]
+    places["above"] = places.groupby(up).ngroup()
+    places["column"] = [_label(levels, along, code) for code in places[along]]
+    codes = zip(*(places[axis] for axis in up), strict=True)
+    places["row"] = [" · ".join(map(_label, [levels] * len(up), up, row)) for row in codes]
+    medians = rows[table.regular].groupby(["tile", "solver"], observed=True).d.median().unstack()
+    return Tiles(
+        along=along,
+        up=tuple(up),
+        rest=tuple(axis for axis, each in levels.items() if axis not in axes and len(each.values) > 1),
+        places=places[["across", "above", "column", "row", "cell"]],
+        medians=medians.reindex(places.index),
+        n_cells=len(rows) // max(1, len(table.solvers)),
+    )
+
+
+def _values(table: Compared, axis: str) -> np.ndarray:
+    return texts(table.path, axis) if axis == "arrangement" else np.array(column(table.path, axis))
+
+
+def _label(levels: dict[str, Levels], axis: str, code: int) -> str:
+    value = levels[axis].values[code]
+    return value if isinstance(value, str) else number(value)
+
+
+def cells_piece(tiles: Tiles, packed: str, solvers: Sequence[str]) -> Markup:
+    """Lay out the map of a run in which a solver was compared, and the cell that is open (`opened.packed_cells`)."""
+    rest = [LABELS[axis] for axis in tiles.rest]
+    plots = {"map": _map(tiles)} | ({"curves": curves_chart(solvers)} if tiles.along in AXES else {})
     return render(
         "cells.html.j2",
-        compared=[(name, named(name)) for name in compared],
-        tiles=tiles,
+        compared=[(name, named(name)) for name in tiles.medians],
+        shown=len(tiles.places),
+        n_cells=tiles.n_cells,
         rest=listed(rest) if rest else "the cells in it",
         rows=listed(LABELS[axis] for axis in tiles.up),
-        last=numbers - 1,
-        first=tiles.cells[max(range(len(shown)), key=lambda place: shown[place] or 0.0)],
+        last=tiles.n_cells - 1,
+        first=tiles.places.cell[tiles.medians.iloc[:, -1].idxmax()],
         data=packed,
-        curves=axes is AXES,
+        curves="curves" in plots,
         charts=[json_item(plot, ID(name)) for name, plot in plots.items()],
     )
 
@@ -83,34 +175,22 @@ def bokeh_script() -> Markup:
 
 def _map(tiles: Tiles) -> Any:
     """Draw one tile a cell, or the median of several, coloured by the D of one solver."""
-    names = [name for name, medians in tiles.medians.items() if any(d is not None for d in medians)]
-    shown = names[-1] if names else REFERENCE
-    values = [d for name in names for d in tiles.medians[name] if d is not None]
-    highest = max([*values, 10 * _FLOOR])
-    source = ColumnDataSource(
-        {
-            "across": tiles.across,
-            "above": tiles.above,
-            "column": [tiles.across_labels[place] for place in tiles.across],
-            "row": [tiles.up_labels[place] for place in tiles.above],
-            "cell": tiles.cells,
-            "shown": _floored(tiles.medians.get(shown, [None] * len(tiles.cells))),
-            **{f"d {name}": _floored(tiles.medians[name]) for name in names},
-        },
-        name="tiles",
-    )
+    places, floored = tiles.places, tiles.medians.clip(lower=_FLOOR)
+    medians = {f"d {name}": floored[name].tolist() for name in floored}
+    sides = places.to_dict("list")
+    source = ColumnDataSource({**sides, "shown": [*medians.values()][-1], **medians}, name="tiles")
+    highest = max(10 * _FLOOR, float(floored.max(axis=None)))
     mapper = LogColorMapper(palette="Viridis256", low=_FLOOR, high=highest, nan_color="#dddddd")
-    rows = len(tiles.up_labels)
+    columns, rows = (dict(zip(places[at], places[says], strict=True)) for at, says in _SIDES)
+    up = " · ".join(LABELS[axis] for axis in tiles.up)
+    tips = [(LABELS[tiles.along], "@column"), (up, "@row"), ("D", "@shown{0.0000}"), ("opens cell", "@cell")]
     plot = figure(
-        height=min(1000, 110 + max(9, 11 if rows > 30 else 22) * rows),
+        height=min(1000, 110 + (11 if len(rows) > 30 else 22) * len(rows)),
         sizing_mode="stretch_width",
-        tools=[
-            TapTool(),
-            HoverTool(tooltips=[*_hover(tiles), ("D", "@shown{0.0000}"), ("opens cell", "@cell")]),
-        ],
+        tools=[TapTool(), HoverTool(tooltips=tips)],
         toolbar_location=None,
         x_axis_label=f"{LABELS[tiles.along]} (-)",
-        y_axis_label=" · ".join(LABELS[axis] for axis in tiles.up),
+        y_axis_label=up,
         name="map",
     )
     plot.rect(
@@ -125,22 +205,14 @@ def _map(tiles: Tiles) -> Any:
         line_width=3,
         selection_line_color="#d00000",
     )
-    for axis, labels in ((plot.xaxis, tiles.across_labels), (plot.yaxis, tiles.up_labels)):
-        axis.ticker = FixedTicker(ticks=list(range(0, len(labels), -(-len(labels) // _LABELS))))
-        axis.major_label_overrides = dict(enumerate(labels))
+    for axis, labels in ((plot.xaxis, columns), (plot.yaxis, rows)):
+        axis.ticker = FixedTicker(ticks=sorted(labels)[:: -(-len(labels) // _LABELS)])
+        axis.major_label_overrides = labels
     plot.xaxis.major_label_orientation = "vertical"
     plot.yaxis.major_label_text_font_size = "10px"
     plot.grid.visible = False
     plot.add_layout(ColorBar(color_mapper=mapper, title="D", width=10), "right")
     return plot
-
-
-def _floored(medians: Sequence[float | None]) -> list[float]:
-    return [float("nan") if d is None else max(d, _FLOOR) for d in medians]
-
-
-def _hover(tiles: Tiles) -> list[tuple[str, str]]:
-    return [(LABELS[tiles.along], "@column"), (" · ".join(LABELS[axis] for axis in tiles.up), "@row")]
 
 
 def curves_chart(solvers: Sequence[str]) -> Any:

@@ -67,11 +67,8 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
         (row["cell"], row["solver"]): row["velocity_divergence"]
         for row in _rows(folder, "divergence", ("cell", "solver", "velocity_divergence"), cells)
     }
-    balls = [
-        name
-        for name in pq.read_schema(folder.root / "cells.parquet").names
-        if re.fullmatch(r"v[1-9]\d*", name)
-    ]
+    names = pq.read_schema(folder.root / "cells.parquet").names
+    balls = [name for name in names if re.fullmatch(r"v[1-9]\d*", name)]
     wanted = ["cell", *axes, *_RESULT, *balls, *(_OF_PAIR if pair else ())]
     for row in _rows(folder, "cells", wanted, cells):
         speed = abs(row["v0"])
@@ -141,17 +138,13 @@ def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]
 
 def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, list[list[float]]]]:
     """Solve collisions by the exact solvers of a run: impulses per m1 |v0| by solver, as few points as a line needs."""
-    found: list[dict[str, list[list[float]]]] = [{} for _ in collisions]
     settings = replace(settings_of(config), record_path=True, mark=False)
-    for name in config.solvers:
-        if name not in engine_free_names() or is_costly(name):
-            continue
-        for curves, collision, outcome in zip(
-            found, collisions, get_solver(name).solve_many(collisions, settings), strict=True
-        ):
-            if (curve := curve_of(collision, outcome)) is not None:
-                curves[name] = curve
-    return found
+    exact = [name for name in config.solvers if name in engine_free_names() and not is_costly(name)]
+    solved = {name: get_solver(name).solve_many(collisions, settings) for name in exact}
+    return [
+        {name: curve for name, each in solved.items() if (curve := curve_of(collision, each[i])) is not None}
+        for i, collision in enumerate(collisions)
+    ]
 
 
 def curve_of(collision: Collision, outcome: Outcome) -> list[list[float]] | None:

@@ -13,47 +13,37 @@ from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.style import drawing
-from impact_xval.experiments.presentation.words import arranged, named, one_vote
+from impact_xval.experiments.presentation.pictures.history import TAIL, passed_at
+from impact_xval.experiments.presentation.style import BESIDE, Drawn, drawing
+from impact_xval.experiments.presentation.words import arranged, named
 from impact_xval.experiments.tables.numbers import number
 
 #: Most panels of the wave in a row.
 _ACROSS = 4
 
-#: Share of the impulses of a column that may pass beyond the end of the time axis.
-_TAIL = 1e-3
 
-
-def draw_velocities(curves: Frame, config: Config) -> Iterator[tuple[str, Figure, str]]:
-    """Draw the final velocities of the column of the figures: name, figure, caption."""
+def draw_velocities(curves: Frame, config: Config) -> Iterator[Drawn]:
+    """Draw the final velocities of the column of the figures."""
     moved = curves[curves.velocities.notna()]
     if len(moved):
         solvers, by_solver = in_order_of_laws(moved.solver), moved.set_index("solver").velocities
-        yield (
-            "velocities",
-            velocities_figure({name: by_solver[name] for name in solvers}),
-            (
-                "Final velocities of one column, ball by ball and solver beside solver, per |v0|, up is "
-                f"positive: {arranged(config.figure_column)}. {one_vote(solvers)}"
-            ).strip(),
-        )
+        said = "Final velocities of one column, ball by ball and solver beside solver, per |v0|, up is positive: "
+        said += f"{arranged(config.figure_column)}."
+        yield "velocities", velocities_figure({name: by_solver[name] for name in solvers}), said
 
 
-def draw_wave(curves: Frame, config: Config) -> Iterator[tuple[str, Figure, str]]:
-    """Draw the forces of the column of the figures: name, figure, caption."""
+def draw_wave(curves: Frame, config: Config) -> Iterator[Drawn]:
+    """Draw the forces of the column of the figures."""
     followed = curves[curves.time.notna()]
     if len(followed):
-        yield (
-            "wave",
-            _wave(followed, config),
-            (
-                "The wave through one column: force of each contact over time since first touch, per m1 "
-                "|v0| and the unit of time (m1/k1 |v0|^(1 - p))^(1/(p + 1)), by the solvers that follow it "
-                f"({arranged(config.figure_column)}). Contact 1 is between balls 1 and 2; the model's time "
-                "is that of positions that stay frozen, forces of engines are means over their steps. The "
-                f"time axis ends where all but {number(_TAIL)} of the impulses have passed, by every solver."
-            ),
+        said = (
+            "The wave through one column: force of each contact over time since first touch, per m1 "
+            "|v0| and the unit of time (m1/k1 |v0|^(1 - p))^(1/(p + 1)), by the solvers that follow it "
+            f"({arranged(config.figure_column)}). Contact 1 is between balls 1 and 2; the model's time "
+            "is that of positions that stay frozen, forces of engines are means over their steps. The "
+            f"time axis ends where all but {number(TAIL)} of the impulses have passed, by every solver."
         )
+        yield "wave", _wave(followed, config), said
 
 
 def velocities_figure(drawn: Mapping[str, Sequence[float]]) -> Figure:
@@ -71,7 +61,7 @@ def velocities_figure(drawn: Mapping[str, Sequence[float]]) -> Figure:
         ax.set_xlabel("ball, 1 at the top")
         ax.set_ylabel("final velocity / |v0| (-)")
         ax.grid(axis="x", visible=False)
-        ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+        ax.legend(**BESIDE)
     return figure
 
 
@@ -102,7 +92,6 @@ def _wave(curves: Frame, config: Config) -> Figure:
 
 
 def shown_until(row: dict[Any, Any]) -> float:
-    """When all impulses but `_TAIL` of their sum have passed: balls may meet again long after."""
+    """When all impulses of a column but `TAIL` of their sum have passed."""
     time, total = row["time"], np.sum(np.stack(row["forces"]), axis=0)
-    passed = np.cumsum(np.diff(time) * 0.5 * (total[1:] + total[:-1]))
-    return float(time[1 + np.searchsorted(passed, (1 - _TAIL) * passed[-1])])
+    return passed_at(time, np.append(0, np.cumsum(np.diff(time) * 0.5 * (total[1:] + total[:-1]))))

@@ -1,60 +1,68 @@
-"""Impulse curves in the plane of the two impulses, with the compression lines l1 and l2."""
+"""Impulse curves, with the compression lines l1 and l2: of the cell of a run's figures, or of any one collision."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.aggregates import Frame
+from impact_xval.experiments.measures.hausdorff import LARGEST
+from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.style import drawing
+from impact_xval.experiments.presentation.style import Drawn, drawing
 from impact_xval.experiments.presentation.words import named
+from impact_xval.experiments.tables.numbers import number
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Path
 
-#: Colours of the states along a curve, from the palette of `style`; S4 has no extent.
-STATE_LOOKS = {1: ("S1", "#000000"), 2: ("S2", "#0072B2"), 3: ("S3", "#D55E00")}
+
+def draw_cell_curves(curves: Frame, names: Iterable[str]) -> Iterator[Drawn]:
+    """Draw the curves of the cell of a run's figures by every solver, if there are any."""
+    if curves.empty:
+        return
+    solvers = [name for name in in_order_of_laws(names) if name in set(curves.solver)]
+    cell = ", ".join(f"{label} = {number(curves[axis].iloc[0])}" for axis, label in AXES.items())
+    points = {
+        name: curves.loc[curves.solver == name, ["impulse1", "impulse2"]].to_numpy() for name in solvers
+    }
+    said = (
+        f"Impulse curves of one collision ({cell}): ball-table impulse I2 over ball-ball impulse "
+        "I1, both per m1 |v0|. Grey lines: compression line l1 (equal velocities, v1 = v2) and l2 "
+        "(lower ball at rest, I1 = I2). Markers: where each curve ends; the right panel enlarges "
+        "the ends."
+    )
+    yield "impulse-curves", _whole_and_ends(points, float(curves.mass_ratio.iloc[0])), said
 
 
-def draw_cell_curves(cell: Frame, solvers: Sequence[str]) -> Figure:
-    """Draw the curves of one collision by every solver, and how far each is from l1 and l2.
-
-    Parameters
-    ----------
-    cell : DataFrame
-        The stored curves of that collision.
-    solvers : sequence of str
-        In the order of the configuration.
-    """
-    drawn = [name for name in solvers if name in set(cell.solver)]
+def _whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figure:
     with drawing(9.2, 4.2) as figure:
         whole, detail = figure.subplots(1, 2)
-        mass_ratio = float(cell.mass_ratio.iloc[0])
-        reach = float(cell[["impulse1", "impulse2"]].to_numpy().max())
-        for position, name in enumerate(drawn):
-            rows, style = cell[cell.solver == name], look(name, position)
-            model = name == REFERENCE
-            line = {
-                "linestyle": style.dash,
-                "linewidth": 2.6 if model else 1.5,
-                "alpha": 0.85 if model else 1,
-            }
-            end = rows[["impulse1", "impulse2"]].iloc[-1]
-            for ax in (whole, detail):
-                ax.plot(rows.impulse1, rows.impulse2, color=style.color, label=named(name), **line)
-                ax.plot(*end, color=style.color, marker=style.marker or "*")
-        for ax in (whole, detail):
-            compression_lines(ax, mass_ratio, 1.05 * reach)
+        for ax, title in ((whole, "whole curves"), (detail, "where the curves end")):
+            for position, (name, curve) in enumerate(points.items()):
+                _curve(ax, name, position, *curve.T)
+            compression_lines(ax, mass_ratio, 1.05 * max(curve.max() for curve in points.values()))
             impulse_labels(ax)
+            ax.set_title(title)
         whole.legend(loc="upper left")
-        ends = cell.groupby("solver")[["impulse1", "impulse2"]].last()
-        _frame(detail, ends)
-        detail.set_title("where the curves end")
-        whole.set_title("whole curves")
+        ends = np.array([curve[-1] for curve in points.values()])
+        low, high = ends.min(axis=0), ends.max(axis=0)
+        half = max(0.02, 0.75 * float((high - low).max()))
+        centre = (low + high) / 2
+        detail.set_xlim(centre[0] - half, centre[0] + half)
+        detail.set_ylim(centre[1] - half, centre[1] + half)
     return figure
+
+
+def _curve(ax: Any, name: str, position: int, impulse1: np.ndarray, impulse2: np.ndarray) -> None:
+    """Draw an impulse curve and where it ends; that of the model is wide, so that others are seen on it."""
+    style, model = look(name, position), name == REFERENCE
+    width = {"linewidth": 2.6, "alpha": 0.85} if model else {"linewidth": 1.5}
+    ax.plot(impulse1, impulse2, color=style.color, linestyle=style.dash, label=named(name), **width)
+    ax.plot(impulse1[-1], impulse2[-1], color=style.color, marker=style.marker or "*")
 
 
 def compression_lines(ax: Any, mass_ratio: float, reach: float) -> None:
@@ -75,18 +83,54 @@ def impulse_labels(ax: Any) -> None:
     ax.set_aspect("equal", adjustable="box")
 
 
-def _frame(ax: Any, ends: Frame) -> None:
-    """Show a square around the ends of the curves."""
-    low, high = ends.min().to_numpy(), ends.max().to_numpy()
-    half = max(0.02, 0.75 * float((high - low).max()))
-    centre = (low + high) / 2
-    ax.set_xlim(centre[0] - half, centre[0] + half)
-    ax.set_ylim(centre[1] - half, centre[1] + half)
+def drawn_paths(collision: Collision, outcomes: Mapping[str, Outcome]) -> dict[str, Path]:
+    """Return the paths that can be drawn, by solver, in the order of laws, the model last so that it is on top."""
+    found = {}
+    for name in sorted(in_order_of_laws(outcomes), key=lambda name: name == REFERENCE):
+        path, largest = outcomes[name].path, LARGEST * collision.units.impulse
+        solved = outcomes[name].status in RESULT_STATUSES
+        if solved and path is not None and np.abs(path.impulses).max() <= largest:
+            found[name] = path
+    return found
 
 
-def segments(state: np.ndarray) -> list[tuple[int, int, int]]:
-    """Split a curve where its state changes: (state, start, end) of each segment, ends exclusive."""
-    borders = [0, *(np.flatnonzero(np.diff(state)) + 1).tolist(), len(state)]
-    return [
-        (int(state[start]), start, min(end + 1, len(state))) for start, end in itertools.pairwise(borders)
-    ]
+def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
+    """Draw the impulse curve and the velocities of every path of a collision, of which there is one at least."""
+    unit = collision.units
+    with drawing(8.6, 4.2) as figure:
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1))
+        curve = figure.add_subplot(grid[:, 0])
+        upper = figure.add_subplot(grid[0, 1])
+        lower = figure.add_subplot(grid[1, 1], sharex=upper)
+        for position, (name, path) in enumerate(paths.items()):
+            style, impulses = look(name, position), path.impulses / unit.impulse
+            _curve(curve, name, position, *impulses.T)
+            line = {"color": style.color, "linestyle": style.dash, "label": named(name), "linewidth": 1.5}
+            for ax, velocity in zip((upper, lower), path.velocities.T, strict=True):
+                ax.plot(impulses.sum(axis=1), velocity / unit.velocity, **line)
+        reach = max(path.impulses.max() for path in paths.values()) / unit.impulse
+        compression_lines(curve, collision.mass_ratio, 1.05 * reach)
+        impulse_labels(curve)
+        curve.legend(loc="upper left", fontsize=8)
+        for ax, label in ((upper, "$v_1\\,/\\,|v_0|$"), (lower, "$v_2\\,/\\,|v_0|$")):
+            ax.axhline(0, color="0.45", linewidth=0.8, zorder=1)
+            ax.set_ylabel(label)
+        upper.tick_params(labelbottom=False)
+        lower.set_xlabel(r"$(I_1 + I_2)\,/\,(m_1 |v_0|)$")
+    return figure
+
+
+def caption(collision: Collision, solvers: Iterable[str], scenario: str) -> str:
+    """Say what is drawn of a collision."""
+    return (
+        f"One collision by {', '.join(solvers)}: {at(collision)}, scenario {scenario}. Left: ball-table "
+        "impulse I2 over ball-ball impulse I1, with the compression lines l1 (v1 = v2) and l2 (v2 = 0, I1 "
+        "= I2); markers: where each curve ends. Right: velocities over the impulse of both contacts that "
+        "has passed, which serves as a clock for all of them, since the model has no time."
+    )
+
+
+def at(collision: Collision) -> str:
+    """Name a collision of two balls by its ratios and restitutions."""
+    values = (collision.stiffness_ratio, collision.mass_ratio, collision.e1, collision.e2)
+    return ", ".join(f"{label} = {number(value)}" for label, value in zip(AXES.values(), values, strict=True))

@@ -70,50 +70,37 @@ class History:
     @property
     def ended(self) -> float:
         """When all impulses but `TAIL` of their sum have passed."""
-        passed = self.impulses.sum(axis=1)
-        return float(self.time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
+        return passed_at(self.time, self.impulses.sum(axis=1))
 
-    def height(self, time: Floats) -> Floats:
-        """Heights at instants, shape (m, N); after the last one bodies fly on as they do then."""
+    def at(self, instants: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+        """Heights and velocities of the balls at instants, forces of the contacts, and which of them act.
+
+        After the last one bodies fly on as they do then, and no contact acts.
+        """
+        after = np.maximum(instants - self.time[-1], 0)[:, None]
+        here = np.searchsorted(self.time, instants, side="right") - 1
         return (
-            _at(time, self.time, self.heights)
-            + np.maximum(time - self.time[-1], 0)[:, None] * self.velocities[-1]
+            _between(instants, self.time, self.heights) + after * self.velocities[-1],
+            _between(instants, self.time, self.velocities),
+            np.where(after > 0, 0.0, _between(instants, self.between, self.forces)),
+            self.acting[here] & (instants < self.time[-1])[:, None],
         )
 
-    def velocity(self, time: Floats) -> Floats:
-        """Velocities at instants, shape (m, N)."""
-        return _at(time, self.time, self.velocities)
 
-    def force(self, time: Floats) -> Floats:
-        """Give forces of the contacts at instants, shape (m, C); 0 after the last one."""
-        return np.where((time > self.time[-1])[:, None], 0.0, _at(time, self.between, self.forces))
-
-    def acting_at(self, time: Floats) -> NDArray[np.bool_]:
-        """Which contacts act at instants, shape (m, C); none after the last one."""
-        at = np.searchsorted(self.time, time, side="right") - 1
-        return self.acting[at] & (time < self.time[-1])[:, None]
+def passed_at(time: Floats, passed: Floats) -> float:
+    """When all but `TAIL` of an impulse has passed: balls may meet again long after."""
+    return float(time[np.searchsorted(passed, (1 - TAIL) * passed[-1])])
 
 
-def _at(time: Floats, known: Floats, values: Floats) -> Floats:
+def _between(time: Floats, known: Floats, values: Floats) -> Floats:
     """Interpolate columns of values."""
     return np.column_stack([np.interp(time, known, column) for column in values.T])
 
 
 def history_of(collision: Collision, path: Path, gravity: float = 0.0) -> History | None:
-    """Make a history of a path.
+    """Make a history of a path in the units of its collision; None where it has no finite clock.
 
-    Parameters
-    ----------
-    collision : Collision
-    path : Path
-        In the units of the collision.
-    gravity : float
-        In m/s^2: with it the lower one of two balls begins in static equilibrium on its support.
-
-    Returns
-    -------
-    History or None
-        None where the path has no finite clock.
+    With gravity (m/s^2) the lower one of two balls begins in static equilibrium on its support.
     """
     unit = collision.units
     time = path.time / unit.time

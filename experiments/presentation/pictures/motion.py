@@ -51,16 +51,7 @@ _ARROW, _BAR = 0.7, 0.75
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """What is animated.
-
-    Attributes
-    ----------
-    collision : Collision
-    what : str
-        Which collision it is, in words.
-    histories : dict of History
-        By solver, the model first.
-    """
+    """What is animated: a collision, which it is in words, and its histories by solver, the model first."""
 
     collision: Collision
     what: str
@@ -172,10 +163,7 @@ def frames_of(motion: Motion) -> Iterator[Pixels]:
     with drawing(7.6, 5.0 + 0.4 * min(len(motion.collision.masses), 20)) as figure:
         figure.dpi = _DPI
         scenes, cursors = _set_up(figure, motion)
-        moving = [
-            (each.height(instants), each.velocity(instants), each.force(instants), each.acting_at(instants))
-            for each in motion.histories.values()
-        ]
+        moving = [each.at(instants) for each in motion.histories.values()]
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         still = canvas.copy_from_bbox(figure.bbox)
@@ -227,13 +215,7 @@ def _set_up(figure: Figure, motion: Motion) -> tuple[list[Scene], list[Any]]:
 
 
 def write_animation(motion: Motion, path: Path) -> None:
-    """Write an animation as GIF or a page that needs nothing else, as the suffix of the file says.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Write an animation as GIF or a page that needs nothing else, as the suffix of the file says."""
     pictures = list(frames_of(motion))
     # One palette, that of the first and the middle one: in these are all colours.
     both = np.vstack([pictures[0], pictures[len(pictures) // 2]])

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.measures.summary import Summary
 from impact_xval.experiments.presentation.looks import look
-from impact_xval.experiments.presentation.style import drawing
+from impact_xval.experiments.presentation.style import BESIDE, Drawn, drawing
 from impact_xval.experiments.presentation.words import named
 
 #: The error, per |v0|, that steps are recommended for.
@@ -30,8 +29,8 @@ def recommended(summary: Summary) -> dict[str, float]:
     }
 
 
-def draw_steps(summary: Summary) -> Iterator[tuple[str, Figure, str]]:
-    """Draw the error over the step: name, figure, caption; nothing where no engine has a limit."""
+def draw_steps(summary: Summary) -> Iterator[Drawn]:
+    """Draw the error over the step; nothing where no engine has a limit."""
     steps, f = recommended(summary), summary.config.step_fraction
     if not steps:
         return
@@ -50,7 +49,7 @@ def draw_steps(summary: Summary) -> Iterator[tuple[str, Figure, str]]:
         ax.set_yscale("log")
         ax.set_xlabel("step / period of the faster contact (-)")
         ax.set_ylabel("error of a velocity / |v0| (-)")
-        ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
+        ax.legend(**BESIDE)
     yield (
         "error-by-step",
         figure,

@@ -6,6 +6,7 @@ m1 abs(v0). Its parameters (44), and what its printed digits can bear, are in do
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,20 +16,21 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_xval.experiments.config.experiment import Cell
-from impact_xval.experiments.presentation.pictures.curves import (
-    STATE_LOOKS,
-    compression_lines,
-    impulse_labels,
-    segments,
-)
-from impact_xval.experiments.presentation.style import drawing, save
-from impact_xval.experiments.tables.folder import write_json
+from impact_xval.experiments.presentation.pictures.curves import compression_lines, impulse_labels
+from impact_xval.experiments.presentation.style import Drawn, drawing, save_all
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model import Collision, Outcome, solve
 
-#: Colour of what is printed: that of no state.
+#: Colours of the states along a curve; S4 has no extent. Colour of what is printed: that of no state.
+_STATES = {1: "#000000", 2: "#0072B2", 3: "#D55E00"}
 _PRINTED = "#AA3377"
+
+#: By figure, the section of the supplement, and what its text and its printed velocities are worth.
+_FIGURES = {
+    "1": ("3.1", "6e-4"),
+    "2": ("3.2", "5e-3"),
+    "3": ("3.4", ""),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,119 +41,82 @@ class Panel:
     ----------
     name : str
         That of the panel, such as ``"1a"``.
-    section : str
-        Of the supplement, from which the printed numbers are.
-    cell : Cell
-        Its parameters.
     ratio : str
         Its stiffness ratio as it is printed.
-    velocities : tuple of str, or None
-        Final v1 and v2 as they are printed; None where none are.
-    corners : tuple of (float, float)
-        Points (I1, I2) on the way that the text states.
+    collision : Collision
+    velocities : tuple of str
+        Final v1 and v2 as they are printed; empty where none are.
     states : str
         The state sequence as the text has it.
+    corners : tuple of (float, float)
+        Points (I1, I2) on the way that the text states.
     detail : float
         Half the width of the window that shows where the curve ends; 0: none.
     """
 
     name: str
-    section: str
-    cell: Cell
     ratio: str
-    velocities: tuple[str, str] | None
-    corners: tuple[tuple[float, float], ...]
+    collision: Collision
+    velocities: tuple[str, ...]
     states: str
+    corners: tuple[tuple[float, float], ...] = ()
     detail: float = 0.0
 
-    def printed_end(self) -> tuple[float, float] | None:
-        """Return the final (I1, I2) of the printed velocities: I1 = 1 + v1, I2 = I1 + m2 v2."""
-        if self.velocities is None:
-            return None
+    def printed_end(self) -> list[tuple[float, float]]:
+        """Return the final (I1, I2) of the printed velocities, if any: I1 = 1 + v1, I2 = I1 + m2 v2."""
+        if not self.velocities:
+            return []
         v1, v2 = map(float, self.velocities)
-        return 1 + v1, 1 + v1 + self.cell.mass_ratio * v2
+        return [(1 + v1, 1 + v1 + self.collision.mass_ratio * v2)]
 
 
 def _panels() -> tuple[Panel, ...]:
     # Parameters (44) of the main paper, inferred from the supplement, at the ratios of its figures 1(b) and 2(b).
-    stiff = Cell(stiffness_ratio=40.0, mass_ratio=2 / math.sqrt(3), e1=0.9, e2=0.7)
-    soft = stiff.model_copy(update={"stiffness_ratio": 1 / 40})
-    m2, e1 = stiff.mass_ratio, stiff.e1
+    m2, e1, e2 = 2 / math.sqrt(3), 0.9, 0.7
     foot = m2 / (1 + m2)
+    corners = ((foot, 0.0), ((1 + e1) * foot, 0.0), ((1 + e1) * foot, e1 * m2))
+    rigid, stiff, soft, free = (
+        Collision.from_ratios(ratio, m2, e1, e2) for ratio in (math.inf, 40.0, 1 / 40, 0.0)
+    )
+    to_l1 = Collision.from_ratios(7 / 2, m2, 0.2, e2)
+    to_l2 = Collision.from_ratios(2 / 9, 1 / math.sqrt(3), e1, 0.2)
+    of_1b, of_2b = "S1 S3, six times, S1 S2 S4", "ten, the first eight S1 S2 by turns"
     return (
-        Panel(
-            "1a",
-            "3.1",
-            stiff.model_copy(update={"stiffness_ratio": math.inf}),
-            "\N{INFINITY}",
-            ("0.9", "0"),
-            ((1.0, 1.0),),
-            "S1 S4",
-        ),
-        Panel("1b", "3.1", stiff, "40", ("0.88922", "0.00022"), (), "S1 S3, six times, S1 S2 S4", 0.004),
-        Panel(
-            "2a",
-            "3.2",
-            stiff.model_copy(update={"stiffness_ratio": 0.0}),
-            "0",
-            ("0.45203", "0.45203"),
-            ((foot, 0.0), ((1 + e1) * foot, 0.0), ((1 + e1) * foot, e1 * m2)),
-            "S1 S2 S1 S4",
-        ),
-        Panel(
-            "2b", "3.2", soft, "1/40", ("0.4573", "0.44281"), (), "ten, the first eight S1 S2 by turns", 0.03
-        ),
-        Panel(
-            "3a",
-            "3.4",
-            stiff.model_copy(update={"stiffness_ratio": 7 / 2, "e1": 0.2}),
-            "7/2",
-            None,
-            (),
-            "S1 S2 by turns, ever nearer to l1",
-        ),
-        Panel(
-            "3b",
-            "3.4",
-            stiff.model_copy(update={"stiffness_ratio": 2 / 9, "e2": 0.2, "mass_ratio": 1 / math.sqrt(3)}),
-            "2/9",
-            None,
-            (),
-            "S1 S3 by turns, ever nearer to l2",
-        ),
+        Panel("1a", "\N{INFINITY}", rigid, ("0.9", "0"), "S1 S4", ((1.0, 1.0),)),
+        Panel("1b", "40", stiff, ("0.88922", "0.00022"), of_1b, detail=0.004),
+        Panel("2a", "0", free, ("0.45203", "0.45203"), "S1 S2 S1 S4", corners),
+        Panel("2b", "1/40", soft, ("0.4573", "0.44281"), of_2b, detail=0.03),
+        Panel("3a", "7/2", to_l1, (), "S1 S2 by turns, ever nearer to l1"),
+        Panel("3b", "2/9", to_l2, (), "S1 S3 by turns, ever nearer to l2"),
     )
 
 
-#: The panels in the order of the supplement.
-PANELS = _panels()
-
-
-def draw_supplement_figures() -> Iterator[tuple[str, Figure, str]]:
-    """Draw the supplement's three figures, two panels each: name, figure, caption."""
-    for row in "123":
-        panels = [panel for panel in PANELS if panel.name[0] == row]
-        figure = _figure(panels)
-        yield f"supplement-{row}", figure, _caption(row, panels)
+def draw_supplement_figures() -> Iterator[Drawn]:
+    """Draw the supplement's three figures, two panels each."""
+    for row, panels in itertools.groupby(_panels(), lambda panel: panel.name[0]):
+        both = list(panels)
+        yield f"supplement-{row}", _figure(both), _caption(row, both)
 
 
 def _caption(row: str, panels: list[Panel]) -> str:
+    section, apart = _FIGURES[row]
     cells = " ".join(
-        f"({panel.name[1]}) k2/k1 = {panel.ratio}, m2/m1 = {number(panel.cell.mass_ratio, 6)}, e1 = "
-        f"{number(panel.cell.e1)}, e2 = {number(panel.cell.e2)}."
+        f"({panel.name[1]}) k2/k1 = {panel.ratio}, m2/m1 = {number(panel.collision.mass_ratio, 6)}, e1 = "
+        f"{number(panel.collision.e1)}, e2 = {number(panel.collision.e2)}."
         for panel in panels
     )
-    if row == "3":
+    if not apart:
         said = (
-            "The supplement (section 3.4) prints no velocities here, and says of (a) that S1 and S2, of "
+            f"The supplement (section {section}) prints no velocities here, and says of (a) that S1 and S2, of "
             "(b) that S1 and S3 take turns while the curve converges to a line; the exact paths at its "
             "stiffness ratios are below the panels (docs/errata.md)."
         )
     else:
         said = (
-            f"Circles: what the supplement prints (section {panels[0].section}), its velocities as I1 = 1 + "
+            f"Circles: what the supplement prints (section {section}), its velocities as I1 = 1 + "
             "v1/|v0|, I2 = I1 + (m2/m1) v2/|v0|; dots: where the exact curve ends. The velocities printed "
-            "for (b) come from steps of finite impulse and differ from the exact ones by "
-            f"{'6e-4' if row == '1' else '5e-3'} (docs/errata.md): the window enlarges both ends."
+            f"for (b) come from steps of finite impulse and differ from the exact ones by {apart} (docs/errata.md): "
+            "the window enlarges both ends."
         )
     return (
         f"Figure {row} of the supplement of Jia, Mason and Erdmann (2013), drawn again: ball-table impulse "
@@ -163,11 +128,7 @@ def _caption(row: str, panels: list[Panel]) -> str:
 
 def write_supplement_figures(root: Path) -> list[tuple[Path, str]]:
     """Draw the figures into a folder: the SVG and the caption of each; ``captions.json`` holds the captions."""
-    captions = {}
-    for name, figure, caption in draw_supplement_figures():
-        save(figure, root, name)
-        captions[name] = caption
-    write_json(root / "captions.json", captions)
+    captions = save_all(draw_supplement_figures(), root)
     return [(root / f"{name}.svg", caption) for name, caption in captions.items()]
 
 
@@ -175,7 +136,7 @@ def _figure(panels: list[Panel]) -> Figure:
     with drawing(7.2, 4.9) as figure:
         upper, lower = figure.subplots(2, len(panels), height_ratios=(6, 1))
         for ax, below, panel in zip(upper, lower, panels, strict=True):
-            outcome = solve(Collision.from_ratios(**panel.cell.model_dump()), path=True)
+            outcome = solve(panel.collision, path=True)
             _draw(ax, panel, outcome)
             below.axis("off")
             _compare(below, panel, outcome)
@@ -187,13 +148,12 @@ def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
     path = outcome.path
     assert path is not None
     i1, i2, end = path.impulse1, path.impulse2, panel.printed_end()
-    printed = [*panel.corners, *([end] if end else [])]
-    reach = 1.06 * max(i1.max(), i2.max(), *(max(point) for point in printed), 0.0)
+    printed = [*panel.corners, *end]
+    reach = 1.06 * max(i1.max(), i2.max(), *(max(point) for point in printed))
     axes = [ax]
-    if panel.detail and end:
-        exact = np.array([outcome.impulse1, outcome.impulse2])
+    if panel.detail:
         window = ax.inset_axes((0.56, 0.07, 0.4, 0.4))
-        middle = (exact + end) / 2
+        middle = np.mean([(outcome.impulse1, outcome.impulse2), *end], axis=0)
         window.set_xlim(middle[0] - panel.detail, middle[0] + panel.detail)
         window.set_ylim(middle[1] - panel.detail, middle[1] + panel.detail)
         window.tick_params(labelsize=6, length=2)
@@ -201,23 +161,21 @@ def _draw(ax: Any, panel: Panel, outcome: Outcome) -> None:
         ax.indicate_inset_zoom(window, edgecolor="0.4")
         axes.append(window)
     for each in axes:
-        for state, start, stop in segments(path.state):
-            if state in STATE_LOOKS:
-                name, color = STATE_LOOKS[state]
-                each.plot(i1[start:stop], i2[start:stop], color=color, label=name)
+        for state, color in _STATES.items():
+            here = path.state == state
+            if here.any():
+                here[1:] |= here[:-1]  # to where the next state begins
+                each.plot(*(np.where(here, i, np.nan) for i in (i1, i2)), color=color, label=f"S{state}")
         each.plot(outcome.impulse1, outcome.impulse2, "o", color="black", markersize=4, label="exact end")
         if printed:
             marks = {"marker": "o", "markersize": 9, "markeredgewidth": 1.3, "fillstyle": "none"}
             each.plot(*np.transpose(printed), linestyle="none", color=_PRINTED, label="printed", **marks)
-        compression_lines(each, panel.cell.mass_ratio, reach)
+        compression_lines(each, panel.collision.mass_ratio, reach)
     ax.set_xlim(-0.04 * reach, reach)
     ax.set_ylim(-0.04 * reach, reach)
     impulse_labels(ax)
     ax.set_title(f"({panel.name[1]}) k2/k1 = {panel.ratio}")
-    handles, labels = ax.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    ordered = sorted(unique, key=lambda name: (name[0] != "S", name))  # states first
-    ax.legend([unique[name] for name in ordered], ordered, loc="upper left", fontsize=8)
+    ax.legend(loc="upper left", fontsize=8)
 
 
 def _compare(ax: Any, panel: Panel, outcome: Outcome) -> None:

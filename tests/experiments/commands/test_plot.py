@@ -52,16 +52,17 @@ def test_curves_are_pictures_and_columns_move_too(tmp_path):
 
 def test_what_cannot_be_shown_is_one_line_and_nothing_is_written(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.png").mkdir()
+    ends = "legal: a file that ends in .png, .svg, .pdf, .gif, .html"
     for arguments, says in (
-        (
-            [*BESIDE, "--plot", "one.avi"],
-            "--plot one.avi; legal: a file that ends in .png, .svg, .pdf, .gif, .html",
-        ),
+        ([*BESIDE, "--plot", "one.avi"], f"--plot one.avi; {ends}"),
+        ([*BESIDE, "--plot", "folder.png"], f"--plot folder.png; {ends}"),
         ([*BESIDE, "--plot", "there/one.gif"], "--plot there/one.gif: no folder there; legal: "),
         ([*BESIDE, "--e1", "0", "--plot", "one.gif"], "needs the model and another solver with a path"),
     ):
         assert main(arguments) == 2, arguments
-        said = capsys.readouterr().err
+        out, said = capsys.readouterr()
         assert says in said
         assert said.count("\n") == 1
-    assert not list(tmp_path.iterdir())
+        assert out == "" or "--e1" in arguments  # the others are refused before anything is solved
+    assert [each.name for each in tmp_path.iterdir()] == ["folder.png"]

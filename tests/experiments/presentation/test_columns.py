@@ -12,8 +12,8 @@ from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.experiment import load_config
 from impact_xval.experiments.measures.summary import load_divergence, summarise
 from impact_xval.experiments.presentation.findings import asked
+from impact_xval.experiments.presentation.page.charts import tiles_of
 from impact_xval.experiments.presentation.page.opened import opened_cells
-from impact_xval.experiments.presentation.page.tiles import tiles_of
 from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished
@@ -72,7 +72,7 @@ def test_its_columns_open_with_what_the_tables_hold(root, monkeypatch, capsys):
     rows = pq.read_table(root / "cells.parquet").to_pandas().set_index(["cell", "solver"])
     tiles = tiles_of(load_divergence(finished(root), finished(root).config()))
     assert (tiles.along, tiles.up) == ("balls", ("arrangement", "e", "exponent"))
-    assert sorted(tiles.cells) == list(range(24))
+    assert sorted(tiles.places.cell) == list(range(24))
     opened = opened_cells(finished(root), [0, 9])
     for number, cell in opened.items():
         for result in cell["results"]:
@@ -109,9 +109,9 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
         "[column]\nballs = 3\ngap = [0.0, 1e-5]\ne = [0.8, 0.9]\nstiffness_taper = 1.0\narrangement = 'cradle'\n"
     )
     folder = run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
-    ((engine, law, d),) = asked(summarise(folder))
+    ((engine, law, _, most),) = asked(summarise(folder))
     assert (engine, law) == ("mujoco", "kelvin-voigt")
-    assert d["max"].value < 1e-3
+    assert most.value < 1e-3
     assert main(["show", str(tmp_path / "run")]) == 0
     shown = capsys.readouterr().out
     for name in ("kelvin-voigt", "mujoco", "hunt-crossley"):

@@ -34,10 +34,12 @@ def test_forces_add_up_to_the_impulses_of_the_outcome_and_then_balls_fly_on():
     passed = (history.forces * np.diff(history.time)[:, None]).sum(axis=0)
     assert passed == pytest.approx(history.impulses[-1], rel=1e-9)
     last = history.time[-1]
-    flown = np.diff(history.height(np.array([last, last + 2.0])), axis=0)[0]
-    assert flown == pytest.approx([2 * outcome.v1 / 0.5, 2 * outcome.v2 / 0.5], rel=1e-9)
-    assert history.force(np.array([last + 1.0])).tolist() == [[0.0, 0.0]]
-    assert not history.acting_at(np.array([last + 1.0])).any()
+    heights, _, forces, acting = history.at(np.array([last, last + 2.0]))
+    assert np.diff(heights, axis=0)[0] == pytest.approx(
+        [2 * outcome.v1 / 0.5, 2 * outcome.v2 / 0.5], rel=1e-9
+    )
+    assert forces[1].tolist() == [0.0, 0.0]
+    assert not acting[1].any()
 
 
 def test_a_drop_begins_where_the_table_carries_b2():

@@ -8,7 +8,7 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.presentation.pictures.one import draw_collision, drawn_paths
+from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawn_paths
 from impact_xval.model import Collision, Outcome, solve
 
 M2 = 2 / math.sqrt(3)
@@ -27,7 +27,7 @@ def test_curves_end_at_the_published_numbers_whatever_the_units():
     figure = draw_collision(collision, drawn_paths(collision, outcomes))
     curve, upper, lower = figure.axes
     ends = [1 + V1, 1 + V1 + M2 * V2]
-    lines = {ax: [line for line in ax.lines if line.get_label() == "state-transition"] for ax in figure.axes}
+    lines = {ax: [line for line in ax.lines if line.get_label() == "the model"] for ax in figure.axes}
     assert lines[curve][0].get_xydata()[-1] == pytest.approx(ends, abs=1e-11)
     for ax, start, end in ((upper, -1.0, V1), (lower, 0.0, V2)):
         (line,) = lines[ax]
@@ -41,16 +41,3 @@ def test_the_suffix_says_what_is_written_and_json_stays_json(tmp_path, capsys):
         assert main(["solve", *CELL, "--solver", "kelvin-voigt", "--json", "--plot", str(file)]) == 0
         assert len(json.loads(capsys.readouterr().out)) == 2
         assert file.read_bytes().startswith(first)
-
-
-def test_a_file_that_cannot_be_written_is_refused_before_anything_is_solved(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "folder.png").mkdir()
-    for file, says in (
-        ("one.jpg", "; legal: a file that ends in .png, .svg, .pdf, .gif, .html"),
-        ("there/one.png", ": no folder there; legal: a file in a folder that is there"),
-        ("folder.png", "; legal: a file that ends in .png, .svg, .pdf, .gif, .html"),
-    ):
-        assert main(["solve", *CELL, "--plot", file]) == 2
-        said = capsys.readouterr()
-        assert (said.out, said.err) == ("", f"impact-xval: --plot {file}{says}\n")

@@ -26,7 +26,8 @@ def panels():
 
 def drawn(ax, label):
     """Points of the lines of one label, one after the other."""
-    return np.concatenate([line.get_xydata() for line in ax.lines if line.get_label() == label])
+    points = np.concatenate([line.get_xydata() for line in ax.lines if line.get_label() == label])
+    return points[np.isfinite(points).all(axis=1)]
 
 
 def impulses(v1, v2, m2=M2):

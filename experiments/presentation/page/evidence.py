@@ -1,0 +1,152 @@
+"""Sections of the page that say what its numbers rest on: causes, limits of steps, statuses, words, provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pandas as pd
+
+from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.measures.summary import HONEST, Summary
+from impact_xval.experiments.presentation import findings
+from impact_xval.experiments.presentation.document import Block, Section, Table, together
+from impact_xval.experiments.presentation.findings import CUTS, D, unit_of
+from impact_xval.experiments.presentation.words import MEANINGS, named
+from impact_xval.experiments.tables.folder import RunFolder
+from impact_xval.experiments.tables.numbers import number, percent
+
+_REASONS = 10
+
+#: What is said of limits dt -> 0: columns of `Summary.estimates`.
+_ERRORS = ("step", "error", "asked")
+
+GLOSSARY = (
+    ("model", "the state-transition model of Jia, Mason and Erdmann, solved exactly"),
+    ("S1, S2, S3, S4", "contact states: both contacts act; ball on table only; ball on ball only; none"),
+    ("solver", "the model, a reference, or an engine"),
+    ("reference", "a contact law followed in time without an engine, exactly or with a stated error"),
+    ("exact bistiffness", "springs that are stiffer when they restore: the model's restitution in real time"),
+    ("exact Kelvin-Voigt", "springs and dashpots: what engines are asked for"),
+    ("restitution e", "energetic: e² is the share of the work of compression that restitution returns"),
+    ("share", "the part of D that one cause accounts for; the shares of a cell sum to 100 %"),
+    (
+        "limit dt -> 0",
+        "where an engine's result goes as its step shrinks, with an estimate of how well that is known",
+    ),
+    ("marked", "beside a jump, where an arbitrarily small change of a parameter ends in another outcome"),
+    ("limit (a status)", "a closed-form limiting case of the model was used"),
+)
+
+
+def causes(summary: Summary, figures: Sequence[Block]) -> Section:
+    """Say what divergences consist of."""
+    ladder = summary.ladder
+    if not ladder.solvers:
+        return Section("Causes", ["No engine has a result: there is nothing to split."])
+    several = "three causes" if ladder.orders == "six" else "two causes"
+    said = (
+        "Between the model and what an engine was asked for one thing is changed at a time, in every "
+        "order, and the mean differences sum to the engine's divergence exactly, in every cell. The share "
+        "of a cause is the component of its difference of velocities along the whole difference, over D; "
+        f"it is the mean over the {ladder.orders} orders of {several}. Over a region it is summed "
+        "over cells, over the sum of D. Shares are signed and sum to 100 %."
+    )
+    regions = findings.region_table(ladder)
+    regions = replace(regions, rows=[(named(str(row[0])), *row[1:]) for row in regions.rows])
+    header = ["contribution", "from", "to", "in words"]
+    rows = [(c.label, c.before, c.after, MEANINGS.get(c.name, "")) for c in ladder.present]
+    details = Section("Causes in detail", [Table(header, rows, text=4), *figures], folded=True)
+    return Section("Causes", [said, regions, details])
+
+
+def sureness(summary: Summary) -> Section:
+    """Say how well results are known: limits of steps, statuses, and which cells count."""
+    limits = summary.statuses.loc[REFERENCE].get("limit", 0)
+    said = [
+        "Nothing is random: the same run gives the same numbers. Every collision of an engine is run at "
+        "several steps, and extrapolated to a step of zero with an estimate of the error.",
+        *(f"{each}." for each in findings.unsolved(summary)),
+        *([f"In {limits} cells the model is a limiting case in closed form."] if limits else []),
+        findings.counted(summary),
+    ]
+    header = ["solver", "asked for", "converged", "error order", "step error", "estimated error of the limit"]
+    header += ["limit's distance from the law", "regularisation", f"within {number(HONEST)} estimates"]
+    rows = [
+        (
+            named(row["solver"]),
+            named(row["asked"] or "-"),
+            f"{row['converged']} of {row['n']}",
+            number(row["order"], 2),
+            *(" / ".join(number(row[f"{kind}_{cut}"], 2) for cut in ("median", "max")) for kind in _ERRORS),
+            number(row["regularisation"], 2),
+            percent(row["honest"]),
+        )
+        for row in summary.estimates.to_dict("records")
+    ]
+    caption = (
+        "Limits dt -> 0 of engines, and the exact solver of the law they were asked for: velocities per "
+        "|v0|, the largest of all balls, median / maximum"
+    )
+    return Section("How sure is it?", [together(said), Table(header, rows, caption, text=3)])
+
+
+def effective(folder: RunFolder) -> Section:
+    """Say which solvers use other numbers than they were asked for."""
+    rows = pd.read_parquet(folder.root / "cells.parquet", columns=["solver", "differences"]).dropna()
+    found: list[Block] = [
+        f"{named(str(name))} uses other numbers than it was asked for in {len(each)} cells, in the first: "
+        f"{each.iloc[0]}."
+        for name, each in rows.groupby("solver").differences
+    ]
+    said = "Stiffness, damping, restitution and step of an engine are read back after they were set."
+    none = "All are as requested, to the engines' own precision."
+    return Section("Requested and effective", [said, *(found or [none])])
+
+
+def unsolved(summary: Summary) -> Section:
+    """Count results by status, and say why there are none and which are kept apart."""
+    statuses, unit, more = summary.statuses, unit_of(summary), len(summary.reasons) - _REASONS
+    counts = [(named(name), *row) for name, row in zip(statuses.index, statuses.to_numpy(), strict=True)]
+    reasons = [(named(name), *rest) for name, *rest in summary.reasons.head(_REASONS).to_numpy()]
+    marked = [
+        (named(name), int(row["n"]), *(number(row[cut]) for cut in CUTS))
+        for name in summary.solvers
+        if (row := summary.get(name, D, cells="marked"))["n"]
+    ]
+    why = f"Why {unit} have no result" + (f" (and {more} reasons more, in cells.parquet)" if more > 0 else "")
+    tables = [
+        Table(["solver", *statuses], counts, f"{unit} by solver and status".capitalize()),
+        Table(["solver", "status", "reason", unit], reasons, why, text=3),
+        Table(["solver", unit, "median", "95 %", "max"], marked, f"D in the marked {unit}"),
+    ]
+    return Section("Marked and unsolved", tables, folded=True)
+
+
+def glossary(summary: Summary) -> Section:
+    """Say what words mean, and what solvers are called in tables and commands."""
+    pair = summary.config.column is None
+    rows = [(word, f"{meaning}.") for word, meaning in GLOSSARY if pair or not word.startswith("S1")]
+    names = [(named(name), name) for name in summary.config.solvers]
+    tables = [
+        Table(["word", "meaning"], rows, text=2),
+        Table(["solver", "in tables and commands"], names, text=2),
+    ]
+    return Section("Glossary", tables, folded=True)
+
+
+def provenance(folder: RunFolder) -> Section:
+    """Say with what a run was computed."""
+    manifest = folder.manifest()
+    rows = [
+        *((key, manifest.get(key)) for key in ("cells", "identity")),
+        *((f"version of {name}", value) for name, value in manifest.get("versions", {}).items()),
+        *((f"library {name}", value) for name, value in manifest.get("libraries", {}).items()),
+        *manifest.get("machine", {}).items(),
+        ("seeds", manifest.get("seeds")),
+    ]
+    for i, each in enumerate(manifest.get("sessions", []), start=1):
+        said = f"finished {each['finished']}, {each['wall_time_s']} s on {each['workers']} workers, "
+        said += f"{each['parts_computed']} parts computed, {each['parts_reused']} reused"
+        rows.append((f"session {i}", said))
+    return Section("Provenance", [Table(["what", "value"], rows, text=2)], folded=True)

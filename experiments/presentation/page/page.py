@@ -1,0 +1,311 @@
+"""The page of a run, section by section, of two balls on a table and of columns of balls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from markupsafe import Markup
+
+from impact_xval.experiments.config.arrangements import COLUMN_AXES
+from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.measures.aggregates import FULL_PATHS, OWN_LAW
+from impact_xval.experiments.measures.ladder import cancelling
+from impact_xval.experiments.measures.summary import Summary, load_divergence
+from impact_xval.experiments.presentation import findings
+from impact_xval.experiments.presentation.document import (
+    Block,
+    Figure,
+    Section,
+    Table,
+    Text,
+    Value,
+    say,
+    together,
+)
+from impact_xval.experiments.presentation.findings import D, compared, subjects, unit_of, value_of
+from impact_xval.experiments.presentation.html import render
+from impact_xval.experiments.presentation.page import evidence, method
+from impact_xval.experiments.presentation.page.charts import cells_piece, tiles_of
+from impact_xval.experiments.presentation.page.opened import packed_cells
+from impact_xval.experiments.presentation.pictures.steps import ACCEPTED, recommended
+from impact_xval.experiments.presentation.words import WHAT_D_IS, named, one_vote
+from impact_xval.experiments.sweep.examination import traps_note
+from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
+from impact_xval.experiments.tables.numbers import number
+
+#: Figures of a run: captions by name.
+Captions = Mapping[str, str]
+
+#: A question that the run answers: sentences, and the name of a picture.
+Finding = tuple[str, Sequence[Text | str], str]
+
+
+def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[Block]:
+    """Return the page of a finished run."""
+    pair, unit = summary.config.column is None, unit_of(summary)[:-1]
+    blocks: list[Block] = [render("sketch.html.j2")] if pair else []
+    blocks += [
+        method.question(summary),
+        WHAT_D_IS,
+        render("numbers.html.j2", numbers=list(_numbers(summary))),
+    ]
+    if pair and summary.ladder.solvers:
+        blocks.append(_advice(folder, summary, captions))
+    if compared(summary):
+        blocks.append(Section("What was found", _found(summary, captions)))
+        blocks.append(Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary)))
+    else:
+        blocks.append(Section("What was found", [f"No {unit} could be compared."]))
+    if not pair:
+        blocks.append(Section("Divergence by solver", [findings.overall_table(summary)]))
+    elif compared(summary):
+        blocks.append(Section("All against all", [_matrix(summary)]))
+    blocks += [
+        evidence.causes(
+            summary, _figures(captions, "ladder-by-restitution", "ladder-by-column", "ladder-norms")
+        ),
+        evidence.sureness(summary),
+        *([_hypothesis()] if pair else []),
+        evidence.effective(folder),
+        _by_axis(summary, captions),
+        evidence.unsolved(summary),
+        method.section(folder, summary),
+        evidence.glossary(summary),
+        evidence.provenance(folder),
+    ]
+    return blocks
+
+
+def _figures(captions: Captions, *names: str) -> list[Block]:
+    """Return those of some figures that were drawn."""
+    return [Figure(name, captions[name]) for name in names if name in captions]
+
+
+def _code(text: str) -> Markup:
+    """Show a command."""
+    return Markup("<code>{}</code>").format(text)
+
+
+def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
+    """Give up to three numbers to remember: how far, how near to what was asked for, and why."""
+    unit = unit_of(summary)
+    for name in subjects(summary)[:1]:
+        n = int(findings.count_of(summary, name).value)
+        yield value_of(summary, name), f"is the median D of {named(name)} from the model, of {n} {unit}"
+    for name, law, median, _ in list(findings.asked(summary))[:1]:
+        what = "D" if summary.config.column is None else "distance of the limit dt -> 0, per |v0|,"
+        yield median, f"is the median {what} of {named(name)} from {named(law)}, the law it was set to"
+    for name in summary.ladder.solvers[:1]:
+        regions = [(f"all {unit}", ("all", math.nan)), *summary.ladder.regions.items()]
+        there = [(label, place) for label, place in regions if len(summary.ladder.region(name, *place))]
+        label, place = there[min(1, len(there) - 1)]  # the first region that is told apart
+        causes = findings.shares(summary, name, *place)
+        if causes and cancelling(summary.ladder.region(name, *place).share) is None:
+            cause, share = next(iter(causes.items()))
+            yield share, f"of {named(name)}'s mean D ({label}) is due to {findings.LABELS[cause]}"
+
+
+def _advice(folder: RunFolder, summary: Summary, captions: Captions) -> Section:
+    """Say what a reader should do with an engine."""
+    traps = traps_note(summary.config, cells_of_run(folder, summary.config))
+    example = "impact-xval contact --engine mujoco --masses 1 0.5 --restitution 0.7 --stiffness 1e6"
+    blocks: list[Block] = [
+        say(
+            "Look for traps: {command} lists the contacts of a scene with what is known to go wrong. {said}",
+            command=_code("impact-xval inspect scene.xml"),
+            said=traps["introduction"],
+        ),
+        *traps["found"],
+        say(
+            "Map a stiffness and a restitution to the engine's own parameters, checked by a simulated drop: {command}.",
+            command=_code(example),
+        ),
+    ]
+    if steps := recommended(summary):
+        said = (
+            "Choose the step by the faster contact, whose period is 2 pi sqrt(M/k) with M the reduced mass of its "
+            "bodies (with the table, the mass of the ball)."
+        )
+        blocks.append(together([said, *(_step(summary, name, step) for name, step in steps.items())]))
+    blocks.append(
+        "The rest is the contact law, not the step: a smaller step does not remove it, and the sections below "
+        "show where it matters."
+    )
+    blocks += _figures(captions, "error-by-step")
+    return Section("What to do with your engine", blocks, beside=True)
+
+
+def _step(summary: Summary, name: str, step: float) -> Text:
+    """Say which step keeps the error of an engine small."""
+    known = summary.estimates.set_index("solver").loc[name]
+    return say(
+        "At {run} steps a period {solver} is off by {median} |v0| (median; 95 % of the cells: less than {p95}); for an "
+        "error below {accepted} |v0| in 95 % of the cells take about {n} (extrapolated).",
+        run=number(1 / summary.config.step_fraction),
+        solver=named(name),
+        median=Value(known.step_median, f"{name} step median"),
+        p95=Value(known.step_p95, f"{name} step p95"),
+        accepted=ACCEPTED,
+        n=Value(1 / step, f"{name} steps a period"),
+    )
+
+
+def _found(summary: Summary, captions: Captions) -> list[Block]:
+    """Return the findings, each with its picture, then pictures without a finding."""
+    sections: list[Block] = []
+    rest: list[Block] = []
+    for title, sentences, name in (
+        _of_pair(summary) if summary.config.column is None else _of_columns(summary)
+    ):
+        said, picture = [each for each in sentences if str(each)], _figures(captions, name)
+        if said:
+            sections.append(Section(title, [*said, *picture], beside=bool(picture)))
+        else:
+            rest += picture
+    return [*sections, *rest]
+
+
+def _of_pair(summary: Summary) -> Iterator[Finding]:
+    there = subjects(summary)
+    far = [findings.how_far(summary), one_vote(summary.solvers)]
+    yield "How far are they from the model?", far, "divergence-by-stiffness"
+    yield "Do engines do what they were asked for?", findings.as_asked(summary), "impulse-curves"
+    yield "Then why do they diverge?", _why(summary), "ladder-by-stiffness"
+    yield "Where does it matter?", [_extremes(summary, name) for name in there], "trust-map"
+    yield (
+        "Do contacts open and close in the same order?",
+        [_order(summary, name) for name in there],
+        "state-paths",
+    )
+
+
+def _of_columns(summary: Summary) -> Iterator[Finding]:
+    several = subjects(summary) if len(summary.levels["balls"].values) > 1 else []
+    far = [findings.how_far(summary), one_vote(summary.solvers)]
+    yield "How far are they from the model?", far, "divergence-by-balls"
+    yield "What do more balls change?", [_balls(summary, name) for name in several], "velocities"
+    yield "Do engines do what they were asked for?", findings.as_asked(summary), "wave"
+    yield "Then why do they diverge?", _why(summary), "ladder-by-balls"
+
+
+def _why(summary: Summary) -> list[Text]:
+    """Say what the mean D of engines consists of; the first time with what a cause is."""
+    there = summary.ladder.solvers
+    return [findings.causes(summary, name, explain=name == there[0]) for name in there]
+
+
+def _extremes(summary: Summary, name: str) -> Text | str:
+    """Say at which k2/k1 the median D is largest and smallest."""
+    levels = summary.levels["stiffness_ratio"].values
+    values = [(at, value_of(summary, name, axis="stiffness_ratio", at=at)) for at in levels]
+    known = sorted((each for each in values if not math.isnan(each[1].value)), key=lambda each: each[1].value)
+    (low, least), (high, most) = known[0], known[-1]
+    if least.value == most.value:
+        return ""
+    return say(
+        "By k2/k1 the median D of {solver} is largest, {most}, at {high}, and smallest, {least}, at {low}.",
+        solver=named(name),
+        most=most,
+        high=number(high),
+        least=least,
+        low=number(low),
+    )
+
+
+def _order(summary: Summary, name: str) -> Text:
+    """Say how often a solver passes through the states of the model, and of its own law."""
+    said = say(
+        "{solver} passes through the contact states of the model in {equal} of the {n} cells in which the "
+        "model needed no limiting case",
+        solver=named(name),
+        equal=value_of(summary, name, "mean", FULL_PATHS),
+        n=value_of(summary, name, "n", FULL_PATHS),
+    )
+    own = value_of(summary, name, "mean", OWN_LAW)
+    if math.isnan(own.value):
+        return Text((said, "."))
+    return Text((said, say(", and through those of the exact law it was asked for in {own}.", own=own)))
+
+
+def _balls(summary: Summary, name: str) -> Text:
+    """Say what the median D is for the fewest and for the most balls."""
+    values = summary.levels["balls"].values
+    few, many = (value_of(summary, name, axis="balls", at=at) for at in (values[0], values[-1]))
+    return say(
+        "The median D of {solver} is {few} at {low} balls and {many} at {high}.",
+        **{"solver": named(name), "few": few, "many": many, "low": int(values[0]), "high": int(values[-1])},
+    )
+
+
+def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
+    """Lay out the map whose cells open, and the cells with the largest D."""
+    tiles = tiles_of(load_divergence(folder, summary.config))
+    opens = tiles.places.cell.tolist()
+    piece = cells_piece(tiles, packed_cells(folder, opens), summary.config.solvers)
+    button = Markup('<button type="button" data-cell="{0}">{0}</button>')
+    if summary.config.column is None:
+        words = {"model_states_compared": "model's path", "states_compared": "solver's path"}
+        columns = AXES | {D: "D", "dv1": "dv1/|v0|", "dv2": "dv2/|v0|"}
+    else:
+        words = {"arrangement": "arrangement"}
+        columns = COLUMN_AXES | {D: "D", "largest_dv": "largest dv/|v0|"}
+    columns = {key: label for key, label in columns.items() if key not in words}
+    order = summary.worst.solver.map(summary.solvers.index).sort_values(kind="stable").index
+    rows = [
+        (
+            named(row["solver"]),
+            *(row[key] or "-" for key in words),
+            button.format(row["cell"]) if row["cell"] in opens else row["cell"],
+            *(number(row[key]) for key in columns),
+        )
+        for row in summary.worst.loc[order].to_dict("records")
+    ]
+    unit = unit_of(summary)
+    header = ["solver", *words.values(), unit[:-1], *columns.values()]
+    worst = Table(header, rows, f"The {unit} with the largest D of every solver", text=2 + len(words))
+    return [piece, Section("Largest divergences", [worst], folded=True)]
+
+
+def _matrix(summary: Summary) -> Table:
+    """Lay out D between every two solvers."""
+    names = [REFERENCE, *summary.solvers]
+    known: dict[frozenset[str], Any] = {
+        frozenset((row["solver"], row["other"])): row for row in summary.between.to_dict("records")
+    }
+    known |= {frozenset((REFERENCE, name)): summary.get(name, D) for name in summary.solvers}
+
+    def cell(a: str, b: str) -> str | Text:
+        if names.index(a) >= names.index(b):
+            return ""  # it stands on the other side
+        row = known.get(frozenset((a, b)))
+        if row is None or not row["n"]:
+            return "-"
+        median, most = (Value(row[cut], f"{a} from {b} {cut}") for cut in ("median", "max"))
+        return say("{median} ({most})", median=median, most=most)
+
+    rows = [(named(a), *(cell(a, b) for b in names[1:])) for a in names[:-1]]
+    caption = "Median D (largest D) between every two solvers, over the cells that both solved, marked ones left out"
+    return Table(["", *map(named, names[1:])], rows, caption)
+
+
+def _hypothesis() -> Section:
+    said = say(
+        "The model has a limit of its own: where one contact is infinitely stiffer than the other, its two "
+        "bodies move as one. Whether solvers go there, and how fast, is no matter of a grid: {command} "
+        "writes a page with a verdict for every limit and solver.",
+        command=_code("impact-xval hypothesis"),
+    )
+    return Section("Hypothesis", [said])
+
+
+def _by_axis(summary: Summary, captions: Captions) -> Section:
+    """Tabulate D along every axis that has several values, and show the figures for print."""
+    names = ("divergence-map", "divergence-by-restitution", "energy-by-stiffness", "energy-by-balls")
+    tables: list[Block] = [findings.along_axis(summary, axis) for axis in summary.axes]
+    if "stiffness_ratio" in summary.axes:
+        tables.append(findings.along_axis(summary, "stiffness_ratio", FULL_PATHS))
+    said = "All measures by all axes are in summary.csv."
+    return Section("By axis", [said, *tables, *_figures(captions, *names)], folded=True)
