@@ -35,9 +35,6 @@ def contact(
         str | None, typer.Option(metavar="S", help="Of the contact; instead of a stiffness.")
     ] = None,
     speed: Annotated[str, typer.Option(metavar="M/S", help="Speed of approach, 1e-9 to 1e9.")] = "1",
-    gravity: Annotated[
-        str, typer.Option(metavar="G", help="In m/s^2: also show a drop onto the fixed body under it.")
-    ] = "0",
     tolerance: Annotated[
         str, typer.Option(metavar="X", help="Allowed relative error of restitution and duration.")
     ] = "0.01",
@@ -59,15 +56,11 @@ def contact(
 
     if engine not in ENGINES:
         raise UserError(f"--engine = {engine!r:.60}; legal: {', '.join(ENGINES)}")
-    allowed, g = number("--tolerance", tolerance), number("--gravity", gravity)
-    if not 0 <= g < math.inf:
-        raise UserError(f"--gravity = {gravity!r:.60}; legal: a finite number >= 0 (m/s^2)")
+    allowed = number("--tolerance", tolerance)
     if not 0 < allowed <= 0.5:
         raise UserError(f"--tolerance = {tolerance!r:.60}; legal: greater than 0, at most 0.5")
     given = {"restitution": restitution, "stiffness": stiffness, "duration": duration, "speed": speed}
     pair = _pair(masses, given)
-    if g and not pair.fixed:
-        raise UserError(f"--gravity = {gravity!r:.60}; legal: 0 for two free bodies, which fall alike")
     solver = get_solver(engine)
     assert isinstance(solver, Engine)
     if not json:
@@ -79,13 +72,12 @@ def contact(
             fine = drops(solver, pair, found.step / 10, [0.0])
     except SolverError as error:
         raise UserError(_why(solver, pair, error)) from None
-    heavy = _under_gravity(solver, pair, found.step, g) if g else None
     if json:
         pasted = {"parameters": parameters, "paste": text, "tolerance": allowed}
-        verified = _verified(found, fine, heavy)
+        verified = _verified(found, fine)
         print(dumps(_request(solver, pair) | pasted | verified, indent=2, allow_nan=False))
     else:
-        _show(solver, pair, allowed, text, found, fine, heavy)
+        _show(solver, pair, allowed, text, found, fine)
 
 
 def _pair(masses: tuple[str, str], given: dict[str, str | None]) -> Pair:
@@ -147,19 +139,6 @@ def _why(solver: Engine, pair: Pair, error: SolverError) -> str:
     )
 
 
-def _under_gravity(solver: Engine, pair: Pair, step: float, g: float) -> dict[str, Any]:
-    """Drop onto the fixed body under gravity: what came back, or why nothing did."""
-    from impact_xval.compliant_baselines import SolverError
-    from impact_xval.compliant_baselines.single_contact import drops
-
-    try:
-        found = drops(solver, pair, step, [0.0], g)
-    except SolverError as error:
-        reason = f"{error.status}: {error.reason}; the body may never leave: its weight sets it at rest"
-        return {"gravity": g, "reason": reason}
-    return {"gravity": g, "restitution": found.restitution[0], "duration": found.duration[0]}
-
-
 def _request(solver: Engine, pair: Pair) -> dict[str, Any]:
     c = pair.contact
     return {
@@ -182,45 +161,30 @@ def _request(solver: Engine, pair: Pair) -> dict[str, Any]:
     }
 
 
-def _verified(found: Drops, fine: Drops, heavy: dict[str, Any] | None) -> dict[str, Any]:
+def _verified(found: Drops, fine: Drops) -> dict[str, Any]:
     range_ = {"restitution": list(found.restitution), "duration": list(found.duration), "drops": found.n}
     at_a_tenth = {"restitution": fine.restitution[0], "duration": fine.duration[0]}
-    verified = {"largest_step": found.step, "verified": range_, "verified_at_a_tenth": at_a_tenth}
-    return verified if heavy is None else verified | {"under_gravity": heavy}
+    return {"largest_step": found.step, "verified": range_, "verified_at_a_tenth": at_a_tenth}
 
 
-def _show(
-    solver: Engine,
-    pair: Pair,
-    tolerance: float,
-    text: str,
-    found: Drops,
-    fine: Drops,
-    heavy: dict[str, Any] | None,
-) -> None:
-    from impact_xval.experiments.presentation.document import Block
+def _show(solver: Engine, pair: Pair, tolerance: float, text: str, found: Drops, fine: Drops) -> None:
     from impact_xval.experiments.presentation.terminal import make_console, show
 
     c, name = pair.contact, solver.name
     zeta = c.c / (2 * c.mass * c.omega)
-    blocks: list[Block] = [
+    blocks = [
         f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {zeta:.4g}) between bodies of reduced mass {c.mass:.6g} kg",
         f"at {pair.speed:.6g} m/s the penetration is {pair.penetration:.3g} m: the bodies must be much larger",
         f"\n{text.rstrip()}",
-        _drops(name, pair, found, fine, heavy),
+        _drops(name, pair, found, fine),
         f"{found.step:.6g} s is the largest step tried (ten a decade) at which {name} {solver.version()} keeps both "
         f"within {tolerance:.3g} of the request, wherever within a step the bodies touch ({found.n} drops), and at the "
         f"four shorter steps too: {c.duration / found.step:.0f} steps in a contact",
     ]
-    if heavy is not None and "reason" in heavy:
-        blocks.append(f"with gravity: {heavy['reason']}")
-    elif heavy is not None:
-        g, ratio = heavy["gravity"], heavy["gravity"] / (pair.speed * c.omega)
-        blocks.append(f"the contact's parameters ignore gravity, {g:.6g} m/s^2: g/(v omega) = {ratio:.2g}")
     show(make_console(), blocks)
 
 
-def _drops(name: str, pair: Pair, found: Drops, fine: Drops, heavy: dict[str, Any] | None) -> Table:
+def _drops(name: str, pair: Pair, found: Drops, fine: Drops) -> Table:
     """Table of what was asked for and what verifying drops gave."""
     from impact_xval.experiments.presentation.document import Table
 
@@ -230,11 +194,7 @@ def _drops(name: str, pair: Pair, found: Drops, fine: Drops, heavy: dict[str, An
         ("duration", " s", pair.contact.duration),
     ):
         low, high = getattr(found, what)
-        row = [what, f"{asked:.6g}{unit}", f"{low:.6g} to {high:.6g}{unit}"]
-        row.append(f"{getattr(fine, what)[0]:.6g}{unit}")
-        if heavy is not None:
-            row.append(f"{heavy[what]:.6g}{unit}" if what in heavy else "-")
-        rows.append(row)
-    header = ["", "asked", f"at {found.step:.6g} s", f"at {found.step / 10:.6g} s"]
-    header += [] if heavy is None else ["with gravity"]
+        rest = f"{getattr(fine, what)[0]:.6g}{unit}"
+        rows.append((what, f"{asked:.6g}{unit}", f"{low:.6g} to {high:.6g}{unit}", rest))
+    header = ("", "asked", f"at {found.step:.6g} s", f"at {found.step / 10:.6g} s")
     return Table(header, rows, f"Drops in {name}, by its time step")

@@ -1,7 +1,6 @@
 """The command `contact`, as a user meets it."""
 
 import json
-import math
 
 import pytest
 
@@ -23,17 +22,6 @@ def test_json_says_what_was_asked_what_to_paste_and_what_came_back(capsys):
     assert f'timestep="{said["largest_step"]!r}"' in said["paste"]
 
 
-def test_gravity_lengthens_an_elastic_contact_as_the_exact_motion_does(capsys):
-    # x'' = -omega^2 x + g from x = 0 at speed v: it lasts (pi + 2 atan(g/(v omega)))/omega, and leaves at v
-    g, v, duration = 9.81, 0.5, 0.05
-    arguments = ["--masses", "inf", "2", "--restitution", "1", "--duration", str(duration), "--speed", str(v)]
-    assert main(["contact", "--engine", "mujoco", *arguments, "--gravity", str(g), "--json"]) == 0
-    got = json.loads(capsys.readouterr().out)["under_gravity"]
-    omega = math.pi / duration
-    assert got["duration"] == pytest.approx((math.pi + 2 * math.atan(g / (v * omega))) / omega, rel=0.02)
-    assert got["restitution"] == pytest.approx(1, abs=0.05)
-
-
 def test_impossible_requests_are_one_line_and_exit_code_2(capsys):
     for arguments, says in (
         (["--stiffness", "1", "--restitution", "0"], "--restitution = 0.0; legal: greater than 0, at most 1"),
@@ -48,7 +36,6 @@ def test_impossible_requests_are_one_line_and_exit_code_2(capsys):
             "one is 1e+24 times the other; legal: at most 1e+12",
         ),
         (["--stiffness", "1", "--speed", "1e-30"], "--speed = 1e-30; legal: from 1e-09 to 1e+09 (m/s)"),
-        (["--stiffness", "1", "--gravity", "9.81"], "legal: 0 for two free bodies, which fall alike"),
         (["--stiffness", "1", "--tolerance", "0"], "--tolerance = '0'; legal: greater than 0, at most 0.5"),
         (["--stiffness", "1", "--engine", "dart"], "--engine = 'dart'; legal: mujoco, pybullet, drake"),
     ):
