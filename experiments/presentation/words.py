@@ -37,7 +37,7 @@ _NAMES = {
     "rapier": "Rapier",
     "sapien": "PhysX 5",
     "drake": "Drake",
-    "drake-hunt-crossley": "Drake (Hunt-Crossley)",
+    "drake-hunt-crossley": "Drake, Hunt-Crossley",
     "kelvin-voigt": "exact Kelvin-Voigt",
     "hunt-crossley": "exact Hunt-Crossley",
     "bistiffness": "exact bistiffness",

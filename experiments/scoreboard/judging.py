@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from impact_xval.compliant_baselines.registry import engine_free_names
+from impact_xval.compliant_baselines.registry import engine_free_names, is_engine, is_mapped, law_of
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.scoreboard.cases import COLUMNS, STEPS, USUAL, Case
 
 MODEL = "state-transition"
@@ -18,11 +19,28 @@ MODEL = "state-transition"
 #: File of all answers in the folder of a scoreboard.
 ANSWERS = "answers.parquet"
 
-#: D up to which a law explains an answer, and from which on a spread is one of the outcome, not of its last digits.
-EXPLAINED, CHANCE = 0.05, 0.1
+#: D up to which a law explains an answer, and from which on an answer hangs on how exactly bodies are placed.
+EXPLAINED, SENSITIVE = 0.05, 0.1
 
 #: Share of an engine's cases that a law must answer to be the one that it follows.
-_ENOUGH = 0.75
+_ENOUGH = 0.9
+
+#: Exact laws as a reader knows them.
+LAW_WORDS = {
+    MODEL: "as the state-transition model",
+    "liu-zhao-brogliato": "as the model of Liu, Zhao and Brogliato",
+    "bistiffness": "as the model's law in time",
+    "kelvin-voigt": "as springs and dashpots that only push",
+    "kelvin-voigt-anchored": "as springs and dashpots, the lower ball held",
+    "kelvin-voigt-textbook": "as springs and dashpots with the textbook's damping",
+    "hunt-crossley": "as springs damped in proportion to their depth",
+    "newton-restitution": "by Newton's restitution, all contacts at once",
+    "poisson-restitution": "by Poisson's restitution, all contacts at once",
+    "sequential-top": "one contact after the other, from the top",
+    "sequential-bottom": "one contact after the other, from the bottom",
+    "generalised-reflection": "by generalised reflections",
+    "plastic-then-restitution": "first without rebound, then a rebound of each contact in turn",
+}
 
 _KEY = ["solver", "case", "e", "arrangement"]
 
@@ -45,9 +63,10 @@ def board(answers: Frame) -> Frame:
     Returns
     -------
     DataFrame
-        A row a solver and case: its answer, ``D_<law>`` of all exact laws, ``energy_error`` (gained, over that before;
-        at e = 1 lost, too), ``momentum_error`` (without a table, over all momenta), ``spread`` (the largest D from the
-        same case in another arrangement), ``spread_of`` (which), and ``step_spread`` (at half and twice the step).
+        A row a solver and case: its answer, ``D_<law>`` of all exact laws, ``energy_gained`` and, at e = 1,
+        ``energy_lost`` (over that before), ``momentum_error`` (without a table, over all momenta), ``spread`` (the
+        largest D from the same case in another arrangement), ``spread_of`` (which), and ``step_spread`` (at half and
+        twice the step).
     """
     order = {name: place for place, name in enumerate(answers.solver.unique())}
     judged = [_judged(Case(*key), rows) for key, rows in answers.groupby(["case", "e"], sort=False)]
@@ -81,7 +100,8 @@ def _judged(case: Case, answers: Frame) -> Frame:
     worst = away[~stepped].drop_duplicates("solver", keep="last").set_index("solver")
     return usual.assign(
         **{f"D_{law}": apart(v, of.get(law, nothing)) for law in engine_free_names()},
-        energy_error=np.abs(kept - 1) if case.e == 1 else np.maximum(kept - 1, 0.0),
+        energy_gained=np.maximum(kept - 1, 0.0),
+        energy_lost=np.maximum(1 - kept, 0.0) if case.e == 1 else np.nan,
         momentum_error=np.nan if column.table else momentum,
         spread=worst.D,
         spread_of=worst.arrangement.astype(object),
@@ -90,21 +110,24 @@ def _judged(case: Case, answers: Frame) -> Frame:
 
 
 def laws(judged: Frame) -> Frame:
-    """Find the exact law that explains each solver best: the one that it is least far from at worst.
+    """Find the exact law that explains each solver best: the one whose largest distance over all cases is the smallest.
 
     Returns
     -------
     DataFrame
-        A row a solver that has an answer: ``law``, and ``farthest``, D from it at worst.
+        A row a solver that has an answer: ``law``, ``farthest``, the largest D from it, ``answered``, its cases; and
+        ``next`` with ``next_farthest``, of the law after it.
     """
     rows = {}
     for solver, own in judged.groupby("solver", sort=False):
         D = own[[f"D_{law}" for law in engine_free_names()]]
-        enough = D.notna().sum() >= max(1, _ENOUGH * own.v1.notna().sum())
-        if enough.any():
-            worst = D.loc[:, enough].max()
-            rows[solver] = {"law": str(worst.idxmin()).removeprefix("D_"), "farthest": worst.min()}
-    return pd.DataFrame.from_dict(rows, orient="index", columns=["law", "farthest"])
+        answered = own.v1.notna().sum()
+        worst = D.loc[:, D.notna().sum() >= max(1, _ENOUGH * answered)].max().sort_values(kind="stable")
+        if len(worst) > 1:
+            law, runner_up = (name.removeprefix("D_") for name in worst.index[:2])
+            rows[solver] = (law, worst.iloc[0], answered, runner_up, worst.iloc[1])
+    columns = ["law", "farthest", "answered", "next", "next_farthest"]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
 
 
 def nearest(judged: Frame, best: Frame) -> Frame:
@@ -156,7 +179,37 @@ def read_answers(folder: Path) -> Frame:
         raise UserError(f"--baseline = {folder}: holds no {ANSWERS} of a scoreboard: {error}") from None
 
 
-def by_case(judged: Frame, solver: str, column: str) -> list[float]:
-    """Give the largest value of a column for every case of a solver, in the order of the board; NaN without any."""
-    own = judged[judged.solver == solver].groupby("case")[column].max()
-    return [float(own.get(name, np.nan)) for name in COLUMNS]
+class Board:
+    """A scoreboard: solvers, their answers, and what is made of them."""
+
+    def __init__(self, solvers: Frame, answers: Frame) -> None:
+        self.solvers = solvers.set_index("solver")
+        judged = board(answers)
+        self.laws = laws(judged)
+        self.judged = nearest(judged, self.laws)
+        there = [name for name in self.solvers.index if name in self.laws.index]
+        self.engines = [name for name in there if is_engine(name)]
+        self.exact = [name for name in there if not is_engine(name)]
+
+    def explained(self, solver: str) -> bool:
+        """Whether an exact law is near to all that a solver answers."""
+        return bool(self.laws.farthest[solver] <= EXPLAINED)
+
+    def worst(self, solver: str, column: str) -> float:
+        """Give the largest value of a column of a solver; NaN without any."""
+        return float(self.judged[self.judged.solver == solver][column].max())
+
+    def by_case(self, solver: str, column: str) -> list[float]:
+        """Give the largest value of a column for every case of a solver, in their order; NaN without any."""
+        own = self.judged[self.judged.solver == solver].groupby("case")[column].max()
+        return [float(own.get(name, np.nan)) for name in COLUMNS]
+
+    def called(self, solver: str) -> str:
+        """Name a solver; an engine of compliant contacts that was set up for a law says so."""
+        mapped = is_engine(solver) and law_of(solver) and ":" not in solver and not is_mapped(solver)
+        return f"{named(solver)} (mapped)" if mapped else named(solver)
+
+    def how(self, solver: str) -> str:
+        """Say how a solver answers."""
+        law = self.laws.law[solver]
+        return LAW_WORDS[law] if self.explained(solver) else f"as no exact law (nearest: {law})"
