@@ -264,7 +264,7 @@ class _Run:
                 "cores": available_cores(),
                 "python": platform.python_version(),
             },
-            "seeds": _seeds(config),
+            "seeds": "none" if config.sample is None else config.sample.seed,
             "sessions": [*earlier, *session],
         }
 
@@ -293,12 +293,5 @@ def _same_version(ours: str, theirs: str) -> bool:
 def _identity(experiment: Experiment, cells: Cells, versions: Versions) -> str:
     """Hash all that the content of a part depends on, but for its number."""
     config, columns = experiment.config, experiment.layout.rows.names
-    of_list = cells.digest(range(len(cells))) if config.cells is not None else ""
-    found = json.dumps([config.identity(), versions, columns, of_list], sort_keys=True)
+    found = json.dumps([config.identity(), versions, columns, cells.digest], sort_keys=True)
     return hashlib.sha256(found.encode()).hexdigest()[:32]
-
-
-def _seeds(config: Config) -> str:
-    if config.sample is not None:
-        return f"{config.sample.seed}, of the cells; nothing else in a run is random"
-    return "none: nothing in a run is random"

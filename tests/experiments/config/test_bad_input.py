@@ -41,7 +41,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[sample]\ne1 = [0, 1]", ["sample.e1 = [0, 1]", "a number, {log = [lo, hi]}"]),
         ("[sample]\ne1 = {linear = [0, 1, 3]}", ["sample.e1", "[0, 1, 3]", "{linear = [lo, hi]}"]),
         ("[sample]\ne1 = {log = [0, 1]}", ["sample.e1", "lo = 0", "lo > 0"]),
-        ("[sample]\nmethod = 'halton'", ["sample.method = 'halton'", "'sobol'"]),
     ],
     "columns": [
         ("[grid]\n[column]", ["grid and column are given", "legal: one of grid, sample, cells, column"]),
