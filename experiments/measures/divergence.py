@@ -19,17 +19,7 @@ from impact_xval.model.kinetic import kinetic_norm
 
 
 def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
-    """D: kinetic norms of differences of velocities over those of the velocities at first touch.
-
-    Parameters
-    ----------
-    masses, differences, starts : ndarray, shape (..., N)
-        In kg and m/s; a ball whose mass is NaN is none.
-
-    Returns
-    -------
-    ndarray, shape (...)
-    """
+    """D: kinetic norms, over balls, of differences of velocities over those of the velocities at first touch."""
     with np.errstate(over="ignore", invalid="ignore"):
         return kinetic_norm(masses, differences) / kinetic_norm(masses, starts)
 
@@ -37,22 +27,10 @@ def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
 def divergence(
     masses: Floats, starts: Floats, speed: Floats, model: Results, other: Results
 ) -> dict[str, Any]:
-    """Compare a solver's results with the model's.
+    """Compare a solver's results with the model's: by name every measure of `schema.MEASURES`, other minus model.
 
-    Parameters
-    ----------
-    masses, starts : ndarray, shape (n, N)
-        Of the collisions both solved, in kg; velocities at first touch in m/s.
-    speed : ndarray, shape (n,)
-        abs(v0) in m/s.
-    model, other : Results
-        Differences are other minus model.
-
-    Returns
-    -------
-    dict
-        An array of shape (n,) for every name in `schema.MEASURES`: NaN or None where one of the two has no result;
-        those of paths for two balls on a table only, ``curve_distance`` where both have one.
+    NaN or None where one of the two has no result. Masses in kg and starts, velocities at first touch in m/s, are of
+    shape (n, N); speed is abs(v0), of shape (n,).
     """
     both = model.there & other.there
     absent = ~both
@@ -114,10 +92,7 @@ def velocity_divergence(collision: Collision, model: Outcome, other: Outcome) ->
 
 
 def part_at(a: Sequence[str], b: Sequence[str]) -> int | None:
-    """Position, from 1, of the first state in which two sequences differ; None if they are equal.
-
-    Where one is the beginning of the other, it is the position after the shorter one's end.
-    """
+    """Position, from 1, of the first state that only one of two sequences has there; None if they are equal."""
     pairs = enumerate(zip_longest(a, b), start=1)
     return next((position for position, (x, y) in pairs if x != y), None)
 
@@ -134,20 +109,7 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """Of the outcome of one solver; None where there is nothing to measure.
-
-    Attributes
-    ----------
-    velocity_divergence : float or None
-        D of N balls from the model's outcome, sqrt(sum m_i dv_i^2 / sum m_i v_i0^2).
-    limit_distance : float or None
-        Of an engine's limit dt -> 0 from the exact solver of the law it was asked for, the largest difference of a
-        velocity per speed of impact; None with the naive mapping, whose contacts are not those asked for.
-    limit_error : float or None
-        The error of that limit as the engine's runs estimate it, likewise.
-    retained_energy, retained_momentum : float or None
-        Kinetic energy and momentum after the collision over those before it.
-    """
+    """Of the outcome of one solver, as in `schema`; None where there is nothing to measure."""
 
     velocity_divergence: float | None = None
     limit_distance: float | None = None
@@ -159,16 +121,7 @@ class Measures:
 def measures_of(
     column: Collision, outcomes: Mapping[str, Outcome], mapping: MappingName = "calibrated"
 ) -> dict[str, Measures]:
-    """Measure the outcomes of a column by several solvers; nothing of those without a result.
-
-    Parameters
-    ----------
-    column : Collision
-    outcomes : mapping of str to Outcome
-        By solver.
-    mapping : str
-        That engines were given.
-    """
+    """Measure the outcomes of a column by several solvers; nothing of those without a result."""
     results = {name: each for name, each in outcomes.items() if each.status in RESULT_STATUSES}
     model, speed = results.get(REFERENCE), max(map(abs, column.velocities))
     measured = dict.fromkeys(outcomes, Measures())

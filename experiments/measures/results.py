@@ -22,21 +22,14 @@ _VELOCITY = re.compile(r"v\d+_limit|limit_error|velocity_error|regularisation|re
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """Outcomes of n cells by one solver; N and C are the most balls and contacts of a cell.
+    """Outcomes of n cells by one solver, of up to N balls; NaN where a cell has fewer, and where nothing is known.
 
     Attributes
     ----------
-    velocities, impulses : ndarray, shapes (n, N) and (n, C)
-        In m/s and N s; NaN where a cell has fewer, and where there is no result.
-    status, reason, mark, differences : ndarray of str, shape (n,)
-        As of `Outcome`.
     states, compared : list of str
         State sequences of two balls on a table, as the solver gives them and as they are compared; else empty.
-    n_states, n_events : ndarray of int, shape (n,)
-    margin : ndarray, shape (n,)
-        Grazing margins; NaN where it is not known.
     diagnostics : dict of str to ndarray, shape (n,)
-        Velocities per abs(v0), times in s; NaN where an outcome does not state it.
+        Velocities per abs(v0), times in s.
     paths : Paths or None
         Of two balls on a table.
     """
@@ -68,18 +61,9 @@ class Results:
 def results_of(
     outcomes: Sequence[Outcome], speed: Floats, balls: int, contacts: int, shortest: Floats | None
 ) -> Results:
-    """Make arrays of outcomes.
+    """Make arrays of outcomes at speeds abs(v0) in m/s.
 
-    Parameters
-    ----------
-    outcomes : sequence of Outcome
-        Those of `Outcomes` are taken as arrays.
-    speed : ndarray, shape (n,)
-        abs(v0) in m/s.
-    balls, contacts : int
-        N and C.
-    shortest : ndarray, shape (n,), or None
-        Of two balls on a table the time for which a state must be held to count, in s (`states`); else None.
+    Of two balls on a table `shortest` is the time for which a state must be held to count, in s (`states`); else None.
     """
     found = _of_arrays(outcomes, shortest) if isinstance(outcomes, Outcomes) else _of_list(outcomes)
     for name in ("status", "reason", "mark", "differences"):
@@ -99,7 +83,7 @@ def results_of(
 
 
 def scaled_diagnostics(outcome: Outcome, speed: float) -> dict[str, float]:
-    """Return the diagnostics of an outcome with velocities per a speed in m/s; the others as they are, times in s."""
+    """Return the diagnostics of an outcome as those of `Results`."""
     return {
         name: value / speed if _VELOCITY.fullmatch(name) and value is not None else value
         for name, value in outcome.diagnostics.items()

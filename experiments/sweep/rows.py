@@ -36,15 +36,7 @@ _LARGEST = 1e150
 
 @dataclass
 class Experiment:
-    """What every process of a run is given once.
-
-    Attributes
-    ----------
-    config : Config
-        The experiment; its first solver is the reference.
-    resolve : callable
-        Finds a solver by its name.
-    """
+    """What every process of a run is given once: the experiment, and what finds a solver by its name."""
 
     config: Config
     resolve: Resolve = get_solver
@@ -88,21 +80,9 @@ def solve_all(experiment: Experiment, block: Block) -> pa.Table:
 
 
 def solve_by(experiment: Experiment, name: str, block: Block, lost: Lost) -> pa.Table:
-    """Solve cells by one solver and compare it with the reference.
+    """Solve cells by one solver and compare it with the reference: a row for each cell, with the columns of a part.
 
-    Parameters
-    ----------
-    experiment : Experiment
-    name : str
-        Of the solver.
-    block : Block
-    lost : dict
-        Solvers that are not called for a cell, with the status and reason of that row.
-
-    Returns
-    -------
-    Table
-        A row for each cell, with the columns of a part.
+    Solvers are not called for cells that are lost to them.
     """
     try:
         model = experiment.models(block, lost)
@@ -170,20 +150,13 @@ def _columns(
 
 
 def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
-    """Fill in what needs the rows of several solvers: distances of limits, and ladders.
-
-    Parameters
-    ----------
-    rows : Table
-        Of every solver, by cell, then by solver.
-    """
-    names, layout = experiment.config.solvers, experiment.layout
+    """Fill in what needs the rows of several solvers, by cell, then by solver: distances of limits, and ladders."""
+    names = experiment.config.solvers
     per_cell = {name: np.arange(i, len(rows), len(names)) for i, name in enumerate(names)}
     columns: dict[str, Any] = {"limit_distance": _limit_distances(experiment, block, rows, per_cell)}
+    model = rows.take(per_cell[REFERENCE])
     engines = {name: rows.take(per_cell[name]) for name in laddered(experiment.config)}
-    for name, found in ladders(
-        experiment.config, block, rows.take(per_cell[REFERENCE]), engines, layout
-    ).items():
+    for name, found in ladders(experiment.config, block, model, engines).items():
         for key, values in found.items():
             scatter(columns, f"ladder_{key}", values, per_cell[name], len(rows))
     return _with(rows, columns)

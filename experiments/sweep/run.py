@@ -32,6 +32,7 @@ from impact_xval.experiments.tables.folder import (
     FORMAT,
     MANIFEST,
     RunFolder,
+    read_part,
     statuses_of,
     tables_lock,
     write_json,
@@ -69,7 +70,6 @@ def run_sweep(
     Parameters
     ----------
     config : Config
-        The experiment.
     root : Path
         The folder; new, empty, or that of the same experiment, which is continued from the parts that are there.
     workers : int, optional
@@ -89,10 +89,6 @@ def run_sweep(
         Finds a solver by its name; at the top level of a module.
     present : callable
         Given the folder once its tables are complete; the run is complete when it returns.
-
-    Returns
-    -------
-    RunFolder
 
     Raises
     ------
@@ -158,16 +154,18 @@ class _Run:
             folder.write_config(config)
         with tables_lock(folder):
             write_json(folder.root / MANIFEST, self._manifest("running"))
-        there, findings = folder.find_parts(self._mine, self._identity, self._experiment.layout)
-        for finding in findings:
-            self._progress(0, 0, finding)
+        there = set()
+        for number, path in folder.named_parts(self._mine, self._identity).items():
+            try:
+                self._on_rows(read_part(path, self._experiment.layout).select(MEDIAN_COLUMNS))
+                there.add(number)
+            except UserError:
+                self._progress(0, 0, f"part {number} is damaged: computed again")
         self._mine = [number for number in self._mine if number not in there]
         self._done, self._reused = sum(len(cells.chunk(number)) for number in there), len(there)
         if continued:
             line = f"resumed: {len(there)} of {len(there) + len(self._mine)} parts are there and whole"
             self._progress(self._done, self._total, line)
-        for path in there.values():
-            self._tell(path)
         self._stage("start")
 
     def solve(self, pool: Any) -> None:
@@ -175,13 +173,10 @@ class _Run:
         cells = self._cells
         for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
             self._keep(report)
-            self._tell(pa.BufferReader(report.data))
+            self._on_rows(pq.read_table(pa.BufferReader(report.data), columns=MEDIAN_COLUMNS))
             self._done += len(cells.chunk(report.number))
             self._progress(self._done, self._total, "")
         self._stage("solve")
-
-    def _tell(self, part: Any) -> None:
-        self._on_rows(pq.read_table(part, columns=MEDIAN_COLUMNS))
 
     def _keep(self, report: Report) -> None:
         ours, theirs = self._versions, report.versions

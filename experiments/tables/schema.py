@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,8 @@ Column = tuple[str, str, str]
 
 def columns(text: str) -> dict[str, Column]:
     """Read a list of columns: name, type, unit and meaning, two spaces between them."""
-    rows = (re.split(r"\s{2,}", line.strip(), maxsplit=3) for line in text.strip().splitlines())
+    lines = (line.strip() for line in text.splitlines() if line.strip())
+    rows = (re.split(r"\s{2,}", line, maxsplit=3) for line in lines)
     return {name: (kind, unit, " ".join(meaning.split())) for name, kind, unit, meaning in rows}
 
 
@@ -128,30 +130,22 @@ TABLES = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Cut:
-    """A table of a run: some columns of the rows of its parts, under their names there, of some rows.
+    """A table of a run, made of its parts: some columns, by their names there, of the rows that are kept.
 
-    Attributes
-    ----------
-    columns : dict of str to Column
-        By name in the table.
-    source : tuple of str
-        Their names in a part.
-    keep : Expression or None
-        Which rows.
-    text : bool
-        Whether it is written as CSV too.
+    With `text` it is written as CSV too.
     """
 
     columns: dict[str, Column]
     source: tuple[str, ...]
-    keep: pc.Expression | None
-    text: bool
-    schema: pa.Schema = field(init=False)
+    keep: pc.Expression | None = None
+    text: bool = True
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "schema", schema(self.columns))
+    @cached_property
+    def schema(self) -> pa.Schema:
+        """Of the table."""
+        return schema(self.columns)
 
     def of(self, rows: pa.Table) -> pa.Table:
         """Cut the table of some rows of parts; a run without engines has no columns of ladders."""
@@ -171,8 +165,6 @@ class Layout:
         Whether its cells are two balls on a table.
     balls, contacts : int
         Most of a cell.
-    parameters : tuple of str
-        Columns that a cell has whatever its solver.
     rows : Schema
         Of a part: everything known of one cell and solver.
     tables : dict of str to Cut
@@ -182,7 +174,6 @@ class Layout:
     pair: bool
     balls: int
     contacts: int
-    parameters: tuple[str, ...]
     rows: pa.Schema
     tables: dict[str, Cut]
 
