@@ -23,7 +23,7 @@ from impact_xval.experiments.sweep.rows import Experiment, settings_of
 from impact_xval.experiments.sweep.warmup import make_ready
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.parquet import replacing
-from impact_xval.experiments.tables.schema import PAIR, WHO, schema
+from impact_xval.experiments.tables.schema import PAIR, WHO, columns, schema
 from impact_xval.model.collision import RESULT_STATUSES
 
 FIGURE_CELL = "figure-cell"
@@ -36,55 +36,39 @@ _POINTS = 4000
 _STRAIGHT = 1e-3
 
 
-def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
-    return pa.field(name, kind, metadata={"unit": "-", "meaning": meaning})
-
-
-CURVES_SCHEMA = pa.schema(
-    [
-        _field("curve", pa.string(), "which collision"),
-        *schema({name: PAIR[name] for name in AXES} | {"solver": WHO["solver"]}),
-        _field(
-            "time", pa.float64(), "since first touch, per sqrt(m1/k1); of the model how long its forces take"
-        ),
-        _field("impulse1", pa.float64(), "ball-ball impulse so far, per m1 |v0|"),
-        _field("impulse2", pa.float64(), "ball-table impulse so far, per m1 |v0|"),
-        _field("state", pa.int64(), "1 to 4 for S1 to S4"),
-    ]
+CURVES_SCHEMA = schema(
+    {"curve": ("text", "-", "which collision")}
+    | {name: PAIR[name] for name in AXES}
+    | {"solver": WHO["solver"]}
+    | columns(
+        """
+        time      float  -  since first touch, per sqrt(m1/k1); of the model how long its forces take
+        impulse1  float  -  ball-ball impulse so far, per m1 |v0|
+        impulse2  float  -  ball-table impulse so far, per m1 |v0|
+        state     int    -  1 to 4 for S1 to S4
+        """
+    )
 )
 
-
 #: Of a run of columns: a row a solver.
-COLUMN_CURVES_SCHEMA = pa.schema(
-    [
-        _field("solver", pa.string(), "name of the solver"),
-        _field("status", pa.string(), "ok, limit, or why there is no result"),
-        _field("reason", pa.string(), "one sentence where the status is not ok"),
-        _field("velocities", pa.list_(pa.float64()), "final velocities per |v0|, ball 1 first"),
-        _field(
-            "time",
-            pa.list_(pa.float64()),
-            "since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))",
-        ),
-        _field("forces", pa.list_(pa.list_(pa.float64())), "of each contact, per m1 |v0| and that time"),
-    ]
+COLUMN_CURVES_SCHEMA = schema(
+    {name: WHO[name] for name in ("solver", "status", "reason")}
+    | columns(
+        """
+        velocities  floats  -  final velocities per |v0|, ball 1 first
+        time        floats  -  since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))
+        forces      lists   -  of each contact, per m1 |v0| and that time
+        """
+    )
 )
 
 
 def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
-    """Solve the cell, or the column, of the figures by every solver, and keep its curves.
-
-    Parameters
-    ----------
-    config : Config
-    folder : RunFolder
-    pool
-        As of `open_pool`.
-    """
+    """Solve the cell, or the column, of the figures by every solver, and keep its curves."""
     pair = config.column is None
-    schema, solve = (CURVES_SCHEMA, _curve) if pair else (COLUMN_CURVES_SCHEMA, _column_curve)
+    solve = _curve if pair else _column_curve
     calls = [pool.submit(_solved, solve, name, config.cell_timeout, pair) for name in config.solvers]
-    curves = pa.concat_tables([schema.empty_table(), *(call.result() for call in calls)])
+    curves = pa.concat_tables(call.result() for call in calls)
     with replacing(folder.root / CURVES) as temporary:
         pq.write_table(curves, temporary, compression="zstd")
 
@@ -159,16 +143,10 @@ def _curve(experiment: Experiment, name: str) -> pa.Table:
     if not max(np.abs(i1).max(), np.abs(i2).max()) <= LARGEST:  # nor has it a measure
         return CURVES_SCHEMA.empty_table()
     kept = thinned(i1, i2, path.state)
-    columns: dict[str, Any] = {
-        "curve": [FIGURE_CELL] * len(kept),
-        **{key: [value] * len(kept) for key, value in cell.model_dump().items()},
-        "solver": [name] * len(kept),
-        "time": path.time[kept] / collision.units.time,
-        "impulse1": i1[kept],
-        "impulse2": i2[kept],
-        "state": path.state[kept],
-    }
-    return pa.table(columns, schema=CURVES_SCHEMA)
+    same = {"curve": FIGURE_CELL, **cell.model_dump(), "solver": name}
+    found: dict[str, Any] = {key: [value] * len(kept) for key, value in same.items()}
+    found |= {"time": path.time[kept] / collision.units.time, "state": path.state[kept]}
+    return pa.table(found | {"impulse1": i1[kept], "impulse2": i2[kept]}, schema=CURVES_SCHEMA)
 
 
 def thinned(i1: np.ndarray, i2: np.ndarray, state: np.ndarray, points: int = _POINTS) -> np.ndarray:

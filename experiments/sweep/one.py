@@ -70,14 +70,9 @@ class SolversApart:
 
 @contextlib.contextmanager
 def solvers_apart(names: Sequence[str], *, columns: bool = False) -> Iterator[SolversApart]:
-    """Start a process, which imports solvers meanwhile; it is gone when the block ends.
+    """Start a process, which imports solvers meanwhile, for columns of N balls if so; it is gone when the block ends.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the solvers, legal or not; none for those that a run has by default.
-    columns : bool
-        Whether they are to solve columns of N balls.
+    Names may be illegal; none stand for the solvers that a run has by default.
     """
     legal = [name for name in solver_names(on_request=True) if name in names] or list(solver_names())
     with open_pool(None, 1) as pool:

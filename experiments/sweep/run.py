@@ -41,8 +41,6 @@ from impact_xval.experiments.tables.folder import (
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
-
-#: Given the rows of a chunk as soon as they are there.
 OnRows = Callable[[pa.Table], None]
 
 #: Number of a shard, from 1, and how many there are.
@@ -75,10 +73,9 @@ def run_sweep(
     workers : int, optional
         Processes on this machine, on which no result depends; by default the configuration's, else one a core.
     scheduler : str, optional
-        Address of a Dask scheduler; by default no Dask.
+        Address of a Dask scheduler.
     shard : tuple of int and int
-        Number of this shard, from 1, and how many there are: it computes its parts alone. Whichever finds all parts at
-        its end writes the tables.
+        It computes its parts alone; whichever finds all parts at its end writes the tables.
     isolate : bool
         False runs the solvers in this process: one that crashes ends the run.
     progress : callable
@@ -136,9 +133,8 @@ class _Run:
         progress: Progress,
         on_rows: OnRows,
     ) -> None:
-        self._experiment, self._cells, self._folder = experiment, cells, folder
+        self._experiment, self._cells, self._folder, self._shard = experiment, cells, folder, shard
         self._progress, self._on_rows = progress, on_rows
-        self._shard = shard
         self._mine = [n for n in van_der_corput(cells.chunks()) if n % shard[1] == shard[0] - 1]
         self._total = sum(len(cells.chunk(number)) for number in self._mine)
         self._done = self._reused = self._faults = 0
@@ -270,10 +266,9 @@ class _Run:
 
 
 def van_der_corput(count: int) -> Iterator[int]:
-    """Give the numbers below a count, each once, such that the first few of them lie all over the range.
+    """Give the numbers below a count such that the first few lie all over the range, as medians and time left need.
 
-    Cells are in the order of their stiffness ratios; medians so far and the time left then stand for all of them. It is
-    van der Corput's sequence (1935), the binary digits of 0, 1, 2 ... in the opposite order.
+    It is van der Corput's sequence (1935), the binary digits of 0, 1, 2 ... in the opposite order.
     """
     digits = (count - 1).bit_length()
     mirrored = (int(f"{place:0{digits}b}"[::-1], 2) for place in range(1 << digits))

@@ -290,11 +290,16 @@ def _held(path: Path) -> bool:
         return False
 
 
-def finished(root: Path) -> RunFolder:
-    """Return the folder of a run whose tables are complete, or a `UserError`; its report may be missing."""
+def run_folder(root: Path) -> RunFolder:
+    """Return the folder of a run, or a `UserError` where there is none."""
     if not root.is_dir():
         raise UserError(f"{root}: no such folder; legal: the folder of a run")
-    folder = RunFolder(root)
+    return RunFolder(root)
+
+
+def finished(root: Path) -> RunFolder:
+    """Return the folder of a run whose tables are complete, or a `UserError`; its report may be missing."""
+    folder = run_folder(root)
     if folder.manifest()["state"] not in FINISHED:
         command = f"impact-xval run --out {shlex.quote(str(root))}"
         raise UserError(f"{root}: the run is not finished; to continue: {command}")

@@ -115,7 +115,7 @@ def present(path: Path, name: str) -> np.ndarray:
 
 def codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
     """Read one column of text as the position of each entry among some values; -1 where it is none of them."""
-    known = selected(path, [name])[name].combine_chunks()
+    known = selected(path, [name])[name].combine_chunks().dictionary_encode()
     places = pd.Index(values).get_indexer(known.dictionary.to_pylist()).astype(np.int8)
     return np.append(places, np.int8(-1))[known.indices.fill_null(-1)]
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 _TYPES = {"int": pa.int64(), "float": pa.float64(), "text": pa.string(), "bool": pa.bool_()}
+_TYPES |= {"floats": pa.list_(pa.float64()), "lists": pa.list_(pa.list_(pa.float64()))}
 
 #: Type, unit ("-" is dimensionless) and meaning of a column.
 Column = tuple[str, str, str]

@@ -17,9 +17,10 @@ from impact_xval.experiments.measures import corners as of_corners
 from impact_xval.experiments.measures.corners import Corners, corner_names
 from impact_xval.experiments.measures.ladder import by_order, contributions_of, split
 from impact_xval.experiments.measures.ladder_rows import NO_LIMIT, Part, sentence
-from impact_xval.experiments.measures.ladder_summary import BAND, ladder_statistics, summarise_ladder
+from impact_xval.experiments.measures.ladder_summary import BAND, summarise_ladder
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.model import solve_batch
 from impact_xval.model.collision import Collisions
 from tests.experiments import fakes
@@ -315,7 +316,7 @@ def test_an_unconverged_engine_has_a_joined_contribution_that_no_statistic_count
     table = table.assign(**{name: known[name] for name in schema.names if name not in table})
     table["marked"] = table.marked.replace("", None)
     pq.write_table(pa.Table.from_pandas(table, schema), tmp_path / "ladder.parquet")
-    counted = ladder_statistics(tmp_path / "ladder.parquet", run.config())
+    counted = summarise_ladder(RunFolder(tmp_path), run.config()).statistics
     counted = counted[(counted.axis == "stiffness_ratio") & (counted.contribution == "mapping")]
     ok = table[(table.solver == "mujoco") & (table.status == "ok") & table.marked.isna()]
     assert dict(zip(counted.value, counted.n, strict=True)) == ok.groupby("stiffness_ratio").size().to_dict()
