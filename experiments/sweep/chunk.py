@@ -5,11 +5,11 @@ What crashes or hangs is found by halving (`process.in_halves`), and becomes row
 
 from __future__ import annotations
 
-import functools
 import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -22,7 +22,7 @@ from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.sweep.pool import Slot, in_flight
 from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
-from impact_xval.experiments.sweep.warmup import make_ready, stated
+from impact_xval.experiments.sweep.warmup import stated, warm
 from impact_xval.experiments.tables.folder import part_bytes
 
 #: Seconds for what follows the solvers of a chunk; not their limit, for these are references in closed form, and tables
@@ -74,12 +74,11 @@ class Chunk:
         if reason is not None:
             self._lost |= {(name, cell): ("unavailable", reason) for cell in self._cells.index.tolist()}
             return [self._without(name, slice(0, len(self._cells)))]
-        rows, failed = functools.partial(self._rows, name), functools.partial(self._failed, name)
-        return in_halves(rows, len(self._cells), failed)
+        return in_halves(partial(self._rows, name), len(self._cells), partial(self._failed, name))
 
     def _rows(self, name: str, place: slice) -> pa.Table:
         experiment: Experiment = self._slot.context
-        make_ready(self._slot, experiment.resolve, name, pair=experiment.layout.pair)
+        self._slot.prepare(name, warm, experiment.resolve, name, experiment.layout.pair)
         start, limit = time.perf_counter(), self._config.cell_timeout
         try:
             return self._slot.call(name, solve_by, name, self._cells[place], self._lost, timeout=limit)
@@ -96,13 +95,13 @@ class Chunk:
     def _without(self, name: str, place: slice) -> pa.Table:
         """Rows of cells that are lost to a solver, by our process: it asks that solver nothing."""
 
-        def call(_: slice) -> pa.Table:
-            return self._slot.call(None, solve_by, name, self._cells[place], self._lost, timeout=_TO_COMPLETE)
-
         def give_up(_: slice, fault: FaultError) -> pa.Table:
             raise WorkerError(f"cells {self._cells.index[place]}, outside of every solver: {fault.reason}")
 
-        return in_halves(call, 1, give_up)[0]
+        asked = name, self._cells[place], self._lost
+        return in_halves(lambda _: self._slot.call(None, solve_by, *asked, timeout=_TO_COMPLETE), 1, give_up)[
+            0
+        ]
 
     def completed(self, rows: pa.Table) -> list[pa.Table]:
         """Add to rows, by cell, what needs several solvers; a cell for which that fails has no ladder."""

@@ -20,7 +20,7 @@ from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.sweep.process import FaultError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, settings_of
-from impact_xval.experiments.sweep.warmup import make_ready
+from impact_xval.experiments.sweep.warmup import warm
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.experiments.tables.schema import PAIR, WHO, columns, schema
@@ -77,7 +77,7 @@ def _solved(slot: Slot, solve: Any, name: str, timeout: float, pair: bool) -> pa
     """Have the curves of a solver computed in its process; of one that fails a column's row says so."""
 
     def call(_: slice) -> pa.Table:
-        make_ready(slot, slot.context.resolve, name, pair=pair)
+        slot.prepare(name, warm, slot.context.resolve, name, pair)
         return slot.call(name, solve, name, timeout=timeout)
 
     def lost(_: slice, fault: FaultError) -> pa.Table:

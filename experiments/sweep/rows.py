@@ -16,11 +16,18 @@ from impact_xval.compliant_baselines.answers import answer, said
 from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.measures.divergence import divergence, retained_energy, retained_momentum
+from impact_xval.experiments.measures.divergence import (
+    Floats,
+    Results,
+    divergence,
+    masses_and_starts,
+    results_of,
+    retained_energy,
+    retained_momentum,
+)
 from impact_xval.experiments.measures.ladder_rows import failed_ladders, ladders, scatter
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.layout import laddered, layout_of
-from impact_xval.experiments.measures.results import Floats, Results, masses_and_starts, results_of
 from impact_xval.experiments.tables.schema import Layout, to_table
 from impact_xval.model.collision import Collisions, Outcome, Status
 
@@ -226,6 +233,7 @@ def shortest_periods(block: Block) -> Floats:
 
 def settings_of(config: Config, *, paths: bool = True) -> Settings:
     """Return the settings of every solver of an experiment; outcomes carry their paths, if asked for."""
+    how = config.convergence
     return Settings(
         scenario=config.scenario,
         gravity=config.gravity,
@@ -237,7 +245,5 @@ def settings_of(config: Config, *, paths: bool = True) -> Settings:
         mark=config.measures == "all",
         stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
         grazing_threshold=config.grazing_threshold,
-        convergence=Convergence(config.convergence.tolerance, config.convergence.halvings)
-        if config.convergence.enabled
-        else None,
+        convergence=Convergence(how.tolerance, how.halvings) if how.enabled else None,
     )

@@ -10,7 +10,6 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures import corners as of_corners
@@ -369,16 +368,6 @@ def test_a_cell_is_marked_where_a_corner_of_its_ladder_jumps():
     first, second = corners(velocities(solve_batch(*cells)), cells, number).mark
     assert first == "ladder: frozen bistiffness with gravity jumps where a parameter changes by 0.004 or less"
     assert second == ""
-
-
-@IN_A_DROP
-def test_the_command_shows_a_run_and_a_cell(run, capsys):
-    assert main(["show", str(run.root)]) == 0
-    assert "What the mean D of each engine consists of" in capsys.readouterr().out
-    assert main(["show", str(run.root), "--cell", "0"]) == 0
-    assert "by order" in capsys.readouterr().out
-    assert main(["show", str(run.root), "--cell", "999"]) == 2
-    assert "--cell = 999" in capsys.readouterr().err
 
 
 def test_a_sentence_claims_most_only_if_every_order_agrees():
