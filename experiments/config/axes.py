@@ -60,9 +60,8 @@ def _check_ends(legal: Legal, spacing: dict[str, Any], lo: Any, hi: Any) -> None
     if not lo < hi < math.inf:
         raise ValueError(f"{short(spacing)}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite")
     if "log" in spacing and not (lo > 0 and math.isfinite(hi / lo)):
-        raise ValueError(
-            f"{short(spacing)}: lo = {lo!r}; legal: lo > 0 and hi/lo finite on a logarithmic axis"
-        )
+        ends = "lo > 0 and hi/lo finite on a logarithmic axis"
+        raise ValueError(f"{short(spacing)}: lo = {lo!r}; legal: {ends}")
 
 
 def _legal_axis(value: Any, info: ValidationInfo) -> Any:
@@ -114,10 +113,8 @@ def expand_axis(axis: Axis) -> list[float]:
     if kind == "linear":
         return np.linspace(lo, hi, int(n)).tolist()
     # Fourteen digits make the round values of a logarithmic axis round again (0.1, not 0.09999999999999999).
-    values = np.geomspace(lo, hi, int(n))
-    digits = 13 - np.floor(np.log10(values)).astype(int)
-    inner = [round(value, places) for value, places in zip(values.tolist(), digits.tolist(), strict=True)]
-    return [float(lo), *inner[1:-1], float(hi)]
+    inner = [float(f"{value:.14g}") for value in np.geomspace(lo, hi, int(n))[1:-1]]
+    return [float(lo), *inner, float(hi)]
 
 
 class Strict(BaseModel):

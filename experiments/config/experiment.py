@@ -135,7 +135,7 @@ class Config(Strict):
     chunk_size: int | None = whole(None, 1, 100_000, " (cells)")
     workers: int | None = whole(None, 1, 4096)
     grid: Grid = table(Grid)
-    sample: Sample | None = Field(None, description="a table: method, n, seed and ranges")
+    sample: Sample | None = Field(None, description="a table: n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
     column: ColumnTable | None = Field(None, description=f"a table: {', '.join(ColumnTable.model_fields)}")
     convergence: ConvergenceTable = table(ConvergenceTable)

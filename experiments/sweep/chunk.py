@@ -24,12 +24,15 @@ from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_ha
 from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
 from impact_xval.experiments.sweep.warmup import stated, warm
 from impact_xval.experiments.tables.folder import part_bytes
+from impact_xval.model.collision import Status
 
 #: Seconds for what follows the solvers of a chunk; not their limit, for these are references in closed form, and tables
 #: must not depend on how busy a machine is.
 _TO_COMPLETE = 600.0
 
 Versions = dict[str, str]
+#: In the place of a version; why not follows.
+UNAVAILABLE = "unavailable: "
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,7 @@ def solve_chunk(slot: Slot, number: int, block: Block) -> Report:
     rows = pa.concat_tables([part for name in names for part in chunk.solved_by(name)])
     by_cell = np.arange(len(rows)).reshape(len(names), -1).T.ravel()
     rows = pa.concat_tables(chunk.completed(rows.take(by_cell)))
-    return Report(number, part_bytes(rows), dict(chunk.seconds), solver_versions(slot), chunk.faults)
+    return Report(number, part_bytes(rows), dict(chunk.seconds), slot.once(solver_versions), chunk.faults)
 
 
 class Chunk:
@@ -70,9 +73,10 @@ class Chunk:
 
     def solved_by(self, name: str) -> list[pa.Table]:
         """Rows of a solver, in pieces: where it dies, without an answer."""
-        _, reason = self._slot.once(_stated)[name]
-        if reason is not None:
-            self._lost |= {(name, cell): ("unavailable", reason) for cell in self._cells.index.tolist()}
+        said = self._slot.once(solver_versions)[name]
+        if said.startswith(UNAVAILABLE):
+            why: tuple[Status, str] = "unavailable", said.removeprefix(UNAVAILABLE)
+            self._lost |= {(name, cell): why for cell in self._cells.index.tolist()}
             return [self._without(name, slice(0, len(self._cells)))]
         return in_halves(partial(self._rows, name), len(self._cells), partial(self._failed, name))
 
@@ -98,10 +102,10 @@ class Chunk:
         def give_up(_: slice, fault: FaultError) -> pa.Table:
             raise WorkerError(f"cells {self._cells.index[place]}, outside of every solver: {fault.reason}")
 
-        asked = name, self._cells[place], self._lost
-        return in_halves(lambda _: self._slot.call(None, solve_by, *asked, timeout=_TO_COMPLETE), 1, give_up)[
-            0
-        ]
+        def call(_: slice) -> pa.Table:
+            return self._slot.call(None, solve_by, name, self._cells[place], self._lost, timeout=_TO_COMPLETE)
+
+        return in_halves(call, 1, give_up)[0]
 
     def completed(self, rows: pa.Table) -> list[pa.Table]:
         """Add to rows, by cell, what needs several solvers; a cell for which that fails has no ladder."""
@@ -125,12 +129,9 @@ class Chunk:
 
 def solver_versions(slot: Slot) -> Versions:
     """Versions of the project and of every solver; why not, for one that is unavailable."""
-    found = slot.once(_stated).items()
-    return {"impact-xval": version("impact-xval")} | {
-        name: said if reason is None else f"unavailable: {reason}" for name, (said, reason) in found
-    }
-
-
-def _stated(slot: Slot) -> dict[str, tuple[str, str | None]]:
     experiment: Experiment = slot.context
-    return {name: stated(slot, experiment.resolve, name) for name in experiment.config.solvers}
+    found = {"impact-xval": version("impact-xval")}
+    for name in experiment.config.solvers:
+        said, reason = stated(slot, experiment.resolve, name)
+        found[name] = said if reason is None else UNAVAILABLE + reason
+    return found

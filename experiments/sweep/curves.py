@@ -29,9 +29,6 @@ from impact_xval.model.collision import RESULT_STATUSES
 FIGURE_CELL = "figure-cell"
 CURVES = "curves.parquet"
 
-#: Points kept of a curve, enough to draw it.
-_POINTS = 4000
-
 #: How far a force may be from the straight lines it is drawn by, over the largest one: less than a pen is wide.
 _STRAIGHT = 1e-3
 
@@ -142,18 +139,7 @@ def _curve(experiment: Experiment, name: str) -> pa.Table:
     i1, i2 = path.impulse1 / unit, path.impulse2 / unit
     if not max(np.abs(i1).max(), np.abs(i2).max()) <= LARGEST:  # nor has it a measure
         return CURVES_SCHEMA.empty_table()
-    kept = thinned(i1, i2, path.state)
     same = {"curve": FIGURE_CELL, **cell.model_dump(), "solver": name}
-    found: dict[str, Any] = {key: [value] * len(kept) for key, value in same.items()}
-    found |= {"time": path.time[kept] / collision.units.time, "state": path.state[kept]}
-    return pa.table(found | {"impulse1": i1[kept], "impulse2": i2[kept]}, schema=CURVES_SCHEMA)
-
-
-def thinned(i1: np.ndarray, i2: np.ndarray, state: np.ndarray, points: int = _POINTS) -> np.ndarray:
-    """Pick points about evenly spaced along the curve, its ends and every change of state among them."""
-    if len(i1) <= points:
-        return np.arange(len(i1))
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(i1), np.diff(i2)))])
-    even = np.searchsorted(length, np.linspace(0, length[-1], points)).clip(max=len(i1) - 1)
-    change = np.flatnonzero(np.diff(state))
-    return np.unique(np.concatenate([[0, len(i1) - 1], even, change, change + 1]))
+    found: dict[str, Any] = {key: [value] * len(i1) for key, value in same.items()}
+    found |= {"time": path.time / collision.units.time, "impulse1": i1, "impulse2": i2, "state": path.state}
+    return pa.table(found, schema=CURVES_SCHEMA)

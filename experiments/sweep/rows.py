@@ -56,19 +56,15 @@ class Experiment:
 
     def results(self, name: str, block: Block, lost: Lost) -> Results:
         """Solve cells by a solver; those that are lost to it are failures."""
-        known = {i: lost[name, cell] for i, cell in enumerate(block.index.tolist()) if (name, cell) in lost}
-        asked: Any = (
-            [c for i, c in enumerate(block.collisions) if i not in known] if known else block.collisions
-        )
+        why, asked = [lost.get((name, cell)) for cell in block.index.tolist()], block.collisions
+        if any(why):
+            asked = [c for c, failed in zip(block.collisions, why, strict=True) if not failed]
         outcomes = []
         if len(asked):  # a solver that is lost to all cells is not asked what it is either
             outcomes = answer(self.resolve(name), asked, settings_of(self.config, paths=self.layout.pair))
-        if known:
-            found = iter(outcomes)
-            outcomes = [
-                Outcome.failure(name, c, *known[i]) if i in known else next(found)
-                for i, c in enumerate(block.collisions)
-            ]
+        if any(why):
+            rest, cells = iter(outcomes), zip(block.collisions, why, strict=True)
+            outcomes = [Outcome.failure(name, c, *failed) if failed else next(rest) for c, failed in cells]
         paths = self.layout.pair and self.config.measures == "all"
         shortest = self.config.shortest_state * shortest_periods(block) if paths else None
         return results_of(outcomes, _speeds(block), self.layout.balls, self.layout.contacts, shortest)
@@ -225,7 +221,8 @@ def _speeds(block: Block) -> Floats:
 
 def shortest_periods(block: Block) -> Floats:
     """Shorter contact period of two balls on a table, in s: 0 of a rigid contact, infinite without stiffness."""
-    m, k = Collisions.of(block.collisions).masses, Collisions.of(block.collisions).stiffnesses
+    some = Collisions.of(block.collisions)
+    m, k = some.masses, some.stiffnesses
     with np.errstate(divide="ignore", over="ignore"):
         rates = k / np.column_stack([1 / (1 / m[:, 0] + 1 / m[:, 1]), m[:, 1]])
         return 2 * np.pi / np.sqrt(rates.max(axis=1))

@@ -22,9 +22,9 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.cells import Cells, experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.sweep.chunk import Report, Versions, solve_chunks, solver_versions
+from impact_xval.experiments.sweep.chunk import UNAVAILABLE, Report, Versions, solve_chunks, solver_versions
 from impact_xval.experiments.sweep.curves import write_curves
-from impact_xval.experiments.sweep.pool import available_cores, open_pool
+from impact_xval.experiments.sweep.pool import Slot, available_cores, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS
@@ -100,7 +100,7 @@ def run_sweep(
         run = _Run(experiment, cells, folder, shard, progress, on_rows)
         how = {"scheduler": scheduler, "isolate": isolate, "say": say, "log": folder.root / LOG}
         with open_pool(experiment, min(workers, cells.chunks()), **how) as pool:
-            run.begin(pool.here(solver_versions), continued)
+            run.begin(pool.here(Slot.once, solver_versions), continued)
             run.solve(pool)
             run.curves(pool)
         run.finish({"where": scheduler or "this machine", "workers": workers}, present)
@@ -277,7 +277,7 @@ def van_der_corput(count: int) -> Iterator[int]:
 
 def _same_version(ours: str, theirs: str) -> bool:
     """Whether rows of a solver are the same by both; the reason of one that is unavailable may have other words."""
-    return ours == theirs or (ours.startswith("unavailable") and theirs.startswith("unavailable"))
+    return ours == theirs or (ours.startswith(UNAVAILABLE) and theirs.startswith(UNAVAILABLE))
 
 
 def _identity(experiment: Experiment, cells: Cells, versions: Versions) -> str:

@@ -38,26 +38,15 @@ class SolverChanges:
     divergence: float
 
 
-@dataclass(frozen=True, slots=True)
-class Moved:
-    """A row that moved; changes are infinite where one run alone has a number, 0 where neither has."""
-
-    cell: int
-    solver: str
-    status_a: str
-    status_b: str
-    velocity: float
-    divergence: float
-
-
 @dataclass(slots=True)
 class Comparison:
     """What moved between two runs: changes above a tolerance, by solver in the order of the first run.
 
     Attributes
     ----------
-    worst : list of Moved
-        The worst rows, the worst first, at most `LISTED`.
+    worst : list of named tuples
+        The worst rows, the worst first, at most `LISTED`: ``cell, solver, status_a, status_b, velocity, divergence``;
+        changes are infinite where one run alone has a number, 0 where neither has.
     alone : list of str
         Solvers that one run alone has; nothing is compared of them.
     settings, versions : dict
@@ -66,7 +55,7 @@ class Comparison:
 
     tolerance: float
     solvers: dict[str, SolverChanges]
-    worst: list[Moved]
+    worst: list[Any]
     alone: list[str]
     settings: dict[str, tuple[str, str]]
     versions: dict[str, tuple[str, str]]
@@ -110,7 +99,7 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
             name: SolverChanges(int(c.n), int(c.moved), int(c.other), float(c.velocity), float(c.divergence))
             for name, c in counts.loc[both].iterrows()
         },
-        worst=[Moved(*row) for row in worst[shown].head(LISTED).itertuples(index=False)],
+        worst=list(worst[shown].head(LISTED).itertuples(index=False)),
         alone=sorted(here ^ there),
         settings=_differing(own, plain[1]),
         versions=_differing(manifests[0]["versions"], manifests[1]["versions"]),
