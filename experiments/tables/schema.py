@@ -124,12 +124,6 @@ MODEL = columns(
 #: Measured of two balls on a table alone.
 OF_TWO = re.compile(r"(model_)?states(_\w+)?|curve_distance|gravity_number")
 
-#: Names of the finished tables.
-TABLES = (
-    *("cells.parquet", "divergence.parquet", "divergence.csv"),
-    *("curves.parquet", "ladder.parquet", "ladder.csv"),
-)
-
 
 @dataclass(frozen=True, eq=False)
 class Cut:
