@@ -36,6 +36,7 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[sample]\ne1 = [0, 1]", ["sample.e1 = [0, 1]", "a number, {log = [lo, hi]}"]),
         ("[sample]\ne1 = {linear = [0, 1, 3]}", ["sample.e1", "[0, 1, 3]", "{linear = [lo, hi]}"]),
         ("[sample]\ne1 = {log = [0, 1]}", ["sample.e1", "lo = 0", "lo > 0"]),
+        ("[sample]\nstiffness_ratio = {log = [1e-300, 1e300]}", ["sample.stiffness_ratio", "hi/lo finite"]),
     ],
     "columns": [
         ("[grid]\n[column]", ["grid and column are given", "legal: one of grid, sample, cells, column"]),
