@@ -82,7 +82,7 @@ class Compared:
 
     def objects(self) -> list[dict[str, Any]]:
         """Return a JSON object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
-        from impact_xval.experiments.measures.results import scaled_diagnostics
+        from impact_xval.experiments.measures.divergence import scaled_diagnostics
 
         away, found = self.divergences, []
         for name, outcome in self.outcomes.items():

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +59,9 @@ def _check_ends(legal: Legal, spacing: dict[str, Any], lo: Any, hi: Any) -> None
     _check_values(legal, [lo, hi])
     if not lo < hi < math.inf:
         raise ValueError(f"{short(spacing)}: lo = {lo!r}, hi = {hi!r}; legal: lo < hi, both finite")
-    if "log" in spacing and lo <= 0:
-        raise ValueError(f"{short(spacing)}: lo = {lo!r}; legal: lo > 0 on a logarithmic axis")
+    if "log" in spacing and not (lo > 0 and math.isfinite(hi / lo)):
+        ends = "lo > 0 and hi/lo finite on a logarithmic axis"
+        raise ValueError(f"{short(spacing)}: lo = {lo!r}; legal: {ends}")
 
 
 def _legal_axis(value: Any, info: ValidationInfo) -> Any:
@@ -79,9 +79,9 @@ def _legal_axis(value: Any, info: ValidationInfo) -> Any:
             value = [value]
     values = expand_axis(value) if isinstance(value, dict) else value
     _check_values(legal, values)
-    ((most, times),) = Counter(values).most_common(1)
-    if times > 1:
-        raise ValueError(f"{short(value)} holds {most!r} more than once; legal: each value once")
+    if len(set(values)) < len(values):
+        twice = next(each for each in values if values.count(each) > 1)
+        raise ValueError(f"{short(value)} holds {twice!r} more than once; legal: each value once")
     return value
 
 
@@ -113,10 +113,8 @@ def expand_axis(axis: Axis) -> list[float]:
     if kind == "linear":
         return np.linspace(lo, hi, int(n)).tolist()
     # Fourteen digits make the round values of a logarithmic axis round again (0.1, not 0.09999999999999999).
-    values = np.geomspace(lo, hi, int(n))
-    digits = 13 - np.floor(np.log10(values)).astype(int)
-    inner = [round(value, places) for value, places in zip(values.tolist(), digits.tolist(), strict=True)]
-    return [float(lo), *inner[1:-1], float(hi)]
+    inner = [float(f"{value:.14g}") for value in np.geomspace(lo, hi, int(n))[1:-1]]
+    return [float(lo), *inner, float(hi)]
 
 
 class Strict(BaseModel):
@@ -170,20 +168,17 @@ def table(model: type[BaseModel]) -> Any:
 
 
 class Sample(Strict):
-    """Cells drawn from a box: each parameter a number, or a range taken evenly or evenly in its logarithm."""
+    """Cells drawn from a box by a Sobol sequence: each parameter a number, or a range, even in it or its logarithm."""
 
     stiffness_ratio: Range = Field(default={"log": [1e-3, 1e3]})
     mass_ratio: Range = Field(default={"log": [0.5, 2.0]})
     e1: Range = Field(default={"linear": [0.5, 1.0]})
     e2: Range = Field(default={"linear": [0.5, 1.0]})
-    method: Literal["sobol", "latin-hypercube", "random"] = Field(
-        "sobol", description="'sobol', 'latin-hypercube' or 'random'"
-    )
     n: int = whole(1024, 1, MAX_CELLS, " (cells)")
     seed: int = Field(0, ge=0, le=2**63 - 1, description="a whole number >= 0")
 
     def ends(self) -> dict[str, list[float]]:
-        """Least and greatest value of every parameter, in the order of a grid's axes; of a number only itself."""
+        """Least and greatest value of every parameter; of a number only itself."""
         ranges = ((name, getattr(self, name)) for name in AXES)
         return {
             name: [float(end) for end in (next(iter(r.values())) if isinstance(r, dict) else [r])]
@@ -195,18 +190,7 @@ class Sample(Strict):
         return [name for name in AXES if isinstance(getattr(self, name), dict)]
 
     def place(self, unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Place points of the unit cube in the box.
-
-        Parameters
-        ----------
-        unit : ndarray, shape (n, d)
-            A column for each free parameter, from 0 to 1.
-
-        Returns
-        -------
-        ndarray, shape (n, 4)
-            Stiffness ratio, mass ratio, e1, e2.
-        """
+        """Place points of the unit cube, a column for each free parameter, in the box; shape (n, 4)."""
         columns = iter(unit.T)
         placed = np.empty((len(unit), len(AXES)))
         for i, (name, ends) in enumerate(self.ends().items()):
@@ -215,14 +199,6 @@ class Sample(Strict):
                 continue
             lo, hi = ends
             u = next(columns)
-            inside = _between(lo, hi, u) if "log" in getattr(self, name) else lo + (hi - lo) * u
+            inside = lo * (hi / lo) ** u if "log" in getattr(self, name) else lo + (hi - lo) * u
             placed[:, i] = np.clip(inside, lo, hi)
         return placed
-
-
-def _between(lo: float, hi: float, u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Place shares of the way from lo to hi evenly in the logarithm."""
-    if math.isfinite(hi / lo):
-        return lo * (hi / lo) ** u
-    # Logarithms round otherwise than the quotient, whose digits are in the identity of every sampled run.
-    return np.exp(math.log(lo) + u * (math.log(hi) - math.log(lo)))

@@ -38,17 +38,9 @@ _Values = Callable[[range], dict[str, NDArray[Any]]]
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Some cells.
+    """Some cells: their numbers in the experiment, their columns of `schema.PAIR` or `schema.LINE`, and what is solved.
 
-    Attributes
-    ----------
-    index : ndarray, shape (n,)
-        Their numbers in the experiment, from 0.
-    parameters : dict of str to ndarray, shape (n,)
-        Of two balls the four ratios (`AXES`), m1, m2, k1, k2 and v0. Of columns arrangement (texts), balls (whole
-        numbers), the other axes of a `ColumnTable` (strike is NaN but of a cradle), m1, k1 and v0.
-    collisions : sequence of Collision
-        In kg, N/m^p and m/s; a `Collisions` where all are of one kind.
+    The collisions are a `Collisions` where all are of one kind.
     """
 
     index: NDArray[np.int64]
@@ -66,11 +58,12 @@ class Block:
 class Cells:
     """The cells of an experiment, in order, and their chunks.
 
-    `values` gives the ratios, or the axes of columns, of a range of the `count` cells.
+    `values` gives the ratios, or the axes of columns, of a range of the `count` cells; `digest` is the SHA-256 of those
+    that are listed, to the last bit.
     """
 
-    def __init__(self, config: Config, count: int, values: _Values) -> None:
-        self._config, self._count, self._values = config, count, values
+    def __init__(self, config: Config, count: int, values: _Values, digest: str = "") -> None:
+        self._config, self._count, self._values, self.digest = config, count, values, digest
 
     def __len__(self) -> int:
         return self._count
@@ -85,14 +78,6 @@ class Cells:
         if not 0 <= index < len(self):
             raise IndexError(f"cell {index} of {len(self)}")
         return self.block(range(index, index + 1)).collisions[0]
-
-    def digest(self, indices: range) -> str:
-        """SHA-256 of the parameters of some cells, to the last bit."""
-        found = hashlib.sha256(f"{indices.start} ".encode())
-        for values in self._values(indices).values():
-            texts = values.dtype == object
-            found.update(" ".join(values).encode() if texts else values.astype("<f8").tobytes())
-        return found.hexdigest()
 
     @property
     def chunk_size(self) -> int:
@@ -115,13 +100,7 @@ class Cells:
 
 
 def experiment_cells(config: Config) -> Cells:
-    """Return the cells of an experiment of any kind.
-
-    Raises
-    ------
-    UserError
-        If they are in a file that cannot be read, or holds anything illegal.
-    """
+    """Return the cells of an experiment of any kind; a `UserError` says what is wrong with a file of them."""
     if config.column is not None:
         return Cells(config, config.column.count(), _of_columns(config.column))
     if config.sample is not None:
@@ -142,7 +121,7 @@ def listed(config: Config, values: NDArray[np.float64]) -> Cells:
     def of(indices: range) -> dict[str, NDArray[Any]]:
         return dict(zip(AXES, values[indices.start : indices.stop].T, strict=True))
 
-    return Cells(config, len(values), of)
+    return Cells(config, len(values), of, hashlib.sha256(values.tobytes()).hexdigest())
 
 
 def collision_of(config: Config, cell: Cell) -> Collision:
@@ -154,8 +133,7 @@ def collision_of(config: Config, cell: Cell) -> Collision:
 def _of_grid(axes: dict[str, list[float]]) -> _Values:
     """Go through axes, the last fastest.
 
-    Stiffness ratios (or numbers of balls) vary slowest, so that neighbouring cells need about the same number of steps,
-    and an engine that runs them side by side wastes little.
+    Stiffness ratios (or numbers of balls) vary slowest, so that neighbouring cells need about the same number of steps.
     """
     arrays = {name: np.array(axis) for name, axis in axes.items()}
     shape = tuple(map(len, arrays.values()))
@@ -210,37 +188,20 @@ def _columns(
 
 
 def draw(sample: Sample) -> NDArray[np.float64]:
-    """Draw cells from a box: Sobol points (scrambled), a Latin hypercube, or independent ones.
-
-    Points of a Sobol sequence spread best where their number is a power of two; other numbers are its
-    beginning.
-
-    Returns
-    -------
-    ndarray, shape (n, 4)
-        Stiffness ratio, mass ratio, e1, e2; the same for the same seed.
-    """
+    """Draw cells from a box, shape (n, 4): scrambled Sobol points, the beginning of a power of two of them."""
     from scipy.stats import qmc
 
     n, d = sample.n, len(sample.free())
-    if d == 0:
-        unit = np.empty((n, 0))
-    elif sample.method == "sobol":
+    unit = np.empty((n, 0))
+    if d:
         unit = qmc.Sobol(d, rng=sample.seed).random_base2(math.ceil(math.log2(n)))[:n]
-    elif sample.method == "latin-hypercube":
-        unit = qmc.LatinHypercube(d, rng=sample.seed).random(n)
-    else:
-        unit = np.random.default_rng(sample.seed).random((n, d))
     return sample.place(unit)
 
 
 def read_cells(path: Path) -> NDArray[np.float64]:
     """Read cells from a file, one a row; columns other than those of `AXES` are ignored.
 
-    Raises
-    ------
-    UserError
-        One line with the file, the column, the row (from 1, a header not counted) and what is legal.
+    A `UserError` names the file, the column, the row (from 1, a header not counted) and what is legal.
     """
     table = _read(path)
     missing = [name for name in AXES if name not in table.column_names]

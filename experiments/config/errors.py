@@ -29,14 +29,11 @@ class _OneLineError(Exception):
 
 
 class UserError(_OneLineError):
-    """What the user asked for cannot be done; the message is one line that says what and where.
-
-    The command line prints it without a traceback and ends with exit code 2.
-    """
+    """What the user asked for cannot be done; the command line prints the line and ends with exit code 2."""
 
 
 class InterruptedRunError(_OneLineError):
-    """The run was stopped before its end; what is done is kept. The message is one line."""
+    """The run was stopped before its end; what is done is kept."""
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:
@@ -57,23 +54,9 @@ def dotted(parts: Sequence[str | int]) -> str:
 
 
 def validated(model: type[_Model], data: dict[str, Any], where: str, name: FieldName = dotted) -> _Model:
-    """Validate a configuration given as plain values.
+    """Validate plain values; a `UserError` tells the first mistake and counts the others.
 
-    Parameters
-    ----------
-    model : type
-        The configuration; what a field may be is its description.
-    data : dict
-        As a TOML file holds it.
-    where : str
-        What an error begins with; the empty text leaves it out.
-    name : callable
-        How an error names a field.
-
-    Raises
-    ------
-    UserError
-        If anything is illegal; of several mistakes the first is told, and the others are counted.
+    The line begins with `where`, if it is not empty, and names fields by `name`; what is legal is their description.
     """
     from pydantic import ValidationError  # the commands that read no table start without it
 
@@ -95,9 +78,6 @@ def _one_line(problem: Any, model: type[BaseModel], name: FieldName) -> str:
             inside = _fields(inside[key].annotation)
     match problem["type"]:
         case "extra_forbidden":
-            instead = getattr(model, "replaced", {}).get(field)
-            if instead is not None:
-                return f"{field} = {value}: {instead}"
             return f"{field} = {value}: unknown key{hint(str(location[-1]), [*inside])}; legal: {', '.join(inside)}"
         case "missing":
             return f"{field}: missing; legal: {legal}"

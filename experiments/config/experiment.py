@@ -1,7 +1,6 @@
 """An experiment as a validated TOML file.
 
-Every key has a default, so an empty file is the built-in experiment. An illegal file gives one line that
-names the file, the field, the value and what is legal (`load_config`, which raises `UserError`).
+Every key has a default, so an empty file is the built-in experiment.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ import hashlib
 import json
 import math
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -110,12 +109,6 @@ class ConvergenceTable(Strict):
 class Config(Strict):
     """An experiment: what is computed, by which solvers and how."""
 
-    #: Keys of earlier versions, and what there is instead.
-    replaced: ClassVar[dict[str, str]] = {
-        "min_run": "of version 0.2.0; legal: shortest_state, a share of the shorter contact period "
-        "(3 steps of 0.001: 0.0025); a run that has it must be computed again, in another folder"
-    }
-
     name: str = Field("default", description=_NAME)
     scenario: Literal["impact", "drop"] = Field("drop", description="'impact' or 'drop'")
     gravity: float = positive(9.81, "m/s^2")
@@ -142,7 +135,7 @@ class Config(Strict):
     chunk_size: int | None = whole(None, 1, 100_000, " (cells)")
     workers: int | None = whole(None, 1, 4096)
     grid: Grid = table(Grid)
-    sample: Sample | None = Field(None, description="a table: method, n, seed and ranges")
+    sample: Sample | None = Field(None, description="a table: n, seed and ranges")
     cells: str | None = Field(None, min_length=1, description="the path of a CSV or Parquet file")
     column: ColumnTable | None = Field(None, description=f"a table: {', '.join(ColumnTable.model_fields)}")
     convergence: ConvergenceTable = table(ConvergenceTable)
@@ -218,10 +211,7 @@ class Config(Strict):
         return self
 
     def beyond_precision(self, stiffness_ratios: ArrayLike, mass_ratios: ArrayLike) -> tuple[int, str] | None:
-        """Find the place of a ratio with which a number of a cell leaves double precision, and say so.
-
-        Both are one-dimensional: of the cells of a list, or all values that cells have.
-        """
+        """Find the place of a ratio with which a number of a cell leaves double precision, and say so."""
         k, m = np.asarray(stiffness_ratios, float), np.asarray(mass_ratios, float)
         v0 = np.array([self.v0])
         with np.errstate(over="ignore", under="ignore"):
@@ -251,16 +241,14 @@ class Config(Strict):
             return self.gravity / (abs(self.v0) * np.sqrt(self.k1 / reduced_mass))
 
     def _stated(self) -> dict[str, Any]:
-        """Return the configuration as a file holds it, None where nothing is given."""
-        of_others = {"column", "figure_column"} if self.column is None else {"grid", "figure_cell", "gravity"}
+        """Return the configuration as a file holds it."""
+        tied: dict[str, Any] = {} if self.grid.e is None else {"grid": {"e1", "e2"}}
+        of_others = {"figure_column"} if self.column is None else {"grid", "figure_cell", "gravity"}
         if self.sample is not None or self.cells is not None:
             of_others.add("grid")
         if self.scenario == "impact":
             of_others.add("gravity")
-        plain = self.model_dump(exclude=of_others)
-        if self.grid.e is not None and "grid" in plain:
-            del plain["grid"]["e1"], plain["grid"]["e2"]
-        return plain
+        return self.model_dump(exclude=tied | dict.fromkeys(of_others, True), exclude_none=True)
 
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
@@ -271,7 +259,7 @@ class Config(Strict):
         import tomli_w
 
         listed = {} if self.cells is None else {"cells": str(Path(self.cells).resolve())}
-        return tomli_w.dumps(_given(self._stated() | listed))
+        return tomli_w.dumps(self._stated() | listed)
 
     def identity(self) -> str:
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""
@@ -281,13 +269,6 @@ class Config(Strict):
         if self.column is not None:
             plain["column"] = [[name, self.column.axes(name)] for name in self.column.arrangement]
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
-
-
-def _given(value: Any) -> Any:
-    """Leave out what has no value, which TOML cannot write."""
-    if isinstance(value, dict):
-        return {key: _given(entry) for key, entry in value.items() if entry is not None}
-    return value
 
 
 def _plain(value: Any) -> Any:
@@ -309,14 +290,7 @@ def solvers_problem(names: list[str]) -> str | None:
 
 
 def load_config(path: Path | str) -> Config:
-    """Read an experiment from a TOML file.
-
-    Raises
-    ------
-    UserError
-        If the file cannot be read or holds anything illegal; one line with file, field, value and legal
-        range.
-    """
+    """Read an experiment from a TOML file; a `UserError` names file, field, value and legal range."""
     path = Path(path)
     data = read_toml(path)
     if isinstance(data.get("cells"), str) and data["cells"]:
@@ -325,5 +299,5 @@ def load_config(path: Path | str) -> Config:
 
 
 def parse_config(data: dict[str, Any], where: str = "configuration", name: FieldName = dotted) -> Config:
-    """Validate an experiment given as a TOML file holds it; arguments and errors are those of `validated`."""
+    """Validate an experiment given as a TOML file holds it, as `validated` does."""
     return validated(Config, data, where, name)

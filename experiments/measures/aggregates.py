@@ -36,16 +36,7 @@ _WIDE = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Levels:
-    """Levels of one axis.
-
-    Attributes
-    ----------
-    values : list
-        The level, or the middle of its bin (the geometric one where bins are even in the logarithm); in the order of
-        the grid, else rising.
-    edges : ndarray or None
-        Where the bin of each level but the first begins; None where values are themselves levels.
-    """
+    """Levels of one axis: its values, or the middles of bins, of which each but the first begins at an edge."""
 
     values: list[Any]
     edges: NDArray[np.float64] | None = None
@@ -57,8 +48,10 @@ class Levels:
         return np.searchsorted(self.edges, x, side="right")
 
 
-def axis_levels(config: Config, axis: str, x: NDArray[np.float64]) -> Levels:
-    """Levels of an axis of two balls: the values of a grid, else what scattered values fall into."""
+def axis_levels(config: Config, axis: str, x: NDArray[Any]) -> Levels:
+    """Levels of an axis: the values of a grid or of columns, else what scattered values fall into."""
+    if config.column is not None:
+        return Levels(sorted(set(pd.Series(x).dropna())))
     scattered = config.sample is not None or config.cells is not None
     return levels_of(x) if scattered else Levels(config.grid.axes()[axis])
 
@@ -68,7 +61,7 @@ def levels_of(x: NDArray[np.float64]) -> Levels:
     unique = np.unique(x)
     if len(unique) <= _FEW:
         return Levels(unique.tolist())
-    zero, infinite = unique[0] == 0, np.isinf(unique[-1])
+    below, above = unique[unique == 0].tolist(), unique[np.isinf(unique)].tolist()
     inside = unique[(unique > 0) & np.isfinite(unique)]
     low, high = inside[0], inside[-1]
     if high / low > _WIDE:
@@ -77,8 +70,9 @@ def levels_of(x: NDArray[np.float64]) -> Levels:
     else:
         ends = np.linspace(low, high, _BINS + 1)
         middles = (ends[:-1] + ends[1:]) / 2
-    values = [*([0.0] if zero else []), *middles.tolist(), *([np.inf] if infinite else [])]
-    return Levels(values, np.array([*([low] if zero else []), *ends[1:-1], *([np.inf] if infinite else [])]))
+    return Levels(
+        [*below, *middles.tolist(), *above], np.array([*([low] if below else []), *ends[1:-1], *above])
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,10 +81,6 @@ class Compared:
 
     Attributes
     ----------
-    path : Path
-        The table.
-    solvers : list of str
-        The compared solvers.
     levels : dict of Levels
         By axis.
     rows : DataFrame
@@ -111,10 +101,7 @@ class Compared:
         levels = {}
         for axis in AXES if config.column is None else COLUMN_AXES:
             x = texts(path, axis) if axis == "arrangement" else column(path, axis)
-            if config.column is None:
-                levels[axis] = axis_levels(config, axis, x)
-            else:
-                levels[axis] = Levels(sorted(set(pd.Series(x).dropna())))
+            levels[axis] = axis_levels(config, axis, x)
             rows[axis] = pd.Categorical.from_codes(levels[axis].codes(x), levels[axis].values)
         rows["compared"] = ~np.isnan(column(path, "velocity_divergence"))
         rows["marked"] = present(path, "marked")

@@ -29,10 +29,9 @@ def to_xarray(folder: RunFolder | Path | str, columns: Sequence[str] = DEFAULT) 
     Parameters
     ----------
     folder : RunFolder or path
-        A finished run.
+        A finished run of two balls.
     columns : sequence of str
-        Columns of the tables of cells and of divergence; a measure of divergence of the model from itself is
-        missing (NaN). Truths become 1.0 and 0.0, whole numbers floats; a text column holds the text.
+        Columns of the tables of cells and of divergence. Truths and whole numbers become floats.
 
     Returns
     -------

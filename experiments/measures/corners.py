@@ -7,9 +7,9 @@ r"""The corners between the model and what an engine was asked for: every combin
 | gravity | `weightless` | as in the `scenario` of the run, B2 in static equilibrium |
 
 All off is the state-transition model, all on the law of the engine in its scenario; what each of the eight is stands in
-docs/theory.md, section 7. They are computed through the batch functions of the references, exactly between events and
-without a time step, whether or not a run lists them as solvers; the model's is the run's own row. In an `impact`
-the corners of the third switch are two and two the same; columns of N balls know no gravity, and have two switches.
+docs/theory.md, section 7. They are computed by the references, without a time step, whether or not a run lists them as
+solvers; the model's is the run's own row. In an `impact` the corners of the third switch are two and two the same;
+columns of N balls know no gravity, and have two switches.
 """
 
 from __future__ import annotations
@@ -45,11 +45,9 @@ class Corners:
     Attributes
     ----------
     velocities : ndarray, shape (2, 2, g, n, N)
-        By position of each switch, velocities per abs(v0); NaN without a result. g is 2, or 1 of columns of N balls,
-        which know no gravity.
+        By position of each switch, per abs(v0); g is 1 of columns of N balls. NaN from the first without a result on.
     reason : ndarray of str, shape (n,)
-        Empty where all have a result; else the first, of those beside the model, that has none, and its status. Those
-        that come after it have none either.
+        Which corner, beside the model, is the first without a result, and its status; empty where all have one.
     mark : ndarray of str, shape (n,)
         Which corner jumps beside the cell, or is decided by rounding: shares would be others; empty where none does.
     """
@@ -85,19 +83,10 @@ def corner_names(*, gravity: bool = True) -> dict[Index, str]:
 def corners(
     model: Floats, collisions: Collisions, gravity: Floats, obeyed: str = KELVIN_VOIGT, *, pair: bool = True
 ) -> Corners:
-    """Compute the corners of collisions of one number of balls.
+    """Compute the corners of collisions of one number of balls; of a `pair` they may know gravity, in m/s^2.
 
-    Parameters
-    ----------
-    model : ndarray, shape (n, N)
-        Final velocities of the state-transition model per abs(v0); NaN without a result, and nothing is computed.
-    collisions : Collisions
-    gravity : ndarray, shape (n,)
-        In m/s^2; 0 without.
-    obeyed : str
-        The law that the engine was asked for, of `references.LAWS`.
-    pair : bool
-        Whether they are cells of two balls, which may know gravity.
+    `model` are final velocities of the model per abs(v0), shape (n, N); nothing is computed where they are NaN. The
+    engine was asked for the law `obeyed`, one of `references.LAWS`.
     """
     velocities = np.full((2, 2, 1 + pair, *model.shape), np.nan)
     velocities[MODEL] = model
@@ -116,8 +105,9 @@ def corners(
         velocities[index][left] = found.velocities / speed[left, None]
         there = found.has_result
         reason[left[~there]] = [f"{name}: {status}" for status in found.statuses[~there]]
-        says = _jumps(solve, name, some, found, g) if pair else _rounding(solve, name, law, some, found, g)
-        mark[left] = np.where(mark[left] == "", says, mark[left])  # the first that jumps is told
+        says = _jumps(solve, some, found, g) if pair else _rounding(solve, law, some, found, g)
+        new = (mark[left] == "") & (says != "")  # the first that jumps is told
+        mark[left[new]] = f"ladder: {name}" + says[new]
         left = left[there]
     mark[reason != ""] = ""
     if pair and not falls:
@@ -125,19 +115,17 @@ def corners(
     return Corners(velocities, reason, mark)
 
 
-def _jumps(solve: Law, name: str, collisions: Collisions, found: Outcomes, gravity: Floats) -> Texts:
+def _jumps(solve: Law, collisions: Collisions, found: Outcomes, gravity: Floats) -> Texts:
     """Say where a corner of two balls jumps (`marks.jumps`)."""
     excess, _ = jumps(solve, collisions, found, gravity)
-    text = f"ladder: {name} jumps where a parameter changes by {max(JUMPS):g} or less"
+    text = f" jumps where a parameter changes by {max(JUMPS):g} or less"
     return np.where(excess > 1, text, "").astype(object)
 
 
-def _rounding(
-    solve: Law, name: str, law: str, collisions: Collisions, found: Outcomes, gravity: Floats
-) -> Texts:
+def _rounding(solve: Law, law: str, collisions: Collisions, found: Outcomes, gravity: Floats) -> Texts:
     """Say where a corner of N balls grazes, or is decided by rounding."""
     marks, margins = marks_of(solve, law, collisions, found, gravity), found.grazing_margin
-    says = np.array([f"ladder: {name}: {mark}" if mark else "" for mark in marks], dtype=object)
+    says = np.array([f": {mark}" if mark else "" for mark in marks], dtype=object)
     grazes = found.has_result & (margins < GRAZING_THRESHOLD)
-    says[grazes] = [f"ladder: {name} grazes by {margin:.2g}" for margin in margins[grazes]]
+    says[grazes] = [f" grazes by {margin:.2g}" for margin in margins[grazes]]
     return says

@@ -1,7 +1,8 @@
-"""How far one solver's results lie from the model's: the measures, all dimensionless."""
+"""Outcomes of cells by one solver as arrays, and how far they lie from the model's: the measures, all dimensionless."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -11,25 +12,148 @@ import numpy as np
 from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.solver import MappingName
+from impact_xval.compliant_baselines.states import compared_states
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import exact_for
-from impact_xval.experiments.measures.results import Floats, Results
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Paths
+from impact_xval.model.collision import RESULT_STATUSES, Collision, Collisions, Outcome, Outcomes, Paths
 from impact_xval.model.kinetic import kinetic_norm
+
+Floats = NDArray[np.float64]
+Texts = NDArray[np.object_]
+
+#: Diagnostics in m/s; tables and JSON state them per abs(v0).
+_VELOCITY = re.compile(r"v\d+_limit|limit_error|velocity_error|regularisation|rest_speed")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Results:
+    """Outcomes of n cells by one solver, of up to N balls; NaN where a cell has fewer, and where nothing is known.
+
+    Attributes
+    ----------
+    states, compared : list of str
+        State sequences of two balls on a table, as the solver gives them and as they are compared; else empty.
+    diagnostics : dict of str to ndarray, shape (n,)
+        Velocities per abs(v0), times in s.
+    paths : Paths or None
+        Of two balls on a table.
+    """
+
+    velocities: Floats
+    impulses: Floats
+    status: Texts
+    reason: Texts
+    mark: Texts
+    differences: Texts
+    states: list[str]
+    compared: list[str]
+    n_states: NDArray[np.int64]
+    n_events: NDArray[np.int64]
+    margin: Floats
+    diagnostics: dict[str, Floats]
+    paths: Paths | None
+
+    @property
+    def there(self) -> NDArray[np.bool_]:
+        """Where the numbers are a result."""
+        return np.isin(self.status.astype(str), RESULT_STATUSES)
+
+    def diagnostic(self, name: str) -> Floats:
+        """Return a diagnostic; NaN where no outcome states it."""
+        return self.diagnostics.get(name, np.full(len(self.status), np.nan))
+
+
+def results_of(
+    outcomes: Sequence[Outcome], speed: Floats, balls: int, contacts: int, shortest: Floats | None
+) -> Results:
+    """Make arrays of outcomes at speeds abs(v0) in m/s.
+
+    Of two balls on a table `shortest` is the time for which a state must be held to count, in s (`states`); else None.
+    """
+    found = _of_arrays(outcomes, shortest) if isinstance(outcomes, Outcomes) else _of_list(outcomes)
+    for name in ("status", "reason", "mark", "differences"):
+        found[name] = np.array(found[name], dtype=object)
+    for name, wide in (("velocities", balls), ("impulses", contacts)):
+        found[name] = _padded(found[name], wide)
+    found["diagnostics"] = {
+        name: x / speed if _VELOCITY.fullmatch(name) else x for name, x in found["diagnostics"].items()
+    }
+    if shortest is None:
+        return Results(**found | {"compared": [""] * len(speed), "paths": None})
+    given = found["paths"]
+    paths = given if isinstance(given, Paths) else Paths.of(given or [None] * len(speed), balls, contacts)
+    # Without a path, on which alone the times are, states stay as they are.
+    both = zip(compared_states(paths, shortest), found["states"], strict=True)
+    return Results(**found | {"compared": [text or own for text, own in both], "paths": paths})
+
+
+def scaled_diagnostics(outcome: Outcome, speed: float) -> dict[str, float]:
+    """Return the diagnostics of an outcome as those of `Results`."""
+    return {
+        name: value / speed if _VELOCITY.fullmatch(name) and value is not None else value
+        for name, value in outcome.diagnostics.items()
+    }
+
+
+def _of_arrays(outcomes: Outcomes, shortest: Floats | None) -> dict[str, Any]:
+    named = shortest is not None and outcomes.states is not None
+    return {
+        "velocities": outcomes.velocities,
+        "impulses": outcomes.impulses,
+        "status": outcomes.statuses,
+        "reason": np.array(outcomes.reasons, dtype=object)[outcomes.reason],
+        "mark": outcomes.marked,
+        "differences": [""] * len(outcomes),
+        "states": outcomes.states.texts() if named and outcomes.states else [""] * len(outcomes),
+        "n_states": outcomes.n_states,
+        "n_events": outcomes.n_events,
+        "margin": outcomes.grazing_margin,
+        "diagnostics": outcomes.diagnostics,
+        "paths": outcomes.paths,
+    }
+
+
+def _of_list(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    def numbers(values: Iterable[float | None]) -> Floats:
+        return np.array([np.nan if value is None else value for value in values], float)
+
+    names = dict.fromkeys(name for each in outcomes for name in each.diagnostics)
+    return {
+        "velocities": [each.velocities for each in outcomes],
+        "impulses": [each.impulses for each in outcomes],
+        "status": [each.status for each in outcomes],
+        "reason": [each.reason for each in outcomes],
+        "mark": [each.marked for each in outcomes],
+        "differences": [each.differences for each in outcomes],
+        "states": [" ".join(each.states) for each in outcomes],
+        "n_states": np.array([len(each.states) for each in outcomes], np.int64),
+        "n_events": np.array([each.n_events for each in outcomes], np.int64),
+        "margin": numbers(each.grazing_margin for each in outcomes),
+        "diagnostics": {name: numbers(each.diagnostics.get(name) for each in outcomes) for name in names},
+        "paths": [each.path for each in outcomes],
+    }
+
+
+def _padded(rows: Any, wide: int) -> Floats:
+    """Numbers of each row, NaN where there are fewer."""
+    if isinstance(rows, np.ndarray) and rows.shape[1] == wide:
+        return rows
+    found = np.full((len(rows), wide), np.nan)
+    for row, values in zip(found, rows, strict=True):
+        row[: len(values)] = values
+    return found
+
+
+def masses_and_starts(collisions: Sequence[Collision], balls: int) -> tuple[Floats, Floats]:
+    """Masses in kg and velocities at first touch in m/s, shape (n, N), NaN where a cell has fewer balls."""
+    if isinstance(collisions, Collisions):
+        return _padded(collisions.masses, balls), _padded(collisions.velocities, balls)
+    masses, velocities = ([getattr(c, name) for c in collisions] for name in ("masses", "velocities"))
+    return _padded(masses, balls), _padded(velocities, balls)
 
 
 def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
-    """D: kinetic norms of differences of velocities over those of the velocities at first touch.
-
-    Parameters
-    ----------
-    masses, differences, starts : ndarray, shape (..., N)
-        In kg and m/s; a ball whose mass is NaN is none.
-
-    Returns
-    -------
-    ndarray, shape (...)
-    """
+    """D: kinetic norms, over balls, of differences of velocities over those of the velocities at first touch."""
     with np.errstate(over="ignore", invalid="ignore"):
         return kinetic_norm(masses, differences) / kinetic_norm(masses, starts)
 
@@ -37,22 +161,10 @@ def norms(masses: Floats, differences: Floats, starts: Floats) -> Floats:
 def divergence(
     masses: Floats, starts: Floats, speed: Floats, model: Results, other: Results
 ) -> dict[str, Any]:
-    """Compare a solver's results with the model's.
+    """Compare a solver's results with the model's: by name every measure of `schema.MEASURES`, other minus model.
 
-    Parameters
-    ----------
-    masses, starts : ndarray, shape (n, N)
-        Of the collisions both solved, in kg; velocities at first touch in m/s.
-    speed : ndarray, shape (n,)
-        abs(v0) in m/s.
-    model, other : Results
-        Differences are other minus model.
-
-    Returns
-    -------
-    dict
-        An array of shape (n,) for every name in `schema.MEASURES`: NaN or None where one of the two has no result;
-        those of paths for two balls on a table only, ``curve_distance`` where both have one.
+    NaN or None where one of the two has no result. Masses in kg and starts, velocities at first touch in m/s, are of
+    shape (n, N); speed is abs(v0), of shape (n,).
     """
     both = model.there & other.there
     absent = ~both
@@ -114,10 +226,7 @@ def velocity_divergence(collision: Collision, model: Outcome, other: Outcome) ->
 
 
 def part_at(a: Sequence[str], b: Sequence[str]) -> int | None:
-    """Position, from 1, of the first state in which two sequences differ; None if they are equal.
-
-    Where one is the beginning of the other, it is the position after the shorter one's end.
-    """
+    """Position, from 1, of the first state that only one of two sequences has there; None if they are equal."""
     pairs = enumerate(zip_longest(a, b), start=1)
     return next((position for position, (x, y) in pairs if x != y), None)
 
@@ -134,20 +243,7 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """Of the outcome of one solver; None where there is nothing to measure.
-
-    Attributes
-    ----------
-    velocity_divergence : float or None
-        D of N balls from the model's outcome, sqrt(sum m_i dv_i^2 / sum m_i v_i0^2).
-    limit_distance : float or None
-        Of an engine's limit dt -> 0 from the exact solver of the law it was asked for, the largest difference of a
-        velocity per speed of impact; None with the naive mapping, whose contacts are not those asked for.
-    limit_error : float or None
-        The error of that limit as the engine's runs estimate it, likewise.
-    retained_energy, retained_momentum : float or None
-        Kinetic energy and momentum after the collision over those before it.
-    """
+    """Of the outcome of one solver, as in `schema`; None where there is nothing to measure."""
 
     velocity_divergence: float | None = None
     limit_distance: float | None = None
@@ -159,16 +255,7 @@ class Measures:
 def measures_of(
     column: Collision, outcomes: Mapping[str, Outcome], mapping: MappingName = "calibrated"
 ) -> dict[str, Measures]:
-    """Measure the outcomes of a column by several solvers; nothing of those without a result.
-
-    Parameters
-    ----------
-    column : Collision
-    outcomes : mapping of str to Outcome
-        By solver.
-    mapping : str
-        That engines were given.
-    """
+    """Measure the outcomes of a column by several solvers; nothing of those without a result."""
     results = {name: each for name, each in outcomes.items() if each.status in RESULT_STATUSES}
     model, speed = results.get(REFERENCE), max(map(abs, column.velocities))
     measured = dict.fromkeys(outcomes, Measures())

@@ -5,10 +5,9 @@ In every cell, for the velocities of all balls, to rounding,
     engine - model = frozen positions + dissipation law + gravity + regularisation and mapping + time step
 
 **The three causes** stand between the model and the law that the engine was asked for in its scenario: three switches,
-every combination of which is known without an engine (`corners`). What a switch changes depends on the others, and no
-order of the six in which to turn them on is the right one. The vector of a cause is the mean of what it changes over
-the six (its *Shapley value*); how far the orders are apart is given as the least and the largest share. Columns of N
-balls know no gravity, and have two switches with two orders.
+every combination of which is known without an engine (`corners`). The vector of a cause is the mean of what its switch
+changes over the six orders in which they can be turned on (its *Shapley value*); how far the orders are apart is given
+as the least and the largest share. Columns of N balls know no gravity, and have two switches with two orders.
 
 **The last two contributions** have one order, since nothing is known of an engine with the model's law: the limit
 dt -> 0 minus the law it was asked for, then the engine minus that limit. Where no limit was computed, or it did not
@@ -19,9 +18,8 @@ along the total do:
 
     along_i = <contribution_i, total>/D,    <a, b> = a1 b1 + (m2/m1) a2 b2,    sum along_i = D,
 
-and share_i = along_i/D. A negative share takes the engine back towards the model; where one is above `CANCEL[1]` and
-another below `CANCEL[0]`, two large causes cancel (`cancelling`). Over many cells a share is sum(along_i)/sum(D), its
-range that of this quotient over the six orders.
+and share_i = along_i/D. A negative share takes the engine back towards the model. Over many cells a share is
+sum(along_i)/sum(D), its range that of this quotient over the six orders.
 """
 
 from __future__ import annotations
@@ -50,15 +48,10 @@ class Contribution:
 
     Attributes
     ----------
-    name : str
-        In tables and files.
-    label : str
-        For readers.
     before, after : str
-        What it changes. Of a cause (`CAUSES`) these are the positions of a switch of `corners`; below the causes they
-        are two outcomes, of which it is the difference, after minus before.
+        Of a cause (`CAUSES`) the positions of a switch of `corners`; else two outcomes, of which it is the difference.
     color : str
-        In figures: of Tol's muted palette, which shares none with solvers.
+        Of Tol's muted palette, which shares none with solvers.
     phrase : str
         In a sentence about an engine, after "by".
     """
@@ -126,17 +119,10 @@ def contributions_of(*, gravity: bool = True) -> tuple[Contribution, ...]:
 
 
 def by_order(corners: Floats) -> Floats:
-    """Turn the three switches on in each of their six orders, and say what every step changes.
+    """Turn the three switches of corners on in each of their six orders, and say what every step changes.
 
-    Parameters
-    ----------
-    corners : ndarray, shape (2, 2, g, ...)
-        By position of the switches for positions, law and gravity; g = 1 without gravity.
-
-    Returns
-    -------
-    ndarray, shape (6, g + 1, ...)
-        By order and cause: positions, law, gravity. Each order sums to the last corner minus the first.
+    From shape (2, 2, g, ...) to (6, g + 1, ...), by order and cause; g is 1 without gravity. Each order sums to the
+    last corner minus the first.
     """
     found = []
     for order in permutations(range(3)):
@@ -159,16 +145,14 @@ def cancelling(shares: Sequence[float]) -> tuple[int, int] | None:
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """The contributions to the divergence of n cells of N balls.
+    """The m contributions to the divergence of n cells of N balls, as differences of velocities per abs(v0).
 
     Attributes
     ----------
-    contributions : tuple of Contribution
-        The m of them, in order.
     weights : ndarray, shape (n, N)
         Masses over that of what moves at first.
     vectors : ndarray, shape (m, n, N)
-        Differences of velocities of each per abs(v0); NaN for one that a cell does not have.
+        NaN for a contribution that a cell does not have.
     causes : ndarray, shape (6, c, n, N)
         Those of the causes by each of their orders, without gravity two orders three times each.
     total : ndarray, shape (n, N)
@@ -210,18 +194,18 @@ class Split:
 
     @property
     def shares(self) -> Floats:
-        """`along` over D; NaN where D is less than `NOTHING`."""
-        return self._over_divergence(self.along)
+        """`along` over D; NaN where there is nothing to split."""
+        return self.along / self._divided
 
     @property
     def ranges(self) -> tuple[Floats, Floats]:
         """Least and largest share by the orders, shape (m, n) each."""
-        shares = self._over_divergence(self.orders)
+        shares = self.orders / self._divided
         return shares.min(axis=0), shares.max(axis=0)
 
-    def _over_divergence(self, along: Floats) -> Floats:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(self.divergence >= NOTHING, along / self.divergence, np.nan)
+    @property
+    def _divided(self) -> Floats:
+        return np.where(self.divergence >= NOTHING, self.divergence, np.nan)
 
     def dominant(self) -> NDArray[np.intp]:
         """Index of the largest share in each cell; -1 where there is nothing to split."""
@@ -244,11 +228,8 @@ def split(weights: Floats, corners: Corners, limit: Floats, engine: Floats) -> S
     weights : ndarray, shape (n, N)
         Masses over that of what moves at first.
     corners : Corners
-        The model, the law of the engine in its scenario, and what is between, for the same cells.
-    limit : ndarray, shape (n, N)
-        The engine in the limit dt -> 0; NaN where it is not known.
-    engine : ndarray, shape (n, N)
-        Final velocities per abs(v0); NaN without a result.
+    limit, engine : ndarray, shape (n, N)
+        The engine in the limit dt -> 0, and at its step: final velocities per abs(v0), NaN where there are none.
     """
     known = ~np.isnan(limit).any(axis=1, keepdims=True)
     causes = by_order(corners.velocities)

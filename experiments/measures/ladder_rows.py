@@ -14,16 +14,7 @@ from impact_xval.compliant_baselines.solver import kinds
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.corners import Corners, Texts, corner_names, corners
-from impact_xval.experiments.measures.ladder import (
-    CAUSES,
-    ENGINE,
-    NOTHING,
-    Floats,
-    Split,
-    cancelling,
-    split,
-)
-from impact_xval.experiments.tables.schema import Layout
+from impact_xval.experiments.measures.ladder import CAUSES, NOTHING, Floats, Split, cancelling, split
 from impact_xval.model.collision import RESULT_STATUSES
 
 #: Status of an engine's result that changes with its step: it has a ladder, which no statistic counts.
@@ -42,27 +33,14 @@ Columns = dict[str, np.ndarray]
 
 
 def ladders(
-    config: Config, block: Block, model: pa.Table, engines: Mapping[str, pa.Table], layout: Layout
+    config: Config, block: Block, model: pa.Table, engines: Mapping[str, pa.Table]
 ) -> dict[str, Columns]:
-    """Make the ladders of engines.
+    """Make the ladders of engines: columns of the table ``ladder``, NaN or None where there is no ladder.
 
-    Parameters
-    ----------
-    config : Config
-    block : Block
-    model : Table
-        Rows of the model, one a cell.
-    engines : mapping of str to Table
-        Rows of each engine, likewise.
-    layout : Layout
-        Of the run; the columns are those of its table ``ladder``, by their names there.
-
-    Returns
-    -------
-    dict
-        By engine, columns of shape (n,): NaN or None where there is no ladder.
+    `model` and `engines` are rows, one a cell.
     """
     columns: dict[str, Columns] = {name: {} for name in engines}
+    pair = config.column is None
     for places, collisions in kinds(block.collisions) if engines else ():
         some, speed = model.take(places), np.abs(collisions.velocities).max(axis=1, keepdims=True)
         gravity = np.full(len(places), config.gravity if config.scenario == "drop" else 0.0)
@@ -71,15 +49,13 @@ def ladders(
         moving = np.where(collisions.velocities != 0, collisions.masses, 0.0).sum(axis=1, keepdims=True)
         # The corners know nothing of engines: once a law.
         laws = {name: law_of(name) or "" for name in engines}
-        known = {
-            law: corners(reference, collisions, gravity, law, pair=layout.pair) for law in set(laws.values())
-        }
+        known = {law: corners(reference, collisions, gravity, law, pair=pair) for law in set(laws.values())}
         for name, rows in engines.items():
             engine, here = rows.take(places), known[laws[name]]
             velocities = _velocities(engine, speed, balls, (*RESULT_STATUSES, UNCONVERGED))
             limit = np.column_stack([_numbers(engine, f"v{i}_limit") for i in balls])
             # A limit that did not converge is none.
-            limit[np.array(engine["status"].to_pylist()) == UNCONVERGED] = np.nan
+            limit[_texts(engine, "status") == UNCONVERGED] = np.nan
             ladder = split(collisions.masses / moving, here, limit, velocities)
             found = _said(name, some, engine, here, ladder)
             ok = ~np.isnan(ladder.divergence) & np.isin(found["status"].tolist(), ("ok", UNCONVERGED))
@@ -122,7 +98,7 @@ def _said(name: str, model: pa.Table, engine: pa.Table, here: Corners, ladder: S
     """Columns of what is known whether or not there is a ladder: the first outcome that is missing, marks, errors."""
     status, of_model = _texts(engine, "status"), _texts(model, "status")
     why = [f"{name}: {reason or x}" for reason, x in zip(_texts(engine, "reason"), status, strict=True)]
-    joined = ~np.isnan(ladder.norms[ladder.contributions.index(ENGINE)])
+    joined = ~np.isnan(ladder.norms[-1])  # mapping and time step are one contribution, the last
     missing = [*(~np.isin(x.tolist(), RESULT_STATUSES) for x in (status, of_model)), here.reason != ""]
     of_corner = np.array([reason.rpartition(" ")[2] for reason in here.reason], dtype=object)
     reasons = [np.array(why, dtype=object), f"{REFERENCE}: " + of_model, here.reason]
@@ -138,13 +114,19 @@ def _said(name: str, model: pa.Table, engine: pa.Table, here: Corners, ladder: S
 
 def _dominant(name: str, ladder: Split, ok: NDArray[np.bool_]) -> Columns:
     """Columns of what carries most of each divergence."""
-    first = np.where(ok, ladder.dominant(), -1)
+    first, agreed = np.where(ok, ladder.dominant(), -1), ladder.agreed()
     names = np.array([*(c.name for c in ladder.contributions), None], dtype=object)
+    columns, sentences = (ladder.shares, ladder.norms, *ladder.ranges), np.full(len(ok), None, dtype=object)
+    for i in np.flatnonzero(ok):
+        numbers = zip(*(x[:, i].tolist() for x in columns), strict=True)
+        parts = [Part(c.phrase, *row) for c, row in zip(ladder.contributions, numbers, strict=True)]
+        found = [part for part in parts if not np.isnan(part.norm)]
+        sentences[i] = sentence(name, float(ladder.divergence[i]), found, bool(agreed[i]))
     return {
         "velocity_divergence": np.where(ok, ladder.divergence, np.nan),
         "dominant": names[first],
-        "dominant_by_every_order": np.where(first >= 0, ladder.agreed().astype(object), _NONE),
-        "sentence": _sentences(name, ladder, ok),
+        "dominant_by_every_order": np.where(first >= 0, agreed.astype(object), _NONE),
+        "sentence": sentences,
     }
 
 
@@ -186,31 +168,8 @@ def between(low: float, high: float) -> str:
     return f"{100 * low:.3g} to {100 * high:.3g} %"
 
 
-def _sentences(name: str, ladder: Split, ok: NDArray[np.bool_]) -> Texts:
-    phrases = [c.phrase for c in ladder.contributions]
-    columns = ladder.shares, ladder.norms, *ladder.ranges
-    sentences, agreed = np.full(len(ok), None, dtype=object), ladder.agreed()
-    for i in np.flatnonzero(ok):
-        parts = [Part(*row) for row in zip(phrases, *(x[:, i].tolist() for x in columns), strict=True)]
-        found = [part for part in parts if not np.isnan(part.norm)]
-        sentences[i] = sentence(name, float(ladder.divergence[i]), found, bool(agreed[i]))
-    return sentences
-
-
 def sentence(solver: str, divergence: float, parts: Sequence[Part], agreed: bool = True) -> str:
-    """Write in words which contribution carries most of a divergence.
-
-    Parameters
-    ----------
-    solver : str
-        Name of the engine.
-    divergence : float
-        D.
-    parts : sequence of Part
-        Every contribution there is.
-    agreed : bool
-        Whether the largest is the same by every order.
-    """
+    """Write in words which contribution carries most of a divergence; whether the same by every order, is `agreed`."""
     if divergence < NOTHING:
         return f"{solver} ends where the model does (D = {divergence:.1g}): there is nothing to split."
     pair = cancelling([part.share for part in parts])

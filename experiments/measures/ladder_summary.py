@@ -7,7 +7,6 @@ Grazing cells are left out, as in the rest of a summary.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,22 +14,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.aggregates import Frame, axis_levels, statistics_of
-from impact_xval.experiments.measures.corners import Index, corner_names
+from impact_xval.experiments.measures.corners import corner_names
 from impact_xval.experiments.measures.ladder import (
     CONTRIBUTIONS,
     GRAVITY,
-    MAPPING,
     NOTHING,
     Contribution,
-    Floats,
     by_order,
+    contributions_of,
 )
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.parquet import selected
@@ -42,7 +39,7 @@ BANDS = {0.0: "k2/k1 < 0.1", 0.1: "0.1 <= k2/k1 <= 10", 10.0: "k2/k1 > 10"}
 _LABELS = AXES | COLUMN_AXES
 
 _COLUMNS = ["solver", "axis", "value", "contribution", "n", "total", "share", "low", "high"]
-_COLUMNS += ["mean", "median", "p95", "max", "dominant", "agreed", "doubt"]
+_COLUMNS += ["mean", "median", "p95", "max", "dominant"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +50,10 @@ class LadderSummary:
     ----------
     statistics : DataFrame
         ``solver, axis ("all", an axis of the cells or "stiffness_band"), value, contribution, n, total, share, low,
-        high, mean, median, p95, max, dominant, agreed, doubt``. `n` cells have the contribution, `total` is the mean D
-        of the region, `share` its share of that, `low` and `high` the least and largest that the six orders of the
-        causes give (the share itself for one that is no cause); `mean` to `max` are of its norm. It has the largest
-        share in the fraction `dominant` of the cells; in the fraction `agreed` of the region the largest cause is the
-        same by every order; `doubt` is the median of the estimated error of the engine's limit, where there is one.
+        high, mean, median, p95, max, dominant``. `n` cells have the contribution, `total` is the mean D of the region,
+        `share` its share of that, `low` and `high` the least and largest that the orders of the causes give (the share
+        itself for one that is no cause); `mean` to `max` are of its norm. It has the largest share in the fraction
+        `dominant` of the cells.
     """
 
     statistics: Frame
@@ -110,38 +106,28 @@ def band_of(stiffness_ratio: Any) -> Any:
 
 
 def summarise_ladder(folder: RunFolder, config: Config) -> LadderSummary:
-    """Compute the statistics of the ladders of a finished run."""
-    return LadderSummary(ladder_statistics(folder.table_path("ladder.parquet"), config))
-
-
-def ladder_statistics(path: Path, config: Config) -> Frame:
-    """Compute `LadderSummary.statistics` from a table of ladders, the rows of an engine in memory at a time."""
-    frames = [frame for name in config.solvers if is_engine(name) for frame in _of_engine(path, name, config)]
+    """Compute the statistics of the ladders of a finished run, the rows of an engine in memory at a time."""
+    frames = []
+    for solver in filter(is_engine, config.solvers):
+        rows = _regular_rows(folder.table_path("ladder.parquet"), solver, config)
+        for axis, region in (_regions(rows, config) if len(rows) else {}).items():
+            found = _by_region(rows, pd.Series(region, name="value"), gravity=config.column is None)
+            frames.append(found.assign(solver=solver, axis=axis))
     if not frames:
-        return pd.DataFrame(columns=_COLUMNS)
+        return LadderSummary(pd.DataFrame(columns=_COLUMNS))
     statistics = pd.concat(frames, ignore_index=True)
     statistics.loc[statistics.axis == "all", "value"] = np.nan
-    return statistics.loc[statistics.n > 0, _COLUMNS].reset_index(drop=True)
+    return LadderSummary(statistics.loc[statistics.n > 0, _COLUMNS].reset_index(drop=True))
 
 
-def _of_engine(path: Path, solver: str, config: Config) -> list[Frame]:
-    """Compute the statistics of an engine, a frame an axis; none where it has no ladder."""
-    there = set(pq.read_schema(path).names)
-    contributions = [c for c in CONTRIBUTIONS if f"{c.name}_norm" in there]
-    corners = corner_names(gravity=GRAVITY in contributions)
-    axes = [axis for axis in (AXES if config.column is None else COLUMN_AXES) if axis in there]
-    columns = [f"{c.name}_{number}" for c in contributions for number in ("norm", "share")]
-    columns += [f"{name}_along" for name in corners.values()]
-    columns += ["velocity_divergence", "dominant", "dominant_by_every_order", "limit_error"]
+def _regular_rows(path: Path, solver: str, config: Config) -> Frame:
+    """Read the ladders of an engine that count: converged, and not marked."""
+    pair = config.column is None
+    columns = [f"{c.name}_{number}" for c in contributions_of(gravity=pair) for number in ("norm", "share")]
+    columns += [f"{name}_along" for name in corner_names(gravity=pair).values()]
+    columns += ["solver", "status", "marked", "velocity_divergence", "dominant"]
     regular = (pc.field("solver") == solver) & (pc.field("status") == "ok") & pc.field("marked").is_null()
-    rows = selected(path, ["solver", "status", "marked", *axes, *columns], regular).to_pandas()
-    regions = _regions(rows, config) if len(rows) else {}
-    return [
-        _by_region(rows, pd.Series(region, name="value"), contributions, corners).assign(
-            solver=solver, axis=axis
-        )
-        for axis, region in regions.items()
-    ]
+    return selected(path, [*(AXES if pair else COLUMN_AXES), *columns], regular).to_pandas()
 
 
 def _regions(rows: Frame, config: Config) -> dict[str, Any]:
@@ -160,49 +146,30 @@ def _regions(rows: Frame, config: Config) -> dict[str, Any]:
     return regions
 
 
-def _by_region(
-    rows: Frame, region: Frame, contributions: Sequence[Contribution], corners: dict[Index, str]
-) -> Frame:
+def _by_region(rows: Frame, region: Frame, *, gravity: bool) -> Frame:
     """Compute the statistics of every contribution in every region, by value, then by contribution."""
-    names = [c.name for c in contributions]
+    names = [c.name for c in contributions_of(gravity=gravity)]
     total = rows.velocity_divergence
     norms = rows[[f"{name}_norm" for name in names]].set_axis(names, axis=1)
     along = rows[[f"{name}_share" for name in names]].set_axis(names, axis=1).mul(total, axis=0)
-    apart = rows[f"{MAPPING.name}_norm"].notna()
-    whole = total.groupby(region).sum()
-    of_region = {
-        "total": total.groupby(region).mean(),
-        "agreed": rows.dominant_by_every_order.astype(float).groupby(region).mean(),
-        "doubt": rows.limit_error.where(apart).groupby(region).median(),
-    }
+    sums = total.groupby(region).sum()
+    whole = sums.where(sums > 0)
     dominant = pd.DataFrame({name: rows.dominant == name for name in names})
-    share = along.groupby(region).sum().div(whole.where(whole > 0), axis=0)
-    low, high = _range_by_order(rows, region, whole, corners)
-    causes = names[: low.shape[1]]  # they come first
+    share = along.groupby(region).sum().div(whole, axis=0)
+    # Components along the total are linear: those of the corners are summed over a region before they are split.
+    corners = rows[[f"{name}_along" for name in corner_names(gravity=gravity).values()]]
+    cube = corners.where(total >= NOTHING, 0.0).groupby(region).sum().to_numpy().T
+    by_orders = by_order(cube.reshape(2, 2, -1, len(whole))) / whole.to_numpy()
+    causes = names[: by_orders.shape[1]]  # they come first
     of_each = {
         **statistics_of(norms.groupby(region)),
         "share": share,
-        "low": share.assign(**dict(zip(causes, low.T, strict=True))),
-        "high": share.assign(**dict(zip(causes, high.T, strict=True))),
+        "low": share.assign(**dict(zip(causes, by_orders.min(axis=0), strict=True))),
+        "high": share.assign(**dict(zip(causes, by_orders.max(axis=0), strict=True))),
         "dominant": dominant.groupby(region).mean(),
     }
     found = pd.concat(of_each, axis=1, names=["statistic", "contribution"]).stack(future_stack=True)
-    return found.join(pd.DataFrame(of_region)).reset_index()
-
-
-def _range_by_order(
-    rows: Frame, region: Frame, whole: Frame, corners: dict[Index, str]
-) -> tuple[Floats, Floats]:
-    """Least and largest share of every cause by the orders, shape (values of the region, causes) each.
-
-    Components along the total are linear: those of the corners are summed over a region before they are split.
-    """
-    something = rows.velocity_divergence >= NOTHING
-    along = rows[[f"{name}_along" for name in corners.values()]].where(something, 0.0)
-    sums = along.groupby(region).sum().to_numpy().T
-    cube = sums.reshape(2, 2, -1, len(whole))
-    shares = by_order(cube) / whole.where(whole > 0).to_numpy()
-    return shares.min(axis=0).T, shares.max(axis=0).T
+    return found.join(total.groupby(region).mean().rename("total")).reset_index()
 
 
 def csv_rows(ladder: LadderSummary) -> list[Frame]:
@@ -211,7 +178,7 @@ def csv_rows(ladder: LadderSummary) -> list[Frame]:
     frames = [table.assign(measure="norm_" + table.contribution)]
     for measure, statistic in (("share", "share"), ("share_low", "low"), ("share_high", "high")):
         shares = table.assign(measure=f"{measure}_" + table.contribution, mean=table[statistic])
-        shares[["median", "p95", "max"]] = np.nan
-        frames.append(shares)
-    left_out = ["contribution", "total", "share", "low", "high", "dominant", "agreed", "doubt"]
-    return [frame.drop(columns=left_out) for frame in frames]
+        frames.append(shares.assign(median=np.nan, p95=np.nan, max=np.nan))
+    return [
+        frame.drop(columns=["contribution", "total", "share", "low", "high", "dominant"]) for frame in frames
+    ]

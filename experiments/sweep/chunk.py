@@ -5,11 +5,11 @@ What crashes or hangs is found by halving (`process.in_halves`), and becomes row
 
 from __future__ import annotations
 
-import functools
 import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -22,14 +22,17 @@ from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.sweep.pool import Slot, in_flight
 from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
-from impact_xval.experiments.sweep.warmup import make_ready, stated
+from impact_xval.experiments.sweep.warmup import stated, warm
 from impact_xval.experiments.tables.folder import part_bytes
+from impact_xval.model.collision import Status
 
 #: Seconds for what follows the solvers of a chunk; not their limit, for these are references in closed form, and tables
 #: must not depend on how busy a machine is.
 _TO_COMPLETE = 600.0
 
 Versions = dict[str, str]
+#: In the place of a version; why not follows.
+UNAVAILABLE = "unavailable: "
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,7 @@ def solve_chunk(slot: Slot, number: int, block: Block) -> Report:
     rows = pa.concat_tables([part for name in names for part in chunk.solved_by(name)])
     by_cell = np.arange(len(rows)).reshape(len(names), -1).T.ravel()
     rows = pa.concat_tables(chunk.completed(rows.take(by_cell)))
-    return Report(number, part_bytes(rows), dict(chunk.seconds), solver_versions(slot), chunk.faults)
+    return Report(number, part_bytes(rows), dict(chunk.seconds), slot.once(solver_versions), chunk.faults)
 
 
 class Chunk:
@@ -70,16 +73,16 @@ class Chunk:
 
     def solved_by(self, name: str) -> list[pa.Table]:
         """Rows of a solver, in pieces: where it dies, without an answer."""
-        _, reason = self._slot.once(_stated)[name]
-        if reason is not None:
-            self._lost |= {(name, cell): ("unavailable", reason) for cell in self._cells.index.tolist()}
+        said = self._slot.once(solver_versions)[name]
+        if said.startswith(UNAVAILABLE):
+            why: tuple[Status, str] = "unavailable", said.removeprefix(UNAVAILABLE)
+            self._lost |= {(name, cell): why for cell in self._cells.index.tolist()}
             return [self._without(name, slice(0, len(self._cells)))]
-        rows, failed = functools.partial(self._rows, name), functools.partial(self._failed, name)
-        return in_halves(rows, len(self._cells), failed)
+        return in_halves(partial(self._rows, name), len(self._cells), partial(self._failed, name))
 
     def _rows(self, name: str, place: slice) -> pa.Table:
         experiment: Experiment = self._slot.context
-        make_ready(self._slot, experiment.resolve, name, pair=experiment.layout.pair)
+        self._slot.prepare(name, warm, experiment.resolve, name, experiment.layout.pair)
         start, limit = time.perf_counter(), self._config.cell_timeout
         try:
             return self._slot.call(name, solve_by, name, self._cells[place], self._lost, timeout=limit)
@@ -96,11 +99,11 @@ class Chunk:
     def _without(self, name: str, place: slice) -> pa.Table:
         """Rows of cells that are lost to a solver, by our process: it asks that solver nothing."""
 
-        def call(_: slice) -> pa.Table:
-            return self._slot.call(None, solve_by, name, self._cells[place], self._lost, timeout=_TO_COMPLETE)
-
         def give_up(_: slice, fault: FaultError) -> pa.Table:
             raise WorkerError(f"cells {self._cells.index[place]}, outside of every solver: {fault.reason}")
+
+        def call(_: slice) -> pa.Table:
+            return self._slot.call(None, solve_by, name, self._cells[place], self._lost, timeout=_TO_COMPLETE)
 
         return in_halves(call, 1, give_up)[0]
 
@@ -126,12 +129,9 @@ class Chunk:
 
 def solver_versions(slot: Slot) -> Versions:
     """Versions of the project and of every solver; why not, for one that is unavailable."""
-    found = slot.once(_stated).items()
-    return {"impact-xval": version("impact-xval")} | {
-        name: said if reason is None else f"unavailable: {reason}" for name, (said, reason) in found
-    }
-
-
-def _stated(slot: Slot) -> dict[str, tuple[str, str | None]]:
     experiment: Experiment = slot.context
-    return {name: stated(slot, experiment.resolve, name) for name in experiment.config.solvers}
+    found = {"impact-xval": version("impact-xval")}
+    for name in experiment.config.solvers:
+        said, reason = stated(slot, experiment.resolve, name)
+        found[name] = said if reason is None else UNAVAILABLE + reason
+    return found

@@ -20,71 +20,52 @@ from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.sweep.process import FaultError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, settings_of
-from impact_xval.experiments.sweep.warmup import make_ready
+from impact_xval.experiments.sweep.warmup import warm
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.parquet import replacing
-from impact_xval.experiments.tables.schema import PAIR, WHO, schema
+from impact_xval.experiments.tables.schema import PAIR, WHO, columns, schema
 from impact_xval.model.collision import RESULT_STATUSES
 
 FIGURE_CELL = "figure-cell"
 CURVES = "curves.parquet"
 
-#: Points kept of a curve, enough to draw it.
-_POINTS = 4000
-
 #: How far a force may be from the straight lines it is drawn by, over the largest one: less than a pen is wide.
 _STRAIGHT = 1e-3
 
 
-def _field(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
-    return pa.field(name, kind, metadata={"unit": "-", "meaning": meaning})
-
-
-CURVES_SCHEMA = pa.schema(
-    [
-        _field("curve", pa.string(), "which collision"),
-        *schema({name: PAIR[name] for name in AXES} | {"solver": WHO["solver"]}),
-        _field(
-            "time", pa.float64(), "since first touch, per sqrt(m1/k1); of the model how long its forces take"
-        ),
-        _field("impulse1", pa.float64(), "ball-ball impulse so far, per m1 |v0|"),
-        _field("impulse2", pa.float64(), "ball-table impulse so far, per m1 |v0|"),
-        _field("state", pa.int64(), "1 to 4 for S1 to S4"),
-    ]
+CURVES_SCHEMA = schema(
+    {"curve": ("text", "-", "which collision")}
+    | {name: PAIR[name] for name in AXES}
+    | {"solver": WHO["solver"]}
+    | columns(
+        """
+        time      float  -  since first touch, per sqrt(m1/k1); of the model how long its forces take
+        impulse1  float  -  ball-ball impulse so far, per m1 |v0|
+        impulse2  float  -  ball-table impulse so far, per m1 |v0|
+        state     int    -  1 to 4 for S1 to S4
+        """
+    )
 )
 
-
 #: Of a run of columns: a row a solver.
-COLUMN_CURVES_SCHEMA = pa.schema(
-    [
-        _field("solver", pa.string(), "name of the solver"),
-        _field("status", pa.string(), "ok, limit, or why there is no result"),
-        _field("reason", pa.string(), "one sentence where the status is not ok"),
-        _field("velocities", pa.list_(pa.float64()), "final velocities per |v0|, ball 1 first"),
-        _field(
-            "time",
-            pa.list_(pa.float64()),
-            "since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))",
-        ),
-        _field("forces", pa.list_(pa.list_(pa.float64())), "of each contact, per m1 |v0| and that time"),
-    ]
+COLUMN_CURVES_SCHEMA = schema(
+    {name: WHO[name] for name in ("solver", "status", "reason")}
+    | columns(
+        """
+        velocities  floats  -  final velocities per |v0|, ball 1 first
+        time        floats  -  since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))
+        forces      lists   -  of each contact, per m1 |v0| and that time
+        """
+    )
 )
 
 
 def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
-    """Solve the cell, or the column, of the figures by every solver, and keep its curves.
-
-    Parameters
-    ----------
-    config : Config
-    folder : RunFolder
-    pool
-        As of `open_pool`.
-    """
+    """Solve the cell, or the column, of the figures by every solver, and keep its curves."""
     pair = config.column is None
-    schema, solve = (CURVES_SCHEMA, _curve) if pair else (COLUMN_CURVES_SCHEMA, _column_curve)
+    solve = _curve if pair else _column_curve
     calls = [pool.submit(_solved, solve, name, config.cell_timeout, pair) for name in config.solvers]
-    curves = pa.concat_tables([schema.empty_table(), *(call.result() for call in calls)])
+    curves = pa.concat_tables(call.result() for call in calls)
     with replacing(folder.root / CURVES) as temporary:
         pq.write_table(curves, temporary, compression="zstd")
 
@@ -93,7 +74,7 @@ def _solved(slot: Slot, solve: Any, name: str, timeout: float, pair: bool) -> pa
     """Have the curves of a solver computed in its process; of one that fails a column's row says so."""
 
     def call(_: slice) -> pa.Table:
-        make_ready(slot, slot.context.resolve, name, pair=pair)
+        slot.prepare(name, warm, slot.context.resolve, name, pair)
         return slot.call(name, solve, name, timeout=timeout)
 
     def lost(_: slice, fault: FaultError) -> pa.Table:
@@ -158,24 +139,7 @@ def _curve(experiment: Experiment, name: str) -> pa.Table:
     i1, i2 = path.impulse1 / unit, path.impulse2 / unit
     if not max(np.abs(i1).max(), np.abs(i2).max()) <= LARGEST:  # nor has it a measure
         return CURVES_SCHEMA.empty_table()
-    kept = thinned(i1, i2, path.state)
-    columns: dict[str, Any] = {
-        "curve": [FIGURE_CELL] * len(kept),
-        **{key: [value] * len(kept) for key, value in cell.model_dump().items()},
-        "solver": [name] * len(kept),
-        "time": path.time[kept] / collision.units.time,
-        "impulse1": i1[kept],
-        "impulse2": i2[kept],
-        "state": path.state[kept],
-    }
-    return pa.table(columns, schema=CURVES_SCHEMA)
-
-
-def thinned(i1: np.ndarray, i2: np.ndarray, state: np.ndarray, points: int = _POINTS) -> np.ndarray:
-    """Pick points about evenly spaced along the curve, its ends and every change of state among them."""
-    if len(i1) <= points:
-        return np.arange(len(i1))
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(i1), np.diff(i2)))])
-    even = np.searchsorted(length, np.linspace(0, length[-1], points)).clip(max=len(i1) - 1)
-    change = np.flatnonzero(np.diff(state))
-    return np.unique(np.concatenate([[0, len(i1) - 1], even, change, change + 1]))
+    same = {"curve": FIGURE_CELL, **cell.model_dump(), "solver": name}
+    found: dict[str, Any] = {key: [value] * len(i1) for key, value in same.items()}
+    found |= {"time": path.time / collision.units.time, "impulse1": i1, "impulse2": i2, "state": path.state}
+    return pa.table(found, schema=CURVES_SCHEMA)

@@ -22,19 +22,7 @@ _MOST, _LOOKED = 40, "The MuJoCo scenes of this run, as its adapter builds them,
 
 
 def traps_note(config: Config, cells: Cells | None = None) -> dict[str, Any]:
-    """Say, for the report of a run of two balls, which traps its own scenes hold.
-
-    Parameters
-    ----------
-    config : Config
-    cells : Cells, optional
-        Of the run; by default they are made of its configuration.
-
-    Returns
-    -------
-    dict
-        ``introduction``, a sentence, and ``found``, a list of them.
-    """
+    """Say which traps the scenes of a run of two balls hold: an ``introduction``, and a list of what is ``found``."""
     solver = get_solver("mujoco")
     if "mujoco" not in config.solvers or solver.unavailable() is not None:
         return {"introduction": "This run has no scenes of MuJoCo that could be examined here.", "found": []}

@@ -11,6 +11,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
+from functools import partial
 from typing import Any
 
 from impact_xval.compliant_baselines.registry import get_solver, is_ours, solver_names
@@ -50,12 +51,12 @@ class SolversApart:
             say("")
         ended = f"has taken {{:.0f}} s; it is ended after {TO_PREPARE:g} s"
         at_work = f"has worked for {{:.0f}} s; it is ended after {config.cell_timeout:g} s"
-        solved = {}
+        solve, solved = partial(Slot.call, timeout=config.cell_timeout), {}
         for name in names:
-            self._wait(say, f"making {name} ready {ended}", _prepared, resolve, name, pair)
+            self._wait(say, f"making {name} ready {ended}", Slot.prepare, name, _warm, resolve, name, pair)
             try:
-                asked = resolve, name, config, collision, points
-                solved[name] = self._wait(say, f"{name} {at_work}", _solved, *asked)
+                asked = name, _answer, resolve, name, config, collision, points
+                solved[name] = self._wait(say, f"{name} {at_work}", solve, *asked)
             except FaultError as fault:
                 solved[name] = Outcome.failure(name, collision, fault.status, fault.reason)
         return solved
@@ -70,14 +71,9 @@ class SolversApart:
 
 @contextlib.contextmanager
 def solvers_apart(names: Sequence[str], *, columns: bool = False) -> Iterator[SolversApart]:
-    """Start a process, which imports solvers meanwhile; it is gone when the block ends.
+    """Start a process, which imports solvers meanwhile, for columns of N balls if so; it is gone when the block ends.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the solvers, legal or not; none for those that a run has by default.
-    columns : bool
-        Whether they are to solve columns of N balls.
+    Names may be illegal; none stand for the solvers that a run has by default.
     """
     legal = [name for name in solver_names(on_request=True) if name in names] or list(solver_names())
     with open_pool(None, 1) as pool:
@@ -100,10 +96,6 @@ def _import(_: object, names: Sequence[str], pair: bool) -> bool:
     return all(are_compiled(name, pair=pair) for name in names)
 
 
-def _prepared(slot: Slot, resolve: Any, name: str, pair: bool) -> None:
-    slot.prepare(name, _warm, resolve, name, pair)
-
-
 def _warm(_: object, resolve: Any, name: str, pair: bool) -> None:
     """Make a process ready; one of our solvers whose kernels are compiled reads them as fast while it solves."""
     from impact_xval.experiments.sweep.warmup import are_compiled, warm
@@ -112,10 +104,6 @@ def _warm(_: object, resolve: Any, name: str, pair: bool) -> None:
         resolve(name).unavailable()
     else:
         warm(_, resolve, name, pair)
-
-
-def _solved(slot: Slot, resolve: Any, name: str, config: Config, *asked: Any) -> Outcome:
-    return slot.call(name, _answer, resolve, name, config, *asked, timeout=config.cell_timeout)
 
 
 def _answer(

@@ -63,14 +63,8 @@ class WorkerError(Exception):
 class Worker:
     """A process that works for one caller at a time; it is started when it is first needed, and after a fault.
 
-    On Linux it ends with the thread that started it: who calls it from a thread keeps that one as long.
-
-    Parameters
-    ----------
-    context : object
-        Sent once to each process, and handed to everything that is called there.
-    log : Path, optional
-        File to which its standard error is appended; by default it goes nowhere.
+    The context is sent once to each process, and handed to everything that is called there; standard error is appended
+    to the log. On Linux it ends with the thread that started it, which must live as long.
     """
 
     def __init__(self, context: Any = None, log: Path | None = None) -> None:
@@ -92,12 +86,7 @@ class Worker:
             return self._running
 
     def call(self, function: Callable[..., Any], *arguments: Any, timeout: float) -> Any:
-        """Return ``function(context, *arguments)`` of the process, which is killed after so many seconds.
-
-        Raises
-        ------
-        FaultError, ClosedError, WorkerError
-        """
+        """Return ``function(context, *arguments)`` of the process, which is killed after so many seconds."""
         process, pipe = self.start()
         try:
             pipe.send((function, arguments))
@@ -134,9 +123,8 @@ def in_halves(
 ) -> list[_Piece]:
     """Call for n cells at once, in halves where their process dies or hangs, and so on down to single cells.
 
-    A cell is lost when its process died twice with this cell alone: one death may have been anybody's (a full memory,
-    an operator), and costs nothing but time. One that hangs alone is lost: it has had the time that one may take. Then
-    `failure` gives what stands for its answer. The answers are in the order of the cells.
+    After one crash alone a cell is tried again: it may have been a full memory, or an operator. After two, or where it
+    hangs alone, `failure` gives what stands for its answer. The answers are in the order of the cells.
     """
 
     def pieces(start: int, stop: int, again: bool) -> list[_Piece]:

@@ -16,11 +16,18 @@ from impact_xval.compliant_baselines.answers import answer, said
 from impact_xval.compliant_baselines.solver import Convergence, Settings, Solver
 from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.measures.divergence import divergence, retained_energy, retained_momentum
+from impact_xval.experiments.measures.divergence import (
+    Floats,
+    Results,
+    divergence,
+    masses_and_starts,
+    results_of,
+    retained_energy,
+    retained_momentum,
+)
 from impact_xval.experiments.measures.ladder_rows import failed_ladders, ladders, scatter
 from impact_xval.experiments.measures.laws import exact_for
 from impact_xval.experiments.measures.layout import laddered, layout_of
-from impact_xval.experiments.measures.results import Floats, Results, masses_and_starts, results_of
 from impact_xval.experiments.tables.schema import Layout, to_table
 from impact_xval.model.collision import Collisions, Outcome, Status
 
@@ -36,15 +43,7 @@ _LARGEST = 1e150
 
 @dataclass
 class Experiment:
-    """What every process of a run is given once.
-
-    Attributes
-    ----------
-    config : Config
-        The experiment; its first solver is the reference.
-    resolve : callable
-        Finds a solver by its name.
-    """
+    """What every process of a run is given once: the experiment, and what finds a solver by its name."""
 
     config: Config
     resolve: Resolve = get_solver
@@ -57,19 +56,15 @@ class Experiment:
 
     def results(self, name: str, block: Block, lost: Lost) -> Results:
         """Solve cells by a solver; those that are lost to it are failures."""
-        known = {i: lost[name, cell] for i, cell in enumerate(block.index.tolist()) if (name, cell) in lost}
-        asked: Any = (
-            [c for i, c in enumerate(block.collisions) if i not in known] if known else block.collisions
-        )
+        why, asked = [lost.get((name, cell)) for cell in block.index.tolist()], block.collisions
+        if any(why):
+            asked = [c for c, failed in zip(block.collisions, why, strict=True) if not failed]
         outcomes = []
         if len(asked):  # a solver that is lost to all cells is not asked what it is either
             outcomes = answer(self.resolve(name), asked, settings_of(self.config, paths=self.layout.pair))
-        if known:
-            found = iter(outcomes)
-            outcomes = [
-                Outcome.failure(name, c, *known[i]) if i in known else next(found)
-                for i, c in enumerate(block.collisions)
-            ]
+        if any(why):
+            rest, cells = iter(outcomes), zip(block.collisions, why, strict=True)
+            outcomes = [Outcome.failure(name, c, *failed) if failed else next(rest) for c, failed in cells]
         paths = self.layout.pair and self.config.measures == "all"
         shortest = self.config.shortest_state * shortest_periods(block) if paths else None
         return results_of(outcomes, _speeds(block), self.layout.balls, self.layout.contacts, shortest)
@@ -88,21 +83,9 @@ def solve_all(experiment: Experiment, block: Block) -> pa.Table:
 
 
 def solve_by(experiment: Experiment, name: str, block: Block, lost: Lost) -> pa.Table:
-    """Solve cells by one solver and compare it with the reference.
+    """Solve cells by one solver and compare it with the reference: a row for each cell, with the columns of a part.
 
-    Parameters
-    ----------
-    experiment : Experiment
-    name : str
-        Of the solver.
-    block : Block
-    lost : dict
-        Solvers that are not called for a cell, with the status and reason of that row.
-
-    Returns
-    -------
-    Table
-        A row for each cell, with the columns of a part.
+    Solvers are not called for cells that are lost to them.
     """
     try:
         model = experiment.models(block, lost)
@@ -170,20 +153,13 @@ def _columns(
 
 
 def completed(experiment: Experiment, block: Block, rows: pa.Table) -> pa.Table:
-    """Fill in what needs the rows of several solvers: distances of limits, and ladders.
-
-    Parameters
-    ----------
-    rows : Table
-        Of every solver, by cell, then by solver.
-    """
-    names, layout = experiment.config.solvers, experiment.layout
+    """Fill in what needs the rows of several solvers, by cell, then by solver: distances of limits, and ladders."""
+    names = experiment.config.solvers
     per_cell = {name: np.arange(i, len(rows), len(names)) for i, name in enumerate(names)}
     columns: dict[str, Any] = {"limit_distance": _limit_distances(experiment, block, rows, per_cell)}
+    model = rows.take(per_cell[REFERENCE])
     engines = {name: rows.take(per_cell[name]) for name in laddered(experiment.config)}
-    for name, found in ladders(
-        experiment.config, block, rows.take(per_cell[REFERENCE]), engines, layout
-    ).items():
+    for name, found in ladders(experiment.config, block, model, engines).items():
         for key, values in found.items():
             scatter(columns, f"ladder_{key}", values, per_cell[name], len(rows))
     return _with(rows, columns)
@@ -245,7 +221,8 @@ def _speeds(block: Block) -> Floats:
 
 def shortest_periods(block: Block) -> Floats:
     """Shorter contact period of two balls on a table, in s: 0 of a rigid contact, infinite without stiffness."""
-    m, k = Collisions.of(block.collisions).masses, Collisions.of(block.collisions).stiffnesses
+    some = Collisions.of(block.collisions)
+    m, k = some.masses, some.stiffnesses
     with np.errstate(divide="ignore", over="ignore"):
         rates = k / np.column_stack([1 / (1 / m[:, 0] + 1 / m[:, 1]), m[:, 1]])
         return 2 * np.pi / np.sqrt(rates.max(axis=1))
@@ -253,6 +230,7 @@ def shortest_periods(block: Block) -> Floats:
 
 def settings_of(config: Config, *, paths: bool = True) -> Settings:
     """Return the settings of every solver of an experiment; outcomes carry their paths, if asked for."""
+    how = config.convergence
     return Settings(
         scenario=config.scenario,
         gravity=config.gravity,
@@ -264,7 +242,5 @@ def settings_of(config: Config, *, paths: bool = True) -> Settings:
         mark=config.measures == "all",
         stiffness_ratio_cutoff=config.stiffness_ratio_cutoff,
         grazing_threshold=config.grazing_threshold,
-        convergence=Convergence(config.convergence.tolerance, config.convergence.halvings)
-        if config.convergence.enabled
-        else None,
+        convergence=Convergence(how.tolerance, how.halvings) if how.enabled else None,
     )

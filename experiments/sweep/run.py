@@ -22,9 +22,9 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.cells import Cells, experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.sweep.chunk import Report, Versions, solve_chunks, solver_versions
+from impact_xval.experiments.sweep.chunk import UNAVAILABLE, Report, Versions, solve_chunks, solver_versions
 from impact_xval.experiments.sweep.curves import write_curves
-from impact_xval.experiments.sweep.pool import available_cores, open_pool
+from impact_xval.experiments.sweep.pool import Slot, available_cores, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
 from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS
@@ -32,6 +32,7 @@ from impact_xval.experiments.tables.folder import (
     FORMAT,
     MANIFEST,
     RunFolder,
+    read_part,
     statuses_of,
     tables_lock,
     write_json,
@@ -40,8 +41,6 @@ from impact_xval.experiments.tables.folder import (
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
-
-#: Given the rows of a chunk as soon as they are there.
 OnRows = Callable[[pa.Table], None]
 
 #: Number of a shard, from 1, and how many there are.
@@ -69,16 +68,14 @@ def run_sweep(
     Parameters
     ----------
     config : Config
-        The experiment.
     root : Path
         The folder; new, empty, or that of the same experiment, which is continued from the parts that are there.
     workers : int, optional
         Processes on this machine, on which no result depends; by default the configuration's, else one a core.
     scheduler : str, optional
-        Address of a Dask scheduler; by default no Dask.
+        Address of a Dask scheduler.
     shard : tuple of int and int
-        Number of this shard, from 1, and how many there are: it computes its parts alone. Whichever finds all parts at
-        its end writes the tables.
+        It computes its parts alone; whichever finds all parts at its end writes the tables.
     isolate : bool
         False runs the solvers in this process: one that crashes ends the run.
     progress : callable
@@ -89,10 +86,6 @@ def run_sweep(
         Finds a solver by its name; at the top level of a module.
     present : callable
         Given the folder once its tables are complete; the run is complete when it returns.
-
-    Returns
-    -------
-    RunFolder
 
     Raises
     ------
@@ -107,7 +100,7 @@ def run_sweep(
         run = _Run(experiment, cells, folder, shard, progress, on_rows)
         how = {"scheduler": scheduler, "isolate": isolate, "say": say, "log": folder.root / LOG}
         with open_pool(experiment, min(workers, cells.chunks()), **how) as pool:
-            run.begin(pool.here(solver_versions), continued)
+            run.begin(pool.here(Slot.once, solver_versions), continued)
             run.solve(pool)
             run.curves(pool)
         run.finish({"where": scheduler or "this machine", "workers": workers}, present)
@@ -140,9 +133,8 @@ class _Run:
         progress: Progress,
         on_rows: OnRows,
     ) -> None:
-        self._experiment, self._cells, self._folder = experiment, cells, folder
+        self._experiment, self._cells, self._folder, self._shard = experiment, cells, folder, shard
         self._progress, self._on_rows = progress, on_rows
-        self._shard = shard
         self._mine = [n for n in van_der_corput(cells.chunks()) if n % shard[1] == shard[0] - 1]
         self._total = sum(len(cells.chunk(number)) for number in self._mine)
         self._done = self._reused = self._faults = 0
@@ -158,16 +150,18 @@ class _Run:
             folder.write_config(config)
         with tables_lock(folder):
             write_json(folder.root / MANIFEST, self._manifest("running"))
-        there, findings = folder.find_parts(self._mine, self._identity, self._experiment.layout)
-        for finding in findings:
-            self._progress(0, 0, finding)
+        there = set()
+        for number, path in folder.named_parts(self._mine, self._identity).items():
+            try:
+                self._on_rows(read_part(path, self._experiment.layout).select(MEDIAN_COLUMNS))
+                there.add(number)
+            except UserError:
+                self._progress(0, 0, f"part {number} is damaged: computed again")
         self._mine = [number for number in self._mine if number not in there]
         self._done, self._reused = sum(len(cells.chunk(number)) for number in there), len(there)
         if continued:
             line = f"resumed: {len(there)} of {len(there) + len(self._mine)} parts are there and whole"
             self._progress(self._done, self._total, line)
-        for path in there.values():
-            self._tell(path)
         self._stage("start")
 
     def solve(self, pool: Any) -> None:
@@ -175,13 +169,10 @@ class _Run:
         cells = self._cells
         for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
             self._keep(report)
-            self._tell(pa.BufferReader(report.data))
+            self._on_rows(pq.read_table(pa.BufferReader(report.data), columns=MEDIAN_COLUMNS))
             self._done += len(cells.chunk(report.number))
             self._progress(self._done, self._total, "")
         self._stage("solve")
-
-    def _tell(self, part: Any) -> None:
-        self._on_rows(pq.read_table(part, columns=MEDIAN_COLUMNS))
 
     def _keep(self, report: Report) -> None:
         ours, theirs = self._versions, report.versions
@@ -264,7 +255,7 @@ class _Run:
                 "cores": available_cores(),
                 "python": platform.python_version(),
             },
-            "seeds": _seeds(config),
+            "seeds": "none" if config.sample is None else config.sample.seed,
             "sessions": [*earlier, *session],
         }
 
@@ -275,10 +266,9 @@ class _Run:
 
 
 def van_der_corput(count: int) -> Iterator[int]:
-    """Give the numbers below a count, each once, such that the first few of them lie all over the range.
+    """Give the numbers below a count such that the first few lie all over the range, as medians and time left need.
 
-    Cells are in the order of their stiffness ratios; medians so far and the time left then stand for all of them. It is
-    van der Corput's sequence (1935), the binary digits of 0, 1, 2 ... in the opposite order.
+    It is van der Corput's sequence (1935), the binary digits of 0, 1, 2 ... in the opposite order.
     """
     digits = (count - 1).bit_length()
     mirrored = (int(f"{place:0{digits}b}"[::-1], 2) for place in range(1 << digits))
@@ -287,18 +277,11 @@ def van_der_corput(count: int) -> Iterator[int]:
 
 def _same_version(ours: str, theirs: str) -> bool:
     """Whether rows of a solver are the same by both; the reason of one that is unavailable may have other words."""
-    return ours == theirs or (ours.startswith("unavailable") and theirs.startswith("unavailable"))
+    return ours == theirs or (ours.startswith(UNAVAILABLE) and theirs.startswith(UNAVAILABLE))
 
 
 def _identity(experiment: Experiment, cells: Cells, versions: Versions) -> str:
     """Hash all that the content of a part depends on, but for its number."""
     config, columns = experiment.config, experiment.layout.rows.names
-    of_list = cells.digest(range(len(cells))) if config.cells is not None else ""
-    found = json.dumps([config.identity(), versions, columns, of_list], sort_keys=True)
+    found = json.dumps([config.identity(), versions, columns, cells.digest], sort_keys=True)
     return hashlib.sha256(found.encode()).hexdigest()[:32]
-
-
-def _seeds(config: Config) -> str:
-    if config.sample is not None:
-        return f"{config.sample.seed}, of the cells; nothing else in a run is random"
-    return "none: nothing in a run is random"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from array import array
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +15,10 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.registry import law_of
-from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import reasons_of
-from impact_xval.experiments.tables.folder import RunFolder, Tally, running, statuses_of, tally
+from impact_xval.experiments.tables.folder import Tally, run_folder, running, statuses_of, tally
 
 #: Columns of a row that `Medians` are made of.
 MEDIAN_COLUMNS = ["solver", "velocity_divergence", "marked"]
@@ -28,21 +26,9 @@ MEDIAN_COLUMNS = ["solver", "velocity_divergence", "marked"]
 
 @dataclass(frozen=True, slots=True)
 class RunStatus:
-    """State of a run.
+    """State of a run: ``complete``, ``running``, or ``stopped``, where nobody works on what is to be completed.
 
-    Attributes
-    ----------
-    state : str
-        ``complete``, ``running``, or ``stopped``: nobody works on it, and its parts, tables or report are to be
-        completed.
-    cells, cells_done : int
-        Of the experiment, and those whose rows are kept.
-    parts, parts_done, parts_damaged : int
-        Chunks of cells, those whose rows are kept, and files that cannot be read (they are computed again).
-    statuses : dict
-        Count of every status by solver.
-    reasons : list of (str, str, str, int)
-        Solver, status, reason and number of rows, the most frequent first.
+    Reasons are solver, status, reason and number of rows, the most frequent first.
     """
 
     state: str
@@ -56,24 +42,14 @@ class RunStatus:
 
 
 def status_of(root: Path) -> RunStatus:
-    """Read the state of a run from its folder.
-
-    Raises
-    ------
-    UserError
-        If the folder is not that of a run.
-    """
-    if not root.is_dir():
-        raise UserError(f"{root}: no such folder; legal: the folder of a run")
-    folder = RunFolder(root)
+    """Read the state of a run from its folder."""
+    folder = run_folder(root)
     manifest, writing = folder.manifest(), running(root)
     cells, chunks = manifest["cells"], manifest["chunks"]
-    done = damaged = 0
-    outcomes: Tally = Counter()
     if manifest["state"] == "complete" and not writing:
-        outcomes = folder.tally()
-        counts = cells, cells, chunks, chunks, 0
-        return RunStatus("complete", *counts, statuses_of(outcomes), reasons_of(outcomes))
+        outcomes, state, counts = folder.tally(), "complete", (cells, cells, chunks, chunks, 0)
+        return RunStatus(state, *counts, statuses_of(outcomes), reasons_of(outcomes))
+    outcomes, done, damaged = Tally(), 0, 0
     parts = folder.named_parts(range(chunks), manifest["identity"])
     for path in parts.values():
         try:
@@ -89,13 +65,7 @@ def status_of(root: Path) -> RunStatus:
 
 
 class Medians:
-    """Median D of every solver over the rows that have come so far, marked rows left out as in every table.
-
-    Parameters
-    ----------
-    solvers : iterable of str
-        Of the run.
-    """
+    """Median D of every solver over the rows that have come so far, marked rows left out as in every table."""
 
     def __init__(self, solvers: Iterable[str]) -> None:
         names = (name for name in in_order_of_laws(solvers) if name != REFERENCE)

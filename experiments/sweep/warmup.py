@@ -17,7 +17,7 @@ from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures.hausdorff import measure_all
 from impact_xval.experiments.sweep.pool import TO_STATE, Slot
-from impact_xval.experiments.sweep.process import FaultError, in_halves
+from impact_xval.experiments.sweep.process import in_halves
 from impact_xval.experiments.sweep.rows import Experiment, Resolve, solve_by
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.compiled import cache_folder, is_compiled
@@ -30,19 +30,15 @@ _PAIR: dict[str, Any] = {
 _COLUMN: dict[str, Any] = {"column": {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}}
 
 
-def make_ready(slot: Slot, resolve: Resolve, name: str, *, pair: bool) -> None:
-    """Make a process ready for a solver, unless it is: for two balls on a table, or for columns."""
-    slot.prepare(name, warm, resolve, name, pair)
-
-
 def warm(_: object, resolve: Resolve, name: str, pair: bool) -> None:
-    """Solve ordinary cells by a solver, so that all is imported and compiled.
+    """Solve ordinary cells by a solver, of two balls or columns, so that all is imported and compiled.
 
     One, and two: a column of an array is contiguous where that has one row only, and numba compiles for either.
     """
     usual = parse_config(_PAIR if pair else _COLUMN)
     experiment, cells = Experiment(usual, resolve), experiment_cells(usual)
-    with contextlib.nullcontext() if are_compiled(name, pair=pair) else _compiling():
+    compiling = FileLock(cache_folder(follow_chains) / "compiling.lock")
+    with contextlib.nullcontext() if are_compiled(name, pair=pair) else compiling:
         for n in (1, 2):
             solve_by(experiment, name, cells.block(range(n)), {})
 
@@ -59,20 +55,13 @@ def are_compiled(name: str, *, pair: bool) -> bool:
     return all(map(is_compiled, kernels))
 
 
-def _compiling() -> FileLock:
-    return FileLock(cache_folder(follow_chains) / "compiling.lock")
-
-
 def stated(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:
     """Ask a solver for its version, and why it cannot run; both in its own process."""
-
-    def call(_: slice) -> tuple[str, str | None]:
-        return slot.call(name, _stated, resolve, name, timeout=TO_STATE)
-
-    def lost(_: slice, fault: FaultError) -> tuple[str, str | None]:
-        return "", f"asked what it is, it gave no answer: {fault.reason}"
-
-    return in_halves(call, 1, lost)[0]
+    return in_halves(
+        lambda _: slot.call(name, _stated, resolve, name, timeout=TO_STATE),
+        1,
+        lambda _, fault: ("", f"asked what it is, it gave no answer: {fault.reason}"),
+    )[0]
 
 
 def _stated(_: object, resolve: Resolve, name: str) -> tuple[str, str | None]:

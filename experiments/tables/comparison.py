@@ -1,15 +1,14 @@
 """What moved between two finished runs of the same cells, by solver and by cell.
 
-A row is a cell and a solver. It
-moved where its status is another one, where a velocity per abs(v0) or D differs by more than a tolerance, or where one
-run has such a number and the other has none.
+A row is a cell and a solver. It moved where its status is another one, where a velocity per abs(v0) or D differs by
+more than a tolerance, or where one run has such a number and the other has none.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,55 +26,27 @@ LISTED = 10
 
 @dataclass(slots=True)
 class SolverChanges:
-    """What became of the rows of one solver.
+    """How many rows of one solver were compared, moved, and have another status; its largest changes.
 
-    Attributes
-    ----------
-    compared, moved, statuses : int
-        Cells of both runs, those that moved, and those whose status is another one.
-    velocity, divergence : float
-        Largest change of a velocity per abs(v0), and of D, where both runs have a number.
+    Changes are of a velocity per abs(v0), and of D, where both runs have a number.
     """
 
-    compared: int = 0
-    moved: int = 0
-    statuses: int = 0
-    velocity: float = 0.0
-    divergence: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Moved:
-    """A row that moved.
-
-    Attributes
-    ----------
-    cell : int
-    solver, status_a, status_b : str
-    velocity, divergence : float
-        Changes, infinite where one run alone has a number, 0 where neither has.
-    """
-
-    cell: int
-    solver: str
-    status_a: str
-    status_b: str
+    compared: int
+    moved: int
+    statuses: int
     velocity: float
     divergence: float
 
 
 @dataclass(slots=True)
 class Comparison:
-    """What moved between two runs.
+    """What moved between two runs: changes above a tolerance, by solver in the order of the first run.
 
     Attributes
     ----------
-    tolerance : float
-        Changes above it count.
-    solvers : dict
-        Changes by solver, in the order of the first run.
-    worst : list of Moved
-        The worst rows, the worst first, at most `LISTED`.
+    worst : list of named tuples
+        The worst rows, the worst first, at most `LISTED`: ``cell, solver, status_a, status_b, velocity, divergence``;
+        changes are infinite where one run alone has a number, 0 where neither has.
     alone : list of str
         Solvers that one run alone has; nothing is compared of them.
     settings, versions : dict
@@ -84,10 +55,10 @@ class Comparison:
 
     tolerance: float
     solvers: dict[str, SolverChanges]
-    worst: list[Moved] = field(default_factory=list)
-    alone: list[str] = field(default_factory=list)
-    settings: dict[str, tuple[str, str]] = field(default_factory=dict)
-    versions: dict[str, tuple[str, str]] = field(default_factory=dict)
+    worst: list[Any]
+    alone: list[str]
+    settings: dict[str, tuple[str, str]]
+    versions: dict[str, tuple[str, str]]
 
     @property
     def moved(self) -> int:
@@ -96,20 +67,7 @@ class Comparison:
 
 
 def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
-    """Compare two finished runs.
-
-    Parameters
-    ----------
-    a, b : RunFolder
-        Of two finished runs, of collisions or of columns of N balls both.
-    tolerance : float
-        Of velocities per abs(v0), and of D; 0 or more.
-
-    Raises
-    ------
-    UserError
-        If their cells are not the same, or a table is missing or damaged; one line that says where.
-    """
+    """Compare two finished runs; a `UserError` says where their cells are not the same, or a table is damaged."""
     configs = a.config(), b.config()
     kinds = ["collisions" if each.column is None else "columns of N balls" for each in configs]
     if kinds[0] != kinds[1]:
@@ -139,9 +97,9 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
         tolerance,
         {
             name: SolverChanges(int(c.n), int(c.moved), int(c.other), float(c.velocity), float(c.divergence))
-            for name, c in counts.reindex(both).iterrows()
+            for name, c in counts.loc[both].iterrows()
         },
-        worst=[Moved(*row) for row in worst[shown].head(LISTED).itertuples(index=False)],
+        worst=list(worst[shown].head(LISTED).itertuples(index=False)),
         alone=sorted(here ^ there),
         settings=_differing(own, plain[1]),
         versions=_differing(manifests[0]["versions"], manifests[1]["versions"]),

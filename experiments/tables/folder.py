@@ -1,7 +1,7 @@
 """The folder of a run: what was asked for, the parts that are there, the finished tables, and who writes.
 
-Every file is written under a temporary name and renamed. A part holds the rows of one chunk of cells; its name bears
-the identity of the run (configuration, versions, cells), and parts of another identity are left alone.
+A part holds the rows of one chunk of cells; its name bears the identity of the run (configuration, versions, cells).
+Parts of another identity are left alone.
 """
 
 from __future__ import annotations
@@ -56,12 +56,7 @@ def write_json(path: Path, value: Any) -> None:
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """The folder of a run.
-
-    Attributes
-    ----------
-    root : Path
-    """
+    """The folder of a run; what is missing or damaged in it is a `UserError`."""
 
     root: Path
 
@@ -75,26 +70,14 @@ class RunFolder:
         write_text(self.root / CONFIGURATION, config.toml())
 
     def config(self) -> Config:
-        """Read the experiment of the run.
-
-        Raises
-        ------
-        UserError
-            If the folder is not that of a run, or its file was altered to anything illegal.
-        """
+        """Read the experiment of the run."""
         path = self.root / CONFIGURATION
         if not path.exists():
             raise UserError(f"{self.root}: no {CONFIGURATION}; legal: the folder of a run ({FORMAT})")
         return load_config(path)
 
     def manifest(self) -> dict[str, Any]:
-        """Read the manifest.
-
-        Raises
-        ------
-        UserError
-            If there is none that can be read, or it is of another format.
-        """
+        """Read the manifest, of this format."""
         path = self.root / MANIFEST
         again = "the command that began the run writes it again"
         try:
@@ -110,51 +93,16 @@ class RunFolder:
             raise UserError(f"{path}: format = {found!r:.60}; legal: {FORMAT!r}, which this version writes")
         return value
 
-    def write_part(self, number: int, identity: str, data: bytes) -> Path:
-        """Write a part.
-
-        It need not be on the disk when this returns: a part that a power cut emptied is told by its checksums.
-        """
-        path = self._part(number, identity)
-        with replacing(path, sync=False) as temporary:
+    def write_part(self, number: int, identity: str, data: bytes) -> None:
+        """Write a part; one that a power cut emptied is told by its checksums."""
+        with replacing(self._part(number, identity), sync=False) as temporary:
             temporary.write_bytes(data)
-        return path
 
     def named_parts(self, numbers: Iterable[int], identity: str) -> dict[int, Path]:
         """Find parts of a run by their names; path by number."""
         there = {path.name for path in self.parts.iterdir()} if self.parts.is_dir() else set()
         paths = {number: self._part(number, identity) for number in numbers}
         return {number: path for number, path in paths.items() if path.name in there}
-
-    def find_parts(
-        self, numbers: Iterable[int], identity: str, layout: Layout
-    ) -> tuple[dict[int, Path], list[str]]:
-        """Find the parts that are whole.
-
-        Parameters
-        ----------
-        numbers : iterable of int
-            Of the chunks that are looked for.
-        identity : str
-            Of the run.
-        layout : Layout
-            Of the run.
-
-        Returns
-        -------
-        parts : dict
-            Path by number of the chunk.
-        findings : list of str
-            One line for every part that is damaged; it is to be computed again.
-        """
-        parts, findings = {}, []
-        for number, path in self.named_parts(numbers, identity).items():
-            try:
-                read_part(path, layout)
-                parts[number] = path
-            except UserError:
-                findings.append(f"part {number} is damaged: computed again")
-        return parts, findings
 
     def _part(self, number: int, identity: str) -> Path:
         return self.parts / f"{number:06d}-{identity}.parquet"
@@ -188,13 +136,7 @@ class RunFolder:
         return tally(blocks(self.table_path("cells.parquet"), ["solver", "status", "reason"]))
 
     def table_path(self, name: str) -> Path:
-        """Return the path of a finished table.
-
-        Raises
-        ------
-        UserError
-            If it is missing or damaged.
-        """
+        """Return the path of a finished table."""
         path = self.root / name
         try:
             pq.read_schema(path)
@@ -218,20 +160,13 @@ def part_bytes(rows: pa.Table) -> bytes:
     return sink.getvalue().to_pybytes()
 
 
-def read_part(source: Path | bytes, layout: Layout) -> pa.Table:
-    """Read the rows of a part, from its file or its content.
-
-    Raises
-    ------
-    UserError
-        If it is damaged.
-    """
+def read_part(path: Path, layout: Layout) -> pa.Table:
+    """Read the rows of a part; a `UserError` where it is damaged."""
     try:
-        content = pa.BufferReader(source) if isinstance(source, bytes) else source
-        with pq.ParquetFile(content, page_checksum_verification=True) as file:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             return file.read(use_threads=False).cast(layout.rows)
     except (pa.ArrowException, OSError, ValueError):
-        raise UserError(f"{source!s:.200}: damaged; the same command computes it again") from None
+        raise UserError(f"{path}: damaged; the same command computes it again") from None
 
 
 def tally(tables: Iterable[pa.Table]) -> Tally:
@@ -246,11 +181,10 @@ def tally(tables: Iterable[pa.Table]) -> Tally:
 
 def statuses_of(outcomes: Tally) -> dict[str, dict[str, int]]:
     """Count every status by solver."""
-    counts: dict[str, dict[str, int]] = {}
+    counts: dict[str, Counter[str]] = {}
     for (solver, status, _), n in outcomes.items():
-        of_solver = counts.setdefault(solver, {})
-        of_solver[status] = of_solver.get(status, 0) + n
-    return counts
+        counts.setdefault(solver, Counter())[status] += n
+    return {solver: dict(found) for solver, found in counts.items()}
 
 
 def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
@@ -267,21 +201,10 @@ def _pieces(parts: Iterable[Path], layout: Layout) -> Iterator[pa.Table]:
 
 @contextlib.contextmanager
 def writing(root: Path, config: Config, shard: tuple[int, int] = (1, 1)) -> Iterator[tuple[RunFolder, bool]]:
-    """Keep a folder to this process as the one that computes a run, or a shard of it.
+    """Keep a folder to this process as the one that computes a run, or a shard of it; and say whether a run is there.
 
-    The lock is the operating system's, which lets go of it the moment its process is gone, however it went.
-
-    Yields
-    ------
-    folder : RunFolder
-    continued : bool
-        Whether a run is there.
-
-    Raises
-    ------
-    UserError
-        If the folder holds anything else, is written to by another process, or cannot be written to. Then, and after
-        one in the block, what was made for nothing is removed.
+    The lock is the operating system's, which lets go of it the moment its process is gone, however it went. After a
+    `UserError`, here or in the block, what was made for nothing is removed.
     """
     folder = RunFolder(root)
     continued = _looked_at(folder, config)
@@ -315,13 +238,7 @@ def _remove(folders: Iterable[Path]) -> None:
 
 def _looked_at(folder: RunFolder, config: Config) -> bool:
     """Whether a run of an experiment is in a folder; a `UserError` where anything else is. Nothing is written."""
-    root = folder.root
-    try:
-        entries = sorted(entry.name for entry in root.iterdir()) if root.exists() else []
-    except NotADirectoryError:
-        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
-    except OSError as error:
-        raise UserError(f"--out {root}: cannot be read: {error.strerror}") from None
+    root, entries = folder.root, _entries(folder.root)
     if CONFIGURATION in entries:
         _check_same(folder, config)
         return True
@@ -331,6 +248,16 @@ def _looked_at(folder: RunFolder, config: Config) -> bool:
     if foreign:
         raise UserError(f"--out {root}: not empty ({foreign[0]}) and not a run; legal: a new or empty folder")
     return False
+
+
+def _entries(root: Path) -> list[str]:
+    """List the names in a folder, if it is there."""
+    try:
+        return sorted(entry.name for entry in root.iterdir()) if root.exists() else []
+    except NotADirectoryError:
+        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
+    except OSError as error:
+        raise UserError(f"--out {root}: cannot be read: {error.strerror}") from None
 
 
 def _check_same(folder: RunFolder, config: Config) -> None:
@@ -363,17 +290,16 @@ def _held(path: Path) -> bool:
         return False
 
 
-def finished(root: Path) -> RunFolder:
-    """Return the folder of a run whose tables are complete; its report may be missing.
-
-    Raises
-    ------
-    UserError
-        If they are not.
-    """
+def run_folder(root: Path) -> RunFolder:
+    """Return the folder of a run, or a `UserError` where there is none."""
     if not root.is_dir():
         raise UserError(f"{root}: no such folder; legal: the folder of a run")
-    folder = RunFolder(root)
+    return RunFolder(root)
+
+
+def finished(root: Path) -> RunFolder:
+    """Return the folder of a run whose tables are complete, or a `UserError`; its report may be missing."""
+    folder = run_folder(root)
     if folder.manifest()["state"] not in FINISHED:
         command = f"impact-xval run --out {shlex.quote(str(root))}"
         raise UserError(f"{root}: the run is not finished; to continue: {command}")
@@ -381,13 +307,7 @@ def finished(root: Path) -> RunFolder:
 
 
 def finished_collisions(root: Path) -> RunFolder:
-    """Return the folder of a finished run of two balls.
-
-    Raises
-    ------
-    UserError
-        As `finished`, and where it is a run of columns.
-    """
+    """Return the folder of a finished run of two balls, or a `UserError`."""
     folder = finished(root)
     if folder.config().column is not None:
         raise UserError(f"{root}: a run of columns of N balls; legal: a run of collisions of two balls")
@@ -395,22 +315,13 @@ def finished_collisions(root: Path) -> RunFolder:
 
 
 def new_folder(root: Path) -> None:
-    """Make the folder of a command that does not continue what it finds there.
-
-    Raises
-    ------
-    UserError
-        If it holds anything, is a file, or cannot be made or read.
-    """
+    """Make the folder of a command that does not continue what it finds there: it must be new or empty."""
+    if _entries(root):
+        raise UserError(f"--out {root}: not empty; legal: a new or empty folder")
     try:
         root.mkdir(parents=True, exist_ok=True)
-        empty = next(root.iterdir(), None) is None
-    except FileExistsError:
-        raise UserError(f"--out {root}: is a file; legal: a new or empty folder") from None
     except OSError as error:
         raise UserError(f"--out {root}: cannot be written to: {error.strerror}") from None
-    if not empty:
-        raise UserError(f"--out {root}: not empty; legal: a new or empty folder")
 
 
 def cells_of_run(folder: RunFolder, config: Config) -> Cells:

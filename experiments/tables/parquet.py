@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -24,12 +25,7 @@ GROUP = 65_536
 def replacing(path: Path, *, sync: bool = True) -> Iterator[Path]:
     """Give a temporary path beside `path` that takes its place when the block ends without an error.
 
-    Parameters
-    ----------
-    path : Path
-    sync : bool
-        Whether the content must be on the disk before the name is; a power cut could otherwise leave a name
-        without its content.
+    With `sync` the content is on the disk before the name is: a power cut could leave a name without its content.
     """
     temporary = path.with_name(f".tmp-{os.getpid()}-{path.name}")
     try:
@@ -79,24 +75,15 @@ def table_writer(path: Path, schema: pa.Schema) -> Iterator[TableWriter]:
         table.finish()
 
 
-def blocks(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-    """Read a table whose rows are ordered by ``cell``, a block of about `GROUP` rows at a time.
+def blocks(path: Path, columns: Sequence[str]) -> Iterator[pa.Table]:
+    """Read columns of a table whose rows are ordered by ``cell``, a block of about `GROUP` rows at a time.
 
-    Parameters
-    ----------
-    path : Path
-        A Parquet table.
-    columns : sequence of str, optional
-        Columns to read; by default all. With ``cell`` among them all rows of a cell are in one block.
-
-    Yields
-    ------
-    pyarrow.Table
+    With ``cell`` among them all rows of a cell are in one block.
     """
     with pq.ParquetFile(path) as file:
-        batches = file.iter_batches(GROUP, columns=list(columns) if columns is not None else None)
+        batches = file.iter_batches(GROUP, columns=list(columns))
         tables = (pa.Table.from_batches([batch]) for batch in batches)
-        if columns is not None and "cell" not in columns:
+        if "cell" not in columns:
             yield from tables
             return
         rest: list[pa.Table] = []
@@ -110,49 +97,29 @@ def blocks(path: Path, columns: Sequence[str] | None = None) -> Iterator[pa.Tabl
         yield from rest
 
 
-def selected(path: Path, columns: Sequence[str], keep: pc.Expression) -> pa.Table:
-    """Read the rows for which a condition holds; text as dictionaries, which take a byte or two a row.
-
-    Parameters
-    ----------
-    path : Path
-        A Parquet table.
-    columns : sequence of str
-        Columns to read, those of the condition among them.
-    keep : pyarrow.compute.Expression
-        The condition.
-    """
+def selected(path: Path, columns: Sequence[str], keep: pc.Expression | None = None) -> pa.Table:
+    """Read columns of the rows for which a condition holds; text as dictionaries, which take a byte or two a row."""
     text = [field.name for field in pq.read_schema(path) if pa.types.is_string(field.type)]
     return pq.read_table(path, columns=list(columns), filters=keep, read_dictionary=text).unify_dictionaries()
 
 
 def column(path: Path, name: str) -> np.ndarray:
     """Read one column of numbers or truths as float64, nulls as NaN."""
-    return _converted(path, name, lambda values: values.cast(pa.float64()).to_numpy())
+    return selected(path, [name])[name].cast(pa.float64()).to_numpy()
 
 
 def present(path: Path, name: str) -> np.ndarray:
     """Read where one column is not null."""
-    return _converted(path, name, lambda values: values.is_valid().to_numpy().astype(bool))
+    return selected(path, [name])[name].is_valid().to_numpy()
 
 
 def codes(path: Path, name: str, values: Sequence[str]) -> np.ndarray:
     """Read one column of text as the position of each entry among some values; -1 where it is none of them."""
-    known = pc.SetLookupOptions(pa.array(values, pa.string()))
-
-    def positions(text: pa.ChunkedArray) -> np.ndarray:
-        return pc.call_function("index_in", [text], known).fill_null(-1).to_numpy().astype(np.int8)
-
-    return _converted(path, name, positions)
+    known = selected(path, [name])[name].combine_chunks().dictionary_encode()
+    places = pd.Index(values).get_indexer(known.dictionary.to_pylist()).astype(np.int8)
+    return np.append(places, np.int8(-1))[known.indices.fill_null(-1)]
 
 
 def texts(path: Path, name: str) -> np.ndarray:
     """Read one column of text whole."""
-    return _converted(path, name, lambda values: np.array(values.to_pylist(), dtype=object))
-
-
-def _converted(path: Path, name: str, convert: Callable[[pa.ChunkedArray], np.ndarray]) -> np.ndarray:
-    """Read one column, converted a block at a time: of text, no more than a block is ever in memory."""
-    pieces = [convert(pq.read_schema(path).empty_table().column(name))]
-    pieces += [convert(block.column(0)) for block in blocks(path, [name])]
-    return np.concatenate(pieces)
+    return selected(path, [name])[name].to_pandas().to_numpy(dtype=object)

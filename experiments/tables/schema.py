@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 _TYPES = {"int": pa.int64(), "float": pa.float64(), "text": pa.string(), "bool": pa.bool_()}
+_TYPES |= {"floats": pa.list_(pa.float64()), "lists": pa.list_(pa.list_(pa.float64()))}
 
 #: Type, unit ("-" is dimensionless) and meaning of a column.
 Column = tuple[str, str, str]
@@ -19,7 +21,8 @@ Column = tuple[str, str, str]
 
 def columns(text: str) -> dict[str, Column]:
     """Read a list of columns: name, type, unit and meaning, two spaces between them."""
-    rows = (re.split(r"\s{2,}", line.strip(), maxsplit=3) for line in text.strip().splitlines())
+    lines = (line.strip() for line in text.splitlines() if line.strip())
+    rows = (re.split(r"\s{2,}", line, maxsplit=3) for line in lines)
     return {name: (kind, unit, " ".join(meaning.split())) for name, kind, unit, meaning in rows}
 
 
@@ -121,37 +124,23 @@ MODEL = columns(
 #: Measured of two balls on a table alone.
 OF_TWO = re.compile(r"(model_)?states(_\w+)?|curve_distance|gravity_number")
 
-#: Names of the finished tables.
-TABLES = (
-    *("cells.parquet", "divergence.parquet", "divergence.csv"),
-    *("curves.parquet", "ladder.parquet", "ladder.csv"),
-)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Cut:
-    """A table of a run: some columns of the rows of its parts, under their names there, of some rows.
+    """A table of a run, made of its parts: some columns, by their names there, of the rows that are kept.
 
-    Attributes
-    ----------
-    columns : dict of str to Column
-        By name in the table.
-    source : tuple of str
-        Their names in a part.
-    keep : Expression or None
-        Which rows.
-    text : bool
-        Whether it is written as CSV too.
+    With `text` it is written as CSV too.
     """
 
     columns: dict[str, Column]
     source: tuple[str, ...]
-    keep: pc.Expression | None
-    text: bool
-    schema: pa.Schema = field(init=False)
+    keep: pc.Expression | None = None
+    text: bool = True
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "schema", schema(self.columns))
+    @cached_property
+    def schema(self) -> pa.Schema:
+        """Of the table."""
+        return schema(self.columns)
 
     def of(self, rows: pa.Table) -> pa.Table:
         """Cut the table of some rows of parts; a run without engines has no columns of ladders."""
@@ -171,8 +160,6 @@ class Layout:
         Whether its cells are two balls on a table.
     balls, contacts : int
         Most of a cell.
-    parameters : tuple of str
-        Columns that a cell has whatever its solver.
     rows : Schema
         Of a part: everything known of one cell and solver.
     tables : dict of str to Cut
@@ -182,7 +169,6 @@ class Layout:
     pair: bool
     balls: int
     contacts: int
-    parameters: tuple[str, ...]
     rows: pa.Schema
     tables: dict[str, Cut]
 

@@ -9,7 +9,6 @@ from impact_xval.experiments.presentation.report import present
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.sweep.warmup import warm
 from impact_xval.experiments.tables.folder import RunFolder
-from impact_xval.experiments.tables.schema import TABLES
 from tests.experiments import fakes
 
 SMALL = {
@@ -19,6 +18,12 @@ SMALL = {
     "chunk_size": 4,
     "grid": {"stiffness_ratio": [0.5, 1.0, 2.0], "mass_ratio": [1.0, 1.5], "e1": [0.5, 0.9], "e2": [0.7]},
 }
+
+#: Names of the finished tables.
+TABLES = (
+    *("cells.parquet", "divergence.parquet", "divergence.csv"),
+    *("curves.parquet", "ladder.parquet", "ladder.csv"),
+)
 
 #: Text that a page, a table and LaTeX are to show as it is.
 HOSTILE = "</script><script>document.title = 'taken'</script><img src=x onerror=\"document.title='taken'\">"

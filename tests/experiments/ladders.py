@@ -5,14 +5,13 @@ import pyarrow.compute as pc
 
 from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.measures.ladder_rows import ladders
-from impact_xval.experiments.measures.layout import layout_of
 
 
 def ladder_rows(config, cells, block, engines=("mujoco",)):
     """Ladders of the rows of a table of cells, of which `block` holds those that are there; by cell, then by solver."""
     model = cells.filter(pc.field("solver") == REFERENCE)
     rows = {name: cells.filter(pc.field("solver") == name) for name in engines}
-    found = ladders(config, block, model, rows, layout_of(config))
+    found = ladders(config, block, model, rows)
     frames = [
         rows[name].to_pandas()[_known(rows[name])].assign(**found[name], place=i)
         for i, name in enumerate(engines)

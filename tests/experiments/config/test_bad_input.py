@@ -14,10 +14,8 @@ BELOW_ONE = "from 0 to 1"
 CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
     "axes": [
         ("[grid]\nstiffness_ratio = [1, -1]", ["grid.stiffness_ratio", "-1", "0 to inf"]),
-        ("[grid]\nstiffness_ratio = [nan]", ["grid.stiffness_ratio", "nan", "0 to inf"]),
         ("[grid]\nmass_ratio = [inf]", ["grid.mass_ratio", "inf", "a finite number > 0"]),
         ("[grid]\ne1 = [0.5, 1.5]", ["grid.e1", "1.5", BELOW_ONE]),
-        ("[grid]\ne2 = [-0.1]", ["grid.e2", "-0.1", BELOW_ONE]),
         ("[grid]\ne2 = ['half']", ["grid.e2", "half", "not a number", BELOW_ONE]),
         ("[grid]\ne1 = []", ["grid.e1 = []", "a list of them (one or more)", "linear"]),
         ("[grid]\ne1 = [0.5, 0.7, 0.5]", ["grid.e1", "0.5", "more than once", "each value once"]),
@@ -26,13 +24,10 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
     ],
     "ranges": [
         ("[grid]\ne1 = {cubic = [0, 1, 3]}", ["grid.e1", "cubic", "log = [lo, hi, n]"]),
-        ("[grid]\ne1 = {log = [0.1, 1, 3], linear = [0, 1, 3]}", ["grid.e1", "linear = [lo, hi, n]"]),
-        ("[grid]\ne1 = {linear = [0, 1]}", ["grid.e1", "[0, 1]", "[lo, hi, n]"]),
         ("[grid]\ne1 = {linear = [1, 0, 3]}", ["grid.e1", "lo = 1, hi = 0", "lo < hi"]),
         ("[grid]\nstiffness_ratio = {log = [0, 1, 3]}", ["grid.stiffness_ratio", "lo = 0", "lo > 0"]),
         ("[grid]\nstiffness_ratio = {log = [1, inf, 3]}", ["grid.stiffness_ratio", "both finite"]),
         ("[grid]\ne1 = {linear = [0, 1, 1]}", ["grid.e1", "n = 1", "from 2 to"]),
-        ("[grid]\ne1 = {linear = [0, 1, 2.5]}", ["grid.e1", "n = 2.5", "whole"]),
         ("[grid]\ne1 = {linear = [0, 1, 9000]}\ne2 = {linear = [0, 1, 9000]}", ["grid", "1 to 10000000"]),
     ],
     "samples": [
@@ -41,7 +36,7 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[sample]\ne1 = [0, 1]", ["sample.e1 = [0, 1]", "a number, {log = [lo, hi]}"]),
         ("[sample]\ne1 = {linear = [0, 1, 3]}", ["sample.e1", "[0, 1, 3]", "{linear = [lo, hi]}"]),
         ("[sample]\ne1 = {log = [0, 1]}", ["sample.e1", "lo = 0", "lo > 0"]),
-        ("[sample]\nmethod = 'halton'", ["sample.method = 'halton'", "'sobol'"]),
+        ("[sample]\nstiffness_ratio = {log = [1e-300, 1e300]}", ["sample.stiffness_ratio", "hi/lo finite"]),
     ],
     "columns": [
         ("[grid]\n[column]", ["grid and column are given", "legal: one of grid, sample, cells, column"]),
@@ -63,8 +58,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("gravity = 9.81\n[column]", ["gravity is given with column", "legal: none"]),
         ("[figure_column]", ["figure_column is given without column", "figure_cell"]),
         ("[column]\n[figure_column]\nballs = 1", ["figure_column.balls = 1", "from 2 to 1000, for a cradle"]),
-        ("[column]\narrangement = ['drop', 'drop']", ["column.arrangement", "each once"]),
-        ("[column]\nball = 3", ["column.ball = 3", "did you mean 'balls'"]),
     ],
     "scales": [
         ("gravity = 0", ["gravity = 0", "a finite number > 0"]),
@@ -72,7 +65,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("k1 = inf", ["k1 = inf", "a finite number > 0 (N/m)"]),
         ("v0 = -1e-300\ngravity = 1e300", ["v0 = -1e-300, gravity = 1e+300", "a finite number > 0"]),
         ("k1 = 1e300\n[sample]\nstiffness_ratio = {log = [1, 1e200]}", ["= 1e+200 with", "k1 = 1e+300"]),
-        ("m1 = 1e300\n[figure_cell]\nmass_ratio = 1e200", ["mass_ratio = 1e+200 with m1 = 1e+300"]),
         ("v0 = 1.0", ["v0 = 1.0", "a finite number < 0"]),
         ("m1 = -1\nv0 = 1", ["m1 = -1", "and 1 more"]),
         (
@@ -97,14 +89,11 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("stiffness_ratio_cutoff = 1", ["stiffness_ratio_cutoff = 1", "greater than 1, up to inf"]),
         ("stiffness_ratio_cutoff = 'none'", ["stiffness_ratio_cutoff = 'none'", "or 'exact'"]),
         ("workers = 0", ["workers = 0", "a whole number from 1 to 4096"]),
-        ("chunk_size = -3", ["chunk_size = -3", "a whole number from 1"]),
         ("grazing_threshold = 2.0", ["grazing_threshold = 2.0", "from 0 to 1"]),
-        ("name = ''", ["name = ''", "1 to 100 printable"]),
         ('name = "a\\nb"', ["name", "a\\nb", "printable"]),
         ("[figure_cell]\ne1 = 2.0", ["figure_cell.e1 = 2.0", BELOW_ONE]),
         ("[convergence]\ntolerance = 0", ["convergence.tolerance", "0", "greater than 0, at most 1"]),
         ("[convergence]\nhalvings = -1", ["convergence.halvings", "-1", "from 0 to 10"]),
-        ("[convergence]\nhalving = 3", ["convergence.halving", "did you mean 'halvings'"]),
     ],
     "solvers": [
         ("solvers = []", ["solvers", "empty", "state-transition"]),
@@ -114,7 +103,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
     ],
     "text": [
         ("gravity = 9.81\nm1 = = 2", ["not TOML", "line 2"]),
-        ("m1 = 1\nm1 = 2\nv0 = -1", ["not TOML", "overwrite"]),
     ],
 }
 
@@ -175,22 +163,6 @@ def test_a_wrong_list_of_cells_is_one_line(tmp_path, capsys):
     (tmp_path / "x.parquet").write_bytes(b"PAR1 and no more")
     with pytest.raises(UserError, match="cannot be read"):
         read_cells(tmp_path / "x.parquet")
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "expected"),
-    [
-        ("thesis.txt", "mine", ["--out", "thesis.txt", "not a run"]),
-        ("manifest.json", "{", ["manifest.json", "damaged"]),
-        ("manifest.json", '{"format": "another"}', ["manifest.json", "'another'; legal: 'impact-xval run"]),
-    ],
-    ids=["foreign", "damaged", "other"],
-)
-def test_a_folder_that_is_not_of_a_run_is_not_written_to(tmp_path, capsys, name, text, expected):
-    (tmp_path / name).write_text(text)
-    for more in ([], ["--resume"]):
-        _fails(capsys, ["run", "--out", str(tmp_path), *more], expected)
-    assert [path.read_text() for path in tmp_path.iterdir()] == [text]
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(capsys):

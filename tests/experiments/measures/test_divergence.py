@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from impact_xval.experiments.measures.divergence import divergence, edit_distance, part_at
+from impact_xval.experiments.measures.divergence import divergence, edit_distance, part_at, results_of
 from impact_xval.experiments.measures.hausdorff import distances
-from impact_xval.experiments.measures.results import results_of
 from impact_xval.experiments.tables.schema import MEASURES, expanded
 from impact_xval.model import Collision, Outcome, solve
 

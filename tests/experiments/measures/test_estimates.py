@@ -90,6 +90,6 @@ def test_an_engine_is_held_against_the_exact_solver_of_its_own_law(tmp_path):
     table = held(tmp_path, rows, [row["solver"] for row in rows])
     assert table.asked.tolist() == ["kelvin-voigt", "hunt-crossley", ""]
     assert table.asked_max.tolist() == pytest.approx([5e-4, 4e-3, math.nan], nan_ok=True)
-    assert (table.within.tolist()[:2], table.honest.tolist()[:2]) == ([1.0, 0.0], [1.0, 0.0])
+    assert table.honest.tolist()[:2] == [1.0, 0.0]
     assert table.honest.isna().tolist() == [False, False, True]
     assert held(tmp_path, rows, ["mujoco"], mapping="naive").asked.tolist() == [""]

@@ -10,16 +10,16 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver, references
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures import corners as of_corners
 from impact_xval.experiments.measures.corners import Corners, corner_names
 from impact_xval.experiments.measures.ladder import by_order, contributions_of, split
 from impact_xval.experiments.measures.ladder_rows import NO_LIMIT, Part, sentence
-from impact_xval.experiments.measures.ladder_summary import BAND, ladder_statistics, summarise_ladder
+from impact_xval.experiments.measures.ladder_summary import BAND, summarise_ladder
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.sweep.run import run_sweep
+from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.model import solve_batch
 from impact_xval.model.collision import Collisions
 from tests.experiments import fakes
@@ -315,7 +315,7 @@ def test_an_unconverged_engine_has_a_joined_contribution_that_no_statistic_count
     table = table.assign(**{name: known[name] for name in schema.names if name not in table})
     table["marked"] = table.marked.replace("", None)
     pq.write_table(pa.Table.from_pandas(table, schema), tmp_path / "ladder.parquet")
-    counted = ladder_statistics(tmp_path / "ladder.parquet", run.config())
+    counted = summarise_ladder(RunFolder(tmp_path), run.config()).statistics
     counted = counted[(counted.axis == "stiffness_ratio") & (counted.contribution == "mapping")]
     ok = table[(table.solver == "mujoco") & (table.status == "ok") & table.marked.isna()]
     assert dict(zip(counted.value, counted.n, strict=True)) == ok.groupby("stiffness_ratio").size().to_dict()
@@ -368,16 +368,6 @@ def test_a_cell_is_marked_where_a_corner_of_its_ladder_jumps():
     first, second = corners(velocities(solve_batch(*cells)), cells, number).mark
     assert first == "ladder: frozen bistiffness with gravity jumps where a parameter changes by 0.004 or less"
     assert second == ""
-
-
-@IN_A_DROP
-def test_the_command_shows_a_run_and_a_cell(run, capsys):
-    assert main(["show", str(run.root)]) == 0
-    assert "What the mean D of each engine consists of" in capsys.readouterr().out
-    assert main(["show", str(run.root), "--cell", "0"]) == 0
-    assert "by order" in capsys.readouterr().out
-    assert main(["show", str(run.root), "--cell", "999"]) == 2
-    assert "--cell = 999" in capsys.readouterr().err
 
 
 def test_a_sentence_claims_most_only_if_every_order_agrees():

@@ -10,7 +10,7 @@ from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.layout import layout_of
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.schema import MEASURES
-from tests.experiments import fakes, faulty
+from tests.experiments import fakes
 
 pytestmark = pytest.mark.usefixtures("kernels")
 
@@ -116,18 +116,3 @@ def test_contacts_each_much_softer_than_the_last_are_single_impacts_one_after_th
             assert row["retained_momentum"] == pytest.approx(1, abs=1e-12)
     assert max(errors[2:]) < 3e-3
     assert np.divide(errors[:2], errors[2:]) == pytest.approx([100, 10], rel=0.05)
-
-
-@pytest.mark.slow
-def test_a_column_that_kills_or_hangs_its_solver_costs_its_own_row(tmp_path):
-    column = {
-        "balls": 3,
-        "arrangement": "chain",
-        "stiffness_taper": 1.0,
-        "e": [0.5, faulty.HANG, faulty.ABORT],
-    }
-    config = parse_config({"solvers": ["mujoco"], "cell_timeout": 3.0, "chunk_size": 1, "column": column})
-    run_sweep(config, tmp_path / "a", resolve=faulty.faulty, workers=1)
-    found = {row["e"]: row["status"] for row in _rows(tmp_path / "a") if row["solver"] == "mujoco"}
-    assert found == {0.5: "unrepresentable", faulty.HANG: "timeout", faulty.ABORT: "crashed"}
-    assert {row["status"] for row in _rows(tmp_path / "a") if row["solver"] != "mujoco"} == {"ok"}

@@ -1,6 +1,5 @@
 """Rows of a chunk: whole or in parts, as arrays or one by one, and what fails in one cell costs that cell."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -10,14 +9,11 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.measures.hausdorff import measure_all
-from impact_xval.experiments.measures.results import results_of
+from impact_xval.experiments.measures.divergence import results_of
 from impact_xval.experiments.sweep.chunk import Chunk
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.sweep.rows import Experiment, completed, solve_all, solve_by
-from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.collision import Path
-from impact_xval.model.pair.kernel import collide_all as collide_pairs
 from tests.experiments import fakes
 
 EXACT = ["state-transition", "bistiffness", "kelvin-voigt"]
@@ -125,19 +121,3 @@ def test_a_limit_is_held_against_the_exact_solver_of_its_own_law_alone():
     away = np.maximum(abs(engine.v1_limit - exact.v1.values), abs(engine.v2_limit - exact.v2.values))
     np.testing.assert_allclose(engine.limit_distance, away, rtol=1e-12)
     assert by_cell.drop("mujoco").limit_distance.isna().all()
-
-
-def test_kernels_are_compiled_once_however_collisions_come():
-    """A type of arrays that no warm-up has seen would be compiled within the limit of a solver."""
-    experiment = Experiment(config_of())
-    block = experiment_cells(config_of()).block(range(4))
-    solve_all(experiment, block)
-    known = [len(kernel.signatures) for kernel in (collide_pairs, follow_chains, measure_all)]
-    for other in (
-        block[1:2],
-        block[::2],
-        pickle.loads(pickle.dumps(block)),
-        pickle.loads(pickle.dumps(block[:1])),
-    ):
-        solve_all(experiment, other)
-    assert [len(kernel.signatures) for kernel in (collide_pairs, follow_chains, measure_all)] == known

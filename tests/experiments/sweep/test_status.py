@@ -38,6 +38,8 @@ def test_status_while_it_runs_and_after(tmp_path, capsys):
     assert "ZeroDivisionError: a bug of the engine | here" in text
     assert main(["show", str(tmp_path / "a"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["statuses"]["mujoco"] == {"ok": 6, "crashed": 6}
+    assert main(["show", str(tmp_path / "a"), "--cell", "999"]) == 2
+    assert "--cell = 999" in capsys.readouterr().err
 
 
 def test_a_stopped_run_counts_what_is_damaged_and_its_command_to_continue_can_be_pasted(

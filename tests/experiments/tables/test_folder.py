@@ -64,13 +64,15 @@ def test_what_is_no_run_is_one_line_and_is_left_as_it_is(tmp_path, run, capsys):
     (tmp_path / "file").write_text("")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/notes.txt").write_text("mine")
-    (tmp_path / "old").mkdir()
-    (tmp_path / "old/manifest.json").write_text('{"format": "impact-xval run, format 1"}')
+    for name, text in (("old", '{"format": "impact-xval run, format 1"}'), ("damaged", "{")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "manifest.json").write_text(text)
     before = _entries(tmp_path)
     for name, says in (
         ("file", "is a file; legal: a new or empty folder"),
         ("mine", "not empty (notes.txt) and not a run"),
         ("old", "format = 'impact-xval run, format 1'; legal: 'impact-xval run, format 2'"),
+        ("damaged", "manifest.json: damaged"),
         ("run", "holds another run; legal"),
     ):
         assert main(["run", "--quick", "--out", str(tmp_path / name)]) == 2
