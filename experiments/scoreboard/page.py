@@ -121,9 +121,7 @@ def _board(made: Board) -> Table:
         distances = made.by_case(name, f"D_{made.laws.law[name]}")
         marks = [" *" * (spread > SENSITIVE) for spread in made.by_case(name, "spread")]
         cells = [number(D, 2) + mark for D, mark in zip(distances, marks, strict=True)]
-        rows.append(
-            (made.called(name), made.how(name), *cells, f"{made.laws.answered[name]} of {len(cases())}")
-        )
+        rows.append((made.called(name), made.how(name), *cells))
     caption = (
         f"The largest D from that law, by case. * : it moves by more than D = {SENSITIVE} with gaps or overlaps of "
         "1e-4 radii or less, along the line, or in the other order. - : it has no answer. Springs and dashpots answer "
