@@ -12,7 +12,13 @@ from typing import Any
 
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
 from impact_xval.compliant_baselines.engines.packages import version_of, why_not
-from impact_xval.compliant_baselines.engines.scene import BEYOND, Scene, reduced_masses, unrepresentable
+from impact_xval.compliant_baselines.engines.scene import (
+    BEYOND,
+    Scene,
+    radius_of,
+    reduced_masses,
+    unrepresentable,
+)
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
 from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.references import marked
@@ -55,6 +61,10 @@ class Engine(Solver):
     def refusal(self, scene: Scene) -> str | None:
         """Why this engine cannot take a scene, in one sentence; None if it can."""
         return None
+
+    def radius(self, scene: Scene) -> float:
+        """Radius in m of the balls that it makes of a scene."""
+        return radius_of(scene.depth(scene.stiffnesses))
 
     @abstractmethod
     def world(self, scene: Scene) -> World:

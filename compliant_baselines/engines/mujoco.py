@@ -88,6 +88,10 @@ class Mujoco(Engine):
             f"MuJoCo accepts {LARGEST_VALUE:.0e}; scale stiffnesses, masses or v0 (Theorem 5)"
         )
 
+    def radius(self, scene: Scene) -> float:
+        """As `Engine.radius`."""
+        return radius_of(mapped(scene)[1])
+
     def world(self, scene: Scene) -> MujocoWorld:
         """Set a scene up."""
         return MujocoWorld(scene, self._batches)

@@ -107,6 +107,10 @@ class Pybullet(Engine):
             f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; scale stiffnesses, masses or v0 (Theorem 5)"
         )
 
+    def radius(self, scene: Scene) -> float:
+        """As `Engine.radius`."""
+        return _radius(scene)
+
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""
         return PybulletWorld(self._client, scene, self._made)

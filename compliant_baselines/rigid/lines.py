@@ -35,6 +35,11 @@ SHIPPED_RADIUS = 2.0**-4
 DOUBLE, SINGLE = 2.0**-46, 2.0**-17
 
 
+def radius_in(scene: Scene) -> float:
+    """Choose the radius in m of the balls of a scene."""
+    return SHIPPED_RADIUS if scene.mapping == "shipped" else radius_of(scene.depth(scene.stiffnesses))
+
+
 class RigidWorld(World):
     """Spheres in a line, ball 1 on top; the table's surface is at height 0.
 
@@ -53,8 +58,7 @@ class RigidWorld(World):
     resolution, partner = DOUBLE, 1.0
 
     def __init__(self, scene: Scene) -> None:
-        shipped = scene.mapping == "shipped"
-        self.radius = SHIPPED_RADIUS if shipped else radius_of(scene.depth(scene.stiffnesses))
+        self.radius = radius_in(scene)
         self._table, self._tiny = scene.table, self.resolution * scene.fastest
         self.places = scene.places(self.radius)
         heights = scene.start(self.radius)
@@ -91,6 +95,10 @@ class RigidEngine(Engine):
 
     #: Largest number that its precision has; the inverse is the smallest.
     largest = 1e30
+
+    def radius(self, scene: Scene) -> float:
+        """As `Engine.radius`."""
+        return radius_in(scene)
 
     def refusal(self, scene: Scene) -> str | None:
         """Why it cannot take a scene: drops, and what single precision has no numbers for."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import Scene, radius_of
+from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.arrangements import Arranged
 
@@ -28,7 +28,7 @@ COLUMNS: dict[str, dict[str, Any]] = {
 }
 PICTURED = "cradle 1 on 4"
 
-#: The arrangement that is compared with the laws.
+#: The arrangement that is compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii.
 USUAL = "as it is"
 
 #: Gaps, in radii, by which touching bodies are apart, or overlap.
@@ -77,7 +77,7 @@ def arrangements(engine: Engine, case: Case, settings: Settings) -> dict[str, Sc
     usual = engine.scene_or_refusal(collision, settings)
     if isinstance(usual, str):
         return usual
-    radius = radius_of(usual.depth(usual.stiffnesses))
+    radius = engine.radius(usual)
     # Heights grow upwards: ball i is above as many changed gaps as there are contacts below it.
     below = np.arange(len(usual.masses), 0, -1) - (not usual.table)
 

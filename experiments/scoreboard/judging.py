@@ -42,6 +42,9 @@ LAW_WORDS = {
     "plastic-then-restitution": "first without rebound, then a rebound of each contact in turn",
 }
 
+#: Difference of the largest D from two laws up to which the cases do not tell them apart.
+TIED = 1e-9
+
 _KEY = ["solver", "case", "e", "arrangement"]
 
 Frame = Any  # pandas: what its operators return is known to no type checker
@@ -211,5 +214,8 @@ class Board:
 
     def how(self, solver: str) -> str:
         """Say how a solver answers."""
-        law = self.laws.law[solver]
-        return LAW_WORDS[law] if self.explained(solver) else f"as no exact law (nearest: {law})"
+        own = self.laws.loc[solver]
+        if not self.explained(solver):
+            return f"as no exact law (nearest: {own.law})"
+        tied = own.next_farthest - own.farthest < TIED
+        return LAW_WORDS[own.law] + (f"; {own.next} says the same here" if tied else "")

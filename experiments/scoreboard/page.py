@@ -19,7 +19,6 @@ from impact_xval.experiments.scoreboard.figures import CASES, CRADLE, DIVERGENCE
 from impact_xval.experiments.scoreboard.judging import (
     ANSWERS,
     EXPLAINED,
-    LAW_WORDS,
     MODEL,
     SENSITIVE,
     Board,
@@ -75,7 +74,7 @@ def blocks_of(made: Board) -> list[Block]:
 def _lead(made: Board) -> list[Block]:
     by_law: dict[str, list[str]] = {}
     for name in filter(made.explained, made.engines):
-        by_law.setdefault(made.laws.law[name], []).append(made.called(name))
+        by_law.setdefault(made.how(name), []).append(made.called(name))
     close = [
         made.called(name) for name in made.engines if EXPLAINED / 2 < made.laws.farthest[name] < 2 * EXPLAINED
     ]
@@ -92,25 +91,22 @@ def _lead(made: Board) -> list[Block]:
         "that stops instead of coming back at half its speed makes D = 0.5. The law of an engine is the one whose "
         f"largest D over all cases is the smallest, if that is at most {EXPLAINED}"
         + (f"; {listed(close)} would change sides at half or twice that." if close else "."),
-        " ".join(
-            f"{listed(names)} answer{'s' * (len(names) == 1)} {LAW_WORDS[law]}."
-            for law, names in by_law.items()
-        ),
+        " ".join(f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law.items()),
         *_sensitive(made),
     ]
 
 
 def _sensitive(made: Board) -> list[Block]:
     """Say whose answer hangs on what no one means."""
-    found = {name: made.worst(name, "spread") for name in made.engines}
-    found = {name: spread for name, spread in found.items() if spread > SENSITIVE}
-    if not found:
+    judged = made.judged[made.judged.solver.isin(made.engines)]
+    found = judged[judged.spread > SENSITIVE]
+    if found.empty:
         return []
+    names = [made.called(name) for name in found.solver.unique()]
     return [
-        f"Not random, but a matter of chance to who sets a scene up: the answer of {listed(map(made.called, found))} "
-        "hangs on how exactly bodies are placed. The same collision with gaps or overlaps of a ten-thousandth or a "
-        "millionth of a radius, moved along its line, or with its bodies made in the other order, ends elsewhere, by D "
-        f"up to {number(max(found.values()), 2)}."
+        f"The answer of {listed(names)} hangs on how exactly bodies are placed. Placed otherwise "
+        f"({listed(sorted(found.spread_of.unique()))}; gaps and overlaps in radii), the same collision ends elsewhere, "
+        f"by D up to {number(found.spread.max(), 2)}."
     ]
 
 

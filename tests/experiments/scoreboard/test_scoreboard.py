@@ -198,7 +198,10 @@ def test_the_page_shows_the_numbers_of_the_board_and_text_stays_text(tmp_path):
     )
     ((name, how, *cells),) = table.rows
     farthest = made.judged[made.judged.solver == "dart"]["D_newton-restitution"].max()
-    assert (name, how) == ("DART", "by Newton's restitution, all contacts at once")
+    assert (name, how) == (
+        "DART",
+        "by Newton's restitution, all contacts at once; poisson-restitution says the same here",
+    )
     assert cells == ["-"] * 5 + [number(farthest, 2), "-", "-"]
 
 
