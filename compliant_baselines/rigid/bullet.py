@@ -24,6 +24,9 @@ from impact_xval.compliant_baselines.engines.pybullet import (
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.rigid.lines import RigidEngine, RigidWorld, sweeps
 
+#: Distance in m at which it drops a contact, as it ships (gContactBreakingThreshold of btPersistentManifold.cpp).
+SHIPPED_BREAKING = 0.02
+
 #: Velocities that fall between impacts would count as forces of contacts.
 UNDAMPED = {"linearDamping": 0.0, "angularDamping": 0.0}
 
@@ -37,12 +40,15 @@ class BulletWorld(RigidWorld):
         self._p, self._client = p, client
         on = {"physicsClientId": client}
         p.resetSimulation(**on)
-        p.setPhysicsEngineParameter(fixedTimeStep=scene.step, numSubSteps=0, **on)
         exact = scene.mapping != "shipped"
+        # The threshold is the process's: another scene may have set it.
+        breaking = 1e-4 * self.radius if exact else SHIPPED_BREAKING
+        p.setPhysicsEngineParameter(
+            fixedTimeStep=scene.step, numSubSteps=0, contactBreakingThreshold=breaking, **on
+        )
         if exact:
             p.setPhysicsEngineParameter(
                 numSolverIterations=sweeps(scene),
-                contactBreakingThreshold=1e-4 * self.radius,
                 erp=0,
                 contactERP=0,
                 **EXACT,

@@ -46,11 +46,12 @@ def scoreboard(
     from impact_xval.experiments.presentation.terminal import make_console, print_line, show, show_progress
     from impact_xval.experiments.scoreboard.page import show_board, write_all
     from impact_xval.experiments.scoreboard.playing import entrants, play
+    from impact_xval.experiments.sweep.pool import available_cores
 
     start, console = time.perf_counter(), make_console()
     root = out if out is not None else Path("runs") / "scoreboard"
     with show_progress(console) as progress:
-        solvers, answers = play(entrants(solver or ()), root, workers or 2, progress)
+        solvers, answers = play(entrants(solver or ()), root, workers or available_cores(), progress)
     show_board(console, write_all(solvers, answers, root))
     print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {root / 'report.html'}")
     if before is None:

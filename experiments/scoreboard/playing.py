@@ -1,4 +1,4 @@
-"""Answers of every solver, each in a process of its own: one that dies or hangs costs the answers it fails to give.
+"""Answers of every solver, in processes apart: one that dies or hangs costs the answers that it fails to give.
 
 What a solver has answered is kept, a file a solver, for a board that was stopped.
 """
@@ -9,7 +9,7 @@ import contextlib
 import json
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import replace
 from hashlib import sha256
 from importlib.metadata import version
@@ -29,6 +29,7 @@ from impact_xval.compliant_baselines.registry import (
     solver_names,
 )
 from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.scoreboard.cases import (
     COLUMNS,
     MIRRORED,
@@ -38,8 +39,8 @@ from impact_xval.experiments.scoreboard.cases import (
     arrangements,
     cases,
 )
-from impact_xval.experiments.sweep.pool import TO_PREPARE
-from impact_xval.experiments.sweep.process import FaultError, Worker
+from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
+from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.model.collision import RESULT_STATUSES
 
@@ -86,17 +87,21 @@ def play(
     """
     (root / "answers").mkdir(parents=True, exist_ok=True)
     found: dict[str, Any] = {}
-    with ThreadPoolExecutor(workers) as threads:
-        asked = {threads.submit(_kept, name, root / "answers"): name for name in names}
-        for done, future in enumerate(as_completed(asked), 1):
-            found[asked[future]] = future.result()
-            progress(done, len(names), asked[future])
+    try:
+        with open_pool(None, workers) as pool:
+            asked = {pool.submit(_kept, name, root / "answers"): name for name in names}
+            for done, future in enumerate(as_completed(asked), 1):
+                found[asked[future]] = future.result()
+                progress(done, len(names), asked[future])
+    except KeyboardInterrupt:
+        line = f"interrupted; {len(found)} of {len(names)} solvers are kept; the same command continues"
+        raise InterruptedRunError(line) from None
     parts = [found[name] for name in names]
     answers = pd.DataFrame([row for part in parts for row in part["answers"]])
     return pd.DataFrame([part["solver"] for part in parts]), answers
 
 
-def _kept(name: str, folder: Path) -> dict[str, Any]:
+def _kept(slot: Slot, name: str, folder: Path) -> dict[str, Any]:
     """Take what a solver has answered from its file, or have it answer."""
     path = folder / f"{name.replace(':', '-')}.json"
     asked = version("impact-xval"), get_solver(name).version(), COLUMNS, RESTITUTIONS, str(_SETTINGS)
@@ -105,26 +110,25 @@ def _kept(name: str, folder: Path) -> dict[str, Any]:
         kept = json.loads(path.read_text(encoding="utf-8"))
         if kept["identity"] == identity:
             return kept
-    part = {"identity": identity, **_played(name)}
+    part = {"identity": identity, **_played(slot, name)}
     write_text(path, json.dumps(part, indent=1))
     return part
 
 
-def _played(name: str) -> dict[str, Any]:
-    """Have a solver answer every case in a process of its own."""
+def _played(slot: Slot, name: str) -> dict[str, Any]:
+    """Have a solver answer every case in the process of a slot."""
     solver = {"solver": name, "kind": kind_of(name), "version": get_solver(name).version()}
-    with contextlib.closing(Worker()) as worker:
+    try:
+        microseconds, reason = slot.call(name, _prepared, name, timeout=TO_PREPARE)
+    except FaultError as fault:
+        microseconds, reason = None, fault.reason
+    answers = []
+    for case in cases():
         try:
-            microseconds, reason = worker.call(_prepared, name, timeout=TO_PREPARE)
+            rows = slot.call(name, _answers, name, case, timeout=_LONGEST)
         except FaultError as fault:
-            microseconds, reason = None, fault.reason
-        answers = []
-        for case in cases():
-            try:
-                rows = worker.call(_answers, name, case, timeout=_LONGEST)
-            except FaultError as fault:
-                rows = [_row(USUAL, fault.status, fault.reason)]
-            answers += [{"solver": name, "case": case.name, "e": case.e, **row} for row in rows]
+            rows = [_row(USUAL, fault.status, fault.reason)]
+        answers += [{"solver": name, "case": case.name, "e": case.e, **row} for row in rows]
     return {"solver": {**solver, "microseconds": microseconds, "reason": reason}, "answers": answers}
 
 

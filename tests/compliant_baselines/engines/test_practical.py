@@ -1,5 +1,8 @@
 """MuJoCo and PyBullet as people run them: longer steps, parameters as documented, nothing set at all."""
 
+import subprocess
+import sys
+
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
@@ -8,6 +11,13 @@ from impact_xval.compliant_baselines.restitution import damping_ratio
 from impact_xval.compliant_baselines.solver import Convergence, Settings, SolverError
 from impact_xval.model.collision import Collision
 
+#: Gaps of a ten-thousandth of the radius of 6.25 cm.
+APART = Collision((1.0, 2.0), (1e8, 1e8), (0.9, 0.9), (-1.0, 0.0), table=True, gaps=(6.25e-6, 6.25e-6))
+ALONE = f"""
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.model.collision import Collision
+print(get_solver("pybullet:default").solve({APART!r}).velocities)
+"""
 BASIC = Collision.two_balls(1.0, 2.0, 1e6, 1e6, 0.9, 0.7)
 
 
@@ -69,6 +79,13 @@ def test_mujoco_as_documented_is_a_scene_with_time_constant_and_damping_ratio():
 def ends_of_one_ball(v0: float, e: float) -> float:
     one = Collision((1.0,), (1e6,), (e,), (v0,), table=True)
     return get_solver("pybullet:default").solve(one).velocities[0]
+
+
+def test_pybullet_as_it_ships_heeds_nothing_that_ran_before():
+    pytest.importorskip("pybullet")
+    alone = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=True).stdout
+    get_solver("pybullet").solve(BASIC)  # sets a threshold of the whole process
+    assert repr(get_solver("pybullet:default").solve(APART).velocities) == alone.strip()
 
 
 def test_pybullet_as_it_ships_rebounds_above_its_threshold_only():

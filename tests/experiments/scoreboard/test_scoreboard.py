@@ -1,5 +1,6 @@
 """The scoreboard: what is asked, what is made of answers, and what a new version of an engine cannot hide."""
 
+import contextlib
 import json
 import os
 import re
@@ -18,6 +19,7 @@ from impact_xval.experiments.scoreboard import playing
 from impact_xval.experiments.scoreboard.cases import MIRRORED, USUAL, Case, arrangements, cases
 from impact_xval.experiments.scoreboard.judging import Board, board, laws, moved, nearest
 from impact_xval.experiments.scoreboard.page import blocks_of, write_all
+from impact_xval.experiments.sweep.pool import Slot
 from impact_xval.experiments.tables.numbers import number
 
 BASIC = Case("drop, k2/k1 = 1", 1.0)
@@ -146,7 +148,8 @@ def dies(_, name, case):
 
 def test_an_engine_that_dies_costs_the_answers_it_does_not_give(monkeypatch):
     monkeypatch.setattr(playing, "_answers", dies)
-    found = pd.DataFrame(playing._played("newton-restitution")["answers"])
+    with contextlib.closing(Slot()) as slot:
+        found = pd.DataFrame(playing._played(slot, "newton-restitution")["answers"])
     died = found.case == "stack of 3"
     assert set(found.status[died]) == {"crashed"}
     assert set(found.reason[died]) == {"its process died: exit code 7"}
