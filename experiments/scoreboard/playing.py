@@ -76,7 +76,7 @@ def play(
     workers : int
         Processes at a time; no answer depends on it.
     progress : callable
-        Given how many solvers are done, of how many, and a line.
+        Given how many cells (a case by a solver) are done, of how many, and a line.
 
     Returns
     -------
@@ -87,12 +87,13 @@ def play(
     """
     (root / "answers").mkdir(parents=True, exist_ok=True)
     found: dict[str, Any] = {}
+    n = len(cases())
     try:
         with open_pool(None, workers) as pool:
             asked = {pool.submit(_kept, name, root / "answers"): name for name in names}
             for done, future in enumerate(as_completed(asked), 1):
                 found[asked[future]] = future.result()
-                progress(done, len(names), asked[future])
+                progress(done * n, len(names) * n, "")
     except KeyboardInterrupt:
         line = f"interrupted; {len(found)} of {len(names)} solvers are kept; the same command continues"
         raise InterruptedRunError(line) from None
