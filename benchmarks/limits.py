@@ -27,6 +27,7 @@ from impact_xval.compliant_baselines import get_solver, marks, references
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.experiments.config.axes import Sample
 from impact_xval.model.collision import Collision, Collisions, Outcomes
+from tests.compliant_baselines.reference_cells import BATCHES
 
 LAWS = ("kelvin-voigt", "bistiffness")
 ENGINES = ("mujoco", "pybullet")
@@ -93,7 +94,7 @@ def jumps(options: argparse.Namespace) -> None:
     c = 1 + options.change
     collisions, gravity = Collisions.from_ratios(kappa, mu, e1, e2), number * np.sqrt(1 + 1 / mu)
     for name in LAWS:
-        batch, law = partial(references.solve_batch, name), references.law_at(name)
+        batch, law = BATCHES[name], references.law_at(name)
         base = batch(kappa, mu, e1, e2, number)
         moved = np.zeros(options.cells)
         for other in (

@@ -1,20 +1,10 @@
 """Outcomes beside a jump of their exact law, found by changing the parameters of a collision a little: they are marked.
 
-**Two balls on a table.** The outcome of a law in time is a function of k2/k1, m2/m1, e1, e2 and, in a drop, of gravity.
-It has jumps:
-
-* bistiffness, where an end of compression nearly does not happen: it loses (1 - e^2) of an energy, or does not;
-* any law in a drop, where the first flight nearly does not happen, or a ball that has left comes down again just before
-  the other one is at rest. Without gravity a law of forces alone has none: its motion is continuous in all of them, and
-  so is what is left when its balls part; but it may be as steep, and is marked then too.
-
-Next to one an engine cannot be held to the exact outcome, since all that a finite step does moves it across. A cell is
-*marked* where a relative change of one parameter, either way, moves a velocity per abs(v0) by more than `JUMPS` says;
-smooth outcomes move by less than three times the change over the default box (`benchmarks/limits.py jumps`). The mark
-says which parameter and how far. A limit dt -> 0 is marked too where gravity ended in a first flight at its shortest
-step and does not under the exact law, or the other way round: by what gravity does in one contact of the balls, 1e-3
-|v0| or so, the two are then different collisions. So it is where B2 comes to rest on the table at that step, and leaves
-it under the exact law, or the other way round.
+**Two balls on a table.** Where a law jumps, and next to what an engine cannot be held to it, is in docs/theory.md,
+section 8. A cell is *marked* where a relative change of one parameter, either way, moves a velocity per abs(v0) by more
+than `JUMPS` says; smooth outcomes move by less than three times the change over the default box (`benchmarks/limits.py
+jumps`). A limit dt -> 0 is marked too where its shortest step and the exact law do not agree on whether gravity ends in
+a first flight, or on whether B2 comes to rest on the table: the two are then different collisions.
 
 **N balls** have hundreds of events, each of which amplifies what came before, up to the point at which the last digits
 of the inputs decide: two exact solvers of one law then differ by as much as two laws do. Where forces are linear,

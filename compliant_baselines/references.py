@@ -49,7 +49,6 @@ from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
 from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.chain.rest import REST, STUCK
 from impact_xval.model.collision import STATUSES, Collision, Collisions, Floats, Outcome, Outcomes
-from impact_xval.model.inputs import Legal, broadcast_inputs
 from impact_xval.model.solving import reasons_of
 
 #: Laws by name, as codes of the kernel.
@@ -63,10 +62,6 @@ LAWS = {
 
 #: Times `TOLERANCE`, the tolerance of the second run from which the error of the first is known.
 LOOSER = 100.0
-
-GRAVITY_NUMBER = Legal(
-    "gravity_number", 0.0, float(np.finfo(float).max), "a finite number >= 0 (g/(|v0| omega1))"
-)
 
 _HAPPENED = {
     RUNAWAY: "a contact became rigid: its bodies are one from there on",
@@ -166,13 +161,7 @@ def solve(
         table=collisions.table,
         status=status.astype(np.uint8),
         reason=reason,
-        reasons=(
-            *reasons,
-            _LIMITS,
-            _PLASTIC,
-            solving.TOO_FAR_APART,
-            f"not over after {max_steps} segments",
-        ),
+        reasons=(*reasons, _LIMITS, _PLASTIC, solving.TOO_FAR_APART, f"not over after {max_steps} segments"),
         mark=np.zeros(n, np.int32),
         marks=("",),
         n_states=np.where(none, 0, went.numbers["n_states"]).astype(np.int64),
@@ -226,45 +215,6 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         return 2 * ratios(flat).reshape(root.shape) * np.sqrt(0.5 * (c.exponent + 1)) * root
 
 
-def solve_batch(
-    law: str,
-    stiffness_ratio: ArrayLike,
-    mass_ratio: ArrayLike,
-    e1: ArrayLike,
-    e2: ArrayLike,
-    gravity_number: ArrayLike = 0.0,
-    **how: Any,
-) -> Outcomes:
-    r"""Solve many collisions of two balls on a table by a law, m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
-
-    Parameters
-    ----------
-    law : str
-        One of `LAWS`.
-    stiffness_ratio, mass_ratio, e1, e2 : array_like
-        k2/k1, m2/m1 and the coefficients of restitution; they broadcast.
-    gravity_number : array_like
-        g/(\|v0\| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 is the scenario `impact`, above it is a `drop`.
-    **how
-        As for `solve`; states are not kept by default.
-
-    Returns
-    -------
-    Outcomes
-        Arrays of the shape that the inputs broadcast to.
-
-    Raises
-    ------
-    ValueError
-        If any value is illegal; the message names the parameter, the first such value and the legal range.
-    """
-    more = GRAVITY_NUMBER, gravity_number
-    shape, (*cells, number) = broadcast_inputs(stiffness_ratio, mass_ratio, e1, e2, more)
-    g = number * np.sqrt(1 + 1 / cells[1])
-    how = {"states": False, **how}
-    return solve(Collisions.from_ratios(*cells), law, gravity=g, **how).shaped(shape)
-
-
 def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_PIECES) -> marks.Law:
     """Return what solves collisions by a law for their marks."""
     return lambda some, g: solve(some, law, frozen=frozen, gravity=g, states=False, max_steps=max_steps)
@@ -277,18 +227,9 @@ def marked(
     settings: Settings,
     ends: Mapping[int, tuple[bool, bool]] | None = None,
 ) -> list[Outcome]:
-    """Mark the outcomes of an engine by the exact law that it was asked for.
+    """Mark the outcomes of an engine by the exact law that it was asked for; what has no numbers stays as it is.
 
-    Parameters
-    ----------
-    outcomes, collisions : sequence
-        What has no numbers stays as it is; with `ends`, of one kind.
-    law : str
-        One of `LAWS`.
-    settings : Settings
-        Under which they were solved.
-    ends : dict, optional
-        As for `marks.marks_of`, by position.
+    Outcomes by their position, as for `marks.marks_of`, have `ends`; collisions are then of one kind.
     """
     there = [i for i, outcome in enumerate(outcomes) if np.isfinite(outcome.velocities).all()]
     g = settings.gravity if settings.scenario == "drop" else 0.0
