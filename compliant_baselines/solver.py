@@ -41,15 +41,7 @@ KELVIN_VOIGT = "kelvin-voigt"
 
 
 class SolverError(ValueError):
-    """A solver could not do a collision, asked for directly.
-
-    Attributes
-    ----------
-    status : str
-        The status a sweep would record.
-    reason : str
-        Why, and what to do about it.
-    """
+    """A solver could not do a collision, asked for directly: the status a sweep would record, and why."""
 
     def __init__(self, solver: str, status: Status, reason: str) -> None:
         super().__init__(f"{solver}: {status}: {reason}")
@@ -60,22 +52,11 @@ class SolverError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Convergence:
-    """What the limit dt -> 0 of an engine must satisfy (`engines.convergence`).
+    """What the limit dt -> 0 of an engine must satisfy (`engines.convergence`); a ValueError for an illegal value."""
 
-    Parameters
-    ----------
-    tolerance : float
-        Largest error of the limit, per abs(v0), at which a result counts as converged.
-    halvings : int
-        How often the step that is asked for may be halved.
-
-    Raises
-    ------
-    ValueError
-        For an illegal value.
-    """
-
+    #: Largest error of the limit, per abs(v0), at which a result counts as converged.
     tolerance: float = 1e-3
+    #: How often the step that is asked for may be halved.
     halvings: int = 4
 
     def __post_init__(self) -> None:

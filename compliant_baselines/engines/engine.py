@@ -134,11 +134,9 @@ class Engine(Solver):
 def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:
     """Turn a finished run into an outcome.
 
-    `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy at the start), for a
-    drop `gravity_number` = g/(|v0| omega1) and, if there is one, `first_flight` (s, when gravity ended), and where B2
-    came to rest on the table `rest_speed`, its velocity in m/s at the instant the collision was over. Impulses are
-    those of the contacts, support of B2's weight included, and go with the velocities reported: for a B2 at rest
-    without what it still had.
+    `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy before), and of a drop
+    `gravity_number`, `first_flight` (s, if there is one) and `rest_speed` (m/s, of a B2 that is reported at rest).
+    Impulses are those of the contacts, support of B2's weight included, and go with the velocities reported.
     """
     c = run.scene
     if not run.over:
@@ -176,12 +174,7 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
 
 
 def with_limit(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
-    """Add to an outcome the limit dt -> 0, and why it is not converged, if it is not.
-
-    `diagnostics` gains `v1_limit`, `v2_limit`, ..., `limit_error` and the part of it that is `regularisation` (all
-    in m/s), `order` and `finest_step` (s), see `engines.convergence`. The outcome's own numbers
-    stay those of the step it was asked for.
-    """
+    """Add to an outcome the limit dt -> 0, and why it is not converged, if it is not; its own numbers stay."""
     if reason and outcome.status == "ok":
         outcome = replace(outcome, status="unconverged", reason=reason)
     if limit is None:

@@ -17,13 +17,7 @@ _importing = Lock()
 
 
 def import_quietly(module: str) -> Any:
-    """Import a module, without the line "pybullet build time: ..." that PyBullet's C code writes at the first import.
-
-    Raises
-    ------
-    ImportError
-        If it is not installed.
-    """
+    """Import a module, without the line "pybullet build time: ..." of PyBullet's C code at the first import."""
     with _importing:
         if module in sys.modules or module != "pybullet":
             return import_module(module)
@@ -40,16 +34,9 @@ def version_of(distribution: str) -> str:
 
 
 def why_not(engine: str, distribution: str, module: str, way_out: str) -> str | None:
-    """Say why the package of an engine cannot be imported, and the way out; None if it can.
+    """Say why the package of an engine cannot be imported, and the way out, what to run; None if it can.
 
-    Parameters
-    ----------
-    engine, distribution : str
-        Its name as its makers spell it, and as it is distributed.
-    module : str
-        What is imported.
-    way_out : str
-        What to run.
+    The engine is named as its makers spell it, the distribution as it is installed, and the module as it is imported.
     """
     try:
         import_quietly(module)
