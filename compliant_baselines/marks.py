@@ -14,7 +14,7 @@ are equal by intent. Elsewhere the solver states an error of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -75,17 +75,14 @@ def marks_of(
     gravity: Floats,
     ends: Mapping[int, tuple[bool, bool]] | None = None,
 ) -> NDArray[np.object_]:
-    """Say of each collision why its outcome means little, in one sentence; empty where it does not.
+    """Say of each collision, shape (n,), why its outcome means little, in one sentence; empty where it does not.
 
     Parameters
     ----------
     law, name
         The exact law of a solver, or that it was asked for, and its name.
-    collisions : Collisions
-    exact : Outcomes
-        By that law.
-    gravity : ndarray, shape (n,)
-        In m/s^2.
+    collisions, exact, gravity
+        With their outcomes by that law, and gravity in m/s^2, shape (n,).
     ends : dict, optional
         Of drops by their position whether the engine's run that decides on them had a first flight, and whether B2 came
         to rest on the table.
@@ -102,13 +99,11 @@ def marks_of(
     for i in np.flatnonzero(excess > 1):
         parameter, change = TRIED[which[i]]
         far = excess[i] * JUMPS[abs(change)]
-        says[i] = (
-            f"a change of {change:g} in {CHANGED[parameter]} moves the exact outcome of {name} by {far:.2g} |v0|"
-        )
+        what = f"a change of {change:g} in {CHANGED[parameter]}"
+        says[i] = f"{what} moves the exact outcome of {name} by {far:.2g} |v0|"
     for i, own in (ends or {}).items():
-        exactly = tuple(
-            bool(np.isfinite(exact.diagnostics[key][i])) for key in ("first_flight", "rest_speed")
-        )
+        keys = "first_flight", "rest_speed"
+        exactly = tuple(bool(np.isfinite(exact.diagnostics[key][i])) for key in keys)
         if not says[i] and own != exactly:
             which_end = 0 if own[0] != exactly[0] else 1
             both = f"exact {name}", "the engine"
@@ -125,16 +120,9 @@ def jumps(
 ) -> tuple[Floats, NDArray[np.intp]]:
     """Change every parameter of two balls on a table a little and see how far the outcome moves.
 
-    That is tried where a jump may be near, which is decided in two stages: by the outcome itself (`_suspects`), and by
-    screens, which change all parameters at once (`_SCREENS`). The thresholds are measured: `benchmarks/limits.py
-    screens` counts the marks that are lost.
-
-    Parameters
-    ----------
-    law, collisions, exact, gravity
-        As for `marks_of`.
-    everywhere : bool
-        Whether every collision is tried, suspected or not.
+    That is tried where a jump may be near, or `everywhere`. Near is decided in two stages: by the outcome itself
+    (`_suspects`), and by screens, which change all parameters at once (`_SCREENS`). The thresholds are measured:
+    `benchmarks/limits.py screens` counts the marks that are lost.
 
     Returns
     -------
@@ -158,10 +146,8 @@ def jumps(
         place, change = (np.array(each) for each in zip(*tried, strict=True))
         alone = np.eye(len(CHANGED))[place] * change[:, None]
         _, away = _moved(law, collisions[asked], exact, gravity[asked], asked, alone)
-        over = (
-            np.where(np.isnan(away), np.inf, away)
-            / np.array([JUMPS[abs(size)] for _, size in tried])[:, None]
-        )
+        allowed = np.array([JUMPS[abs(size)] for _, size in tried])[:, None]
+        over = np.where(np.isnan(away), np.inf, away) / allowed
         excess[asked], which[asked] = over.max(axis=0), np.argmax(over, axis=0)
     return excess, which
 
@@ -239,24 +225,21 @@ def _end(outcomes: Outcomes) -> NDArray[np.int64]:
 
 def rounding(law: Law, collisions: Collisions, exact: Outcomes) -> tuple[str, Floats]:
     """Say what was changed of N balls, and the largest change of a velocity over the largest speed before."""
-    speed, at_rest = np.abs(collisions.velocities).max(axis=1), np.zeros(len(collisions))
+    speed, moved = np.abs(collisions.velocities).max(axis=1), np.zeros(len(collisions))
     if "velocity_error" in exact.diagnostics:
         return "its own error", exact.diagnostics["velocity_error"] / speed
-    moved = at_rest.copy()
     for other in changed(collisions):
-        found = law(other, at_rest)
+        found = law(other, np.zeros(len(collisions)))
         away = np.where(found.has_result[:, None], np.abs(found.velocities - exact.velocities), np.inf)
         moved = np.maximum(moved, away.max(axis=1))
     return f"a change of {CHANGE:g} in masses and stiffnesses", moved / speed
 
 
-def changed(collisions: Collisions) -> list[Collisions]:
+def changed(collisions: Collisions) -> Iterator[Collisions]:
     """Change all masses and stiffnesses by a millionth, up or down at random, and the opposite."""
     c, balls = collisions, collisions.masses.shape[1]
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (_PAIRS, balls + c.stiffnesses.shape[1]))
-    found: list[Any] = []
     for some in (*signs, *-signs):
         m, k = np.split(1 + CHANGE * some, [balls])
         arrays = c.masses * m, c.stiffnesses * k, c.restitutions, c.velocities
-        found.append(Collisions(*arrays, c.table, c.gaps, c.exponent))
-    return found
+        yield Collisions(*arrays, c.table, c.gaps, c.exponent)

@@ -29,7 +29,6 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +39,7 @@ from impact_xval.compliant_baselines.restitution import (
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
-from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind, no_gravity
+from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
 from impact_xval.model import solving
 from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of
 from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY
@@ -92,10 +91,8 @@ def solve(
 
     Parameters
     ----------
-    collisions : Collisions
-        With their gaps, if any.
-    law : str
-        One of `LAWS`.
+    collisions, law
+        With their gaps, if any; one of `LAWS`.
     frozen : bool
         Whether positions are frozen, as in the model: a contact that has opened returns where its bodies begin to
         approach. Such collisions have no gaps.
@@ -270,18 +267,20 @@ class ReferenceSolver(ExactSolver):
 
     def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
         """Answer collisions of one kind."""
-        two, n = bool(collisions.falls_on_resting.all()), len(collisions)
-        reason = None if two else no_gravity(settings)
-        if self.name == "kelvin-voigt-anchored" and not two:
-            reason = f"{self.name} is a law of two balls on a table"
-        if reason is not None:
-            return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
-        gravity = np.full(n, settings.gravity if settings.scenario == "drop" else 0.0)
-        how: dict[str, Any] = {"paths": settings.record_path, "max_steps": settings.max_steps}
-        outcomes = solve(collisions, self.name, gravity=gravity, **how)
+        if not collisions.falls_on_resting.all():
+            reason = ""
+            if self.name == "kelvin-voigt-anchored":
+                reason = f"{self.name} is a law of two balls on a table"
+            elif settings.scenario != "impact":
+                reason = "scenario = 'drop': columns of N balls are solved without gravity; legal: 'impact'"
+            if reason:
+                return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
+        gravity = np.full(len(collisions), settings.gravity if settings.scenario == "drop" else 0.0)
+        paths, most = settings.record_path, settings.max_steps
+        outcomes = solve(collisions, self.name, gravity=gravity, paths=paths, max_steps=most)
         if not settings.mark:
             return outcomes
-        law = law_at(self.name, max_steps=settings.max_steps)
+        law = law_at(self.name, max_steps=most)
         return outcomes.with_marks(marks.marks_of(law, self.name, collisions, outcomes, gravity))
 
 

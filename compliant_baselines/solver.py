@@ -211,10 +211,3 @@ def by_kind(
     for places, some in groups:
         found |= zip(places.tolist(), solve(some), strict=True)
     return [found[i] for i in range(len(collisions))]
-
-
-def no_gravity(settings: Settings) -> str | None:
-    """Why columns are not solved under these settings; None if they are."""
-    if settings.scenario == "impact":
-        return None
-    return f"scenario = {settings.scenario!r}: columns of N balls are solved without gravity; legal: 'impact'"

@@ -57,18 +57,35 @@ def _contact(loaded, k, c, gap, rate, acceleration):  # pragma: no cover (compil
 
 
 @numba.njit(cache=True, error_model="numpy")
+def rests(v, x, masses, weight, times):  # pragma: no cover (compiled)
+    """Whether B2's energy about equilibrium is at most so many times what it takes to unload its support."""
+    m2, g, k2, rest = masses[1], weight[0], weight[2], weight[3]
+    return m2 * v[1] * v[1] + k2 * (x[1] + rest) ** 2 <= times * (m2 * g) ** 2 / k2
+
+
+@numba.njit(cache=True, error_model="numpy")
+def sticks(v, x, masses, weight, times):  # pragma: no cover (compiled)
+    """Whether the energy of both balls about equilibrium is at most so many times what it takes to unload a contact."""
+    m1, m2, g, k1, k2, rest1, rest12 = (
+        masses[0],
+        masses[1],
+        weight[0],
+        weight[1],
+        weight[2],
+        weight[4],
+        weight[5],
+    )
+    energy = m1 * v[0] * v[0] + m2 * v[1] * v[1]
+    energy += k1 * (x[1] - x[0] - rest1) ** 2 + k2 * (x[1] + rest12) ** 2
+    return energy <= times * g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2)
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _may_end(code, v, x, masses, weight):  # pragma: no cover (compiled)
     """Whether a drop of two balls may soon be over by rest, or stuck (3 of the module)."""
-    m1, m2, g = masses[0], masses[1], weight[0]
-    k1, k2, rest, rest1, rest12 = weight[1], weight[2], weight[3], weight[4], weight[5]
     if code == 3:
-        away1, away2 = x[1] - x[0] - rest1, x[1] + rest12
-        energy = m1 * v[0] * v[0] + m2 * v[1] * v[1] + k1 * away1 * away1 + k2 * away2 * away2
-        return energy <= 16 * g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2)
-    if code & 1:
-        return False
-    away = x[1] + rest
-    return m2 * v[1] * v[1] + k2 * away * away <= 16 * (m2 * g) ** 2 / k2
+        return sticks(v, x, masses, weight, 16.0)
+    return not code & 1 and rests(v, x, masses, weight, 16.0)
 
 
 @numba.njit(cache=True, error_model="numpy")

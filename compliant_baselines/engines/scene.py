@@ -93,7 +93,7 @@ class Scene:
 
     @property
     def periods(self) -> tuple[float, ...]:
-        """Periods 2 pi sqrt(M_i/k_i) of the contacts asked for, in s."""
+        """Periods of the contacts asked for, in s."""
         return periods(self)
 
     @property
@@ -102,10 +102,14 @@ class Scene:
         return tuple(m / self.masses[0] for m in self.masses)
 
     @property
+    def gaps(self) -> Floats:
+        """Gaps of the contacts at t = 0, in m, shape (C,)."""
+        return -np.diff([*self.heights, *([0.0] if self.table else [])])
+
+    @property
     def rates(self) -> Floats:
         """Compression rates at t = 0, in m/s, shape (C,)."""
-        bodies = np.array([*self.velocities, *([0.0] if self.table else [])])
-        return bodies[1:] - bodies[:-1]
+        return np.diff([*self.velocities, *([0.0] if self.table else [])])
 
     @property
     def speed(self) -> float:

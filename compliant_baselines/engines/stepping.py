@@ -28,7 +28,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.compliant_baselines.engines.quiet import between, quiet_steps
+from impact_xval.compliant_baselines.engines.quiet import between, quiet_steps, rests, sticks
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, reduced_masses
 from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.states import Runs, merge_runs
@@ -94,20 +94,16 @@ def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
 @numba.njit(cache=True)
 def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
     """How a drop of two balls ends after this step, if it does."""
-    v1, v2, x1, x2, m1, m2 = v[0], v[1], x[0], x[1], masses[0], masses[1]
-    g, k1, k2, rest, rest1, rest12 = weight[0], weight[1], weight[2], weight[3], weight[4], weight[5]
+    v1, v2, x1, x2 = v[0], v[1], x[0], x[1]
     if not code & 1 and x1 >= x2 and v1 >= v2:
         if not code & 2 and x2 >= 0 and v2 >= 0:
             return FREE
-        if v1 >= 0 and m2 * v2 * v2 + k2 * (x2 + rest) ** 2 <= (m2 * g) ** 2 / k2:
+        if v1 >= 0 and rests(v, x, masses, weight, 1.0):
             return REST
     if code == 0 and x1 >= x2 >= 0:
         return FLIGHT
-    if code == 3:
-        energy = m1 * v1 * v1 + m2 * v2 * v2
-        energy += k1 * (x2 - x1 - rest1) ** 2 + k2 * (x2 + rest12) ** 2
-        if energy <= g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2):
-            return STUCK
+    if code == 3 and sticks(v, x, masses, weight, 1.0):
+        return STUCK
     return GOING
 
 
@@ -258,9 +254,7 @@ class Run:
     def states(self, shortest_state: float) -> Runs:
         """State sequence, in steps; `shortest_state` as in `solver.Settings`."""
         c = self.scene
-        closed = (np.diff([*c.heights, *([0.0] if c.table else [])]) == 0) @ (
-            1 << np.arange(len(c.stiffnesses))
-        )
+        closed = (c.gaps == 0) @ (1 << np.arange(len(c.stiffnesses)))
         return merge_runs(self.raw, shortest_state * min(c.periods) / c.step, closed)
 
     def energy_gain(self) -> float:
@@ -330,8 +324,7 @@ class Record:
         self._memory = np.zeros(1, MEMORY)
         self._memory["lead"], self._memory["flight"] = np.inf, -1
         self._memory["closed"], self._memory["closed_at"] = 1, -np.inf  # as far back as there was a past
-        gaps = -np.diff([*scene.heights, *([0.0] if scene.table else [])])
-        self._memory["met"] = (gaps > 0) @ (1 << np.arange(gaps.size))
+        self._memory["met"] = (scene.gaps > 0) @ (1 << np.arange(len(scene.stiffnesses)))
         self._starts: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
         self._states: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
         # Points of the path: number of the step, velocities; every `_stride`-th, borders between states, and the ends.
