@@ -132,11 +132,8 @@ def mujoco_contact(
 ) -> MujocoContact:
     """MuJoCo's parameters of one contact.
 
-    Calibrated: a constant impedance d as small as the engine allows, stiffness = k A and damping = c A with A = 1/M the
-    sum of the bodies' inverse weights. The engine's constraint then obeys F (1 - d) = k delta + c delta' - d M a, with
-    a the rate at which the pair separates faster: *exactly* the contact asked for as long as the pair is alone
-    (F = M a), and within d of it when a third body pushes too. The force-level variant, both numbers times (1 - d),
-    gives k delta + c delta' - d/(1 - d) M a: within d always, exact in statics only.
+    Calibrated: a constant impedance d as small as the engine allows, stiffness = k/M and damping = c/M: *exactly* the
+    contact asked for as long as the pair is alone, and within d of it when a third body pushes too (docs/mapping.md).
     """
     if mapping == "naive":
         return MujocoContact((-contact.k, -contact.c), MUJOCO_DEFAULT_SOLIMP)

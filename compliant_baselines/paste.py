@@ -7,6 +7,7 @@ has loaded, PyBullet's are the adapter's own calls. The runners step as often as
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import astuple
 from typing import Any
@@ -16,7 +17,7 @@ import numpy as np
 
 from impact_xval.compliant_baselines.engines import mujoco
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.packages import import_quietly, standing_in
+from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import (
@@ -209,9 +210,14 @@ def mjcf(scene: Scene) -> str:
 
 def _pybullet(engine: Engine, scene: Scene) -> dict[str, str]:
     """Record the calls with which the adapter sets a scene up, and name the rest of the script."""
-    recorder = _Recorder(import_quietly("pybullet"))
-    with standing_in("pybullet", recorder), engine.running():
-        world: Any = engine.world(scene)
+    module = import_quietly("pybullet")
+    recorder: Any = _Recorder(module)
+    sys.modules["pybullet"] = recorder  # which the adapter imports
+    try:
+        with engine.running():
+            world: Any = engine.world(scene)
+    finally:
+        sys.modules["pybullet"] = module
     return {
         "setup": "\n".join(["pybullet.connect(pybullet.DIRECT)", *recorder.calls]),
         "weightless": "pybullet.setGravity(0, 0, 0)",

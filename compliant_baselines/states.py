@@ -73,17 +73,8 @@ def merge_all(
 ) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[np.int64]]:
     """Read many state sequences off raw runs, as `merge_runs` does one.
 
-    Parameters
-    ----------
-    lengths, ends, shortest : ndarray, shape (n,)
-        Number of runs of each sequence, when its last one ends, and for how long a state must be held to count.
-    start, state : ndarray, shape (sum of lengths,)
-        As of `Runs`, of one sequence after the other.
-    closed : int
-
-    Returns
-    -------
-    lengths, start, state : ndarray
+    Of each sequence there are the number of its runs, when the last one ends, and the shortest time, shape (n,); starts
+    and states, as of `Runs`, are those of one sequence after the other. Gives lengths, starts and states.
     """
     n, of = len(lengths), np.repeat(np.arange(len(lengths)), lengths)
 
@@ -125,12 +116,7 @@ def merge_all(
 def compared_states(paths: Paths, shortest: NDArray[np.float64]) -> list[str]:
     """Give the state sequences of two balls on a table as they are compared with others', each as a text.
 
-    Parameters
-    ----------
-    paths : Paths
-        Of any solver. Where there is no path, on which alone the times are, the text is empty.
-    shortest : ndarray, shape (n,)
-        Time for which a state must be held to count, in s.
+    The shortest time for which a state must be held to count is in s. Without a path the text is empty.
     """
     sets, lengths = paths.acting @ (1 << np.arange(2)), np.diff(paths.offsets)
     of = np.repeat(np.arange(len(paths)), lengths)

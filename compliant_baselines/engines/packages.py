@@ -1,4 +1,4 @@
-"""The packages that are engines: imported without a word, why one cannot be, and a substitute in its place."""
+"""The packages that are engines: imported without a word, and why one cannot be."""
 
 from __future__ import annotations
 
@@ -66,14 +66,3 @@ def _standard_error_without(beginning: bytes) -> Iterator[None]:
             os.close(terminal)
             held.seek(0)
             os.write(2, b"".join(line for line in held if not line.startswith(beginning)))
-
-
-@contextmanager
-def standing_in(name: str, substitute: Any) -> Iterator[None]:
-    """Let ``import name`` find a substitute, and the module that was imported before again afterwards."""
-    before = sys.modules[name]
-    sys.modules[name] = substitute
-    try:
-        yield
-    finally:
-        sys.modules[name] = before

@@ -1,10 +1,8 @@
 """For how many steps nothing can happen: how an engine may be left alone without missing anything.
 
-An engine that is read after every step is read far more often than there is anything to see: between two
-events the same contacts carry force, and the collision is not over. `_quiet_time` gives a time within which,
-by bounds on forces and rates, no contact begins or ends to carry force, no gap closes or opens, and the
-collision is not over. An engine whose steps are cheaper than its reads takes the steps of that time in one
-call and loses nothing: states, ends and velocities are those of a run that was read after every step, to the
+An engine that is read after every step is read far more often than there is anything to see. Where no contact begins or
+ends to carry force, no gap closes or opens, and the collision cannot be over, an engine whose steps are cheaper than
+its reads takes many in one call: states, ends and velocities are those of a run that was read after every step, to the
 bit.
 
 The bounds hold for the law an engine was asked for, F_i = max(0, -k_i g_i - c_i g_i') while the gap g_i is
