@@ -96,10 +96,9 @@ class MujocoContact:
         return self.solref if first <= 0 else (-1 / (first * second) ** 2, -2 / first)
 
     def stiffness(self, mass: float) -> float:
-        """Stiffness in N/m that a pair of this reduced mass, alone, finds in this contact, at least.
+        """Stiffness in N/m that a pair of this reduced mass, alone, finds in this contact: that of the smallest d.
 
-        Solved for the acceleration, the engine's equations read a = stiffness r (d/dmax)^2 (damping aside): a mass on a
-        spring. Exact at a constant impedance; else that of the smallest d.
+        Solved for the acceleration, the engine's equations read a = stiffness r (d/dmax)^2 (damping aside).
         """
         dmin, dmax = self.solimp[:2]
         return -self.direct[0] * mass * (dmin / dmax) ** 2

@@ -1,26 +1,16 @@
-r"""The laws of `model.chain` in time, with positions, as solvers; and the model itself.
+"""The laws of `model.chain` in time, with positions, as solvers; and the model itself (docs/theory.md, section 7).
 
 Contact i is F = max(0, k_i delta^p + c_i delta^((p - 1)/2) delta') while its bodies overlap, or one of two laws that
-have no dashpot or another one; `LAWS` lists them. What c_i is made from:
-
-| solver | c_1 of two balls on a table | c_2 |
-|---|---|---|
-| kelvin-voigt | 2 zeta sqrt(k1 M), M of the two bodies of the contact alone | 2 zeta sqrt(k2 m2) |
-| kelvin-voigt-anchored | 2 zeta sqrt(k1 m1): B2 as part of the table | 2 zeta sqrt(k2 m2) |
-| kelvin-voigt-textbook | as kelvin-voigt, zeta from the textbook | likewise |
-
-zeta is the damping ratio that gives e to a contact that ends at zero force (docs/theory.md, section 7) or the
-textbook's -ln e/sqrt(pi^2 + ln^2 e). Where p is not 1 the dashpot is that of Tsuji, Tanaka and Ishida (Powder
-Technology 71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is the linear contact, u du/dxi =
--2 (k xi + c u)/(M (p + 1)), with the same e for every p, at any speed.
+have no dashpot or another one; `LAWS` lists them. The names of Kelvin-Voigt's say what c_i is made from (`dampings`):
+the reduced mass of the pair, that of the upper ball alone (B2 as part of the table), or the textbook's damping ratio,
+-ln e/sqrt(pi^2 + ln^2 e), in place of that of a contact that ends at zero force. Where p is not 1 the dashpot is that
+of Tsuji, Tanaka and Ishida (Powder Technology 71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is the
+linear contact, u du/dxi = -2 (k xi + c u)/(M (p + 1)), with the same e for every p, at any speed.
 
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
-touch (`restitution`: the same A for every p). **bistiffness** is the model's own law in time: energetic
-restitution by a second, higher stiffness; a contact that has opened returns when its gap has closed, not when its
-bodies begin to approach. In a drop an end of compression takes 1 - e2^2 of all the strain energy of contact 2, that
-which carries the weight included: the permanent indentation is of the contact, whatever presses it.
-
-e = 0 has no finite damping or stiffness in time, and k2/k1 = 0 or infinity no two springs: refused.
+touch (`restitution`: the same A for every p). **bistiffness** is the model's own law in time. In a drop an end of
+compression takes 1 - e2^2 of all the strain energy of contact 2, that which carries the weight included: the permanent
+indentation is of the contact, whatever presses it.
 """
 
 from __future__ import annotations
@@ -99,7 +89,7 @@ def solve(
     gravity : array_like, shape (n,) or ()
         In m/s^2; above 0 is a drop, of two balls on a table, the lower one settled (`chain.rest`).
     states, paths : bool
-        Whether outcomes carry their states and paths; the latter one by one.
+        Whether outcomes carry their states and paths.
     max_steps : int
         Pieces of segments after which a collision is given up.
 
@@ -112,11 +102,6 @@ def solve(
         velocities in m/s, by how much a run at 100 times the tolerance differs. Of drops, ``first_flight`` is when
         gravity ended, in s, and ``rest_speed`` the velocity in m/s that a B2 at rest on the table still had; it and
         impulses count as without. ``duration`` is in s.
-
-    Raises
-    ------
-    ValueError
-        For an unknown law, or gaps where positions are frozen.
     """
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")

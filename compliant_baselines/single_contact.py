@@ -1,16 +1,10 @@
 """Two bodies and the contact asked for between them; the largest step at which an engine gives it.
 
 The contact is Kelvin and Voigt's, F = max(0, k delta + c delta'), between two bodies on which nothing else acts while
-it lasts. With M the reduced mass, omega = sqrt(k/M) and zeta the damping ratio that gives e (docs/theory.md, section 7;
-Schwager and Poeschel, Granular Matter 9:465, 2007),
-
-* it lasts T = contact_time(zeta)/omega, so that k = M (contact_time(zeta)/T)^2 for a duration asked for;
-* it goes in by |v| sqrt(e)/omega at most: delta peaks after exactly half of T, and decays by sqrt(e) until then.
-
-Neither restitution nor duration depends on the speed. In an engine they depend on the step and on where within a step
-the bodies touch: the restitution, since the first force comes late, and the duration, counted in whole steps as a user
-counts it. A step is good if both are within the tolerance wherever within the step the touch falls, and if the shorter
-steps tried are good too.
+it lasts (docs/theory.md, section 7). Neither restitution nor duration depends on the speed. In an engine they depend on
+the step and on where within a step the bodies touch: the restitution, since the first force comes late, and the
+duration, counted in whole steps as a user counts it. A step is good if both are within the tolerance wherever within
+the step the touch falls, and if the shorter steps tried are good too.
 """
 
 from __future__ import annotations
@@ -114,7 +108,7 @@ class Pair:
 
     @property
     def penetration(self) -> float:
-        """Greatest penetration in m, at the speed of this pair."""
+        """Greatest penetration in m, at the speed of this pair: after half its duration, decayed by sqrt(e)."""
         return self.speed * math.sqrt(self.restitution) / self.contact.omega
 
 

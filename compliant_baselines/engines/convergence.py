@@ -115,24 +115,11 @@ def limit_of(
     alike: bool = True,
     gravity_doubt: float = 0.0,
 ) -> Limit:
-    """Extrapolate to a step of zero.
+    """Extrapolate final velocities in m/s, shape (n, balls), n >= 3, at steps each half of the one before, to zero.
 
-    Parameters
-    ----------
-    velocities : ndarray, shape (n, balls), n >= 3
-        Final velocities in m/s at steps each half of the one before.
-    starts : float
-        `Run.starts` of the last run, in m/s.
-    step : float
-        The last step, in s.
-    weights : sequence of float
-        Masses over that of the first ball.
-    regularisation : float
-        What regularisation does, in m/s.
-    table, alike : bool
-        Whether the last ball is above a table; whether the last two runs pass through the same states to the same end.
-    gravity_doubt : float
-        What the instants of a first flight and of the end may change, in m/s.
+    Of the last run are `Run.starts` in m/s and the step in s; weights are masses over that of the first ball. In m/s is
+    also what regularisation does, and `gravity_doubt`, what the instants of a first flight and of the end may change.
+    `alike` says that the last two runs pass through the same states to the same end.
     """
     differences = np.abs(np.diff(velocities, axis=0))
     limits = extrapolated(velocities)
@@ -211,7 +198,7 @@ class _Case:
             np.array([run.reported for run in self.runs]),
             last.starts,
             last.scene.step,
-            self.scene.weights,
+            [m / self.scene.masses[0] for m in self.scene.masses],
             *self.regularisation[-1:],
             table=self.scene.table,
             alike=len(paths) == 1,

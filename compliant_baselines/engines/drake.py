@@ -100,10 +100,8 @@ class DrakeWorld(World):
             plant.SetUseSampledOutputPorts(False)  # nobody reads them
         plant.mutable_gravity_field().set_gravity_vector([0, 0, -scene.gravity])
         joints = self._add_bodies(plant, graph)
-        period = {} if self._discrete else {"publish_period": step}
-        output = _module("systems.primitives").LogVectorOutput(
-            plant.get_state_output_port(), builder, **period
-        )
+        period, log = {} if self._discrete else {"publish_period": step}, _module("systems.primitives")
+        output = log.LogVectorOutput(plant.get_state_output_port(), builder, **period)
         self._simulator = _module("systems.analysis").Simulator(builder.Build())
         root = self._simulator.get_mutable_context()
         context = plant.GetMyMutableContextFromRoot(root)

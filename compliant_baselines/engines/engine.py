@@ -6,12 +6,14 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
 from math import inf
+from platform import python_version
 from types import MappingProxyType
 from typing import Any
 
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
-from impact_xval.compliant_baselines.engines.packages import version_of, why_not
+from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import BEYOND, Scene, reduced_masses, unrepresentable
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
 from impact_xval.compliant_baselines.engines.world import World
@@ -46,11 +48,22 @@ class Engine(Solver):
 
     def version(self) -> str:
         """Version of the engine's package, or ``""`` if it is not installed."""
-        return version_of(self.distribution)
+        try:
+            return version(self.distribution)
+        except PackageNotFoundError:
+            return ""
 
     def unavailable(self) -> str | None:
         """Why the engine cannot run here and the way out; None if it can."""
-        return why_not(self.title, self.distribution, self.module, self.way_out)
+        try:
+            import_quietly(self.module)
+        except Exception as error:  # of a package that is there but broken, any
+            if isinstance(error, ModuleNotFoundError) and "." not in (error.name or ""):
+                return f"{self.title} is not installed: {self.way_out}"
+            said = " ".join(str(error).split()) or type(error).__name__
+            here = f"Python {python_version()} and NumPy {version('numpy')}"
+            return f"{self.title} {self.version()} cannot be imported by {here} ({said}): {self.way_out}"
+        return None
 
     def refusal(self, scene: Scene) -> str | None:
         """Why this engine cannot take a scene, in one sentence; None if it can."""

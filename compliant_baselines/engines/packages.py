@@ -1,4 +1,4 @@
-"""The packages that are engines: imported without a word, and why one cannot be."""
+"""The packages that are engines, imported without a word."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
-from platform import python_version
 from threading import Lock
 from typing import Any
 
@@ -23,30 +21,6 @@ def import_quietly(module: str) -> Any:
             return import_module(module)
         with _standard_error_without(b"pybullet build time"):
             return import_module(module)
-
-
-def version_of(distribution: str) -> str:
-    """Version of an installed package, by the name it is distributed under; ``""`` if it is not installed."""
-    try:
-        return version(distribution)
-    except PackageNotFoundError:
-        return ""
-
-
-def why_not(engine: str, distribution: str, module: str, way_out: str) -> str | None:
-    """Say why the package of an engine cannot be imported, and the way out, what to run; None if it can.
-
-    The engine is named as its makers spell it, the distribution as it is installed, and the module as it is imported.
-    """
-    try:
-        import_quietly(module)
-    except Exception as error:  # of a package that is there but broken, any
-        if isinstance(error, ModuleNotFoundError) and "." not in (error.name or ""):
-            return f"{engine} is not installed: {way_out}"
-        said = " ".join(str(error).split()) or type(error).__name__
-        here = f"Python {python_version()} and NumPy {version('numpy')}"
-        return f"{engine} {version_of(distribution)} cannot be imported by {here} ({said}): {way_out}"
-    return None
 
 
 @contextmanager

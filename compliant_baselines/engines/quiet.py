@@ -152,21 +152,10 @@ def _accelerate(code, v, x, masses, law, g):  # pragma: no cover (compiled)
 
 @numba.njit(cache=True, error_model="numpy")
 def between(code, v, x, v_end, x_end, times, span, masses, law, g):  # pragma: no cover (compiled)
-    """Interpolate velocities within quiet steps: cubics through velocities and accelerations at both ends.
+    """Interpolate velocities in m/s, shape (n, N), within quiet steps that take the time `span` in s.
 
-    Parameters
-    ----------
-    code, masses, law
-        As of `quiet_steps`; g is the gravity in m/s^2.
-    v, x, v_end, x_end : ndarray, shape (N,)
-        Velocities and heights before the first and after the last of the steps.
-    times : ndarray, shape (n,)
-        Where, as a share of their time, which is `span` in s.
-
-    Returns
-    -------
-    ndarray, shape (n, N)
-        In m/s.
+    They lie on the cubics through velocities and accelerations at both ends: velocities and heights before the first
+    step and after the last, shape (N,). Times, shape (n,), are shares of the span; g is the gravity in m/s^2.
     """
     a, b = _accelerate(code, v, x, masses, law, g), _accelerate(code, v_end, x_end, masses, law, g)
     found = np.empty((times.size, v.size))

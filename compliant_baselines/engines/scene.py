@@ -97,11 +97,6 @@ class Scene:
         return periods(self)
 
     @property
-    def weights(self) -> tuple[float, ...]:
-        """Masses over that of the first ball."""
-        return tuple(m / self.masses[0] for m in self.masses)
-
-    @property
     def gaps(self) -> Floats:
         """Gaps of the contacts at t = 0, in m, shape (C,)."""
         return -np.diff([*self.heights, *([0.0] if self.table else [])])
