@@ -6,14 +6,13 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
 from math import inf
 from platform import python_version
 from types import MappingProxyType
 from typing import Any
 
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
-from impact_xval.compliant_baselines.engines.packages import import_quietly
+from impact_xval.compliant_baselines.engines.packages import import_quietly, version_of
 from impact_xval.compliant_baselines.engines.scene import BEYOND, Scene, reduced_masses, unrepresentable
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
 from impact_xval.compliant_baselines.engines.world import World
@@ -48,10 +47,7 @@ class Engine(Solver):
 
     def version(self) -> str:
         """Version of the engine's package, or ``""`` if it is not installed."""
-        try:
-            return version(self.distribution)
-        except PackageNotFoundError:
-            return ""
+        return version_of(self.distribution)
 
     def unavailable(self) -> str | None:
         """Why the engine cannot run here and the way out; None if it can."""
@@ -61,7 +57,7 @@ class Engine(Solver):
             if isinstance(error, ModuleNotFoundError) and "." not in (error.name or ""):
                 return f"{self.title} is not installed: {self.way_out}"
             said = " ".join(str(error).split()) or type(error).__name__
-            here = f"Python {python_version()} and NumPy {version('numpy')}"
+            here = f"Python {python_version()} and NumPy {version_of('numpy')}"
             return f"{self.title} {self.version()} cannot be imported by {here} ({said}): {self.way_out}"
         return None
 

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from threading import Lock
 from typing import Any
 
@@ -21,6 +22,14 @@ def import_quietly(module: str) -> Any:
             return import_module(module)
         with _standard_error_without(b"pybullet build time"):
             return import_module(module)
+
+
+def version_of(distribution: str) -> str:
+    """Version of an installed package, by the name it is distributed under; ``""`` if it is not installed."""
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return ""
 
 
 @contextmanager
