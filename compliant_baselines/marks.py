@@ -64,6 +64,12 @@ FALLEN = 0.02
 #: What a screen must do for a cell to be tried in full: move a velocity by so much, a grazing margin by such a share.
 STIRRED, MARGIN_MOVED = 0.005, 0.25
 
+#: How the ends of an engine and of its exact law may differ, by the diagnostics of the one that has it.
+ENDS = {
+    "first_flight": "gravity ends in a first flight of {}, and {} has none",
+    "rest_speed": "by {} the lower ball comes to rest on the table, and by {} it leaves",
+}
+
 _LARGEST = float(np.finfo(float).max)
 
 
@@ -102,16 +108,11 @@ def marks_of(
         what = f"a change of {change:g} in {CHANGED[parameter]}"
         says[i] = f"{what} moves the exact outcome of {name} by {far:.2g} |v0|"
     for i, own in (ends or {}).items():
-        keys = "first_flight", "rest_speed"
-        exactly = tuple(bool(np.isfinite(exact.diagnostics[key][i])) for key in keys)
-        if not says[i] and own != exactly:
-            which_end = 0 if own[0] != exactly[0] else 1
-            both = f"exact {name}", "the engine"
-            one, other = both if exactly[which_end] else both[::-1]
-            says[i] = (
-                f"gravity ends in a first flight of {one}, and {other} has none",
-                f"by {one} the lower ball comes to rest on the table, and by {other} it leaves",
-            )[which_end]
+        for (key, text), engine in zip(ENDS.items(), own, strict=True):
+            exactly = bool(np.isfinite(exact.diagnostics[key][i]))
+            if not says[i] and engine != exactly:
+                both = f"exact {name}", "the engine"
+                says[i] = text.format(*(both if exactly else both[::-1]))
     return says
 
 
