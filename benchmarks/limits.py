@@ -93,16 +93,12 @@ def jumps(options: argparse.Namespace) -> None:
     c = 1 + options.change
     collisions, gravity = Collisions.from_ratios(kappa, mu, e1, e2), number * np.sqrt(1 + 1 / mu)
     for name in LAWS:
-        batch, law = partial(references.solve_batch, name), references.law_at(name)
-        base = batch(kappa, mu, e1, e2, number)
-        moved = np.zeros(options.cells)
-        for other in (
-            batch(kappa * c, mu, e1, e2, number),
-            batch(kappa / c, mu, e1, e2, number / math.sqrt(c)),
-            batch(kappa, mu, e1, e2, number / math.sqrt(c)),
-        ):
+        law, moved = references.law_at(name), np.zeros(options.cells)
+        base = law(collisions, gravity)
+        for ratio, weight in ((kappa * c, 1.0), (kappa / c, math.sqrt(c)), (kappa, math.sqrt(c))):
+            other = law(Collisions.from_ratios(ratio, mu, e1, e2), gravity / weight)
             moved = np.fmax(moved, np.maximum(abs(other.v1 - base.v1), abs(other.v2 - base.v2)))
-        marked = marks.jumps(law, collisions, law(collisions, gravity), gravity)[0] > 1
+        marked = marks.jumps(law, collisions, base, gravity)[0] > 1
         print(
             f"{name}, {options.scenario}: {marked.sum()} of {options.cells} marked; unmarked cells that "
             f"{options.change:g} in k2, k1 or both moves by more than "

@@ -169,28 +169,15 @@ def converges_to(law: str) -> Check:
             )
 
     converges.__name__ = f"converges_to_{law.replace('-', '_')}"
-    converges.__doc__ = (
-        f"Demand convergence in the step to `{law}`, the exact motion under the law it claims (rule 3)."
-    )
+    converges.__doc__ = f"Demand convergence in the step to `{law}`, the exact motion under its law (rule 3)."
     return converges
 
 
 def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
-    """All checks, for a solver whose contacts obey a law.
-
-    Parameters
-    ----------
-    law : str or None
-        One of `LAWS`; None or ``"none"`` for a law of the solver's own, which is not checked.
-
-    Raises
-    ------
-    ValueError
-        If the law is another one.
-    """
+    """All checks, for a solver whose contacts obey one of `LAWS`; None or ``"none"`` is a law of its own, unchecked."""
     if law is not None and law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
-    common: tuple[Check, ...] = (
+    common = (
         names_itself,
         answers_every_collision,
         refuses_with_a_reason,
@@ -202,21 +189,13 @@ def checks(law: str | None = KELVIN_VOIGT) -> tuple[Check, ...]:
 
 
 def conform(solver: Solver, law: str | None = KELVIN_VOIGT) -> Iterator[tuple[Check, str]]:
-    """Run the checks one by one.
-
-    Yields
-    ------
-    check : callable
-        Its name and docstring say what it demands.
-    problem : str
-        What was found; ``""`` if the check passed. An exception of the solver is a finding.
-    """
+    """Run the checks one by one: each, and what `problem_of` it says."""
     for check in checks(law):
         yield check, problem_of(check, solver)
 
 
 def problem_of(check: Check, solver: Solver) -> str:
-    """Run a check of a solver; say what was found, as `conform` does."""
+    """Run a check of a solver; say what was found, an exception of the solver too, and nothing if it passed."""
     try:
         check(solver)
     except NonConformingError as error:

@@ -27,31 +27,14 @@ _PAIR = ("solref", "solimp", "margin", "gap", "friction", "solreffriction", "adh
 _Attributes = tuple[tuple[str, Any], ...]
 
 
-class Place(NamedTuple):
-    """A contact: what it is called, its geoms by number, and the number of its <pair>, None without one."""
-
-    where: str
-    geoms: tuple[int, int]
-    pair: int | None
-
-
 class Bodies(NamedTuple):
-    """The two bodies of a contact, the lighter first.
+    """The two bodies of a contact, the lighter first."""
 
-    Attributes
-    ----------
-    masses : tuple of float
-        Of each along the normal, in kg; inf if fixed.
-    weights : tuple of tuple
-        `body_invweight0` of each.
-    geoms : tuple of tuple
-        Attributes of the geom of each.
-    pair : tuple
-        Attributes of the <pair>; empty without one.
-    """
-
+    #: Along the normal, in kg; inf if fixed.
     masses: tuple[float, float]
+    #: `body_invweight0` of each.
     weights: tuple[tuple[float, ...], ...]
+    #: Attributes of the geom of each, and of the <pair>; empty without one.
     geoms: tuple[_Attributes, ...]
     pair: _Attributes
 
@@ -66,23 +49,24 @@ class Bodies(NamedTuple):
         return sum(weight[0] for weight in self.weights)
 
 
-def places(model: Any) -> Iterator[Place]:
+def places(model: Any) -> Iterator[tuple[str, tuple[int, int], int | None]]:
     """List the contacts of a compiled model: those of <pair>s, then geoms that can touch without one.
+
+    Of each what it is called, its geoms by number, and the number of its <pair>, None without one.
 
     Left out are geoms whose contype and conaffinity do not match, of bodies without a joint between them, of a body and
     its parent (unless that is fixed, or the filter off), of bodies that <exclude> names, and flat ones among themselves
     (the engine's chapter "Computation", section "Collision detection").
     """
     mujoco: Any = import_module("mujoco")
-    if model.opt.disableflags & (
-        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    ):
+    off = mujoco.mjtDisableBit
+    if model.opt.disableflags & (off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT):
         return
     pairs = [(int(a), int(b)) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)]
     for i, (a, b) in enumerate(pairs):
-        yield Place(f"pair {model.pair(i).name or _names(model, a, b)}", (a, b), i)
+        yield f"pair {model.pair(i).name or _names(model, a, b)}", (a, b), i
     own, excluded = {frozenset(pair) for pair in pairs}, set(model.exclude_signature.tolist())
-    filters = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+    filters = not model.opt.disableflags & off.mjDSBL_FILTERPARENT
     flat = {int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)}
     weld = model.body_weldid.tolist()
     above = [weld[parent] for parent in model.body_parentid.tolist()]
@@ -95,41 +79,45 @@ def places(model: Any) -> Iterator[Place]:
         meet = (type_a & affinity_b or type_b & affinity_a) and not (shape_a in flat and shape_b in flat)
         signature = (min(body_a, body_b) << 16) + max(body_a, body_b)
         if meet and low != high and not kin and signature not in excluded and frozenset((a, b)) not in own:
-            yield Place(f"geoms {_names(model, a, b)}", (a, b), None)
+            yield f"geoms {_names(model, a, b)}", (a, b), None
 
 
 def _names(model: Any, *geoms: int) -> str:
     return " and ".join(model.geom(geom).name or f"#{geom}" for geom in geoms)
 
 
-def bodies(model: Any) -> Iterator[tuple[str, Bodies]]:
-    """Contacts but those of two fixed bodies: what each is called, and its bodies."""
+def contacts(model: Any) -> dict[Bodies, list[str]]:
+    """Bodies of all contacts but those of two fixed ones, alike ones together: what each contact is called."""
     mujoco: Any = import_module("mujoco")
     data = mujoco.MjData(model)
+    # What inertia needs, without collisions.
     for stage in (
-        "kinematics",
-        "comPos",
-        "tendon",
-        "makeM",
-        "factorM",
-    ):  # what inertia needs, without collisions
-        getattr(mujoco, f"mj_{stage}")(model, data)
+        mujoco.mj_kinematics,
+        mujoco.mj_comPos,
+        mujoco.mj_tendon,
+        mujoco.mj_makeM,
+        mujoco.mj_factorM,
+    ):
+        stage(model, data)
     masses = [_mass(model, data, i) for i in range(model.nbody)]
     weights = [_rounded(weight) for weight in model.body_invweight0]
     geoms = [_read(model, "geom", i, _GEOM) for i in range(model.ngeom)]
+    found: dict[Bodies, list[str]] = {}
     for where, both, pair in places(model):
         one, two = sorted(both, key=lambda geom: masses[model.geom_bodyid[geom]])
         a, b = model.geom_bodyid[[one, two]].tolist()
+        own: _Attributes = ()
+        if pair is not None:
+            own = (*_read(model, "pair", pair, _PAIR), ("condim", int(model.pair_dim[pair])))
         if math.isfinite(masses[a]):
-            own = (
-                ()
-                if pair is None
-                else (*_read(model, "pair", pair, _PAIR), ("condim", int(model.pair_dim[pair])))
-            )
-            yield (
-                where,
-                Bodies((masses[a], masses[b]), (weights[a], weights[b]), (geoms[one], geoms[two]), own),
-            )
+            alike = Bodies((masses[a], masses[b]), (weights[a], weights[b]), (geoms[one], geoms[two]), own)
+            found.setdefault(alike, []).append(where)
+    return found
+
+
+def called(where: list[str]) -> str:
+    """Name places that have something in common: the first, and how many others."""
+    return where[0] + (f" and {len(where) - 1} more" if len(where) > 1 else "")
 
 
 def _mass(model: Any, data: Any, body: int) -> float:

@@ -8,25 +8,20 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import import_module
+from operator import itemgetter
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from impact_xval.compliant_baselines.contacts_mujoco import Bodies, places
-from impact_xval.compliant_baselines.mapping import Contact, mujoco_contact
+from impact_xval.compliant_baselines.contacts_mujoco import Bodies, called, contacts
 
 #: Steps in a contact below which its restitution is off by 10 % and more.
 FEWEST_STEPS = 30
 
 #: Impedance above which a contact is not at the level of forces.
 FORCE_LEVEL = 0.01
-
-#: Restitution of a contact that is not to rebound: no finite damping gives 0.
-NO_REBOUND = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,73 +100,43 @@ TRAPS = (
 
 
 def inspect_model(model: Any) -> list[Finding]:
-    """Look for traps in a compiled model.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        The user's.
-
-    Returns
-    -------
-    list of Finding
-        Empty if there are none; a trap that many contacts share in the same words stands once.
-    """
-    contacts = [_facts(model.opt, *contact) for contact in _contacts(model)]
+    """Look for traps in a compiled mujoco.MjModel; one that many contacts share in the same words stands once."""
+    facts = [_facts(model.opt, where[0], alike) for alike, where in contacts(model).items()]
     places: dict[tuple[str, str], dict[str, None]] = {}
-    for trap, c in itertools.product(TRAPS, contacts):
+    for trap, c in itertools.product(TRAPS, facts):
         if trap.seen(c):
             places.setdefault((trap.name, trap.says.format(c=c)), {})[trap.where.format(c=c)] = None
-    return [
-        Finding(trap, first + (f" and {len(others)} more" if others else ""), says)
-        for (trap, says), (first, *others) in places.items()
-    ]
+    return [Finding(trap, called([*where]), says) for (trap, says), where in places.items()]
 
 
-def _contacts(model: Any) -> Iterator[tuple[Any, ...]]:
-    """Place, sum of inverse weights, solref, solimp, and what is mixed of a contact; one of each combination."""
-    parameters = model.geom_solref, model.geom_solimp, model.geom_solmix, model.geom_priority
-    rows, seen = np.column_stack(parameters), set()
-    for where, (a, b), pair in places(model):
-        inverse_mass = float(model.body_invweight0[model.geom_bodyid[[a, b]], 0].sum())
-        if pair is not None:  # its own, of which nothing is mixed
-            yield (
-                where,
-                inverse_mass,
-                tuple(model.pair_solref[pair].tolist()),
-                model.pair_solimp[pair].tolist(),
-                None,
-            )
-            continue
-        key = rows[a].tobytes(), rows[b].tobytes(), inverse_mass
-        if inverse_mass > 0 and key not in seen:
-            seen.add(key)
-            yield where, inverse_mass, *_combined(rows[a], rows[b])
-
-
-def _combined(one: np.ndarray, two: np.ndarray) -> tuple[Any, Any, Any]:
+def _combined(one: dict[str, Any], two: dict[str, Any]) -> tuple[Any, Any, Any]:
     """Solref and solimp of two geoms; where direct solrefs differ, also both and their combination."""
-    if one[8] != two[8]:
-        one = two = max(one, two, key=lambda row: row[8])
-    total = one[7] + two[7]
-    share = one[7] / total if total > 0 else 0.5
-    row = np.where(one == two, one, share * one + (1 - share) * two)
-    if min(one[0], two[0]) <= 0:
-        row[:2] = np.minimum(one[:2], two[:2])
-    solrefs = [tuple(each[:2].tolist()) for each in (one, two, row)]
-    mixed = solrefs[0] != solrefs[1] and min(solrefs[2]) <= 0
-    return solrefs[2], row[2:7].tolist(), solrefs if mixed else None
+    if one["priority"] != two["priority"]:
+        one = two = max(one, two, key=itemgetter("priority"))
+    total = one["solmix"] + two["solmix"]
+    share = one["solmix"] / total if total > 0 else 0.5
+    solref, solimp = (
+        tuple(a if a == b else share * a + (1 - share) * b for a, b in zip(one[name], two[name], strict=True))
+        for name in ("solref", "solimp")
+    )
+    direct = min(one["solref"][0], two["solref"][0]) <= 0
+    if direct:
+        solref = tuple(map(min, one["solref"], two["solref"]))
+    mixed = one["solref"] != two["solref"] and min(solref) <= 0
+    return solref, solimp, (one["solref"], two["solref"], solref) if mixed else None
 
 
-def _facts(
-    option: Any, where: str, inverse_mass: float, solref: Any, solimp: Any, mixed: Any
-) -> SimpleNamespace:
+def _facts(option: Any, where: str, bodies: Bodies) -> SimpleNamespace:
     """Facts of a contact under the names that `TRAPS` uses, in SI units."""
     mujoco: Any = import_module("mujoco")
+    own, inverse_mass = dict(bodies.pair), bodies.inverse_weight
+    solref, solimp, mixed = (
+        (own["solref"], own["solimp"], None) if own else _combined(*map(dict, bodies.geoms))
+    )
     step, two_steps = option.timestep, 2 * option.timestep
     override = option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE
     if override:
-        solref, solimp = tuple(option.o_solref.tolist()), option.o_solimp.tolist()
+        solref, solimp = tuple(option.o_solref.tolist()), tuple(option.o_solimp.tolist())
     mixed_signs = (solref[0] > 0) != (solref[1] > 0)
     first, second = (0.02, 1.0) if mixed_signs else solref
     discrete = option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
@@ -196,52 +161,3 @@ def _facts(
         steps=duration / step if step > 0 else math.inf,
         hundredth=duration / 100,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Meant:
-    """What was probably meant by a solref, and the <pair> that gives it; whether the solref was direct."""
-
-    contact: Contact
-    solref: tuple[float, float]
-    solimp: tuple[float, ...]
-    direct: bool
-
-    @property
-    def pair(self) -> tuple[tuple[str, Any], ...]:
-        """Attributes of the <pair>."""
-        return ("solref", self.solref), ("solimp", self.solimp), ("condim", 1)
-
-    @property
-    def longest_step(self) -> float:
-        """A hundredth of the contact, in s, and short enough for refsafe to leave a time constant as it is."""
-        safe = math.inf if self.direct else self.solref[0] / 2.2
-        return float(f"{min(self.contact.duration / 100, safe):.2g}")
-
-    def __str__(self) -> str:
-        c = self.contact
-        asked = f"{c.k:.4g} N/m and {c.c:.4g} N s/m" if self.direct else f"e = {c.restitution:.2g}"
-        if c.restitution < 1.01 * NO_REBOUND and not self.direct:
-            asked = f"no rebound ({asked})"
-        words = (" ".join(f"{number:.6g}" for number in numbers) for numbers in (self.solref, self.solimp))
-        return 'for {}: <pair condim="1" solref="{}" solimp="{}"/>'.format(asked, *words)
-
-
-def meant(solref: tuple[float, float], solimp: tuple[float, ...], bodies: Bodies) -> Meant | None:
-    """Guess what was meant: direct numbers in N/m and N s/m, or a damping ratio as in textbooks; None if neither.
-
-    Direct numbers at the level of forces are taken for what they are. A textbook's contact may pull, and has no rebound
-    from a ratio of 1 on.
-    """
-    first, second = map(abs, solref)
-    if solref[0] < 0:
-        forces = solimp[0] <= FORCE_LEVEL and solref[1] <= 0
-        weight = bodies.inverse_weight if forces else 1.0
-        contact = Contact(first / weight, second / weight, bodies.mass)
-        own = mujoco_contact(replace(contact, mass=1 / bodies.inverse_weight))
-        return Meant(contact, own.solref, own.solimp, direct=True)
-    if not first or not second:
-        return None
-    e = math.exp(-math.pi * second / math.sqrt(1 - second**2)) if second < 1 else 0.0
-    contact = Contact.from_restitution(bodies.mass / (first * second) ** 2, max(e, NO_REBOUND), bodies.mass)
-    return Meant(contact, (1 / (contact.zeta * contact.omega), contact.zeta), solimp, direct=False)

@@ -5,15 +5,9 @@
 3. (k, c) -> the engine's numbers, in closed form.
 
 The **calibrated** mapping is that. The **naive** one is what a user writes who knows the names of the parameters but
-not the engine's source; it is there for its cost to be tabulated. Its zeta is the textbook's, and
-
-* MuJoCo gets k and c in N/m and N s/m, and reads them as 1/s^2 and 1/s under a default solimp that is no spring's;
-* PyBullet and Drake get k with c or c/k as properties of each *body*: both balls those of the ball-ball contact, the
-  table those of the ball-table contact. The engines combine two bodies in series, so that equal balls are half as stiff
-  as asked; dampings (PyBullet) and relaxation times c/k (Drake) add.
-
-MuJoCo has two more: **documented**, time constant 1/(zeta omega) and damping ratio zeta under the default solimp, and,
-like PyBullet with coefficients of restitution, **shipped**: nothing is set, and the step is the engine's own.
+not the engine's source; its zeta is the textbook's. MuJoCo has two more: **documented**, time constant 1/(zeta omega)
+and damping ratio zeta under the default solimp, and, like PyBullet with coefficients of restitution, **shipped**:
+nothing is set, and the step is the engine's own.
 """
 
 from __future__ import annotations
@@ -37,24 +31,10 @@ MUJOCO_IMPEDANCE = 1e-4
 MUJOCO_DEFAULT_SOLREF = (0.02, 1.0)
 MUJOCO_DEFAULT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)
 
-#: A stiffness in N/m that adds nothing in series, 1/(1/k + 1/1e30) = k: PyBullet's own for a body that was not given
-#: one (BT_LARGE_FLOAT of btScalar.h, double precision).
-PYBULLET_RIGID = 1e30
-
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """One Kelvin-Voigt contact, F = max(0, k delta + c delta').
-
-    Attributes
-    ----------
-    k : float
-        Stiffness in N/m.
-    c : float
-        Damping in N s/m.
-    mass : float
-        Reduced mass of the pair in kg.
-    """
+    """One Kelvin-Voigt contact, F = max(0, k delta + c delta'): k in N/m, c in N s/m, the pair's reduced mass in kg."""
 
     k: float
     c: float
@@ -102,17 +82,11 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class MujocoContact:
-    """A contact pair of MuJoCo.
+    """A contact pair of MuJoCo."""
 
-    Attributes
-    ----------
-    solref : tuple of float
-        Direct format, (-stiffness, -damping) in 1/s^2 and 1/s, or positive: time constant in s and damping ratio.
-    solimp : tuple of float
-        (dmin, dmax, width, midpoint, power).
-    """
-
+    #: Direct format, (-stiffness, -damping) in 1/s^2 and 1/s, or positive: time constant in s and damping ratio.
     solref: tuple[float, float]
+    #: (dmin, dmax, width, midpoint, power).
     solimp: tuple[float, float, float, float, float]
 
     @property
@@ -122,10 +96,9 @@ class MujocoContact:
         return self.solref if first <= 0 else (-1 / (first * second) ** 2, -2 / first)
 
     def stiffness(self, mass: float) -> float:
-        """Stiffness in N/m that a pair of this reduced mass, alone, finds in this contact, at least.
+        """Stiffness in N/m that a pair of this reduced mass, alone, finds in this contact: that of the smallest d.
 
-        Solved for the acceleration, the engine's equations read a = stiffness r (d/dmax)^2 (damping aside): a mass on a
-        spring. Exact at a constant impedance; else that of the smallest d.
+        Solved for the acceleration, the engine's equations read a = stiffness r (d/dmax)^2 (damping aside).
         """
         dmin, dmax = self.solimp[:2]
         return -self.direct[0] * mass * (dmin / dmax) ** 2
@@ -158,11 +131,8 @@ def mujoco_contact(
 ) -> MujocoContact:
     """MuJoCo's parameters of one contact.
 
-    Calibrated: a constant impedance d as small as the engine allows, stiffness = k A and damping = c A with A = 1/M the
-    sum of the bodies' inverse weights. The engine's constraint then obeys F (1 - d) = k delta + c delta' - d M a, with
-    a the rate at which the pair separates faster: *exactly* the contact asked for as long as the pair is alone
-    (F = M a), and within d of it when a third body pushes too. The force-level variant, both numbers times (1 - d),
-    gives k delta + c delta' - d/(1 - d) M a: within d always, exact in statics only.
+    Calibrated: a constant impedance d as small as the engine allows, stiffness = k/M and damping = c/M: *exactly* the
+    contact asked for as long as the pair is alone, and within d of it when a third body pushes too (docs/mapping.md).
     """
     if mapping == "naive":
         return MujocoContact((-contact.k, -contact.c), MUJOCO_DEFAULT_SOLIMP)
@@ -173,49 +143,45 @@ def mujoco_contact(
 
 
 @dataclass(frozen=True, slots=True)
-class PybulletBody:
-    """`changeDynamics(contactStiffness=stiffness, contactDamping=damping)` of one body, in N/m and N s/m."""
+class Side:
+    """What a body, or a side of it, carries in an engine that combines those of two bodies.
+
+    Attributes
+    ----------
+    stiffness : float
+        In N/m: PyBullet's `contactStiffness`, Drake's "point_contact_stiffness".
+    dissipation : float
+        PyBullet's `contactDamping` c in N s/m; "relaxation_time" c/k in s under Drake's `kSap`.
+    """
 
     stiffness: float
-    damping: float
+    dissipation: float
 
-    def against(self, other: PybulletBody) -> PybulletBody:
-        """Combine two bodies as the engine does: stiffness in series, damping added (btManifoldResult)."""
-        return PybulletBody(_in_series(self.stiffness, other.stiffness), self.damping + other.damping)
-
-
-@dataclass(frozen=True, slots=True)
-class DrakeGeometry:
-    """Properties "point_contact_stiffness" in N/m and "relaxation_time" c/k in s of a geometry under Drake's `kSap`."""
-
-    stiffness: float
-    relaxation_time: float
-
-    def against(self, other: DrakeGeometry) -> DrakeGeometry:
-        """Combine two geometries as the engine does: stiffness in series, relaxation times added."""
-        time = self.relaxation_time + other.relaxation_time
-        return DrakeGeometry(_in_series(self.stiffness, other.stiffness), time)
+    def against(self, other: Side) -> Side:
+        """Combine two as the engines do: stiffness in series, dissipation added (btManifoldResult)."""
+        stiffness = 1 / (1 / self.stiffness + 1 / other.stiffness)
+        return Side(stiffness, self.dissipation + other.dissipation)
 
 
-def _in_series(one: float, two: float) -> float:
-    return 1 / (1 / one + 1 / two)
+#: A side that adds nothing: its stiffness is PyBullet's own for a body that was not given one (BT_LARGE_FLOAT of
+#: btScalar.h, double precision), 1/(1/k + 1/1e30) = k.
+RIGID = Side(1e30, 0.0)
 
 
-def pybullet_bodies(
-    contact1: Contact, contact2: Contact, mapping: MappingName = "calibrated"
-) -> tuple[PybulletBody, PybulletBody, PybulletBody]:
-    """PyBullet's parameters of the upper ball, the lower ball and the table.
+def shared_out(upper: Side, table: Side, mapping: MappingName = "calibrated") -> tuple[Side, Side, Side]:
+    """Give upper ball, lower ball and table their parts in the contacts of the two.
 
     Calibrated: the upper ball carries contact 1, the table contact 2; the lower ball takes part in both and is rigid
     and undamped.
     """
-    upper, table = (PybulletBody(contact.k, contact.c) for contact in (contact1, contact2))
-    return upper, upper if mapping == "naive" else PybulletBody(PYBULLET_RIGID, 0.0), table
+    return upper, upper if mapping == "naive" else RIGID, table
 
 
-def drake_geometries(
-    contact1: Contact, contact2: Contact, mapping: MappingName = "calibrated"
-) -> tuple[DrakeGeometry, DrakeGeometry, DrakeGeometry]:
-    """Drake's parameters of the upper ball, the lower ball and the table; shared out as `pybullet_bodies` does."""
-    upper, table = (DrakeGeometry(contact.k, contact.c / contact.k) for contact in (contact1, contact2))
-    return upper, upper if mapping == "naive" else DrakeGeometry(PYBULLET_RIGID, 0.0), table
+def pybullet_side(contact: Contact) -> Side:
+    """PyBullet's parameters of the body that carries a contact."""
+    return Side(contact.k, contact.c)
+
+
+def drake_side(contact: Contact) -> Side:
+    """Drake's parameters of the geometry that carries a contact."""
+    return Side(contact.k, contact.c / contact.k)

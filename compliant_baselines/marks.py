@@ -1,20 +1,10 @@
 """Outcomes beside a jump of their exact law, found by changing the parameters of a collision a little: they are marked.
 
-**Two balls on a table.** The outcome of a law in time is a function of k2/k1, m2/m1, e1, e2 and, in a drop, of gravity.
-It has jumps:
-
-* bistiffness, where an end of compression nearly does not happen: it loses (1 - e^2) of an energy, or does not;
-* any law in a drop, where the first flight nearly does not happen, or a ball that has left comes down again just before
-  the other one is at rest. Without gravity a law of forces alone has none: its motion is continuous in all of them, and
-  so is what is left when its balls part; but it may be as steep, and is marked then too.
-
-Next to one an engine cannot be held to the exact outcome, since all that a finite step does moves it across. A cell is
-*marked* where a relative change of one parameter, either way, moves a velocity per abs(v0) by more than `JUMPS` says;
-smooth outcomes move by less than three times the change over the default box (`benchmarks/limits.py jumps`). The mark
-says which parameter and how far. A limit dt -> 0 is marked too where gravity ended in a first flight at its shortest
-step and does not under the exact law, or the other way round: by what gravity does in one contact of the balls, 1e-3
-|v0| or so, the two are then different collisions. So it is where B2 comes to rest on the table at that step, and leaves
-it under the exact law, or the other way round.
+**Two balls on a table.** Where a law jumps, and next to what an engine cannot be held to it, is in docs/theory.md,
+section 8. A cell is *marked* where a relative change of one parameter, either way, moves a velocity per abs(v0) by more
+than `JUMPS` says; smooth outcomes move by less than three times the change over the default box (`benchmarks/limits.py
+jumps`). A limit dt -> 0 is marked too where its shortest step and the exact law do not agree on whether gravity ends in
+a first flight, or on whether B2 comes to rest on the table: the two are then different collisions.
 
 **N balls** have hundreds of events, each of which amplifies what came before, up to the point at which the last digits
 of the inputs decide: two exact solvers of one law then differ by as much as two laws do. Where forces are linear,
@@ -24,7 +14,7 @@ are equal by intent. Elsewhere the solver states an error of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -74,6 +64,12 @@ FALLEN = 0.02
 #: What a screen must do for a cell to be tried in full: move a velocity by so much, a grazing margin by such a share.
 STIRRED, MARGIN_MOVED = 0.005, 0.25
 
+#: How the ends of an engine and of its exact law may differ, by the diagnostics of the one that has it.
+ENDS = {
+    "first_flight": "gravity ends in a first flight of {}, and {} has none",
+    "rest_speed": "by {} the lower ball comes to rest on the table, and by {} it leaves",
+}
+
 _LARGEST = float(np.finfo(float).max)
 
 
@@ -85,17 +81,14 @@ def marks_of(
     gravity: Floats,
     ends: Mapping[int, tuple[bool, bool]] | None = None,
 ) -> NDArray[np.object_]:
-    """Say of each collision why its outcome means little, in one sentence; empty where it does not.
+    """Say of each collision, shape (n,), why its outcome means little, in one sentence; empty where it does not.
 
     Parameters
     ----------
     law, name
         The exact law of a solver, or that it was asked for, and its name.
-    collisions : Collisions
-    exact : Outcomes
-        By that law.
-    gravity : ndarray, shape (n,)
-        In m/s^2.
+    collisions, exact, gravity
+        With their outcomes by that law, and gravity in m/s^2, shape (n,).
     ends : dict, optional
         Of drops by their position whether the engine's run that decides on them had a first flight, and whether B2 came
         to rest on the table.
@@ -112,21 +105,14 @@ def marks_of(
     for i in np.flatnonzero(excess > 1):
         parameter, change = TRIED[which[i]]
         far = excess[i] * JUMPS[abs(change)]
-        says[i] = (
-            f"a change of {change:g} in {CHANGED[parameter]} moves the exact outcome of {name} by {far:.2g} |v0|"
-        )
+        what = f"a change of {change:g} in {CHANGED[parameter]}"
+        says[i] = f"{what} moves the exact outcome of {name} by {far:.2g} |v0|"
     for i, own in (ends or {}).items():
-        exactly = tuple(
-            bool(np.isfinite(exact.diagnostics[key][i])) for key in ("first_flight", "rest_speed")
-        )
-        if not says[i] and own != exactly:
-            which_end = 0 if own[0] != exactly[0] else 1
-            both = f"exact {name}", "the engine"
-            one, other = both if exactly[which_end] else both[::-1]
-            says[i] = (
-                f"gravity ends in a first flight of {one}, and {other} has none",
-                f"by {one} the lower ball comes to rest on the table, and by {other} it leaves",
-            )[which_end]
+        for (key, text), engine in zip(ENDS.items(), own, strict=True):
+            exactly = bool(np.isfinite(exact.diagnostics[key][i]))
+            if not says[i] and engine != exactly:
+                both = f"exact {name}", "the engine"
+                says[i] = text.format(*(both if exactly else both[::-1]))
     return says
 
 
@@ -135,16 +121,9 @@ def jumps(
 ) -> tuple[Floats, NDArray[np.intp]]:
     """Change every parameter of two balls on a table a little and see how far the outcome moves.
 
-    That is tried where a jump may be near, which is decided in two stages: by the outcome itself (`_suspects`), and by
-    screens, which change all parameters at once (`_SCREENS`). The thresholds are measured: `benchmarks/limits.py
-    screens` counts the marks that are lost.
-
-    Parameters
-    ----------
-    law, collisions, exact, gravity
-        As for `marks_of`.
-    everywhere : bool
-        Whether every collision is tried, suspected or not.
+    That is tried where a jump may be near, or `everywhere`. Near is decided in two stages: by the outcome itself
+    (`_suspects`), and by screens, which change all parameters at once (`_SCREENS`). The thresholds are measured:
+    `benchmarks/limits.py screens` counts the marks that are lost.
 
     Returns
     -------
@@ -168,10 +147,8 @@ def jumps(
         place, change = (np.array(each) for each in zip(*tried, strict=True))
         alone = np.eye(len(CHANGED))[place] * change[:, None]
         _, away = _moved(law, collisions[asked], exact, gravity[asked], asked, alone)
-        over = (
-            np.where(np.isnan(away), np.inf, away)
-            / np.array([JUMPS[abs(size)] for _, size in tried])[:, None]
-        )
+        allowed = np.array([JUMPS[abs(size)] for _, size in tried])[:, None]
+        over = np.where(np.isnan(away), np.inf, away) / allowed
         excess[asked], which[asked] = over.max(axis=0), np.argmax(over, axis=0)
     return excess, which
 
@@ -249,24 +226,21 @@ def _end(outcomes: Outcomes) -> NDArray[np.int64]:
 
 def rounding(law: Law, collisions: Collisions, exact: Outcomes) -> tuple[str, Floats]:
     """Say what was changed of N balls, and the largest change of a velocity over the largest speed before."""
-    speed, at_rest = np.abs(collisions.velocities).max(axis=1), np.zeros(len(collisions))
+    speed, moved = np.abs(collisions.velocities).max(axis=1), np.zeros(len(collisions))
     if "velocity_error" in exact.diagnostics:
         return "its own error", exact.diagnostics["velocity_error"] / speed
-    moved = at_rest.copy()
     for other in changed(collisions):
-        found = law(other, at_rest)
+        found = law(other, np.zeros(len(collisions)))
         away = np.where(found.has_result[:, None], np.abs(found.velocities - exact.velocities), np.inf)
         moved = np.maximum(moved, away.max(axis=1))
     return f"a change of {CHANGE:g} in masses and stiffnesses", moved / speed
 
 
-def changed(collisions: Collisions) -> list[Collisions]:
+def changed(collisions: Collisions) -> Iterator[Collisions]:
     """Change all masses and stiffnesses by a millionth, up or down at random, and the opposite."""
     c, balls = collisions, collisions.masses.shape[1]
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (_PAIRS, balls + c.stiffnesses.shape[1]))
-    found: list[Any] = []
     for some in (*signs, *-signs):
         m, k = np.split(1 + CHANGE * some, [balls])
         arrays = c.masses * m, c.stiffnesses * k, c.restitutions, c.velocities
-        found.append(Collisions(*arrays, c.table, c.gaps, c.exponent))
-    return found
+        yield Collisions(*arrays, c.table, c.gaps, c.exponent)

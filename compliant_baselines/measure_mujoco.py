@@ -12,14 +12,14 @@ import math
 from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contacts_mujoco import Bodies, alone, bodies
+from impact_xval.compliant_baselines.contacts_mujoco import Bodies, alone, called, contacts
 from impact_xval.compliant_baselines.engines.mujoco import Mujoco
-from impact_xval.compliant_baselines.inspect_mujoco import meant
-from impact_xval.compliant_baselines.mapping import contact_time, damping_ratio
+from impact_xval.compliant_baselines.inspect_mujoco import FORCE_LEVEL
+from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio, mujoco_contact
 
 #: Places of the touch within a step, the first two far apart; two are enough for a contact of `LONG` steps.
 PLACES = tuple((18 * i % 32 + 1) / 32 for i in range(16))
@@ -33,6 +33,9 @@ ROUNDING, QUIET = 1e-12, 3
 
 #: How far a contact may be from what was meant, in restitution and relatively in stiffness.
 NEAR_E, NEAR_K = 0.02, 0.05
+
+#: Restitution of a contact that is not to rebound: no finite damping gives 0.
+NO_REBOUND = 0.01
 
 #: Options that decide no contact.
 _NO_CONTACTS = ("gravity", "wind", "magnetic", "density", "viscosity", "timestep")
@@ -63,13 +66,10 @@ def measure_model(model: Any, speed: float = 1.0) -> list[Measured]:
 
     The speed at which bodies meet, in m/s, matters to contacts whose impedance depends on the depth.
     """
-    alike: dict[Bodies, list[str]] = {}
-    for where, pair in bodies(model):
-        alike.setdefault(pair, []).append(where)
     rows, gravity = [], float(np.linalg.norm(model.opt.gravity))
     with Mujoco().running():  # without its warnings
-        for pair, (first, *others) in islice(alike.items(), MOST_ROWS):
-            row = Measured(first + (f" and {len(others)} more" if others else ""), pair.masses)
+        for pair, where in islice(contacts(model).items(), MOST_ROWS):
+            row = Measured(called(where), pair.masses)
             try:
                 world = _World(pair, model.opt, model.opt.timestep, speed)
                 row = replace(row, **world.dropped(), penetration=world.rest(pair.masses[0] * gravity))
@@ -140,10 +140,8 @@ class _World:
 
         def carried(depth: float) -> bool:
             self._mujoco.mj_resetData(self._model, self._data)
-            self._data.qpos[0], self._data.qfrc_applied[:] = (
-                self._touch - depth,
-                (-load, load)[: self._model.nv],
-            )
+            self._data.qpos[0] = self._touch - depth
+            self._data.qfrc_applied[:] = (-load, load)[: self._model.nv]
             self._mujoco.mj_forward(self._model, self._data)
             return self._rate(self._data.qacc) > 0
 
@@ -155,19 +153,58 @@ class _World:
         return high - self._touch
 
 
+class _Meant(NamedTuple):
+    """What was probably meant by a solref, whether that was direct, and the numbers that give it in a <pair>."""
+
+    contact: Contact
+    direct: bool
+    solref: tuple[float, float]
+    solimp: tuple[float, ...]
+
+    def __str__(self) -> str:
+        c = self.contact
+        asked = f"{c.k:.4g} N/m and {c.c:.4g} N s/m" if self.direct else f"e = {c.restitution:.2g}"
+        if c.restitution < 1.01 * NO_REBOUND and not self.direct:
+            asked = f"no rebound ({asked})"
+        words = (" ".join(f"{number:.6g}" for number in numbers) for numbers in (self.solref, self.solimp))
+        return 'for {}: <pair condim="1" solref="{}" solimp="{}"/>'.format(asked, *words)
+
+
+def _meant(solref: tuple[float, float], solimp: tuple[float, ...], bodies: Bodies) -> _Meant | None:
+    """Guess what was meant: direct numbers in N/m and N s/m, or a damping ratio as in textbooks; None if neither.
+
+    Direct numbers at the level of forces are taken for what they are. A textbook's contact may pull, and has no rebound
+    from a ratio of 1 on.
+    """
+    first, second = map(abs, solref)
+    if solref[0] < 0:
+        forces = solimp[0] <= FORCE_LEVEL and solref[1] <= 0
+        weight = bodies.inverse_weight if forces else 1.0
+        contact = Contact(first / weight, second / weight, bodies.mass)
+        own = mujoco_contact(replace(contact, mass=1 / bodies.inverse_weight))
+        return _Meant(contact, True, own.solref, own.solimp)
+    if not first or not second:
+        return None
+    e = math.exp(-math.pi * second / math.sqrt(1 - second**2)) if second < 1 else 0.0
+    contact = Contact.from_restitution(bodies.mass / (first * second) ** 2, max(e, NO_REBOUND), bodies.mass)
+    return _Meant(contact, False, (1 / (contact.zeta * contact.omega), contact.zeta), solimp)
+
+
 def _change(world: _World, row: Measured, option: Any) -> str:
     """Say what to write for what was probably meant, and what that does; nothing where the contact is near it."""
-    wanted = meant(world.solref, world.solimp, world.bodies)
+    wanted = _meant(world.solref, world.solimp, world.bodies)
     if wanted is None or row.restitution_range is None:
         return ""
     off = max(abs(e - wanted.contact.restitution) for e in row.restitution_range)
     soft = row.stiffness is None or abs(row.stiffness / wanted.contact.k - 1) > NEAR_K
     if off <= NEAR_E and not (wanted.direct and soft):
         return ""
-    step = min(world.step, wanted.longest_step)
-    changed = world.bodies._replace(pair=wanted.pair)
+    # A hundredth of the contact, and short enough for refsafe to leave a time constant as it is.
+    safe = math.inf if wanted.direct else wanted.solref[0] / 2.2
+    step = min(world.step, float(f"{min(wanted.contact.duration / 100, safe):.2g}"))
+    pair = ("solref", wanted.solref), ("solimp", wanted.solimp), ("condim", 1)
     try:
-        then = _World(changed, option, step, world.speed).dropped()
+        then = _World(world.bodies._replace(pair=pair), option, step, world.speed).dropped()
     except RuntimeError as error:
         return f"{wanted} and a step of {step:g} s, which was not measured: {error}"
     k = then.get("stiffness", math.nan)

@@ -7,6 +7,7 @@ has loaded, PyBullet's are the adapter's own calls. The runners step as often as
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import astuple
 from typing import Any
@@ -16,14 +17,15 @@ import numpy as np
 
 from impact_xval.compliant_baselines.engines import mujoco
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.packages import import_quietly, standing_in
+from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import (
+    RIGID,
     Contact,
-    drake_geometries,
+    drake_side,
     mujoco_contact,
-    pybullet_bodies,
+    pybullet_side,
 )
 from impact_xval.compliant_baselines.solver import SolverError
 
@@ -108,21 +110,7 @@ for i, (v, there) in enumerate(zip({read}, TABLE), 1):
 def paste(engine: str, contact: Contact, step: float) -> tuple[Mapping[str, Any], str]:
     """Give an engine's parameters of a contact and the text to paste.
 
-    Parameters
-    ----------
-    engine : str
-        One of `ENGINES`.
-    contact : Contact
-        What is asked.
-    step : float
-        Time step in s to write into the text.
-
-    Returns
-    -------
-    parameters : mapping
-        Under the engine's own names, SI units.
-    text : str
-        Lines of MJCF or of Python.
+    The parameters are under the engine's own names, in SI units; the text is MJCF or Python, with the time step in s.
 
     Raises
     ------
@@ -144,12 +132,10 @@ def _parameters(engine: str, contact: Contact) -> dict[str, Any]:
     if engine == "mujoco":
         pair = mujoco_contact(contact)
         return {"solref": pair.solref, "solimp": pair.solimp, "condim": 1, "integrator": "Euler"}
-    bodies, names = pybullet_bodies(contact, contact), ("contactStiffness", "contactDamping")
+    side, names = pybullet_side(contact), ("contactStiffness", "contactDamping")
     if engine == "drake":
-        bodies, names = drake_geometries(contact, contact), ("point_contact_stiffness", "relaxation_time")
-    return {
-        name: dict(zip(names, astuple(body), strict=True)) for name, body in zip("ab", bodies, strict=False)
-    }
+        side, names = drake_side(contact), ("point_contact_stiffness", "relaxation_time")
+    return {name: dict(zip(names, astuple(own), strict=True)) for name, own in (("a", side), ("b", RIGID))}
 
 
 def _digits(value: Any) -> Any:
@@ -162,23 +148,9 @@ def _digits(value: Any) -> Any:
 
 
 def scene_files(engine: Engine, scene: Scene, max_steps: int) -> tuple[Run, dict[str, str]]:
-    """Run a scene, and write down how to run it without this package.
+    """Run a scene for `max_steps` at most, and write down how to run it without this package.
 
-    Parameters
-    ----------
-    engine : Engine
-        MuJoCo or PyBullet, available.
-    scene : Scene
-        What to run.
-    max_steps : int
-        Steps after which it is given up.
-
-    Returns
-    -------
-    run : Run
-        What the adapter made of it.
-    files : dict
-        Names and contents.
+    The engine is MuJoCo or PyBullet, available; files are contents by name.
     """
     (run,) = engine.run([scene], max_steps)
     files = {"scene.xml": mjcf(scene)} if engine.name == "mujoco" else {}
@@ -238,9 +210,14 @@ def mjcf(scene: Scene) -> str:
 
 def _pybullet(engine: Engine, scene: Scene) -> dict[str, str]:
     """Record the calls with which the adapter sets a scene up, and name the rest of the script."""
-    recorder = _Recorder(import_quietly("pybullet"))
-    with standing_in("pybullet", recorder), engine.running():
-        world: Any = engine.world(scene)
+    module = import_quietly("pybullet")
+    recorder: Any = _Recorder(module)
+    sys.modules["pybullet"] = recorder  # which the adapter imports
+    try:
+        with engine.running():
+            world: Any = engine.world(scene)
+    finally:
+        sys.modules["pybullet"] = module
     return {
         "setup": "\n".join(["pybullet.connect(pybullet.DIRECT)", *recorder.calls]),
         "weightless": "pybullet.setGravity(0, 0, 0)",
@@ -266,9 +243,8 @@ class _Recorder:
         def call(*args: Any, **kwargs: Any) -> Any:
             result = value(*args, **kwargs)
             given = {key: each for key, each in kwargs.items() if key != "physicsClientId"}
-            args = (
-                () if name == "stepSimulation" else args
-            )  # a number of the client, which a script does without
+            if name == "stepSimulation":
+                args = ()  # a number of the client, which a script does without
             words = [*map(_literal, args), *(f"{key}={_literal(each)}" for key, each in given.items())]
             inside = ", ".join(words)
             if len(inside) > 80:

@@ -1,26 +1,16 @@
-r"""The laws of `model.chain` in time, with positions, as solvers; and the model itself.
+"""The laws of `model.chain` in time, with positions, as solvers; and the model itself (docs/theory.md, section 7).
 
 Contact i is F = max(0, k_i delta^p + c_i delta^((p - 1)/2) delta') while its bodies overlap, or one of two laws that
-have no dashpot or another one; `LAWS` lists them. What c_i is made from:
-
-| solver | c_1 of two balls on a table | c_2 |
-|---|---|---|
-| kelvin-voigt | 2 zeta sqrt(k1 M), M of the two bodies of the contact alone | 2 zeta sqrt(k2 m2) |
-| kelvin-voigt-anchored | 2 zeta sqrt(k1 m1): B2 as part of the table | 2 zeta sqrt(k2 m2) |
-| kelvin-voigt-textbook | as kelvin-voigt, zeta from the textbook | likewise |
-
-zeta is the damping ratio that gives e to a contact that ends at zero force (docs/theory.md, section 7) or the
-textbook's -ln e/sqrt(pi^2 + ln^2 e). Where p is not 1 the dashpot is that of Tsuji, Tanaka and Ishida (Powder
-Technology 71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is the linear contact, u du/dxi =
--2 (k xi + c u)/(M (p + 1)), with the same e for every p, at any speed.
+have no dashpot or another one; `LAWS` lists them. The names of Kelvin-Voigt's say what c_i is made from (`dampings`):
+the reduced mass of the pair, that of the upper ball alone (B2 as part of the table), or the textbook's damping ratio,
+-ln e/sqrt(pi^2 + ln^2 e), in place of that of a contact that ends at zero force. Where p is not 1 the dashpot is that
+of Tsuji, Tanaka and Ishida (Powder Technology 71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is the
+linear contact, u du/dxi = -2 (k xi + c u)/(M (p + 1)), with the same e for every p, at any speed.
 
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
-touch (`restitution`: the same A for every p). **bistiffness** is the model's own law in time: energetic
-restitution by a second, higher stiffness; a contact that has opened returns when its gap has closed, not when its
-bodies begin to approach. In a drop an end of compression takes 1 - e2^2 of all the strain energy of contact 2, that
-which carries the weight included: the permanent indentation is of the contact, whatever presses it.
-
-e = 0 has no finite damping or stiffness in time, and k2/k1 = 0 or infinity no two springs: refused.
+touch (`restitution`: the same A for every p). **bistiffness** is the model's own law in time. In a drop an end of
+compression takes 1 - e2^2 of all the strain energy of contact 2, that which carries the weight included: the permanent
+indentation is of the contact, whatever presses it.
 """
 
 from __future__ import annotations
@@ -29,7 +19,6 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,7 +29,7 @@ from impact_xval.compliant_baselines.restitution import (
     hunt_crossley_coefficients,
     textbook_damping_ratios,
 )
-from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind, no_gravity
+from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
 from impact_xval.model import solving
 from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of
 from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY
@@ -49,7 +38,6 @@ from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
 from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.chain.rest import REST, STUCK
 from impact_xval.model.collision import STATUSES, Collision, Collisions, Floats, Outcome, Outcomes
-from impact_xval.model.inputs import Legal, broadcast_inputs
 from impact_xval.model.solving import reasons_of
 
 #: Laws by name, as codes of the kernel.
@@ -63,10 +51,6 @@ LAWS = {
 
 #: Times `TOLERANCE`, the tolerance of the second run from which the error of the first is known.
 LOOSER = 100.0
-
-GRAVITY_NUMBER = Legal(
-    "gravity_number", 0.0, float(np.finfo(float).max), "a finite number >= 0 (g/(|v0| omega1))"
-)
 
 _HAPPENED = {
     RUNAWAY: "a contact became rigid: its bodies are one from there on",
@@ -97,17 +81,15 @@ def solve(
 
     Parameters
     ----------
-    collisions : Collisions
-        With their gaps, if any.
-    law : str
-        One of `LAWS`.
+    collisions, law
+        With their gaps, if any; one of `LAWS`.
     frozen : bool
         Whether positions are frozen, as in the model: a contact that has opened returns where its bodies begin to
         approach. Such collisions have no gaps.
     gravity : array_like, shape (n,) or ()
         In m/s^2; above 0 is a drop, of two balls on a table, the lower one settled (`chain.rest`).
     states, paths : bool
-        Whether outcomes carry their states and paths; the latter one by one.
+        Whether outcomes carry their states and paths.
     max_steps : int
         Pieces of segments after which a collision is given up.
 
@@ -120,11 +102,6 @@ def solve(
         velocities in m/s, by how much a run at 100 times the tolerance differs. Of drops, ``first_flight`` is when
         gravity ended, in s, and ``rest_speed`` the velocity in m/s that a B2 at rest on the table still had; it and
         impulses count as without. ``duration`` is in s.
-
-    Raises
-    ------
-    ValueError
-        For an unknown law, or gaps where positions are frozen.
     """
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
@@ -166,13 +143,7 @@ def solve(
         table=collisions.table,
         status=status.astype(np.uint8),
         reason=reason,
-        reasons=(
-            *reasons,
-            _LIMITS,
-            _PLASTIC,
-            solving.TOO_FAR_APART,
-            f"not over after {max_steps} segments",
-        ),
+        reasons=(*reasons, _LIMITS, _PLASTIC, solving.TOO_FAR_APART, f"not over after {max_steps} segments"),
         mark=np.zeros(n, np.int32),
         marks=("",),
         n_states=np.where(none, 0, went.numbers["n_states"]).astype(np.int64),
@@ -226,45 +197,6 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         return 2 * ratios(flat).reshape(root.shape) * np.sqrt(0.5 * (c.exponent + 1)) * root
 
 
-def solve_batch(
-    law: str,
-    stiffness_ratio: ArrayLike,
-    mass_ratio: ArrayLike,
-    e1: ArrayLike,
-    e2: ArrayLike,
-    gravity_number: ArrayLike = 0.0,
-    **how: Any,
-) -> Outcomes:
-    r"""Solve many collisions of two balls on a table by a law, m1 = 1 kg, k1 = 1 N/m and v0 = -1 m/s.
-
-    Parameters
-    ----------
-    law : str
-        One of `LAWS`.
-    stiffness_ratio, mass_ratio, e1, e2 : array_like
-        k2/k1, m2/m1 and the coefficients of restitution; they broadcast.
-    gravity_number : array_like
-        g/(\|v0\| omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)); 0 is the scenario `impact`, above it is a `drop`.
-    **how
-        As for `solve`; states are not kept by default.
-
-    Returns
-    -------
-    Outcomes
-        Arrays of the shape that the inputs broadcast to.
-
-    Raises
-    ------
-    ValueError
-        If any value is illegal; the message names the parameter, the first such value and the legal range.
-    """
-    more = GRAVITY_NUMBER, gravity_number
-    shape, (*cells, number) = broadcast_inputs(stiffness_ratio, mass_ratio, e1, e2, more)
-    g = number * np.sqrt(1 + 1 / cells[1])
-    how = {"states": False, **how}
-    return solve(Collisions.from_ratios(*cells), law, gravity=g, **how).shaped(shape)
-
-
 def law_at(law: str, *, frozen: bool = False, max_steps: int = MAX_PIECES) -> marks.Law:
     """Return what solves collisions by a law for their marks."""
     return lambda some, g: solve(some, law, frozen=frozen, gravity=g, states=False, max_steps=max_steps)
@@ -277,18 +209,9 @@ def marked(
     settings: Settings,
     ends: Mapping[int, tuple[bool, bool]] | None = None,
 ) -> list[Outcome]:
-    """Mark the outcomes of an engine by the exact law that it was asked for.
+    """Mark the outcomes of an engine by the exact law that it was asked for; what has no numbers stays as it is.
 
-    Parameters
-    ----------
-    outcomes, collisions : sequence
-        What has no numbers stays as it is; with `ends`, of one kind.
-    law : str
-        One of `LAWS`.
-    settings : Settings
-        Under which they were solved.
-    ends : dict, optional
-        As for `marks.marks_of`, by position.
+    Outcomes by their position, as for `marks.marks_of`, have `ends`; collisions are then of one kind.
     """
     there = [i for i, outcome in enumerate(outcomes) if np.isfinite(outcome.velocities).all()]
     g = settings.gravity if settings.scenario == "drop" else 0.0
@@ -329,18 +252,20 @@ class ReferenceSolver(ExactSolver):
 
     def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
         """Answer collisions of one kind."""
-        two, n = bool(collisions.falls_on_resting.all()), len(collisions)
-        reason = None if two else no_gravity(settings)
-        if self.name == "kelvin-voigt-anchored" and not two:
-            reason = f"{self.name} is a law of two balls on a table"
-        if reason is not None:
-            return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
-        gravity = np.full(n, settings.gravity if settings.scenario == "drop" else 0.0)
-        how: dict[str, Any] = {"paths": settings.record_path, "max_steps": settings.max_steps}
-        outcomes = solve(collisions, self.name, gravity=gravity, **how)
+        if not collisions.falls_on_resting.all():
+            reason = ""
+            if self.name == "kelvin-voigt-anchored":
+                reason = f"{self.name} is a law of two balls on a table"
+            elif settings.scenario != "impact":
+                reason = "scenario = 'drop': columns of N balls are solved without gravity; legal: 'impact'"
+            if reason:
+                return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
+        gravity = np.full(len(collisions), settings.gravity if settings.scenario == "drop" else 0.0)
+        paths, most = settings.record_path, settings.max_steps
+        outcomes = solve(collisions, self.name, gravity=gravity, paths=paths, max_steps=most)
         if not settings.mark:
             return outcomes
-        law = law_at(self.name, max_steps=settings.max_steps)
+        law = law_at(self.name, max_steps=most)
         return outcomes.with_marks(marks.marks_of(law, self.name, collisions, outcomes, gravity))
 
 

@@ -1,16 +1,10 @@
 """Two bodies and the contact asked for between them; the largest step at which an engine gives it.
 
 The contact is Kelvin and Voigt's, F = max(0, k delta + c delta'), between two bodies on which nothing else acts while
-it lasts. With M the reduced mass, omega = sqrt(k/M) and zeta the damping ratio that gives e (docs/theory.md, section 7;
-Schwager and Poeschel, Granular Matter 9:465, 2007),
-
-* it lasts T = contact_time(zeta)/omega, so that k = M (contact_time(zeta)/T)^2 for a duration asked for;
-* it goes in by |v| sqrt(e)/omega at most: delta peaks after exactly half of T, and decays by sqrt(e) until then.
-
-Neither restitution nor duration depends on the speed. In an engine they depend on the step and on where within a step
-the bodies touch: the restitution, since the first force comes late, and the duration, counted in whole steps as a user
-counts it. A step is good if both are within the tolerance wherever within the step the touch falls, and if the shorter
-steps tried are good too.
+it lasts (docs/theory.md, section 7). Neither restitution nor duration depends on the speed. In an engine they depend on
+the step and on where within a step the bodies touch: the restitution, since the first force comes late, and the
+duration, counted in whole steps as a user counts it. A step is good if both are within the tolerance wherever within
+the step the touch falls, and if the shorter steps tried are good too.
 """
 
 from __future__ import annotations
@@ -46,31 +40,16 @@ SHORTER = 4
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """What is asked of one contact between two bodies.
+    """What is asked of one contact between two bodies; a ValueError names the field, the value and the legal range."""
 
-    Parameters
-    ----------
-    masses : tuple of float
-        Of the two bodies in kg; one of them may be infinite, a fixed body.
-    restitution : float
-        Coefficient of restitution, greater than 0, at most 1.
-    stiffness : float, optional
-        In N/m.
-    duration : float, optional
-        From touch to the end of the force, in s; instead of the stiffness.
-    speed : float
-        Speed of approach in m/s; it decides how deep the bodies go, and what an engine can take.
-
-    Raises
-    ------
-    ValueError
-        For an illegal value; the message names the field, the value and the legal range.
-    """
-
+    #: In kg; one of them may be infinite, a fixed body.
     masses: tuple[float, float]
+    #: Greater than 0, at most 1.
     restitution: float
+    #: In N/m; or, instead, from touch to the end of the force, in s.
     stiffness: float | None = None
     duration: float | None = None
+    #: Of approach, in m/s; it decides how deep the bodies go, and what an engine can take.
     speed: float = 1.0
 
     def __post_init__(self) -> None:
@@ -129,7 +108,7 @@ class Pair:
 
     @property
     def penetration(self) -> float:
-        """Greatest penetration in m, at the speed of this pair."""
+        """Greatest penetration in m, at the speed of this pair: after half its duration, decayed by sqrt(e)."""
         return self.speed * math.sqrt(self.restitution) / self.contact.omega
 
 
@@ -140,19 +119,11 @@ def _require(name: str, value: object, legal: object, legal_range: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Drops:
-    """What a number of drops gave, the touch at different places within a step.
+    """What a number of drops gave, the touch at different places within a step."""
 
-    Attributes
-    ----------
-    step : float
-        Time step in s.
-    restitution, duration : tuple of float
-        Least and greatest; duration in s, whole steps from the first to the last with force.
-    n : int
-        Number of drops.
-    """
-
+    #: In s.
     step: float
+    #: Least and greatest; the duration in s, whole steps from the first to the last with force.
     restitution: tuple[float, float]
     duration: tuple[float, float]
     n: int
@@ -167,23 +138,8 @@ class Drops:
 def drops(engine: Engine, pair: Pair, step: float, places: Sequence[float], gravity: float = 0.0) -> Drops:
     """Let an engine do the contact once for every place of the touch within a step.
 
-    Parameters
-    ----------
-    engine : Engine
-        Available here.
-    pair : Pair
-        What is asked. A fixed body is the table, two free ones are the balls.
-    step : float
-        Time step in s.
-    places : sequence of float
-        Where in a step the bodies touch, from 0 (at its start) to 1.
-    gravity : float
-        In m/s^2; only for a fixed body.
-
-    Raises
-    ------
-    SolverError
-        If the engine refuses, or a contact does not end.
+    The step is in s; places are from 0, the start of the step, to 1; gravity, in m/s^2, is for a fixed body only. A
+    SolverError says that the engine refuses, or a contact does not end.
     """
     some = scenes(pair, step, places, gravity)
     refused = engine.refusal(some[0])
@@ -243,28 +199,9 @@ def _measured(name: str, pair: Pair, run: Run) -> tuple[float, float]:
 def largest_step(engine: Engine, pair: Pair, tolerance: float = 0.01) -> Drops:
     """Find the largest of some steps at which the contact is the one asked for, and at shorter ones tried as well.
 
-    Nothing about the engine's integrator is assumed: all of it is the engine's own answers.
-
-    Parameters
-    ----------
-    engine : Engine
-        Any.
-    pair : Pair
-        What is asked.
-    tolerance : float
-        Allowed relative error of restitution and duration, in (0, 0.5].
-
-    Returns
-    -------
-    Drops
-        At that step, one a place of `PLACES`.
-
-    Raises
-    ------
-    SolverError
-        If the engine is missing or refuses the contact, or no step does it.
-    ValueError
-        For a tolerance out of range.
+    Nothing about the engine's integrator is assumed: all of it is the engine's own answers. The tolerance, in (0, 0.5],
+    is the allowed relative error of restitution and duration. A SolverError says that the engine is missing or refuses
+    the contact, or no step does it.
     """
     if not 0 < tolerance <= 0.5:
         raise ValueError(f"tolerance = {tolerance!r}; legal: greater than 0, at most 0.5")
@@ -296,23 +233,22 @@ def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]
     for some in (places[:1], places):  # a bad step mostly shows at the first place
         found = drops(engine, pair, step, some)
         if (error := found.error(pair)) > tolerance:
-            reason = f"at the last step tried one of them is off by {error:.2g}"
-            raise SolverError(engine.name, "unconverged", reason)
+            raise SolverError(
+                engine.name, "unconverged", f"at the last step tried one of them is off by {error:.2g}"
+            )
     return found
 
 
 def _downwards(longest: float, shortest: float) -> Iterator[float]:
     """Yield the steps that are tried, from the longest down."""
-    for exponent in range(math.floor(math.log10(longest)), math.floor(math.log10(shortest)) - 1, -1):
+    first, last = (math.floor(math.log10(step)) for step in (longest, shortest))
+    for exponent in range(first, last - 1, -1):
         steps = (float(f"{digits}e{exponent - 1}") for digits in reversed(DIGITS))
         yield from (step for step in steps if shortest <= step <= longest)
 
 
 def durations_taken(engine: Engine, pair: Pair) -> tuple[float, float] | None:
-    """Give the shortest and longest duration in s that an engine takes, to a tenth of a decade; None if it takes none.
-
-    The masses, the restitution and the speed stay.
-    """
+    """Give the shortest and longest duration in s that an engine takes of a pair, to a tenth of a decade, if any."""
 
     def taken(duration: float) -> bool:
         try:

@@ -41,15 +41,7 @@ KELVIN_VOIGT = "kelvin-voigt"
 
 
 class SolverError(ValueError):
-    """A solver could not do a collision, asked for directly.
-
-    Attributes
-    ----------
-    status : str
-        The status a sweep would record.
-    reason : str
-        Why, and what to do about it.
-    """
+    """A solver could not do a collision, asked for directly: the status a sweep would record, and why."""
 
     def __init__(self, solver: str, status: Status, reason: str) -> None:
         super().__init__(f"{solver}: {status}: {reason}")
@@ -60,22 +52,11 @@ class SolverError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Convergence:
-    """What the limit dt -> 0 of an engine must satisfy (`engines.convergence`).
+    """What the limit dt -> 0 of an engine must satisfy (`engines.convergence`); a ValueError for an illegal value."""
 
-    Parameters
-    ----------
-    tolerance : float
-        Largest error of the limit, per abs(v0), at which a result counts as converged.
-    halvings : int
-        How often the step that is asked for may be halved.
-
-    Raises
-    ------
-    ValueError
-        For an illegal value.
-    """
-
+    #: Largest error of the limit, per abs(v0), at which a result counts as converged.
     tolerance: float = 1e-3
+    #: How often the step that is asked for may be halved.
     halvings: int = 4
 
     def __post_init__(self) -> None:
@@ -87,51 +68,31 @@ class Convergence:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a collision is solved; a solver ignores what does not concern it.
+    """How a collision is solved; a solver ignores what does not concern it. A ValueError names an illegal value."""
 
-    Parameters
-    ----------
-    scenario : {"impact", "drop"}
-        ``impact``: no gravity. ``drop``: gravity on, B2 settled in static equilibrium on the table, B1 touching it
-        at t = 0 with v0.
-    gravity : float
-        g > 0 in m/s^2, used by ``drop`` only.
-    step_fraction : float
-        Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.1].
-    max_steps : int
-        Steps after which a collision that is not over is given up (status ``timeout``).
-    mapping : {"calibrated", "naive", "documented", "shipped"}
-        How k_i and c_i become the engine's own parameters (`mapping`).
-    shortest_state : float
-        A state that an engine holds for less than this share of the shorter contact period takes the state before it
-        (`states`); in [0, 0.1].
-    record_path : bool
-        Whether outcomes carry the path.
-    stiffness_ratio_cutoff : float or "exact"
-        Of the state-transition model (`model.solve`).
-    grazing_threshold : float
-        Grazing margin below which an outcome of the model is marked; from 0 to 1.
-    mark : bool
-        Whether references and engines mark outcomes beside a jump of their exact law (`marks`).
-    convergence : Convergence or None
-        Whether engines are also run at shorter steps until their limit is known, and how well.
-
-    Raises
-    ------
-    ValueError
-        For an illegal value.
-    """
-
+    #: ``impact``: no gravity. ``drop``: gravity on, B2 settled in static equilibrium on the table, B1 touching it at
+    #: t = 0 with v0.
     scenario: Scenario = "impact"
+    #: g > 0 in m/s^2, used by ``drop`` only.
     gravity: float = 9.81
+    #: Time step over the period 2 pi sqrt(M_i/k_i) of the faster contact; in (0, 0.1].
     step_fraction: float = 1e-3
+    #: Steps after which a collision that is not over is given up (status ``timeout``).
     max_steps: int = 2_000_000
+    #: How k_i and c_i become the engine's own parameters (`mapping`).
     mapping: MappingName = "calibrated"
+    #: A state that an engine holds for less than this share of the shorter contact period takes the state before it
+    #: (`states`); in [0, 0.1].
     shortest_state: float = SHORTEST_STATE
+    #: Whether outcomes carry the path.
     record_path: bool = False
+    #: Of the state-transition model (`model.solve`): a number or "exact", and the grazing margin, from 0 to 1, below
+    #: which an outcome is marked.
     stiffness_ratio_cutoff: Cutoff = "exact"
     grazing_threshold: float = GRAZING_THRESHOLD
+    #: Whether references and engines mark outcomes beside a jump of their exact law (`marks`).
     mark: bool = True
+    #: Whether engines are also run at shorter steps until their limit is known, and how well.
     convergence: Convergence | None = None
 
     def __post_init__(self) -> None:
@@ -150,19 +111,12 @@ class Settings:
 
 
 class Solver(ABC):
-    """A way to find out how a collision ends.
+    """A way to find out how a collision ends."""
 
-    Attributes
-    ----------
-    name : str
-        Under which it is found.
-    kind : {"model", "reference", "compliant", "rigid"}
-    law : str or None
-        Name of the exact solver of the law it has or is asked for (rule 3).
-    """
-
+    #: Under which it is found.
     name: str
     kind: Kind = "compliant"
+    #: Name of the exact solver of the law it has or is asked for (rule 3).
     law: str | None = KELVIN_VOIGT
 
     @abstractmethod
@@ -230,10 +184,3 @@ def by_kind(
     for places, some in groups:
         found |= zip(places.tolist(), solve(some), strict=True)
     return [found[i] for i in range(len(collisions))]
-
-
-def no_gravity(settings: Settings) -> str | None:
-    """Why columns are not solved under these settings; None if they are."""
-    if settings.scenario == "impact":
-        return None
-    return f"scenario = {settings.scenario!r}: columns of N balls are solved without gravity; legal: 'impact'"

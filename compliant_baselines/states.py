@@ -9,20 +9,14 @@ is. So whenever paths are compared, every solver's goes through the same three r
 2. A state held for less than a stated time takes the state of the run before it; equal neighbours then join. One
    pass, in the order of time.
 3. The sequence ends in the empty set, the state of a collision that is over, also where B2 rests on the table by its
-   weight.
+   weight. It can occur on the way as well: all contacts open, the balls not yet apart for good.
 
-The empty set can occur on the way as well: all contacts open, the balls not yet apart for good.
+**The time** of rule 2 is a share of the shorter contact period (`engines.scene.periods`), whatever the step. The
+default share, `SHORTEST_STATE`, is two and a half of the default steps: three steps count and two do not, and rounding
+decides nothing. At a step above that time an engine misses states that count: no filter can tell.
 
-**The time** of rule 2 is a share of the shorter contact period (`engines.scene.periods`),
-whatever the step. At a step h a state held for a time L shows in the whole number of steps below or above L/h. The
-default share, `SHORTEST_STATE`, is two and a half of the default steps: three steps count and two do not, rounding
-decides nothing, and only a state held for two to three steps can count in one solver and not in another that agrees
-with it. Of short states in a row, one below the step may not show at all, and its neighbours then pass for one that
-counts. At a step above that time an engine misses states that count, which is its discretisation: no filter can tell.
-
-**Limits.** A rigid contact has no period: the time is then 0, and nothing is merged. A contact without stiffness has
-an infinite one, so that the other's is the shorter. A segment that takes no time in a closed form is short; one that
-has no end, or begins after one that had none, counts as held.
+**Limits.** The time of a rigid contact is 0, and nothing is merged. A segment that takes no time in a closed form is
+short; one that has no end, or begins after one that had none, counts as held.
 """
 
 from __future__ import annotations
@@ -43,20 +37,13 @@ _ROUNDING = 1e-9
 
 
 class Runs(NamedTuple):
-    """A sequence of states held for some time each.
+    """A sequence of states held for some time each: times are numbers of steps, or in s."""
 
-    Attributes
-    ----------
-    start : ndarray
-        When each run begins: the number of its first step, or s. The first is 0.
-    state : ndarray of int
-        Sets of contacts, as bits.
-    end : int or float
-        When the last one ends.
-    """
-
+    #: When each run begins; the first at 0.
     start: NDArray[Any]
+    #: Sets of contacts, as bits.
     state: NDArray[np.int64]
+    #: When the last one ends.
     end: float
 
     def names(self, paper: bool) -> tuple[str, ...]:
@@ -68,14 +55,8 @@ class Runs(NamedTuple):
 def merge_runs(raw: Runs, shortest: float, closed: int) -> Runs:
     """Read the state sequence off raw runs, by rules 1 and 2 of the module.
 
-    Parameters
-    ----------
-    raw : Runs
-        As they were seen.
-    shortest : float
-        Time for which a state must be held to count, in the unit of `raw`.
-    closed : int
-        The contacts that are closed at the start, as bits.
+    The shortest time for which a state must be held to count is in the unit of the runs; the contacts that are closed
+    at the start are bits.
     """
     lengths, ends = np.array([len(raw.start)]), np.array([raw.end])
     _, start, state = merge_all(lengths, raw.start, raw.state, ends, np.array([shortest]), closed)
@@ -92,17 +73,8 @@ def merge_all(
 ) -> tuple[NDArray[np.int64], NDArray[Any], NDArray[np.int64]]:
     """Read many state sequences off raw runs, as `merge_runs` does one.
 
-    Parameters
-    ----------
-    lengths, ends, shortest : ndarray, shape (n,)
-        Number of runs of each sequence, when its last one ends, and for how long a state must be held to count.
-    start, state : ndarray, shape (sum of lengths,)
-        As of `Runs`, of one sequence after the other.
-    closed : int
-
-    Returns
-    -------
-    lengths, start, state : ndarray
+    Of each sequence there are the number of its runs, when the last one ends, and the shortest time, shape (n,); starts
+    and states, as of `Runs`, are those of one sequence after the other. Gives lengths, starts and states.
     """
     n, of = len(lengths), np.repeat(np.arange(len(lengths)), lengths)
 
@@ -144,12 +116,7 @@ def merge_all(
 def compared_states(paths: Paths, shortest: NDArray[np.float64]) -> list[str]:
     """Give the state sequences of two balls on a table as they are compared with others', each as a text.
 
-    Parameters
-    ----------
-    paths : Paths
-        Of any solver. Where there is no path, on which alone the times are, the text is empty.
-    shortest : ndarray, shape (n,)
-        Time for which a state must be held to count, in s.
+    The shortest time for which a state must be held to count is in s. Without a path the text is empty.
     """
     sets, lengths = paths.acting @ (1 << np.arange(2)), np.diff(paths.offsets)
     of = np.repeat(np.arange(len(paths)), lengths)

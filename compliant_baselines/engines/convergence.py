@@ -1,60 +1,22 @@
 """What an engine's velocities tend to as its step goes to zero, and how well that is known: the convergence estimate.
 
-An engine is run at the step h that a user takes, at 2h and at 4h, which together take three quarters as many steps;
-and at h/2, h/4, ... only as long as the estimate below exceeds the tolerance, or where one of the longer steps is too
-long: its run comes to no end, or takes more steps than that at h. Of the velocities V0, V1, ..., Vn (from the longest
-step to the shortest) the limit is Richardson's,
+An engine is run at the step h that a user takes, at 2h and at 4h; and at h/2, h/4, ... only as long as the estimate
+exceeds the tolerance, or where one of the longer steps is too long: its run comes to no end, or takes more steps than
+that at h. Of the velocities V0, ..., Vn, from the longest step to the shortest, the limit is Richardson's,
+L = 2 Vn - V(n-1), for engines of first order. Balls that part for good have v1 >= v2 >= 0: where L is outside, they
+meet once more as the step goes to zero, and L is replaced by the nearest point inside, which is what a plastic meeting
+makes of it. The error of L is the largest of four numbers, derived in docs/convergence.md: smooth errors, bent rates,
+touch times and gravity.
 
-    L = 2 Vn - V(n-1),
-
-for engines of first order, which these are. It removes what is smooth in the step. What it cannot remove is
-chance: a contact that closes at a finite speed starts at the end of the step in which it was met, up to a
-step late, and a dashpot then misses up to a step of its force c u. Which part of a step that is changes from
-one step length to the next without any law, so that these errors shrink with h but cannot be extrapolated.
-
-Balls that part for good have v1 >= v2 >= 0, and so has their limit. Where L is outside, the balls meet once more as the
-step goes to zero, or B2 meets the table, and not at the steps that were run: L is then replaced by the nearest point
-inside, in the kinetic norm, which is what a plastic meeting makes of it.
-
-The estimated error of L is the largest of four numbers (the largest over velocities, or over parting rates):
-
-1. *Smooth errors*: |L - L'|, with L' = 2 V(n-1) - V(n-2) the limit of the steps before. For errors a h + b h^2 it is
-   three times the error of L. It is at least a tenth of the correction |Vn - V(n-1)|: three differences can agree by
-   accident.
-2. *Bent rates*: the last change of the rate at which two bodies part, where no straight line leads to its limit:
-
-   * for all rates, where the last two runs differ in their states, their first flight or their end:
-     the velocities have a kink between them;
-   * where the last change exceeds a third of what is left of the rate. Bodies that part slowly do so by what remains
-     of a vibration of their contact, and their rate is the length of a vector (of displacement and velocity), which
-     turns around where it is shortest. Wherever L is outside v1 >= v2 >= 0 the last change exceeds all that is left;
-   * where the last change exceeds the one before. It then counts as many times as it has grown: of a vibration that
-     steps damp, x = exp(-D) is left at h, x^2 at 2h and x^4 at 4h. Where x is small the changes grow by 1/(x + x^2),
-     and the limit is 1/x - 1 times the last one away, about as much.
-
-3. *Touch times*: half of what contacts that closed again did in their first step, in the run of the shortest step, as
-   a change of the relative velocity of their pair (`Run.starts`). L takes twice what the shortest step has of this
-   and once what the step before has, either between nothing and all of it. A contact that is met at the start is met
-   at the beginning of the first step, whatever the step, and does not count.
-4. *Gravity*, in a drop: what it does in the last step, at the end of which a first flight, or rest, is seen; and where
-   it is not known whether gravity ends in a first flight before two bodies meet again or goes on, what it does in
-   that contact, g times half its period.
-
-**Regularisation.** An engine may add to its contacts what no step removes: MuJoCo's constraints have an
-impedance of 1e-4 at least. What that does to the velocities is measured, by one more run at the step 4h with
-ten times as much of it: a ninth of the difference (it is of first order in the impedance). Beside a grazing
-that difference may be the step's: where it exceeds the tolerance it is measured again at the shortest step,
-and the step is halved further unless two measures agree within a factor of 2. The total, estimate and
-regularisation, is by how much L may differ from what the contacts *asked for* do.
-
-The order is that of |V(i+1) - V(i)| in the step, fitted through all steps; 1 for a first-order method whose
-errors are smooth, 2 for MuJoCo's symplectic steps on elastic contacts, and anything where chance leads.
+What the engine's own regularisation of contacts does to the velocities, which no step removes, is measured by one more
+run at 4h with `probe` times as much of it; it is of first order in the regularisation. Where it exceeds the tolerance
+it is measured again at the shortest step, and the step is halved further unless two measures agree.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -65,20 +27,22 @@ from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.model.chain.rest import GOING, REST, STUCK
 
-#: Share of the last correction that is doubted at least.
+#: Share of the last correction that is doubted at least: three differences can agree by accident.
 DOUBT = 0.1
 
-#: Share of what contacts do in their first steps that may be missing from the limit.
+#: Share of what contacts do in their first steps that may be missing from the limit: L takes twice what the shortest
+#: step has of it and once what the step before has, either between nothing and all of it.
 CHANCE = 0.5
 
-#: Share of what is left of a parting rate that its last change may be, for a straight line to lead to its limit.
+#: Share of what is left of a parting rate that its last change may be, for a straight line to lead to its limit. Bodies
+#: that part slowly do so by what remains of a vibration: the length of a vector, which turns around where it is
+#: shortest.
 STRAIGHT = 1 / 3
 
-#: How often the last change of a rate counts at most where changes grow; one may follow none at all.
+#: How often the last change of a rate counts at most where changes grow; one may follow none at all. Of a vibration
+#: that steps damp, x is left at h, x^2 at 2h and x^4 at 4h: for a small x the limit is about as many times the last
+#: change away as changes grow.
 GROWTH = 100.0
-
-#: Added to what may be zero.
-TINY = np.finfo(float).tiny
 
 #: How many times the steps that its length asks for a run at a shorter step may take: balls that meet soon at one step
 #: may do so after millions of them at another.
@@ -90,29 +54,16 @@ ALIKE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """The limit dt -> 0.
-
-    Attributes
-    ----------
-    velocities : tuple of float
-        In m/s, the upper ball's first.
-    step_error : float
-        Estimated error of all of them, in m/s, as the engine's own limit.
-    regularisation : float
-        By how much the engine's regularisation moves them, in m/s; 0 for an engine without.
-    order : float
-        Fitted order of convergence; NaN where there is nothing but rounding.
-    step : float
-        The shortest step, in s.
-    flight, rest : bool
-        Whether at that step gravity ended in a first flight, and whether B2 came to rest on the table.
-    """
+    """The limit dt -> 0; velocities and errors in m/s."""
 
     velocities: tuple[float, ...]
+    #: Estimated error of all of them, as the engine's own limit, and by how much its regularisation moves them.
     step_error: float
     regularisation: float
+    #: Fitted order of convergence, NaN where there is nothing but rounding, and the shortest step, in s.
     order: float
     step: float
+    #: Whether at that step gravity ended in a first flight, and whether B2 came to rest on the table.
     flight: bool = False
     rest: bool = False
 
@@ -149,18 +100,7 @@ def parted(velocities: Sequence[float], weights: Sequence[float], table: bool = 
 
 
 def extrapolated(values: Floats) -> Floats:
-    """Extrapolate to a step of zero, from every two neighbours along the first axis.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, ...)
-        At steps each half of the one before, with errors of first order in the step.
-
-    Returns
-    -------
-    ndarray, shape (n - 1, ...)
-        The last of them from the two shortest steps.
-    """
+    """Extrapolate values at steps each half of the one before, shape (n, ...), from every two neighbours to zero."""
     return 2 * values[1:] - values[:-1]
 
 
@@ -175,26 +115,11 @@ def limit_of(
     alike: bool = True,
     gravity_doubt: float = 0.0,
 ) -> Limit:
-    """Extrapolate to a step of zero; see the module.
+    """Extrapolate final velocities in m/s, shape (n, balls), n >= 3, at steps each half of the one before, to zero.
 
-    Parameters
-    ----------
-    velocities : ndarray, shape (n, balls), n >= 3
-        Final velocities in m/s at steps each half of the one before.
-    starts : float
-        `Run.starts` of the last run, in m/s.
-    step : float
-        The last step, in s.
-    weights : sequence of float
-        Masses over that of the first ball.
-    regularisation : float
-        What regularisation does, in m/s.
-    table : bool
-        Whether the last ball is above a table.
-    alike : bool
-        Whether the last two runs pass through the same states, to the same end.
-    gravity_doubt : float
-        What the instants of a first flight and of the end may change, in m/s.
+    Of the last run are `Run.starts` in m/s and the step in s; weights are masses over that of the first ball. In m/s is
+    also what regularisation does, and `gravity_doubt`, what the instants of a first flight and of the end may change.
+    `alike` says that the last two runs pass through the same states to the same end.
     """
     differences = np.abs(np.diff(velocities, axis=0))
     limits = extrapolated(velocities)
@@ -202,7 +127,7 @@ def limit_of(
     bodies = np.pad(velocities, ((0, 0), (0, 1))) if table else velocities
     rates = np.diff(bodies, axis=1)
     before, last = np.abs(np.diff(rates[-3:], axis=0))
-    grown = last / np.maximum(before, last / GROWTH + TINY)
+    grown = last / np.maximum(before, last / GROWTH + np.finfo(float).tiny)
     bent = (last > STRAIGHT * np.abs(rates[-1])) | (grown > 1) | (not alike)
     error = max(
         float(smooth.max()),
@@ -226,8 +151,6 @@ def fitted_order(errors: Floats) -> float:
 class _Case:
     """A scene on its way to its limit: its runs, from the longest step to the shortest."""
 
-    #: At the step h.
-    scene: Scene
     runs: list[Run]
     convergence: Convergence
     #: Steps that a run at the step h may take.
@@ -237,11 +160,12 @@ class _Case:
     #: What regularisation was seen to do, in m/s, at ever shorter steps.
     regularisation: list[float] = field(default_factory=list)
     failure: str = ""
-    #: Steps that the run at the step h took: those that one at a longer step may take.
+    #: At the step h, and the steps that the run took there: those that one at a longer step may take.
+    scene: Scene = field(init=False)
     longest: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self.longest = self.runs[-1].n_steps
+        self.scene, self.longest = self.runs[-1].scene, self.runs[-1].n_steps
 
     def at(self, times: float, regularisation: float = 1.0) -> Scene:
         """Return the scene at a multiple of the step h."""
@@ -274,7 +198,7 @@ class _Case:
             np.array([run.reported for run in self.runs]),
             last.starts,
             last.scene.step,
-            self.scene.weights,
+            [m / self.scene.masses[0] for m in self.scene.masses],
             *self.regularisation[-1:],
             table=self.scene.table,
             alike=len(paths) == 1,
@@ -317,23 +241,18 @@ class _Case:
             moved = np.abs(np.subtract(run.reported, own.reported)).max()
             self.regularisation.append(float(moved) / (self.factor - 1))
 
-    @property
-    def probed(self) -> bool:
-        """Whether what its regularisation does is measured."""
-        return self.factor > 1
-
     def wants_more(self) -> bool:
         """Whether a shorter step is to be run."""
         if self.failure or self.shortest <= 2.0**-self.convergence.halvings:
             return False
         limit = self.limit()
-        if limit is None or (self.probed and not self.regularisation):
+        if limit is None or (self.factor > 1 and not self.regularisation):
             return True
         return limit.error > self.tolerance and not self.settled()
 
     def doubtful(self) -> bool:
         """Whether what regularisation leaves is not known, or seems to be more than the tolerance."""
-        return self.probed and (not self.regularisation or self.regularisation[-1] > self.tolerance)
+        return self.factor > 1 and not (self.regularisation and self.regularisation[-1] <= self.tolerance)
 
     def settled(self) -> bool:
         """Whether it does so at two lengths of the step alike: what it leaves no step brings back."""
@@ -357,9 +276,8 @@ class _Case:
         if self.settled():
             share = limit.regularisation / speed
             return f"{text}, and no shorter step helps: the engine's own regularisation of contacts leaves {share:.1e}"
-        return f"{text}, at the finest step, {limit.step:.3g} s" + (
-            f" ({self.failure})" if self.failure else ""
-        )
+        failed = f" ({self.failure})" if self.failure else ""
+        return f"{text}, at the finest step, {limit.step:.3g} s{failed}"
 
 
 def estimate_limits(
@@ -373,12 +291,10 @@ def estimate_limits(
 
     Parameters
     ----------
-    run : callable
-        The engine's, of `engines.engine.Engine`.
-    probe : float or None
-        Its `regularisation_probe`.
+    run, probe
+        `run` and `regularisation_probe` of the engine (`engines.engine.Engine`).
     runs : sequence of Run
-        Its runs at the step h that a user takes, all of them over.
+        At the step h that a user takes, all of them over.
     convergence : Convergence
         What is wanted.
     max_steps : int
@@ -390,36 +306,31 @@ def estimate_limits(
     list of (Limit or None, str)
         None where shorter steps did not come to an end; and why the limit is not converged, empty if it is.
     """
-    cases = [
-        _Case(
-            each.scene,
-            [each],
-            convergence,
-            max_steps,
-            probe if probe and each.scene.mapping == "calibrated" else 1.0,
-        )
-        for each in runs
-    ]
-    # One call for many: an engine may share out what it is given. What takes more steps than at h is left out one
-    # by one, so that no limit depends on the others of the call.
+
+    def factor(scene: Scene) -> float:
+        return probe if probe and scene.mapping == "calibrated" else 1.0
+
+    def pairs(some: list[_Case], scenes: list[Scene]) -> Iterator[tuple[_Case, Run]]:
+        # One call for many: an engine may share out what it is given.
+        return zip(some, run(scenes, longest), strict=True)
+
+    cases = [_Case([each], convergence, max_steps, factor(each.scene)) for each in runs]
+    # What takes more steps than at h is left out one by one, so that no limit depends on the others of the call.
     longest = max((case.longest for case in cases), default=0)
     for times in (2, 4):
-        for case, found in zip(cases, run([case.at(times) for case in cases], longest), strict=True):
+        for case, found in pairs(cases, [case.at(times) for case in cases]):
             case.precede(found)
-    probed = [case for case in cases if case.probed]
-    for case, found in zip(probed, run([case.at(4, case.factor) for case in probed], longest), strict=True):
+    probed = [case for case in cases if case.factor > 1]
+    for case, found in pairs(probed, [case.at(4, case.factor) for case in probed]):
         if found.n_steps <= case.longest:
             case.probe(found, case.runs[0])
     while going := [case for case in cases if case.wants_more()]:
         longest = max(case.most for case in going)
         # Beside a grazing a probe at a long step may show what is the step's: seen again at the shortest.
         again = [case for case in going if case.doubtful()]
-        finest = [case.at(case.shortest, case.factor) for case in again]
-        for case, found in zip(again, run(finest, longest), strict=True):
+        for case, found in pairs(again, [case.at(case.shortest, case.factor) for case in again]):
             case.probe(found, case.runs[-1])
         going = [case for case in going if case.wants_more()]
-        for case, found in zip(
-            going, run([case.at(case.shortest / 2) for case in going], longest), strict=True
-        ):
+        for case, found in pairs(going, [case.at(case.shortest / 2) for case in going]):
             case.take(found)
     return [(case.limit(), case.problem()) for case in cases]

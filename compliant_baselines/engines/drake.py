@@ -26,7 +26,7 @@ import numpy as np
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, radius_of
 from impact_xval.compliant_baselines.engines.world import World
-from impact_xval.compliant_baselines.mapping import PYBULLET_RIGID, DrakeGeometry, drake_geometries
+from impact_xval.compliant_baselines.mapping import RIGID, Side, drake_side, shared_out
 from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 
 #: Relative tolerance of the solver (SapSolverParameters; Python cannot set it), and the phase angle of a contact
@@ -35,8 +35,6 @@ SAP_TOLERANCE, LATEST_START = 1e-6, 0.02
 
 #: Integration error aimed at in each step, per |v0|. Velocities at the end come out 4 times as far off.
 ACCURACY = 1e-10
-
-RIGID = DrakeGeometry(PYBULLET_RIGID, 0.0)
 
 
 class Drake(Engine):
@@ -89,7 +87,7 @@ class DrakeWorld(World):
         pairs = [below.against(above) for (_, below), (above, _) in pairwise(self._said)]
         self.effective = {"stiffness": tuple(pair.stiffness for pair in pairs), "step": (scene.step,)}
         if discrete:
-            self.effective["damping"] = tuple(pair.stiffness * pair.relaxation_time for pair in pairs)
+            self.effective["damping"] = tuple(pair.stiffness * pair.dissipation for pair in pairs)
 
     def _build(self, velocities: Sequence[float], heights: Floats) -> None:
         """Make a plant in this state, and its simulator."""
@@ -102,10 +100,8 @@ class DrakeWorld(World):
             plant.SetUseSampledOutputPorts(False)  # nobody reads them
         plant.mutable_gravity_field().set_gravity_vector([0, 0, -scene.gravity])
         joints = self._add_bodies(plant, graph)
-        period = {} if self._discrete else {"publish_period": step}
-        output = _module("systems.primitives").LogVectorOutput(
-            plant.get_state_output_port(), builder, **period
-        )
+        period, log = {} if self._discrete else {"publish_period": step}, _module("systems.primitives")
+        output = log.LogVectorOutput(plant.get_state_output_port(), builder, **period)
         self._simulator = _module("systems.analysis").Simulator(builder.Build())
         root = self._simulator.get_mutable_context()
         context = plant.GetMyMutableContextFromRoot(root)
@@ -124,18 +120,14 @@ class DrakeWorld(World):
 
     def _add_bodies(self, plant: Any, graph: Any) -> list[Any]:
         """Add table and balls and finish the plant; the joints of the balls, the upper one's first."""
-        geometry, tree, place = (
-            _module("geometry"),
-            _module("multibody.tree"),
-            _module("math").RigidTransform(),
-        )
+        geometry, tree = _module("geometry"), _module("multibody.tree")
+        here = _module("math").RigidTransform()
         sphere, inertia = geometry.Sphere(self._radius), tree.UnitInertia.SolidSphere(self._radius)
         joints, bodies = [], []
         for i, mass in enumerate(self._scene.masses):
             body = plant.AddRigidBody(f"B{i + 1}", tree.SpatialInertia(mass, [0, 0, 0], inertia))
-            slide = tree.PrismaticJoint(
-                f"B{i + 1}", plant.world_frame(), body.body_frame(), [0, 0, 1], damping=0
-            )
+            frames = plant.world_frame(), body.body_frame()
+            slide = tree.PrismaticJoint(f"B{i + 1}", *frames, [0, 0, 1], damping=0)
             joints.append(plant.AddJoint(slide))
             bodies.append((body, sphere))
         if self._scene.table:
@@ -143,7 +135,7 @@ class DrakeWorld(World):
         shapes = [
             [
                 plant.RegisterCollisionGeometry(
-                    body, place, shape, f"{i}-{n}", self._material(i - 1 + n, side)
+                    body, here, shape, f"{i}-{n}", self._material(i - 1 + n, side)
                 )
                 for n, side in enumerate(self._sides[i])
             ]
@@ -159,21 +151,18 @@ class DrakeWorld(World):
         self._said = [[_geometry(properties(shape)) for shape in both] for both in shapes]
         return joints
 
-    def _material(self, contact: int, side: DrakeGeometry) -> Any:
+    def _material(self, contact: int, side: Side) -> Any:
         """Make the frictionless proximity properties of a side that takes part in a contact."""
-        how = {
-            "friction": _module("multibody.plant").CoulombFriction(0.0, 0.0),
-            "point_stiffness": side.stiffness,
-        }
+        frictionless = _module("multibody.plant").CoulombFriction(0.0, 0.0)
+        how = {"friction": frictionless, "point_stiffness": side.stiffness}
         if not self._discrete:
             e = np.array(self._scene.restitutions[contact : contact + 1])
-            how["dissipation"] = (
-                0.0 if side is RIGID else float(hunt_crossley_coefficients(e)[0]) / self._scene.speed
-            )
+            law = 0.0 if side is RIGID else float(hunt_crossley_coefficients(e)[0]) / self._scene.speed
+            how["dissipation"] = law
         properties = _module("geometry").ProximityProperties()
         _module("geometry").AddContactMaterial(properties=properties, **how)
         if self._discrete:
-            properties.AddProperty("material", "relaxation_time", side.relaxation_time)
+            properties.AddProperty("material", "relaxation_time", side.dissipation)
         return properties
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
@@ -198,19 +187,18 @@ def _module(name: str) -> Any:
     return import_module(f"pydrake.{name}")
 
 
-def _geometry(properties: Any) -> DrakeGeometry:
+def _geometry(properties: Any) -> Side:
     """Read back what the engine holds of a side; in continuous time there is no relaxation time."""
     names = "point_contact_stiffness", "relaxation_time"
-    return DrakeGeometry(*(properties.GetPropertyOrDefault("material", name, 0.0) for name in names))
+    return Side(*(properties.GetPropertyOrDefault("material", name, 0.0) for name in names))
 
 
-def _sides(scene: Scene) -> list[tuple[DrakeGeometry, DrakeGeometry]]:
+def _sides(scene: Scene) -> list[tuple[Side, Side]]:
     """Upper and lower side of every ball, and of the table."""
     if scene.mapping == "naive":
-        bodies = drake_geometries(scene.contacts[0], scene.contacts[1], scene.mapping)
+        bodies = shared_out(*map(drake_side, scene.contacts), mapping=scene.mapping)
         return [(body, body) for body in bodies]
-    below = [(RIGID, DrakeGeometry(contact.k, contact.c / contact.k)) for contact in scene.contacts]
-    return [*below, (RIGID, RIGID)]
+    return [*((RIGID, drake_side(contact)) for contact in scene.contacts), (RIGID, RIGID)]
 
 
 def _too_short(scene: Scene) -> str | None:

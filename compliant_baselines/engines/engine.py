@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import inf
+from platform import python_version
 from types import MappingProxyType
 from typing import Any
 
 from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
-from impact_xval.compliant_baselines.engines.packages import version_of, why_not
+from impact_xval.compliant_baselines.engines.packages import import_quietly, version_of
 from impact_xval.compliant_baselines.engines.scene import (
     BEYOND,
     Scene,
@@ -56,7 +57,15 @@ class Engine(Solver):
 
     def unavailable(self) -> str | None:
         """Why the engine cannot run here and the way out; None if it can."""
-        return why_not(self.title, self.distribution, self.module, self.way_out)
+        try:
+            import_quietly(self.module)
+        except Exception as error:  # of a package that is there but broken, any
+            if isinstance(error, ModuleNotFoundError) and "." not in (error.name or ""):
+                return f"{self.title} is not installed: {self.way_out}"
+            said = " ".join(str(error).split()) or type(error).__name__
+            here = f"Python {python_version()} and NumPy {version_of('numpy')}"
+            return f"{self.title} {self.version()} cannot be imported by {here} ({said}): {self.way_out}"
+        return None
 
     def refusal(self, scene: Scene) -> str | None:
         """Why this engine cannot take a scene, in one sentence; None if it can."""
@@ -144,11 +153,9 @@ class Engine(Solver):
 def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) -> Outcome:
     """Turn a finished run into an outcome.
 
-    `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy at the start), for a
-    drop `gravity_number` = g/(|v0| omega1) and, if there is one, `first_flight` (s, when gravity ended), and where B2
-    came to rest on the table `rest_speed`, its velocity in m/s at the instant the collision was over. Impulses are
-    those of the contacts, support of B2's weight included, and go with the velocities reported: for a B2 at rest
-    without what it still had.
+    `diagnostics` holds `step` (s), `n_steps`, `duration` (s), `energy_gain` (over the energy before), and of a drop
+    `gravity_number`, `first_flight` (s, if there is one) and `rest_speed` (m/s, of a B2 that is reported at rest).
+    Impulses are those of the contacts, support of B2's weight included, and go with the velocities reported.
     """
     c = run.scene
     if not run.over:
@@ -186,12 +193,7 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
 
 
 def with_limit(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
-    """Add to an outcome the limit dt -> 0, and why it is not converged, if it is not.
-
-    `diagnostics` gains `v1_limit`, `v2_limit`, ..., `limit_error` and the part of it that is `regularisation` (all
-    in m/s), `order` and `finest_step` (s), see `engines.convergence`. The outcome's own numbers
-    stay those of the step it was asked for.
-    """
+    """Add to an outcome the limit dt -> 0, and why it is not converged, if it is not; its own numbers stay."""
     if reason and outcome.status == "ok":
         outcome = replace(outcome, status="unconverged", reason=reason)
     if limit is None:

@@ -144,9 +144,8 @@ class MujocoWorld(World):
         inverse = self.batch.expand("body_invweight0")[0][[*range(1, balls.stop), 0], 0]
         solref, solimp = (self.batch.expand(name)[0][where] for name in ("pair_solref", "pair_solimp"))
         scale = (solimp[:, 0] / solimp[:, 1]) ** 2 / (inverse[1:] + inverse[:-1])[: len(where)]
-        solref[:, 0] = np.where(
-            solref[:, 0] > 0, np.maximum(solref[:, 0], 2 * scene.step), solref[:, 0]
-        )  # refsafe
+        times = solref[:, 0] > 0
+        solref[times, 0] = np.maximum(solref[times, 0], 2 * scene.step)  # refsafe
         direct = -np.array([MujocoContact(tuple(each), MUJOCO_DEFAULT_SOLIMP).direct for each in solref])
         self.effective = {
             "stiffness": tuple((direct[:, 0] * scale).tolist()),

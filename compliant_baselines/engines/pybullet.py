@@ -28,7 +28,7 @@ from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, radius_of, reduced_masses
 from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.engines.world import World
-from impact_xval.compliant_baselines.mapping import PYBULLET_RIGID, PybulletBody, pybullet_bodies
+from impact_xval.compliant_baselines.mapping import RIGID, Side, pybullet_side, shared_out
 
 #: Most sub-steps of one call.
 STRIDE = 256
@@ -153,7 +153,7 @@ class PybulletWorld(World):
         for ball, mass in zip(self.balls, scene.masses, strict=True):
             p.changeDynamics(ball, BASE, mass=mass, **on)
         for side, own in _properties(scene, sides).items():
-            p.changeDynamics(*side, contactStiffness=own.stiffness, contactDamping=own.damping, **on)
+            p.changeDynamics(*side, contactStiffness=own.stiffness, contactDamping=own.dissipation, **on)
         # Apart for a step, in which the engine forgets contact points and what it warm-starts from.
         p.setGravity(0, 0, 0, **on)
         self._place(10 * self._places, [0.0] * len(self.balls))
@@ -161,13 +161,11 @@ class PybulletWorld(World):
         p.setGravity(0, 0, -scene.gravity, **on)
         self._place(self._places + self._x, scene.velocities)
         if _linked(scene):  # of bodies in maximal coordinates it says nothing
-            said = [
-                [PybulletBody(*p.getDynamicsInfo(*each, client)[9:7:-1]) for each in both] for both in sides
-            ]
+            said = [[Side(*p.getDynamicsInfo(*each, client)[9:7:-1]) for each in both] for both in sides]
             pairs = [below.against(above) for (below, _), (_, above) in pairwise(said)]
         self.effective = {
             "stiffness": tuple(pair.stiffness for pair in pairs),
-            "damping": tuple(pair.damping for pair in pairs),
+            "damping": tuple(pair.dissipation for pair in pairs),
             "step": (p.getPhysicsEngineParameters(client)["fixedTimeStep"],),
         }
 
@@ -253,29 +251,30 @@ def _linked(scene: Scene) -> bool:
     return not (scene.table and len(scene.masses) == 2)
 
 
-def _properties(scene: Scene, sides: list[Any]) -> dict[tuple[int, int], PybulletBody]:
+def _properties(scene: Scene, sides: list[Any]) -> dict[tuple[int, int], Side]:
     """Stiffness and damping of both sides of every body."""
+    carried = list(map(pybullet_side, scene.contacts))
     if not _linked(scene):
-        bodies = pybullet_bodies(scene.contacts[0], scene.contacts[1], scene.mapping)
+        bodies = shared_out(carried[0], carried[1], scene.mapping)
         return {below: body for (below, _), body in zip(sides, bodies, strict=True)}
-    own = {side: PybulletBody(PYBULLET_RIGID, 0.0) for both in sides for side in both}
-    asked = zip(sides, scene.contacts, strict=False)
-    return own | {below: PybulletBody(contact.k, contact.c) for (below, _), contact in asked}
+    own = {side: RIGID for both in sides for side in both}
+    return own | {below: side for (below, _), side in zip(sides, carried, strict=False)}
 
 
-def _pairs(scene: Scene) -> list[PybulletBody]:
+def _pairs(scene: Scene) -> list[Side]:
     """Give stiffness and damping of the contacts as the engine combines them."""
+    carried = list(map(pybullet_side, scene.contacts))
     if _linked(scene):
-        return [PybulletBody(contact.k, contact.c) for contact in scene.contacts]
-    upper, lower, table = pybullet_bodies(scene.contacts[0], scene.contacts[1], scene.mapping)
-    return [upper.against(lower), lower.against(table)]
+        return carried
+    bodies = shared_out(carried[0], carried[1], scene.mapping)
+    return [above.against(below) for above, below in pairwise(bodies)]
 
 
 def _radius(scene: Scene) -> float:
     return radius_of(scene.depth([pair.stiffness for pair in _pairs(scene)]))
 
 
-def _iterations(scene: Scene, pairs: list[PybulletBody]) -> int:
+def _iterations(scene: Scene, pairs: list[Side]) -> int:
     """Count the iterations after which sequential impulses are converged to rounding.
 
     One sweep is Gauss and Seidel's on the inverse-mass matrix of the contacts with the engine's compliance
@@ -283,7 +282,7 @@ def _iterations(scene: Scene, pairs: list[PybulletBody]) -> int:
     Jacobi's iteration: 1e-5 for two balls at a step of 1/1000 of a period, 0.02 at 1/10.
     """
     h, alone = scene.step, zip(reduced_masses(scene), pairs, strict=True)
-    diagonal = [1 / mass + 1 / (h * (h * pair.stiffness + pair.damping)) for mass, pair in alone]
+    diagonal = [1 / mass + 1 / (h * (h * pair.stiffness + pair.dissipation)) for mass, pair in alone]
     beside = [
         1 / (m * math.sqrt(d * e)) for m, (d, e) in zip(scene.masses[1:], pairwise(diagonal), strict=False)
     ]

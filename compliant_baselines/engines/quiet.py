@@ -1,10 +1,8 @@
 """For how many steps nothing can happen: how an engine may be left alone without missing anything.
 
-An engine that is read after every step is read far more often than there is anything to see: between two
-events the same contacts carry force, and the collision is not over. `_quiet_time` gives a time within which,
-by bounds on forces and rates, no contact begins or ends to carry force, no gap closes or opens, and the
-collision is not over. An engine whose steps are cheaper than its reads takes the steps of that time in one
-call and loses nothing: states, ends and velocities are those of a run that was read after every step, to the
+An engine that is read after every step is read far more often than there is anything to see. Where no contact begins or
+ends to carry force, no gap closes or opens, and the collision cannot be over, an engine whose steps are cheaper than
+its reads takes many in one call: states, ends and velocities are those of a run that was read after every step, to the
 bit.
 
 The bounds hold for the law an engine was asked for, F_i = max(0, -k_i g_i - c_i g_i') while the gap g_i is
@@ -57,18 +55,35 @@ def _contact(loaded, k, c, gap, rate, acceleration):  # pragma: no cover (compil
 
 
 @numba.njit(cache=True, error_model="numpy")
+def rests(v, x, masses, weight, times):  # pragma: no cover (compiled)
+    """Whether B2's energy about equilibrium is at most so many times what it takes to unload its support."""
+    m2, g, k2, rest = masses[1], weight[0], weight[2], weight[3]
+    return m2 * v[1] * v[1] + k2 * (x[1] + rest) ** 2 <= times * (m2 * g) ** 2 / k2
+
+
+@numba.njit(cache=True, error_model="numpy")
+def sticks(v, x, masses, weight, times):  # pragma: no cover (compiled)
+    """Whether the energy of both balls about equilibrium is at most so many times what it takes to unload a contact."""
+    m1, m2, g, k1, k2, rest1, rest12 = (
+        masses[0],
+        masses[1],
+        weight[0],
+        weight[1],
+        weight[2],
+        weight[4],
+        weight[5],
+    )
+    energy = m1 * v[0] * v[0] + m2 * v[1] * v[1]
+    energy += k1 * (x[1] - x[0] - rest1) ** 2 + k2 * (x[1] + rest12) ** 2
+    return energy <= times * g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2)
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _may_end(code, v, x, masses, weight):  # pragma: no cover (compiled)
     """Whether a drop of two balls may soon be over by rest, or stuck (3 of the module)."""
-    m1, m2, g = masses[0], masses[1], weight[0]
-    k1, k2, rest, rest1, rest12 = weight[1], weight[2], weight[3], weight[4], weight[5]
     if code == 3:
-        away1, away2 = x[1] - x[0] - rest1, x[1] + rest12
-        energy = m1 * v[0] * v[0] + m2 * v[1] * v[1] + k1 * away1 * away1 + k2 * away2 * away2
-        return energy <= 16 * g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2)
-    if code & 1:
-        return False
-    away = x[1] + rest
-    return m2 * v[1] * v[1] + k2 * away * away <= 16 * (m2 * g) ** 2 / k2
+        return sticks(v, x, masses, weight, 16.0)
+    return not code & 1 and rests(v, x, masses, weight, 16.0)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -137,21 +152,10 @@ def _accelerate(code, v, x, masses, law, g):  # pragma: no cover (compiled)
 
 @numba.njit(cache=True, error_model="numpy")
 def between(code, v, x, v_end, x_end, times, span, masses, law, g):  # pragma: no cover (compiled)
-    """Interpolate velocities within quiet steps: cubics through velocities and accelerations at both ends.
+    """Interpolate velocities in m/s, shape (n, N), within quiet steps that take the time `span` in s.
 
-    Parameters
-    ----------
-    code, masses, law
-        As of `quiet_steps`; g is the gravity in m/s^2.
-    v, x, v_end, x_end : ndarray, shape (N,)
-        Velocities and heights before the first and after the last of the steps.
-    times : ndarray, shape (n,)
-        Where, as a share of their time, which is `span` in s.
-
-    Returns
-    -------
-    ndarray, shape (n, N)
-        In m/s.
+    They lie on the cubics through velocities and accelerations at both ends: velocities and heights before the first
+    step and after the last, shape (N,). Times, shape (n,), are shares of the span; g is the gravity in m/s^2.
     """
     a, b = _accelerate(code, v, x, masses, law, g), _accelerate(code, v_end, x_end, masses, law, g)
     found = np.empty((times.size, v.size))

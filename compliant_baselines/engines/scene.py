@@ -35,49 +35,31 @@ BEYOND = (
 
 @dataclass(frozen=True)
 class Scene:
-    """N balls in a line, ball 1 on top.
+    """N balls in a line, ball 1 on top, in SI units."""
 
-    Attributes
-    ----------
-    masses, velocities, heights : tuple of float, length N
-        In kg; in m/s and, counted as the module says, in m at t = 0.
-    stiffnesses, restitutions : tuple of float, one a contact
-        Of the contacts asked for, in N/m and dimensionless; the last one is with the table, if there is one.
-    table : bool
-        Whether there is a table.
-    step : float
-        Time step in s.
-    gravity : float
-        Downwards, in m/s^2; above 0 for two balls on a table only.
-    settled : bool
-        Whether the lowest ball starts in static equilibrium on the table (each engine knows its own); heights then
-        count from there. Asked for by a drop.
-    mapping : str
-        How contacts become the engine's own parameters.
-    regularisation : float
-        How many times the engine's least regularisation of contacts, where it has any.
-    """
-
+    #: One a ball; velocities and heights at t = 0, heights counted as the module says.
     masses: tuple[float, ...]
     velocities: tuple[float, ...]
     heights: tuple[float, ...]
+    #: Of the contacts asked for; the last one is with the table, if there is one.
     stiffnesses: tuple[float, ...]
     restitutions: tuple[float, ...]
     table: bool
     step: float
+    #: Downwards; above 0 for two balls on a table only.
     gravity: float = 0.0
+    #: Whether the lowest ball starts in static equilibrium on the table (each engine knows its own); heights then count
+    #: from there. Asked for by a drop.
     settled: bool = False
     mapping: MappingName = "calibrated"
+    #: How many times the engine's least regularisation of contacts, where it has any.
     regularisation: float = 1.0
 
     @classmethod
     def of(cls, collision: Collision, settings: Settings) -> Scene:
         """Set a collision up in the scenario of the settings, at their share of its shortest contact period.
 
-        Raises
-        ------
-        ArithmeticError
-            Where double precision has no number for a period.
+        An ArithmeticError says that double precision has no number for a period.
         """
         c, drop = collision, settings.scenario == "drop"
         below = [*c.gaps, *([] if c.table else [0.0])]
@@ -96,13 +78,7 @@ class Scene:
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
-        """What is asked of each contact as a spring and a dashpot.
-
-        Raises
-        ------
-        ValueError
-            For a restitution of 0, of which only an engine of dashpots need know.
-        """
+        """What is asked of each contact as a spring and a dashpot; a ValueError for e = 0, which no dashpot gives."""
         asked = zip(self.stiffnesses, self.restitutions, reduced_masses(self), strict=True)
         return tuple(Contact.from_restitution(k, e, mass, self.mapping) for k, e, mass in asked)
 
@@ -117,19 +93,18 @@ class Scene:
 
     @property
     def periods(self) -> tuple[float, ...]:
-        """Periods 2 pi sqrt(M_i/k_i) of the contacts asked for, in s."""
+        """Periods of the contacts asked for, in s."""
         return periods(self)
 
     @property
-    def weights(self) -> tuple[float, ...]:
-        """Masses over that of the first ball."""
-        return tuple(m / self.masses[0] for m in self.masses)
+    def gaps(self) -> Floats:
+        """Gaps of the contacts at t = 0, in m, shape (C,)."""
+        return -np.diff([*self.heights, *([0.0] if self.table else [])])
 
     @property
     def rates(self) -> Floats:
         """Compression rates at t = 0, in m/s, shape (C,)."""
-        bodies = np.array([*self.velocities, *([0.0] if self.table else [])])
-        return bodies[1:] - bodies[:-1]
+        return np.diff([*self.velocities, *([0.0] if self.table else [])])
 
     @property
     def speed(self) -> float:

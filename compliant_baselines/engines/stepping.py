@@ -9,24 +9,12 @@ additions, each good to half a unit, and makes the increment from a handful of p
 magnitude above that, and lies, at a step of 1/1000 of a period, eleven orders below the impulse per step of a
 fully loaded contact.
 
-**In flight the bodies do not fall** (drop only). From the first instant at which no contact is closed, read as the end
-of the first step in which none carries force and at whose end both gaps are open, gravity is off, for good: what is
-still to meet meets as in an impact. B2 on the table with its weight is a contact, and so is a contact whose bodies
-overlap without force. Otherwise the outcome would be that of the flight: two balls that part with B2 faster by 1e-4
-|v0| would fall for many times the length of the contact and then meet at whatever speed they have come to. Engines
-and references keep this one rule.
-
-**The collision is over** at the end of the first step in which no contact carries force and no bodies approach. With
-gravity that is not enough, since B2 may sink back or stop B1 again. A drop is over when both gaps are open as well, or
-
-* B2 is *at rest*, B1 clear of it and rising: an elastic B2 never stops vibrating on its support. It is at rest when it
-  cannot lift off any more: its energy about equilibrium, (m2 v2^2 + k2 (x2 - x2_eq)^2)/2, does not exceed the
-  (m2 g)^2/(2 k2) it takes to unload the contact; in other words the amplitude of its velocity is at most g/omega2. Its
-  velocity after the collision is then reported as 0: that is the mean over its vibration, it depends on no
-  phase, and it joins smoothly to the lift-off velocity, which goes to 0 at that same energy. What v2 was is
-  `rest_speed`.
-* both are *stuck*: likewise, if the energy of both balls about their common equilibrium cannot unload
-  either contact, (m1 g)^2/(2 k1) and ((m1 + m2) g)^2/(2 k2), B1 never leaves B2. Both velocities are then 0.
+**The collision is over** at the end of the first step in which no contact carries force and no bodies approach. In a
+drop, gravity is off for good from the first flight on: the end of the first step in which no contact carries force and
+at whose end both gaps are open. It is over when both gaps are open as well, or B2 is *at rest* on the table with B1
+clear of it and rising, or both are *stuck*: when the energy about equilibrium cannot unload what is closed. Velocities
+at rest are reported as 0; what v2 was is `rest_speed`. The reasons are in docs/theory.md, section 8; engines and
+references keep these rules alike.
 
 **Given up early** is a flight that outlasts the steps that are left.
 """
@@ -40,7 +28,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from impact_xval.compliant_baselines.engines.quiet import between, quiet_steps
+from impact_xval.compliant_baselines.engines.quiet import between, quiet_steps, rests, sticks
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, reduced_masses
 from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.states import Runs, merge_runs
@@ -69,14 +57,13 @@ PATH_LEAP = 32
 
 #: What `scan` remembers from one call to the next:
 #:
-#: * n_steps: number of steps so far;
-#: * again: what contacts that were met at a speed did in their first step, summed as changes of the relative velocity
-#:   of their pair in m/s; loaded, met: the contacts that carry force, and those that are met at a speed if they begin
-#:   to, as they have ceased to or were open at first; as bits;
-#: * lead, lead_contact: by how many steps the first flight of a drop began or did not, and which contact decided on
-#:   that: after so many of flight it closed, or, negative, it had closed so many before the other one opened. The
-#:   nearest such event; infinite without one. For them: whether the gap of a contact is closed, and the step at which
-#:   it last closed; the step at which the first flight began (-1 before it, -2 once a gap has closed again).
+#: * loaded, met: the contacts that carry force, and those that are met at a speed if they begin to, as they have ceased
+#:   to or were open at first; as bits;
+#: * n_steps so far; again: `Run.starts`;
+#: * lead, lead_contact: as of `Run`, in steps: after so many of flight the contact closed, or, negative, it had closed
+#:   so many before the other one opened. The nearest such event; infinite without one;
+#: * flight: the step at which the first flight began (-1 before it, -2 once a gap has closed again);
+#: * closed, closed_at: whether the gap of a contact is closed, and the step at which it last closed.
 MEMORY = np.dtype(
     [("loaded", "i8"), ("met", "i8")]
     + [(name, "f8") for name in ("n_steps", "again", "lead", "lead_contact", "flight")]
@@ -107,20 +94,16 @@ def _follow_gaps(memory, closed1, closed2):  # pragma: no cover (compiled)
 @numba.njit(cache=True)
 def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
     """How a drop of two balls ends after this step, if it does."""
-    v1, v2, x1, x2, m1, m2 = v[0], v[1], x[0], x[1], masses[0], masses[1]
-    g, k1, k2, rest, rest1, rest12 = weight[0], weight[1], weight[2], weight[3], weight[4], weight[5]
+    v1, v2, x1, x2 = v[0], v[1], x[0], x[1]
     if not code & 1 and x1 >= x2 and v1 >= v2:
         if not code & 2 and x2 >= 0 and v2 >= 0:
             return FREE
-        if v1 >= 0 and m2 * v2 * v2 + k2 * (x2 + rest) ** 2 <= (m2 * g) ** 2 / k2:
+        if v1 >= 0 and rests(v, x, masses, weight, 1.0):
             return REST
     if code == 0 and x1 >= x2 >= 0:
         return FLIGHT
-    if code == 3:
-        energy = m1 * v1 * v1 + m2 * v2 * v2
-        energy += k1 * (x2 - x1 - rest1) ** 2 + k2 * (x2 + rest12) ** 2
-        if energy <= g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2):
-            return STUCK
+    if code == 3 and sticks(v, x, masses, weight, 1.0):
+        return STUCK
     return GOING
 
 
@@ -139,10 +122,8 @@ def scan(v, x, before, masses, contacts, weight, h, left, codes, memory):  # pra
     weight : ndarray, shape (6,)
         Of a drop g in m/s^2, k1 and k2 in N/m, and in m how deep B2 rests alone, B1 in B2, and B2 with B1 on it; else
         zeros.
-    h : float
-        Length of a step in s.
-    left : int
-        Number of steps that may still be taken after these.
+    h, left : float, int
+        Length of a step in s, and number of steps that may still be taken after these.
     codes : ndarray of int64, shape (n,)
         Filled with the state of each step, as bits.
     memory : ndarray of `MEMORY`, shape (1,)
@@ -150,9 +131,8 @@ def scan(v, x, before, masses, contacts, weight, h, left, codes, memory):  # pra
     Returns
     -------
     steps, end : int
-        Number of steps gone through, and `GOING` or how it ended after the last of them: `FREE`, `REST`, `STUCK`,
-        `ALOFT` (given up), `FLIGHT` (from here on without gravity: the steps that follow are not those of this
-        collision), or `BROKEN` (a number that is not finite).
+        Number of steps gone through, and how it ended after the last of them: `GOING`, `FREE`, `REST`, `STUCK`, `ALOFT`
+        (given up), `FLIGHT` (from here on without gravity), or `BROKEN` (a number that is not finite).
     """
     seen, balls, g = memory[0], masses.size, weight[0]
     for i in range(v.shape[0]):
@@ -198,51 +178,32 @@ def scan(v, x, before, masses, contacts, weight, h, left, codes, memory):  # pra
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What an engine made of a scene.
-
-    Attributes
-    ----------
-    scene : Scene
-        What it was asked.
-    end : int
-        How it ended, as `scan` says; `GOING` if it ran out of steps.
-    velocities, heights : ndarray, shape (N,)
-        In m/s and m, at the end.
-    start : ndarray, shape (N,)
-        Heights in m at the start, as the engine had them.
-    raw : Runs
-        States step by step, nothing merged.
-    points : ndarray, shape (n, 1 + N), or None
-        Number of the step (0 is the start) and velocities after it, in m/s; the borders between raw states are among
-        them.
-    effective : mapping
-        As of `World`.
-    failure : str
-        What the engine itself complained of, if it did.
-    starts : float
-        What contacts that were met at a speed did in their first steps, in m/s. The time at which a contact is met
-        within a step is arbitrary: by so much the outcome depends on it.
-    max_steps : int
-        Steps it was allowed.
-    fall : tuple of int and ndarray, or None
-        Where its first flight began, from which on the bodies no longer fall: number of steps, heights in m; None
-        if it had none, or no gravity.
-    lead : tuple of float and int
-        Time in s by which its first flight began, or, negative, did not, and the contact, from 0, that decided on it.
-    """
+    """What an engine made of a scene; arrays are of shape (N,), in m/s and m."""
 
     scene: Scene
+    #: How it ended, as `scan` says; `GOING` if it ran out of steps.
     end: int
     velocities: Floats
     heights: Floats
+    #: Heights at the start, as the engine had them.
     start: Floats
+    #: States step by step, nothing merged.
     raw: Runs
+    #: Number of the step (0 is the start) and velocities after it, shape (n, 1 + N); borders of raw states are among
+    #: them. None if no path was asked for.
     points: Floats | None
+    #: As of `World`.
     effective: dict[str, tuple[float, ...]]
+    #: What the engine itself complained of, if it did.
     failure: str
+    #: What contacts that were met at a speed did in their first steps, summed as changes of the relative velocity of
+    #: their pair, in m/s. The time at which one is met within a step is arbitrary: so much depends on it.
     starts: float
+    #: Steps it was allowed.
     max_steps: int
+    #: Number of steps and heights at its first flight, from which on bodies no longer fall; None without one.
     fall: tuple[int, Floats] | None
+    #: Time in s by which its first flight began, or, negative, did not, and the contact, from 0, that decided on it.
     lead: tuple[float, int]
 
     @property
@@ -293,9 +254,7 @@ class Run:
     def states(self, shortest_state: float) -> Runs:
         """State sequence, in steps; `shortest_state` as in `solver.Settings`."""
         c = self.scene
-        closed = (np.diff([*c.heights, *([0.0] if c.table else [])]) == 0) @ (
-            1 << np.arange(len(c.stiffnesses))
-        )
+        closed = (c.gaps == 0) @ (1 << np.arange(len(c.stiffnesses)))
         return merge_runs(self.raw, shortest_state * min(c.periods) / c.step, closed)
 
     def energy_gain(self) -> float:
@@ -343,35 +302,6 @@ class Run:
         return Path(time, velocities, impulses, forces, acting)
 
 
-@dataclass(slots=True)
-class _Points:
-    """Points of a path: number of the step, velocities; every `stride`-th, the borders between states and the ends."""
-
-    kept: list[Floats]
-    stride: int = 1
-    size: int = 0
-
-    def add(self, points: Floats, borders: NDArray[np.int64]) -> None:
-        """Add points; thin them out where they have become many."""
-        self.kept.append(points)
-        self.size += len(points)
-        if self.size > 4 * PATH_POINTS:
-            self.thinned(borders)
-
-    def thinned(self, borders: NDArray[np.int64]) -> Floats:
-        """Double the stride until the points between borders are at most `PATH_POINTS`."""
-        points = np.concatenate(self.kept)
-        number = points[:, 0].astype(np.int64)
-        border = np.isin(number, borders)
-        border[[0, -1]] = True
-        keep = np.ones(len(number), bool)
-        while np.count_nonzero(keep & ~border) > PATH_POINTS:
-            self.stride *= 2
-            keep = border | (number % self.stride == 0)
-        self.kept, self.size = [points[keep]], int(keep.sum())
-        return self.kept[0]
-
-
 class Record:
     """Takes the steps of one scene as an engine delivers them, in blocks, until the collision is over."""
 
@@ -394,11 +324,12 @@ class Record:
         self._memory = np.zeros(1, MEMORY)
         self._memory["lead"], self._memory["flight"] = np.inf, -1
         self._memory["closed"], self._memory["closed_at"] = 1, -np.inf  # as far back as there was a past
-        gaps = -np.diff([*scene.heights, *([0.0] if scene.table else [])])
-        self._memory["met"] = (gaps > 0) @ (1 << np.arange(gaps.size))
+        self._memory["met"] = (scene.gaps > 0) @ (1 << np.arange(len(scene.stiffnesses)))
         self._starts: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
         self._states: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
-        self._points = _Points([np.array([[0.0, *scene.velocities]])]) if record_path else None
+        # Points of the path: number of the step, velocities; every `_stride`-th, borders between states, and the ends.
+        self._points = [np.array([[0.0, *scene.velocities]])] if record_path else []
+        self._stride, self._size = 1, 0
 
     def feed(self, v: Floats, x: Floats) -> int:
         """Take the next steps, up to the one after which the collision is over, given up or in its first flight.
@@ -416,12 +347,10 @@ class Record:
             self._states.append(codes[changes])
             if self._points:
                 number = self.n_steps + 1 + np.arange(n)
-                wanted = number % self._points.stride == 0
+                wanted = number % self._stride == 0
                 wanted[-1] = True
                 wanted[changes[changes > 0] - 1] = True
-                self._points.add(
-                    np.column_stack([number[wanted].astype(float), v[:n][wanted]]), self._borders
-                )
+                self._keep(number[wanted], v[:n][wanted])
             self.velocities, self.heights, self._code = v[n - 1].copy(), x[n - 1].copy(), int(codes[n - 1])
             self.n_steps += n
         if self.end != FLIGHT:
@@ -430,9 +359,23 @@ class Record:
         self._weight, self.end = np.zeros(6), GOING
         return FLIGHT
 
-    @property
-    def _borders(self) -> NDArray[np.int64]:
-        return np.concatenate(self._starts)
+    def _keep(self, number: NDArray[np.int64], velocities: Floats) -> None:
+        self._points.append(np.column_stack([number, velocities]))
+        self._size += len(number)
+        if self._size > 4 * PATH_POINTS:
+            self._thin()
+
+    def _thin(self) -> None:
+        """Double the stride until the points of the path between borders are at most `PATH_POINTS`."""
+        points = np.concatenate(self._points)
+        number = points[:, 0].astype(np.int64)
+        border = np.isin(number, np.concatenate(self._starts))
+        border[[0, -1]] = True
+        keep = np.ones(len(number), bool)
+        while np.count_nonzero(keep & ~border) > PATH_POINTS:
+            self._stride *= 2
+            keep = border | (number % self._stride == 0)
+        self._points, self._size = [points[keep]], int(keep.sum())
 
     def quiet_steps(self) -> int:
         """Count the next steps in which nothing will happen (`engines.quiet`)."""
@@ -446,13 +389,11 @@ class Record:
         the accelerations from the law. That is of fourth order in the time of the n steps, and of first in their own.
         """
         if self._points:
-            stride = self._points.stride
-            number = np.arange((self.n_steps // stride + 1) * stride, self.n_steps + n, stride)
-            number = np.append(number, self.n_steps + n).astype(np.float64)
+            first = (self.n_steps // self._stride + 1) * self._stride
+            number = np.append(np.arange(first, self.n_steps + n, self._stride), self.n_steps + n)
             ends = self.velocities, self.heights, v, x
             how = (number - self.n_steps) / n, n * self.scene.step, self._masses, self._law, self._weight[0]
-            inner = between(self._code, *ends, *how)
-            self._points.add(np.column_stack([number, inner]), self._borders)
+            self._keep(number, between(self._code, *ends, *how))
         self.velocities, self.heights = v, x
         self.n_steps += n
         self._memory["n_steps"] += n
@@ -460,14 +401,16 @@ class Record:
     def finish(self, failure: str = "") -> Run:
         """Close the record; `failure` is what the engine complained of, if it did."""
         (memory,) = self._memory
+        if self._points:
+            self._thin()
         return Run(
             self.scene,
             BROKEN if failure else self.end,
             self.velocities,
             self.heights,
             self._start,
-            Runs(self._borders, np.concatenate(self._states), self.n_steps),
-            self._points.thinned(self._borders) if self._points else None,
+            Runs(np.concatenate(self._starts), np.concatenate(self._states), self.n_steps),
+            self._points[0] if self._points else None,
             self._effective,
             failure,
             float(memory["again"]),

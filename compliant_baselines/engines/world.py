@@ -9,36 +9,25 @@ from impact_xval.compliant_baselines.engines.scene import Floats
 
 
 class World(ABC):
-    """One scene in an engine, at t = 0.
+    """One scene in an engine, at t = 0."""
 
-    Attributes
-    ----------
-    heights : ndarray, shape (N,)
-        At t = 0, in m, as the engine has them, counted as those of a scene.
-    effective : mapping of str to sequence of float
-        What the engine says it will use, read back after setting it: ``"stiffness"`` (N/m), ``"damping"`` (N s/m),
-        ``"restitution"``, one a contact; ``"step"`` (s), ``"threshold"`` (the speed of approach in m/s below which it
-        drops restitution), one number. What is not said is not compared with what was asked for.
-    rest : float
-        How deep a settled lowest ball rests, in m; 0 if nothing is settled, or on a rigid support.
-    longest_leap : int
-        Steps that `leap` takes at most, between events that stiffness and damping as effective foretell
-        (`engines.quiet`); 0 for an engine that is read after every step.
-    """
-
+    #: At t = 0, in m, as the engine has them, counted as those of a scene; shape (N,).
     heights: Floats
+    #: What the engine says it will use, read back after setting it: ``"stiffness"`` (N/m), ``"damping"`` (N s/m),
+    #: ``"restitution"``, one a contact; ``"step"`` (s), ``"threshold"`` (the speed of approach in m/s below which it
+    #: drops restitution), one number. What is not said is not compared with what was asked for.
     effective: Mapping[str, tuple[float, ...]]
+    #: How deep a settled lowest ball rests, in m; 0 if nothing is settled, or on a rigid support.
     rest: float = 0.0
+    #: Steps that `leap` takes at most, between events that stiffness and damping as effective foretell
+    #: (`engines.quiet`); 0 for an engine that is read after every step.
     longest_leap: int = 0
 
     @abstractmethod
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take up to n steps, at least one; velocities in m/s and heights in m after each, shape (steps, N).
 
-        Raises
-        ------
-        RuntimeError
-            If the engine breaks; the message is the reason.
+        A RuntimeError says that the engine broke, and why.
         """
 
     @abstractmethod

@@ -133,7 +133,7 @@ def test_contacts_are_those_that_the_engine_makes_and_alike_ones_one_row():
     <body name="e"><freejoint/><geom size="6"/></body></worldbody>
     <contact><exclude body1="e" body2="c"/><pair name="named" geom1="ghost" geom2="d"/></contact></mujoco>"""
     model = mujoco.MjModel.from_xml_string(text)
-    found, data = {frozenset(place.geoms) for place in places(model)}, mujoco.MjData(model)
+    found, data = {frozenset(geoms) for _, geoms, _ in places(model)}, mujoco.MjData(model)
     model.geom_margin[:] = model.body_margin[:] = 100
     mujoco.mj_forward(model, data)
     assert found == {frozenset(contact.geom.tolist()) for contact in data.contact}

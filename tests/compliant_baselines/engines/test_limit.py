@@ -2,7 +2,6 @@
 
 import math
 import re
-from functools import partial
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from impact_xval.compliant_baselines.marks import jumps
 from impact_xval.compliant_baselines.solver import Convergence, Settings
 from impact_xval.model.collision import Collision, Collisions
 from tests.compliant_baselines.reference import kelvin_voigt
+from tests.compliant_baselines.reference_cells import BATCHES
 
 H = 2.0 ** -np.arange(3)
 
@@ -214,7 +214,7 @@ def test_a_flight_of_any_length_ends_alike():
     kappa = PARTING[0][0] * (1 + np.linspace(-2e-3, 2e-3, 401))
     mu, e1, e2 = PARTING[0][1:]
     number = 9.81 / np.sqrt(1e8 * (1 + 1 / mu))
-    batch = references.solve_batch("kelvin-voigt", kappa, mu, e1, e2, number)
+    batch = BATCHES["kelvin-voigt"](kappa, mu, e1, e2, number)
     assert len(np.unique(batch.n_states)) > 1  # they meet again in some only
     assert np.abs(np.diff([batch.v1, batch.v2])).max() < 1e-4
 
@@ -225,7 +225,7 @@ def test_no_unmarked_cell_of_the_default_box_jumps():
     rng = np.random.default_rng(12)
     collisions, gravity = Collisions.from_ratios(*cells), number * np.sqrt(1 + 1 / cells[1])
     for name in ("kelvin-voigt", "bistiffness"):
-        batch, law = partial(references.solve_batch, name), references.law_at(name)
+        batch, law = BATCHES[name], references.law_at(name)
         base = law(collisions, gravity)
         marked = jumps(law, collisions, base, gravity)[0] > 1
         assert np.mean(marked) < 5e-3

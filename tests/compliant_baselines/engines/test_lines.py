@@ -1,4 +1,4 @@
-"""Engines for N balls: two balls, the limit dt -> 0 against Kelvin-Voigt, states, paths, and what is refused."""
+"""Engines for N balls: the limit dt -> 0 against Kelvin-Voigt, states, paths, and what is refused."""
 
 from dataclasses import replace
 
@@ -17,18 +17,6 @@ SETTINGS = Settings(step_fraction=4e-3, convergence=Convergence())
 
 def limits(outcome):
     return [outcome.diagnostics[f"v{i}_limit"] for i in range(1, len(outcome.velocities) + 1)]
-
-
-def test_two_balls_on_a_table_are_those_of_the_two_ball_adapter(engine):
-    settings = Settings(step_fraction=5e-3, mark=False)
-    for k2, m2, e1, e2 in ((1, 2, 0.9, 0.7), (40, 0.5, 1, 0.8), (0.05, 1.2, 0.6, 1)):
-        one = engine.solve(Collision.two_balls(1, m2, 1e4, k2 * 1e4, e1, e2, -3), settings)
-        column = Collision((1, m2), (1e4, k2 * 1e4), (e1, e2), (-3, 0), table=True)
-        other = engine.solve(column, settings)
-        # PyBullet's multibodies are solved by another code of the engine.
-        assert other.velocities == pytest.approx((one.v1, one.v2), abs=1e-9)
-        assert other.impulses == pytest.approx((one.impulse1, one.impulse2), abs=1e-9)
-        assert other.diagnostics["n_steps"] == one.diagnostics["n_steps"]
 
 
 def test_a_chain_has_the_limit_of_kelvin_voigt(engine):
@@ -71,16 +59,8 @@ def test_random_columns_have_the_limit_of_kelvin_voigt(engine):
 
 def test_what_an_engine_refuses(engine):
     for solver, column, says in (
-        (
-            "mujoco",
-            Collision((1, 1), (1,), (0,), (-1, 0)),
-            "e1 = 0: no finite damping",
-        ),
-        (
-            "mujoco",
-            Collision((1,) * 62, (1,) * 61, (1,) * 61, (-1,) + (0,) * 61),
-            "61 contacts: .* up to 60",
-        ),
+        ("mujoco", Collision((1, 1), (1,), (0,), (-1, 0)), "e1 = 0: no finite damping"),
+        ("mujoco", Collision((1,) * 62, (1,) * 61, (1,) * 61, (-1,) + (0,) * 61), "61 contacts: .* up to 60"),
         ("mujoco", Collision((1, 1), (1e30,), (1,), (-1, 0)), "MuJoCo accepts 1e"),
         ("pybullet", Collision((1, 1), (1e-30,), (1,), (-1, 0)), "PyBullet drops bodies larger"),
         ("pybullet-naive", CHAIN, "mapping = 'naive': PyBullet's is that of two balls"),

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from impact_xval.compliant_baselines import get_solver, references
+from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
@@ -22,6 +22,7 @@ from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.model import solve_batch
 from impact_xval.model.collision import Collisions
+from tests.compliant_baselines.reference_cells import BATCHES
 from tests.experiments import fakes
 from tests.experiments.ladders import ladder_rows
 
@@ -99,7 +100,7 @@ def solved(c, law, settings=None):
     if settings and settings.scenario == "drop":
         number = settings.gravity / (abs(c.v0) * math.sqrt(c.k1 * (1 / c.m1 + 1 / c.m2)))
     cell = c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, number
-    o = references.solve_batch(name, *cell, frozen=True)
+    o = BATCHES[name](*cell, frozen=True)
     return np.array([float(o.v1), float(o.v2)]) * abs(c.v0)
 
 
