@@ -8,11 +8,15 @@ have no dashpot or another one; `LAWS` lists them. What c_i is made from:
 | kelvin-voigt | 2 zeta sqrt(k1 M), M of the two bodies of the contact alone | 2 zeta sqrt(k2 m2) |
 | kelvin-voigt-anchored | 2 zeta sqrt(k1 m1): B2 as part of the table | 2 zeta sqrt(k2 m2) |
 | kelvin-voigt-textbook | as kelvin-voigt, zeta from the textbook | likewise |
+| compression-dashpot | as kelvin-voigt, zeta of e1^2 | likewise, of e2^2 |
 
 zeta is the damping ratio that gives e to a contact that ends at zero force (docs/theory.md, section 7) or the
 textbook's -ln e/sqrt(pi^2 + ln^2 e). Where p is not 1 the dashpot is that of Tsuji, Tanaka and Ishida (Powder
 Technology 71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is the linear contact, u du/dxi =
 -2 (k xi + c u)/(M (p + 1)), with the same e for every p, at any speed.
+
+**compression-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta' > 0, else k_i delta^p
+(`restitution.compression_damping_ratio`: why e^2).
 
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
 touch (`restitution`: the same A for every p). **bistiffness** is the model's own law in time: energetic
@@ -44,7 +48,7 @@ from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind, no
 from impact_xval.model import solving
 from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of
 from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY
-from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
+from impact_xval.model.chain.laws import COMPRESSION_DASHPOT, HUNT_CROSSLEY, KELVIN_VOIGT
 from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
 from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.chain.rest import REST, STUCK
@@ -59,6 +63,7 @@ LAWS = {
     "kelvin-voigt-anchored": KELVIN_VOIGT,
     "kelvin-voigt-textbook": KELVIN_VOIGT,
     "hunt-crossley": HUNT_CROSSLEY,
+    "compression-dashpot": COMPRESSION_DASHPOT,
 }
 
 #: Times `TOLERANCE`, the tolerance of the second run from which the error of the first is known.
@@ -216,6 +221,8 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         largest = np.abs(rates).max(axis=1) / rates.max(axis=1)
         return hunt_crossley_coefficients(flat).reshape(rates.shape) * largest[:, None]
     ratios = textbook_damping_ratios if law == "kelvin-voigt-textbook" else damping_ratios
+    if law == "compression-dashpot":
+        flat = flat**2  # `restitution.compression_damping_ratio`
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
         below = [np.full(len(c), np.inf)] if c.table else []
         inverse = c.masses[:, :1] / np.column_stack([c.masses, *below])
@@ -366,6 +373,12 @@ class TextbookKelvinVoigtSolver(ReferenceSolver):
     """Kelvin-Voigt contacts, c_i from the textbook's zeta, which is that of a contact that may pull."""
 
     name = law = "kelvin-voigt-textbook"
+
+
+class CompressionDashpotSolver(ReferenceSolver):
+    """Springs, and dashpots that act in compression only."""
+
+    name = law = "compression-dashpot"
 
 
 class HuntCrossleySolver(ReferenceSolver):
