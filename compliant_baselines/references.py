@@ -16,7 +16,7 @@ Technology 71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is
 -2 (k xi + c u)/(M (p + 1)), with the same e for every p, at any speed.
 
 **compression-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta' > 0, else k_i delta^p
-(`restitution.compression_damping_ratio`: why e^2).
+(`restitution` says why e^2).
 
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
 touch (`restitution`: the same A for every p). **bistiffness** is the model's own law in time: energetic
@@ -222,7 +222,7 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         return hunt_crossley_coefficients(flat).reshape(rates.shape) * largest[:, None]
     ratios = textbook_damping_ratios if law == "kelvin-voigt-textbook" else damping_ratios
     if law == "compression-dashpot":
-        flat = flat**2  # `restitution.compression_damping_ratio`
+        flat = flat**2  # why is said in `restitution`
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
         below = [np.full(len(c), np.inf)] if c.table else []
         inverse = c.masses[:, :1] / np.column_stack([c.masses, *below])

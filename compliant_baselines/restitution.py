@@ -54,11 +54,6 @@ def damping_ratio(e: float) -> float:
     return _damping_ratio(_legal(e))
 
 
-def compression_damping_ratio(e: float) -> float:
-    """Damping ratio that gives the restitution e to a dashpot in compression only; ValueError outside (0, 1]."""
-    return _damping_ratio(_legal(e) ** 2)
-
-
 def textbook_damping_ratio(e: float) -> float:
     """Damping ratio that gives the restitution e to a contact that may pull; ValueError outside (0, 1]."""
     return float(textbook_damping_ratios(np.array(_legal(e))))

@@ -33,8 +33,8 @@ from impact_xval.model.pair.law import COMPRESSION, INACTIVE, RESTITUTION
 
 STATE_TRANSITION, LIU_ZHAO_BROGLIATO, KELVIN_VOIGT, HUNT_CROSSLEY, COMPRESSION_DASHPOT = 0, 1, 2, 3, 4
 
-#: Phases beside those of the impact law; a dashpot that acts is in COMPRESSION. HELD is the row of an INACTIVE contact in
-#: `WATCHED` where positions are frozen.
+#: Phases beside those of the impact law; a dashpot that acts is in COMPRESSION. HELD is the row of an INACTIVE contact
+#: in `WATCHED` where positions are frozen.
 SLACK, HELD = 3, 4
 
 #: What may be watched of a contact: the sign of its force before that is cut off at zero, its deformation, its rate;
