@@ -1,10 +1,10 @@
 """Newton (Warp) on a processor, in single precision: its SemiImplicit solver, springs with dashpots in compression.
 
 While bodies overlap F = ke delta + kd max(0, delta'), ke and kd the means of those of the two shapes (the engine's
-kernels_contact.py): that is `compression-dashpot`. As in `drake` a ball has two sides, here spheres of one radius, the
-lower one above the ball's origin and the upper one below: all contacts happen at height 0, and a penetration is no
-small difference of the heights of a column. Units are the radius, the step and the mass of ball 1. So a step is 1 in
-every scene, and one recording of steps, which Warp replays in C++ at a hundredth of their cost, serves all scenes.
+kernels_contact.py): that is `compression-dashpot`. A ball has two spheres, as in `drake`, the lower side above its
+origin and the upper side below: all contacts happen at height 0, and a penetration is no difference of large heights.
+Units are the radius, the step and the mass of ball 1: a step is 1 in every scene, and one recording of steps, which
+Warp replays in C++ at a hundredth of the cost of calls from Python, serves all scenes of as many balls.
 """
 
 from __future__ import annotations
@@ -21,19 +21,17 @@ from impact_xval.compliant_baselines.engines.scene import Floats, Scene, radius_
 from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.mapping import Contact
 
-#: Steps of a recording, an even number: states are written to two places in turn.
-STEPS = 64
-
-#: Smallest depth over the radius that has three digits, the surface of a sphere being good to 2^-24 of it.
-RESOLVED = 2.0**-14
+#: Steps of a recording, an even number, as states are written to two places in turn; and the smallest depth over the
+#: radius that has three digits, the surface of a sphere being good to 2^-24 of it.
+STEPS, RESOLVED = 64, 2.0**-14
 
 
 @lru_cache(maxsize=16)
 def _recorded(balls: int, table: bool, _thread: int) -> Any:
-    """Record steps, one recording a thread: the model and its state, poses and velocities after each step, replay."""
+    """Record steps, for one thread: model, state, what comes after each step, and the graph and what it points to."""
     newton, warp = import_quietly("newton"), import_quietly("warp")
-    quiet = standard_error_without(b"Warp CUDA warning"), warp.ScopedLogLevel(warp.LOG_WARNING)
-    with quiet[0], quiet[1], warp.ScopedDevice("cpu"):
+    level = warp.ScopedLogLevel(warp.LOG_WARNING)
+    with standard_error_without(b"Warp CUDA warning"), level, warp.ScopedDevice("cpu"):
         builder = newton.ModelBuilder()
         surface = builder.ShapeConfig(density=0.0, mu=0.0, gap=0.0)
         for _ in range(balls):
@@ -43,8 +41,7 @@ def _recorded(balls: int, table: bool, _thread: int) -> Any:
                 builder.add_shape_sphere(body, xform=where, radius=1.0, cfg=surface)
         builder.add_ground_plane(cfg=surface)
         model = builder.finalize()
-        pairs = np.arange(1, 1 + 2 * (balls - 1 + table), dtype=np.int32).reshape(-1, 2)
-        met = warp.array(pairs, dtype=warp.vec2i)
+        met = warp.array(np.arange(1, 1 + 2 * (balls - 1 + table)).reshape(-1, 2), dtype=warp.vec2i)
         pipeline = newton.CollisionPipeline(model, broad_phase="explicit", shape_pairs_filtered=met)
         solver = newton.solvers.SolverSemiImplicit(model, angular_damping=0.0)
         contacts, control, states = pipeline.contacts(), model.control(), (model.state(), model.state())
@@ -62,8 +59,7 @@ def _recorded(balls: int, table: bool, _thread: int) -> Any:
         with warp.ScopedCapture() as capture:
             for n in range(STEPS):
                 step(n)
-    # With `step` goes what the recording points to.
-    return model, states[0], poses, twists, lambda _=step: warp.capture_launch(capture.graph)
+    return model, states[0], poses, twists, capture.graph, step
 
 
 class NewtonWorld(World):
@@ -94,8 +90,8 @@ class NewtonWorld(World):
 
     def advance(self, n: int) -> tuple[Floats, Floats]:
         """Take up to `STEPS` steps; what a recording takes beyond n nobody reads."""
-        poses, twists, replay = self._steps
-        replay()
+        poses, twists, graph, _ = self._steps
+        import_quietly("warp").capture_launch(graph)
         velocities, heights = (each.numpy()[:n, :, 2].astype(float) for each in (twists, poses))
         return velocities * self._speed, heights * self._length
 
