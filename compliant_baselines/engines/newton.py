@@ -55,7 +55,6 @@ def _recorded(balls: int, table: bool, _thread: int) -> Any:
             warp.copy(poses[n], after.body_q)
             warp.copy(twists[n], after.body_qd)
 
-        step(0)  # compiles what is recorded
         with warp.ScopedCapture() as capture:
             for n in range(STEPS):
                 step(n)
