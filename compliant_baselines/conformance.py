@@ -149,7 +149,7 @@ def gives_a_path(solver: Solver) -> None:
         demand(bool(np.all(np.diff(p.time) >= 0)), "times of a path decrease")
         falls = -np.diff(p.impulses, axis=0).min()
         found = f"an impulse along a path decreases by {falls:.2g} N s: a contact pulls"
-        demand(falls <= 1e-9 * c.m1 * speed, found)
+        demand(falls <= solver.rounding * c.m1 * speed, found)
     demand(all(o.path is None for o in _outcomes(solver)), "a path although Settings.record_path is not set")
 
 

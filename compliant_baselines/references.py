@@ -7,6 +7,9 @@ the reduced mass of the pair, that of the upper ball alone (B2 as part of the ta
 of Tsuji, Tanaka and Ishida (Powder Technology 71:239, 1992), times sqrt((p + 1)/2): in xi = delta^((p + 1)/2) it is the
 linear contact, u du/dxi = -2 (k xi + c u)/(M (p + 1)), with the same e for every p, at any speed.
 
+**compression-dashpot** is F = k_i delta^p + c_i delta^((p - 1)/2) delta' while delta' > 0, else k_i delta^p
+(`restitution` says why e^2).
+
 **hunt-crossley** is F = max(0, k delta^p (1 + a delta')), a = A(e)/u with u the largest rate of compression at first
 touch (`restitution`: the same A for every p). **bistiffness** is the model's own law in time. In a drop an end of
 compression takes 1 - e2^2 of all the strain energy of contact 2, that which carries the weight included: the permanent
@@ -33,7 +36,7 @@ from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
 from impact_xval.model import solving
 from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of
 from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY
-from impact_xval.model.chain.laws import HUNT_CROSSLEY, KELVIN_VOIGT
+from impact_xval.model.chain.laws import COMPRESSION_DASHPOT, HUNT_CROSSLEY, KELVIN_VOIGT
 from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
 from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.chain.rest import REST, STUCK
@@ -47,6 +50,7 @@ LAWS = {
     "kelvin-voigt-anchored": KELVIN_VOIGT,
     "kelvin-voigt-textbook": KELVIN_VOIGT,
     "hunt-crossley": HUNT_CROSSLEY,
+    "compression-dashpot": COMPRESSION_DASHPOT,
 }
 
 #: Times `TOLERANCE`, the tolerance of the second run from which the error of the first is known.
@@ -187,6 +191,8 @@ def dampings(collisions: Collisions, law: str) -> Floats:
         largest = np.abs(rates).max(axis=1) / rates.max(axis=1)
         return hunt_crossley_coefficients(flat).reshape(rates.shape) * largest[:, None]
     ratios = textbook_damping_ratios if law == "kelvin-voigt-textbook" else damping_ratios
+    if law == "compression-dashpot":
+        flat = flat**2  # why is said in `restitution`
     with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
         below = [np.full(len(c), np.inf)] if c.table else []
         inverse = c.masses[:, :1] / np.column_stack([c.masses, *below])
@@ -291,6 +297,12 @@ class TextbookKelvinVoigtSolver(ReferenceSolver):
     """Kelvin-Voigt contacts, c_i from the textbook's zeta, which is that of a contact that may pull."""
 
     name = law = "kelvin-voigt-textbook"
+
+
+class CompressionDashpotSolver(ReferenceSolver):
+    """Springs, and dashpots that act in compression only."""
+
+    name = law = "compression-dashpot"
 
 
 class HuntCrossleySolver(ReferenceSolver):

@@ -61,6 +61,7 @@ STEPS = (0.01, 0.03, 0.1)
 _SHIPPED = {"mapping": "shipped", "convergence": None}
 _EXACT, _HUNT = "references", "hunt-crossley"
 _ANCHORED, _TEXTBOOK, _LIU = "kelvin-voigt-anchored", "kelvin-voigt-textbook", "liu-zhao-brogliato"
+_COMPRESSION = "compression-dashpot"
 _MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}" for name in ("mujoco", "pybullet", "drake"))
 _RIGID_LAWS = {
     "newton-restitution": "NewtonRestitution",
@@ -90,6 +91,7 @@ _ENTRIES: dict[str, Entry] = {
     "drake": Entry(_DRAKE, "Drake", costly=True),
     _ANCHORED: Entry(_EXACT, "AnchoredKelvinVoigtSolver", "reference", _ANCHORED, on_request=True),
     _TEXTBOOK: Entry(_EXACT, "TextbookKelvinVoigtSolver", "reference", _TEXTBOOK, on_request=True),
+    _COMPRESSION: Entry(_EXACT, "CompressionDashpotSolver", "reference", _COMPRESSION, on_request=True),
     _HUNT: Entry(_EXACT, "HuntCrossleySolver", "reference", _HUNT, on_request=True),
     _LIU: Entry(_EXACT, "LiuZhaoBrogliatoSolver", "model", _LIU, on_request=True),
     **{
@@ -115,6 +117,7 @@ _ENTRIES: dict[str, Entry] = {
         for step in STEPS
     },
     "drake-hunt-crossley": Entry(_DRAKE, "DrakeHuntCrossley", law=_HUNT, on_request=True),
+    "newton": Entry("engines.newton", "Newton", law=_COMPRESSION, on_request=True),
 }
 
 _DESCRIPTIONS = {
@@ -126,6 +129,7 @@ _DESCRIPTIONS = {
     "drake": "Drake in discrete time, its contacts mapped to spring and dashpot",
     _ANCHORED: "spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
     _TEXTBOOK: "spring and dashpot, exact, damped as a contact that may pull",
+    _COMPRESSION: "spring, and dashpot in compression only, exact",
     _HUNT: "Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
     _LIU: "the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
     "newton-restitution": "rigid, exact: Newton's restitution at all touching contacts at once",
@@ -150,6 +154,7 @@ _DESCRIPTIONS = {
         for step in STEPS
     },
     "drake-hunt-crossley": "Drake in continuous time, with Hunt and Crossley's contacts",
+    "newton": "Newton (Warp) by its SemiImplicit solver: springs, and dashpots in compression only",
 }
 
 
@@ -186,11 +191,6 @@ def exportable_names() -> tuple[str, ...]:
 def is_ours(name: str) -> bool:
     """Whether a name is that of a solver of this project."""
     return name in _ENTRIES
-
-
-def has_stiffness(name: str) -> bool:
-    """Whether a solver of this project depends on the stiffnesses of contacts: all but the rigid laws do."""
-    return name not in _RIGID_LAWS
 
 
 def kind_of(name: str) -> Kind:

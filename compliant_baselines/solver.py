@@ -118,6 +118,8 @@ class Solver(ABC):
     kind: Kind = "compliant"
     #: Name of the exact solver of the law it has or is asked for (rule 3).
     law: str | None = KELVIN_VOIGT
+    #: Share of m |v0| by which an impulse along a path may fall, which is rounding of its velocities.
+    rounding: float = 1e-9
 
     @abstractmethod
     def version(self) -> str:

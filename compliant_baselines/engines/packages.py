@@ -20,7 +20,7 @@ def import_quietly(module: str) -> Any:
     with _importing:
         if module in sys.modules or module != "pybullet":
             return import_module(module)
-        with _standard_error_without(b"pybullet build time"):
+        with standard_error_without(b"pybullet build time"):
             return import_module(module)
 
 
@@ -33,7 +33,7 @@ def version_of(distribution: str) -> str:
 
 
 @contextmanager
-def _standard_error_without(beginning: bytes) -> Iterator[None]:
+def standard_error_without(beginning: bytes) -> Iterator[None]:
     """Hold back what is written to the descriptor of standard error; write it afterwards, but for some lines."""
     try:
         terminal = os.dup(2)

@@ -3,11 +3,8 @@
 **Impulses** come from the balance of momentum, with gravity put back, for a step of length h:
 dI_i = dI_{i-1} + m_i (dv_i + g h). No engine's own account of its contact forces is used.
 
-**A contact carries force** in a step if its impulse exceeds what rounding alone can make of it: `ROUNDING`
-units in the last place of the momenta the balance is made of. An engine updates a velocity by one or two
-additions, each good to half a unit, and makes the increment from a handful of products; 64 leaves an order of
-magnitude above that, and lies, at a step of 1/1000 of a period, eleven orders below the impulse per step of a
-fully loaded contact.
+**A contact carries force** in a step if its impulse exceeds what rounding alone can make of it: `World.rounding`
+of the momenta the balance is made of.
 
 **The collision is over** at the end of the first step in which no contact carries force and no bodies approach. In a
 drop, gravity is off for good from the first flight on: the end of the first step in which no contact carries force and
@@ -34,10 +31,6 @@ from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.states import Runs, merge_runs
 from impact_xval.model.chain.rest import FREE, GOING, REST, STUCK
 from impact_xval.model.collision import Path, Status
-
-#: Units in the last place of the momenta below which an impulse per step counts as none.
-ROUNDING = 64.0
-EPSILON = float(np.finfo(np.float64).eps)
 
 #: How a scan ended, beside `GOING`, `FREE`, `REST` and `STUCK`.
 BROKEN, ALOFT, FLIGHT = 4, 5, 6
@@ -108,7 +101,9 @@ def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
 
 
 @numba.njit(cache=True)
-def scan(v, x, before, masses, contacts, weight, h, left, codes, memory):  # pragma: no cover (compiled)
+def scan(
+    v, x, before, masses, contacts, weight, rounding, h, left, codes, memory
+):  # pragma: no cover (compiled)
     """Go through a window of steps until the collision is over.
 
     Parameters
@@ -122,6 +117,8 @@ def scan(v, x, before, masses, contacts, weight, h, left, codes, memory):  # pra
     weight : ndarray, shape (6,)
         Of a drop g in m/s^2, k1 and k2 in N/m, and in m how deep B2 rests alone, B1 in B2, and B2 with B1 on it; else
         zeros.
+    rounding : float
+        As of `World`.
     h, left : float, int
         Length of a step in s, and number of steps that may still be taken after these.
     codes : ndarray of int64, shape (n,)
@@ -143,7 +140,7 @@ def scan(v, x, before, masses, contacts, weight, h, left, codes, memory):  # pra
             if not (math.isfinite(v[i, j]) and math.isfinite(x[i, j])):
                 return i, BROKEN
             impulse += masses[j] * (v[i, j] - old + g * h)
-            noise += ROUNDING * EPSILON * masses[j] * (abs(v[i, j]) + abs(old) + g * h)
+            noise += rounding * masses[j] * (abs(v[i, j]) + abs(old) + g * h)
             if j == contacts:
                 break
             inverse, rate, gap = 1 / masses[j], -v[i, j], x[i, j]
@@ -309,7 +306,7 @@ class Record:
         self.scene, self._max_steps, self.end, self.n_steps = scene, max_steps, GOING, 0
         self.velocities, self.heights = np.array(scene.velocities, float), np.array(world.heights, float)
         self._masses, self._start = np.array(scene.masses), self.heights
-        self._effective = dict(world.effective)
+        self._effective, self._rounding = dict(world.effective), world.rounding
         self._weight = np.zeros(6)
         if scene.gravity:
             (m1, m2), (k1, k2), g, rest = scene.masses, scene.stiffnesses, scene.gravity, world.rest
@@ -339,7 +336,7 @@ class Record:
         """
         codes = np.empty(len(v), np.int64)
         left, contacts = self._max_steps - self.n_steps - len(v), len(self.scene.stiffnesses)
-        how = self._masses, contacts, self._weight, self.scene.step, left, codes, self._memory
+        how = self._masses, contacts, self._weight, self._rounding, self.scene.step, left, codes, self._memory
         n, self.end = scan(v, x, self.velocities, *how)
         if n:
             changes = np.flatnonzero(codes[:n] != np.append(self._code, codes[: n - 1]))

@@ -12,7 +12,7 @@ import tomli_w
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from impact_xval.compliant_baselines.registry import engine_free_names, has_stiffness, solver_names
+from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.axes import Strict, at_most, table, whole
 from impact_xval.experiments.config.errors import read_toml, short, validated
 from impact_xval.experiments.config.experiment import solvers_problem
@@ -27,6 +27,9 @@ _CaseName = Literal[
 ]
 
 
+#: Models and references beside the solvers of every run.
+LAWS = ("kelvin-voigt-anchored", "kelvin-voigt-textbook", "hunt-crossley", "liu-zhao-brogliato")
+
 #: What a range must be, by its field: contrasts end where double precision does, or what a user can wait for.
 _RANGES: dict[str, Callable[[float, float], bool]] = {
     "contrast": lambda low, high: 1 < low < high <= 1e10,
@@ -34,13 +37,6 @@ _RANGES: dict[str, Callable[[float, float], bool]] = {
     "engine_contrast": lambda low, high: 1 < low < high <= 1e6,
     "engine_plastic_contrast": lambda low, high: 1 < low < high <= 1e6,
 }
-
-
-def _default_names() -> list[str]:
-    """Names of the solvers of every run, and of all models and references whose contacts have a stiffness."""
-    usual = solver_names()
-    others = (name for name in engine_free_names() if name not in usual)
-    return [*usual, *(name for name in others if has_stiffness(name))]
 
 
 class _WithRanges(Strict):
@@ -102,7 +98,7 @@ class HypothesisConfig(_WithRanges):
     seed: int = Field(1, ge=0, le=2**32, description="a whole number from 0 to 2^32")
     points: int = whole(24, 6, 500, " (points of each limit)")
     solvers: list[str] = Field(
-        default_factory=_default_names, description="a list of names of solvers, each once"
+        default_factory=lambda: [*solver_names(), *LAWS], description="a list of names of solvers, each once"
     )
     contrast: _Range = Field((1e1, 1e8), description="[lo, hi] with 1 < lo < hi <= 1e10 (k1/k2 or k2/k1)")
     plastic_contrast: _Range = Field((1e1, 1e12), description="[lo, hi] with 1 < lo < hi <= 1e16 (1/e^2)")

@@ -38,8 +38,10 @@ _NAMES = {
     "sapien": "PhysX 5",
     "drake": "Drake",
     "drake-hunt-crossley": "Drake, Hunt-Crossley",
+    "newton": "Newton (SemiImplicit)",
     "kelvin-voigt": "exact Kelvin-Voigt",
     "hunt-crossley": "exact Hunt-Crossley",
+    "compression-dashpot": "exact dashpots of compression",
     "bistiffness": "exact bistiffness",
 }
 

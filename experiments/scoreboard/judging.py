@@ -34,6 +34,7 @@ LAW_WORDS = {
     "kelvin-voigt-anchored": "as springs and dashpots, the lower ball held",
     "kelvin-voigt-textbook": "as springs and dashpots with the textbook's damping",
     "hunt-crossley": "as springs damped in proportion to their depth",
+    "compression-dashpot": "as springs with dashpots in compression only",
     "newton-restitution": "by Newton's restitution, all contacts at once",
     "poisson-restitution": "by Poisson's restitution, all contacts at once",
     "sequential-top": "one contact after the other, from the top",

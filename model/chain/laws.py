@@ -6,6 +6,7 @@
 | `LIU_ZHAO_BROGLIATO` | F = k delta^p | the same, but each compression runs at the original k |
 | `KELVIN_VOIGT` | F = k delta^p + b delta^((p - 1)/2) delta' | none |
 | `HUNT_CROSSLEY` | F = k delta^p (1 + b delta') | none |
+| `COMPRESSION_DASHPOT` | that of `KELVIN_VOIGT` while delta' > 0, else k delta^p | none |
 
 A contact is INACTIVE while it carries no force. With frozen positions, as in the model, it keeps delta = 0 and returns
 where its bodies begin to approach; with positions it returns where its gap has closed. The first law with positions is
@@ -18,6 +19,9 @@ need not cancel to rounding (`rest`). An end of compression takes 1 - e^2 of all
 
 A dashpot pushes from first touch, and its force is spent before its bodies are apart: the contact is SLACK while they
 overlap without force, and is loaded again if a neighbour pushes them together. Without damping it is never slack.
+
+Nor is a contact whose dashpot acts in compression only: there delta' = 0 at both ends of the dashpot's action, so that
+the force is continuous, and while the bodies part it is the spring's, which lasts as long as they overlap.
 """
 
 from __future__ import annotations
@@ -27,10 +31,10 @@ import numpy as np
 from impact_xval.model.compiled import uncounted
 from impact_xval.model.pair.law import COMPRESSION, INACTIVE, RESTITUTION
 
-STATE_TRANSITION, LIU_ZHAO_BROGLIATO, KELVIN_VOIGT, HUNT_CROSSLEY = 0, 1, 2, 3
+STATE_TRANSITION, LIU_ZHAO_BROGLIATO, KELVIN_VOIGT, HUNT_CROSSLEY, COMPRESSION_DASHPOT = 0, 1, 2, 3, 4
 
-#: Phases beside those of the impact law; a loaded dashpot is in COMPRESSION. HELD is the row of an INACTIVE contact in
-#: `WATCHED` where positions are frozen.
+#: Phases beside those of the impact law; a dashpot that acts is in COMPRESSION. HELD is the row of an INACTIVE contact
+#: in `WATCHED` where positions are frozen.
 SLACK, HELD = 3, 4
 
 #: What may be watched of a contact: the sign of its force before that is cut off at zero, its deformation, its rate;
@@ -38,12 +42,13 @@ SLACK, HELD = 3, 4
 FORCE, GAP, RATE, TURN = 0, 1, 2, 3
 
 #: The sign that what is watched has until its event, by law, phase and what; 0 where it is not watched.
-WATCHED = np.zeros((4, 5, 4))
+WATCHED = np.zeros((5, 5, 4))
 WATCHED[:, INACTIVE, GAP] = WATCHED[:, HELD, RATE] = -1
-WATCHED[:KELVIN_VOIGT, COMPRESSION, RATE] = 1
-WATCHED[:KELVIN_VOIGT, RESTITUTION, GAP], WATCHED[:KELVIN_VOIGT, RESTITUTION, RATE] = 1, -1
-WATCHED[KELVIN_VOIGT:, COMPRESSION, FORCE] = 1
-WATCHED[KELVIN_VOIGT:, SLACK, FORCE], WATCHED[KELVIN_VOIGT:, SLACK, GAP] = -1, 1
+_TURNING, _CUT = [STATE_TRANSITION, LIU_ZHAO_BROGLIATO, COMPRESSION_DASHPOT], [KELVIN_VOIGT, HUNT_CROSSLEY]
+WATCHED[_TURNING, COMPRESSION, RATE] = 1
+WATCHED[_TURNING, RESTITUTION, GAP], WATCHED[_TURNING, RESTITUTION, RATE] = 1, -1
+WATCHED[_CUT, COMPRESSION, FORCE] = 1
+WATCHED[_CUT, SLACK, FORCE], WATCHED[_CUT, SLACK, GAP] = -1, 1
 WATCHED[HUNT_CROSSLEY, COMPRESSION, GAP] = 1
 
 
@@ -81,13 +86,19 @@ def spring(c, n, i):
 
 
 @uncounted
+def damping(c, i):
+    """Coefficient b of contact i as it is now: 0 while a dashpot of compression is parting."""
+    return 0.0 if c.law == COMPRESSION_DASHPOT and c.phase[i] != COMPRESSION else c.b[i]
+
+
+@uncounted
 def force(c, n, i):
     """Force of contact i; 0 of one that does not act, and beyond the ends of a chain of n contacts."""
     if not (0 <= i < n and carries(c.phase[i])):
         return 0.0
-    if c.law == KELVIN_VOIGT:
+    if c.law in (KELVIN_VOIGT, COMPRESSION_DASHPOT):
         damped = 1.0 if c.p == 1 else max(c.delta[i], 0.0) ** (0.5 * (c.p - 1))
-        return spring(c, n, i) + c.b[i] * c.w[i] * damped
+        return spring(c, n, i) + damping(c, i) * c.w[i] * damped
     return spring(c, n, i) * (1 + c.b[i] * c.w[i]) if c.law == HUNT_CROSSLEY else spring(c, n, i)
 
 
@@ -144,6 +155,8 @@ def dashpot_event(c, n, i, what):
         c.phase[i] = SLACK
     elif c.phase[i] == INACTIVE:
         returned(c, n, i)
+    elif what == RATE and c.delta[i] + rest(c, n, i) > 0:  # a dashpot of compression begins or ceases
+        c.phase[i] = RESTITUTION if c.phase[i] == COMPRESSION else COMPRESSION
     elif what == FORCE and c.phase[i] == SLACK:
         c.phase[i] = COMPRESSION
     else:

@@ -18,7 +18,7 @@ from math import inf, sqrt
 
 import numpy as np
 
-from impact_xval.model.chain.laws import HUNT_CROSSLEY, carries, rest
+from impact_xval.model.chain.laws import HUNT_CROSSLEY, carries, damping, rest
 from impact_xval.model.compiled import merged, uncounted
 
 #: Highest power of the series, and omega + gamma times the time it is used for: 2.8^29/29! is 1e-18.
@@ -67,7 +67,7 @@ def expand(c, n, h, work):
     for i in range(n):
         acts = carries(c.phase[i])
         rates[i, 0], deltas[i, 0] = c.w[i], c.delta[i]
-        k[i], b[i] = (c.k[i], c.b[i]) if acts else (0.0, 0.0)
+        k[i], b[i] = (c.k[i], damping(c, i)) if acts else (0.0, 0.0)
         moves[i] = 1.0 if acts or not c.frozen else 0.0
     for order in range(ORDER):
         share = h * INVERSE[order + 1]

@@ -1,0 +1,120 @@
+"""Dashpots in compression only: the exact law against an integration that watches nothing; Newton against the law."""
+
+import subprocess
+import sys
+from threading import get_ident
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from impact_xval.compliant_baselines import Settings, get_solver
+from impact_xval.compliant_baselines.conformance import checks
+from impact_xval.compliant_baselines.engines.newton import STEPS, NewtonWorld, _recorded
+from impact_xval.compliant_baselines.engines.packages import version_of
+from impact_xval.compliant_baselines.engines.scene import Scene
+from impact_xval.model import Collision
+from tests.compliant_baselines.reference_cells import in_time
+from tests.compliant_baselines.references.test_columns import cradle, with_gaps
+from tests.model.test_columns import random_column
+
+LAW = "compression-dashpot"
+LOSSY = Collision.two_balls(1, 2, 1e6, 1e6, 0.7, 0.7)
+
+installed = pytest.mark.skipif(not version_of("newton"), reason="newton is not installed")
+
+
+def by_force_alone(column, duration, exponent):
+    """Final velocities, of forces that follow from positions and rates without memory: no event is watched.
+
+    A damped oscillation turns at exp(-zeta t), sin(w t) = w, of the depth without damping, and the spring returns that.
+    """
+    n, table = len(column.masses), [0.0] if column.table else []
+    inverse = 1 / np.array([*column.masses, *([np.inf] if column.table else [])])
+    k = np.array(column.stiffnesses)
+    ratios = [
+        brentq(lambda z, e=e: np.exp(-z * np.arccos(z) / np.sqrt(1 - z * z)) - e, 0, 0.999)
+        for e in column.restitutions
+    ]
+    c = 2 * np.array(ratios) * np.sqrt(0.5 * (exponent + 1) * k / (inverse[1:] + inverse[:-1]))
+
+    def motion(_time, state):
+        depth = np.diff([*state[:n], *table]) - column.gaps
+        rate, over = np.maximum(np.diff([*state[n:], *table]), 0), np.maximum(depth, 0)
+        force = k * over**exponent + c * rate * over ** (0.5 * (exponent - 1)) * (depth > 0)
+        return np.concatenate([state[n:], inverse[:n] * np.diff([0, *force, 0])[:n]])
+
+    start = np.concatenate([np.zeros(n), column.velocities])
+    done = solve_ivp(motion, (0, duration), start, method="DOP853", rtol=1e-10, atol=1e-12, max_step=0.1)
+    assert done.success
+    return done.y[n:, -1]
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5])
+def test_the_exact_law_ends_as_its_forces_alone_do(exponent):
+    rng = np.random.default_rng(8)
+    for balls in (2, 3, 5):
+        column = with_gaps(rng, random_column(rng, balls, least=0.4))
+        ours = in_time(column, LAW, exponent=exponent)
+        theirs = by_force_alone(column, 1.01 * ours.diagnostics["duration"] + 0.1, exponent)
+        assert ours.velocities == pytest.approx(theirs, abs=1e-7), column
+        assert np.abs(np.subtract(theirs, in_time(column, exponent=exponent).velocities)).max() > 1e-3
+    for e in (0.01, 0.3, 0.9, 1):
+        v1, v2 = in_time(Collision((2, 3), (1e3,), (e,), (-5, 0)), LAW, exponent=exponent).velocities
+        assert v1 - v2 == pytest.approx(5 * e, abs=1e-10)
+
+
+@installed
+def test_newton_returns_the_restitution_it_was_given_at_any_speed():
+    solve = get_solver("newton").solve
+    for e, speed in ((1, 1e-3), (0.7, 100), (0.3, 1)):
+        pair, steps = (
+            Collision((1, 3), (1e6,), (e,), (-speed, 0)),
+            [Settings(step_fraction=f) for f in (4e-3, 1e-3)],
+        )
+        off = [np.subtract(*solve(pair, settings).velocities) / speed - e for settings in steps]
+        assert abs(off[1]) < 5e-4
+        assert e == 1 or off[1] == pytest.approx(off[0] / 4, rel=0.1)  # of first order in the step
+
+
+ENDS = [
+    ("impact", Collision.two_balls(1, 2, 1e6, 1e6, 1, 1), (0.72412, 0.48767), 2e-5),
+    ("impact", Collision.two_balls(1, 2, 1e6, 1e4, 1, 1), (0.77732, 0.44485), 2e-5),
+    ("impact", Collision.two_balls(1, 2, 1e6, 1e8, 1, 1), (0.99998, 0.00448), 2e-5),
+    ("impact", cradle(3, 1), (0.13026, -0.15023, -0.98003), 2e-5),
+    ("impact", cradle(3, 1, gap=1e-3, e=0.6), (0.01543, -0.30804, -0.70739), 5e-4),
+    ("impact", LOSSY, (0.42411, 0.36326), 5e-4),
+    ("drop", LOSSY, (0.43427, 0.34709), 5e-4),
+]
+
+
+@installed
+@pytest.mark.parametrize(("scenario", "collision", "velocities", "tolerance"), ENDS)
+def test_newton_ends_as_the_exact_law(scenario, collision, velocities, tolerance):
+    settings = Settings(scenario=scenario)
+    exact, outcome = (get_solver(solver).solve(collision, settings) for solver in (LAW, "newton"))
+    assert exact.velocities == pytest.approx(velocities, abs=1e-5)
+    assert outcome.velocities == pytest.approx(velocities, abs=tolerance)
+    assert (outcome.states, outcome.differences) == (exact.states, "")
+
+
+@installed
+def test_the_numbers_of_two_shapes_are_averaged():
+    scene = Scene.of(LOSSY, Settings(step_fraction=1e-2))
+    asked, (model, *_) = NewtonWorld(scene).advance(STEPS)[0], _recorded(2, True, get_ident())
+    for shares, same in (((1.5, 0.5, 0.25, 1.75), True), ((1.5, 1, 1, 1), False)):
+        world = NewtonWorld(scene)
+        for each in (model.shape_material_ke, model.shape_material_kd):
+            each.numpy()[1:5] *= np.array(shares, np.float32)
+        assert (np.abs(world.advance(STEPS)[0] - asked).max() < 1e-5) == same
+
+
+@installed
+def test_newton_conforms_without_a_word_of_warp_and_refuses_what_it_has_no_digits_for():
+    command = [sys.executable, "-m", "impact_xval", "solvers", "newton"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["passed"] * len(checks(LAW))
+    (outcome,) = get_solver("newton").solve_many([Collision.two_balls(1, 2, 1, 1e9, 1, 1)], Settings())
+    assert (outcome.status, "single precision" in outcome.reason) == ("unrepresentable", True)
