@@ -135,13 +135,13 @@ class Drops:
         return max(map(abs, errors))
 
 
-def drops(engine: Engine, pair: Pair, step: float, places: Sequence[float], gravity: float = 0.0) -> Drops:
+def drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
     """Let an engine do the contact once for every place of the touch within a step.
 
-    The step is in s; places are from 0, the start of the step, to 1; gravity, in m/s^2, is for a fixed body only. A
-    SolverError says that the engine refuses, or a contact does not end.
+    The step is in s; places are from 0, the start of the step, to 1. A SolverError says that the engine refuses, or a
+    contact does not end.
     """
-    some = scenes(pair, step, places, gravity)
+    some = scenes(pair, step, places)
     refused = engine.refusal(some[0])
     if refused is not None:
         raise SolverError(engine.name, "unrepresentable", refused)
@@ -151,7 +151,7 @@ def drops(engine: Engine, pair: Pair, step: float, places: Sequence[float], grav
     return Drops(step, (e_low, e_high), (T_low, T_high), len(some))
 
 
-def scenes(pair: Pair, step: float, places: Sequence[float], gravity: float = 0.0) -> list[Scene]:
+def scenes(pair: Pair, step: float, places: Sequence[float]) -> list[Scene]:
     """Set two balls on a table up for each place of the touch within a step; only the contact of the pair takes part.
 
     It is the scene of a collision, so that what is tested is what is run. The other contact is kept out of the way by
@@ -162,19 +162,16 @@ def scenes(pair: Pair, step: float, places: Sequence[float], gravity: float = 0.
     contact, speed = pair.contact, pair.speed
     # Out of reach for the contact's whole duration, with room to spare.
     far = 10 * speed * contact.period
-    # The idle ball stays the faster one, whatever gravity takes from it meanwhile: else the run would go on.
-    upwards = (2 * speed if pair.fixed else speed) + 20 * gravity * contact.duration
     gaps = [place * speed * step for place in places]
     return [
         Scene(
             masses=(light, light if pair.fixed else heavy),
-            velocities=(upwards, -speed if pair.fixed else 2 * speed),
+            velocities=(2 * speed, -speed) if pair.fixed else (speed, 2 * speed),
             heights=(far, gap) if pair.fixed else (far + gap, far),
             stiffnesses=(contact.k, contact.k),
             restitutions=(pair.restitution, pair.restitution),
             table=True,
             step=step,
-            gravity=gravity,
         )
         for gap in gaps
     ]

@@ -81,7 +81,6 @@ def broadcast_inputs(
     mass_ratio: ArrayLike,
     e1: ArrayLike,
     e2: ArrayLike,
-    *others: tuple[Legal, ArrayLike],
 ) -> tuple[tuple[int, ...], list[NDArray[np.float64]]]:
     """Check the inputs of a batch and broadcast them.
 
@@ -89,8 +88,6 @@ def broadcast_inputs(
     ----------
     stiffness_ratio, mass_ratio, e1, e2 : array_like
         k2/k1, m2/m1 and the coefficients of restitution.
-    *others : tuple of Legal and array_like
-        What a solver takes beside them.
 
     Returns
     -------
@@ -104,7 +101,7 @@ def broadcast_inputs(
     ValueError
         If any value is illegal; the message names the parameter, the first such value and the legal range.
     """
-    given = ((STIFFNESS_RATIO, stiffness_ratio), (MASS_RATIO, mass_ratio), (E1, e1), (E2, e2), *others)
+    given = ((STIFFNESS_RATIO, stiffness_ratio), (MASS_RATIO, mass_ratio), (E1, e1), (E2, e2))
     arrays = np.broadcast_arrays(*(checked_array(legal, values) for legal, values in given))
     return arrays[0].shape, [np.ravel(a) for a in arrays]
 

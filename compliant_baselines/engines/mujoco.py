@@ -146,7 +146,8 @@ class MujocoWorld(World):
         scale = (solimp[:, 0] / solimp[:, 1]) ** 2 / (inverse[1:] + inverse[:-1])[: len(where)]
         times = solref[:, 0] > 0
         solref[times, 0] = np.maximum(solref[times, 0], 2 * scene.step)  # refsafe
-        direct = -np.array([MujocoContact(tuple(each), MUJOCO_DEFAULT_SOLIMP).direct for each in solref])
+        own = (MujocoContact(tuple(r), tuple(d)) for r, d in zip(solref, solimp, strict=True))
+        direct = -np.array([pair.direct for pair in own])
         self.effective = {
             "stiffness": tuple((direct[:, 0] * scale).tolist()),
             "damping": tuple((direct[:, 1] * scale).tolist()),

@@ -41,19 +41,12 @@ class BulletWorld(RigidWorld):
         on = {"physicsClientId": client}
         p.resetSimulation(**on)
         exact = scene.mapping != "shipped"
-        # The threshold is the process's: another scene may have set it.
-        breaking = 1e-4 * self.radius if exact else SHIPPED_BREAKING
-        p.setPhysicsEngineParameter(
-            fixedTimeStep=scene.step, numSubSteps=0, contactBreakingThreshold=breaking, **on
+        how: dict[str, Any] = (
+            {"numSolverIterations": sweeps(scene), "erp": 0, "contactERP": 0, **EXACT} if exact else {}
         )
-        if exact:
-            p.setPhysicsEngineParameter(
-                numSolverIterations=sweeps(scene),
-                erp=0,
-                contactERP=0,
-                **EXACT,
-                **on,
-            )
+        # The threshold is the process's: another scene may have set it.
+        how["contactBreakingThreshold"] = 1e-4 * self.radius if exact else SHIPPED_BREAKING
+        p.setPhysicsEngineParameter(fixedTimeStep=scene.step, numSubSteps=0, **how, **on)
         sphere = p.createCollisionShape(p.GEOM_SPHERE, self.radius, **on)
         link = {**FIXED, "linkCollisionShapeIndices": [sphere], "linkJointTypes": [p.JOINT_FIXED]}
         self._balls = [

@@ -62,8 +62,7 @@ class RigidWorld(World):
         self._table, self._tiny = scene.table, self.resolution * scene.fastest
         self.places = scene.places(self.radius)
         heights = scene.start(self.radius)
-        gaps = -np.diff([*scene.heights, *([0.0] if scene.table else [])])
-        below = np.append(gaps == 0, [] if scene.table else [False])
+        below = np.append(scene.gaps == 0, [] if scene.table else [False])
         self.heights = heights - OVERLAP * self.radius * np.cumsum(below[::-1])[::-1]
 
     @property

@@ -31,6 +31,8 @@ PICTURED = "cradle 1 on 4"
 #: The arrangement that is compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii.
 USUAL = "as it is"
 
+MIRRORED = "made in the other order"
+
 #: Gaps, in radii, by which touching bodies are apart, or overlap.
 _GAPS = {
     "apart by 1e-4": 1e-4,
@@ -92,6 +94,3 @@ def arrangements(engine: Engine, case: Case, settings: Settings) -> dict[str, Sc
         assert isinstance(mirrored, Scene)
         found[MIRRORED] = mirrored
     return found
-
-
-MIRRORED = "made in the other order"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines.registry import engine_free_names, is_engine, is_mapped, law_of
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.measures.divergence import norms
 from impact_xval.experiments.presentation.words import named
 from impact_xval.experiments.scoreboard.cases import COLUMNS, STEPS, USUAL, Case
 
@@ -84,26 +85,23 @@ def _judged(case: Case, answers: Frame) -> Frame:
     column = case.arranged.column()
     mass, before = np.array(column.masses), np.array(column.velocities)
 
-    def apart(one: Any, other: Any) -> Any:
-        return np.sqrt((one - other) ** 2 @ mass / (mass @ before**2))
-
     usual = answers[answers.arrangement == USUAL].drop(columns="arrangement").set_index("solver")
     v = velocities_of(usual)[:, : mass.size]
     of = dict(zip(usual.index, v, strict=True))
     nothing = np.full(mass.size, np.nan)
-    kept = v**2 @ mass / (mass @ before**2)
+    kept = norms(mass, v, before) ** 2
     momentum = np.abs((v - before) @ mass) / (mass @ np.abs(before))
     others = answers[answers.arrangement != USUAL]
     base = np.array([of[solver] for solver in others.solver]).reshape(len(others), mass.size)
     away = (
-        others.assign(D=apart(velocities_of(others)[:, : mass.size], base))
+        others.assign(D=norms(mass, velocities_of(others)[:, : mass.size] - base, before))
         .dropna(subset="D")
         .sort_values("D")
     )
     stepped = away.arrangement.isin(STEPS)
     worst = away[~stepped].drop_duplicates("solver", keep="last").set_index("solver")
     return usual.assign(
-        **{f"D_{law}": apart(v, of.get(law, nothing)) for law in engine_free_names()},
+        **{f"D_{law}": norms(mass, v - of.get(law, nothing), before) for law in engine_free_names()},
         energy_gained=np.maximum(kept - 1, 0.0),
         energy_lost=np.maximum(1 - kept, 0.0) if case.e == 1 else np.nan,
         momentum_error=np.nan if column.table else momentum,
