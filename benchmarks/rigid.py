@@ -5,7 +5,7 @@
 Columns are drawn: 2 to 5 balls that all touch, with and without a table, masses from 0.3 to 3 kg; each contact
 approaches, at 1 to 20 m/s, or rests; e from 0.3 to 1, one for all contacts in every other column. D is the kinetic norm
 of the difference of final velocities over that of the initial ones. A law with one e for all answers half of the
-columns. Below, collisions that docs/rigid.md quotes.
+columns. Below, collisions that docs/scoreboard.md quotes.
 """
 
 from __future__ import annotations

@@ -2,18 +2,10 @@
 
 from pathlib import Path
 
-_ROOT = Path(__file__).parents[2]
+_EXAMPLES = Path(__file__).parents[2] / "examples"
 
-#: The examples of the documentation, word for word: an adapter of an engine, and a solver of one collision at a time.
-TOY, ANVIL = (
-    (_ROOT / "docs" / "adding-a-solver.md")
-    .read_text(encoding="utf-8")
-    .split(f"<!-- example {name} -->\n```python\n")[1]
-    .split("```")[0]
-    for name in ("adapter", "solver")
-)
-#: The file that the first one shows.
-TOY_FILE = _ROOT / "examples" / "toy_engine.py"
+#: The examples of the documentation: an adapter of an engine, and a solver of one collision at a time.
+TOY, ANVIL = (_EXAMPLES.joinpath(name).read_text(encoding="utf-8") for name in ("toy_engine.py", "anvil.py"))
 
 
 def install(folder: Path, name: str, points: dict[str, str], **modules: str) -> None:

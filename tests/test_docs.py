@@ -1,0 +1,156 @@
+"""The pages: their code runs, their commands are legal and print what stands there, and the site builds."""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from impact_xval.compliant_baselines import get_solver
+from impact_xval.experiments.commands.cli import app, main
+from impact_xval.experiments.config.experiment import load_config
+from impact_xval.experiments.hypothesis.config import load as load_hypothesis
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+#: Blocks of code of a page: the language, what is in it, and the output that follows it at once, if it is shown.
+BLOCKS = [
+    (page.name, *block)
+    for page in PAGES
+    for block in re.findall(
+        r"^```(\w+)\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", page.read_text(encoding="utf-8"), re.M | re.S
+    )
+]
+
+#: Pages that show more Python than examples, which have tests of their own.
+PYTHON = sorted({page for page, language, code, _ in BLOCKS if language == "python" and "--8<--" not in code})
+
+#: Solvers that not every machine has.
+OPTIONAL = ("dart", "pymunk", "rapier", "sapien", "pybullet", "newton")
+
+#: A number that is no part of a word.
+NUMBER = r"(?<![\w.])-?\d+\.?\d*(?:e[+-]?\d+)?(?![\w.])"
+
+#: A run as small as what the pages read of one allows; they make it with --quick.
+RUN = """
+solvers = ["bistiffness", "kelvin-voigt", "mujoco"]
+scenario = "impact"
+convergence = {enabled = false}
+[grid]
+stiffness_ratio = {log = [0.1, 10, 4]}
+mass_ratio = [0.5, 2]
+e1 = [0.5, 0.9]
+e2 = [0.5, 0.9]
+"""
+
+
+def blocks(language):
+    """Give page, code and shown output of all blocks in a language."""
+    found = [pytest.param(*rest, id=page) for page, each, *rest in BLOCKS if each == language]
+    assert found
+    return found
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Give a folder with the examples and a run where the pages have one."""
+    folder = tmp_path_factory.mktemp("docs")
+    folder.joinpath("examples").symlink_to(ROOT / "examples")
+    folder.joinpath("small.toml").write_text(RUN, encoding="utf-8")
+    assert main(["run", str(folder / "small.toml"), "--out", str(folder / "runs/quick")]) == 0
+    return folder
+
+
+def commands(code):
+    """Give the words of each of our commands in a block of shell."""
+    lines = [shlex.split(line, comments=True) for line in code.replace("\\\n", " ").splitlines()]
+    return [words[1:] for words in lines if words and words[0].endswith("impact-xval")]
+
+
+def skip_without(code):
+    """Skip where an engine that is asked is not installed."""
+    asked = code.replace("newton-restitution", "")  # a law, not the engine
+    missing = [name for name in OPTIONAL if name in asked and get_solver(name).unavailable()]
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)}")
+
+
+@pytest.mark.parametrize(("code", "shown"), blocks("sh"))
+def test_commands_have_options_that_are_legal(code, shown):
+    group = typer.main.get_command(app)
+    for name, *arguments in commands(code):
+        group.commands[name].make_context(name, arguments).close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("code", "shown"), [each for each in blocks("sh") if each.values[1] and "run " not in each.values[0]]
+)
+def test_commands_print_what_is_shown(code, shown, folder, capsys, monkeypatch):
+    skip_without(code)
+    monkeypatch.chdir(folder)
+    capsys.readouterr()
+    for words in commands(code):
+        assert main(words) in (0, 3), words
+    _held(shown, capsys.readouterr().out)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PYTHON)
+def test_code_runs_and_prints_what_is_shown(page, folder, capsys, monkeypatch):
+    from impact_xval.compliant_baselines.rigid.lines import RigidWorld
+
+    monkeypatch.setattr(RigidWorld, "partner", 1.0)  # which an answer sets
+    monkeypatch.chdir(folder)
+    names = {}
+    for name, language, code, shown in BLOCKS:
+        if (name, language) == (page, "python"):
+            skip_without(code)
+            capsys.readouterr()
+            exec(code, names)
+            _held(shown, capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(("code", "shown"), blocks("toml"))
+def test_experiments_are_legal(code, shown, tmp_path):
+    path = tmp_path / "experiment.toml"
+    path.write_text(code, encoding="utf-8")
+    (load_hypothesis if "contrast" in code else load_config)(path)
+
+
+def _held(shown, printed):
+    """Require every shown line, its words the same and its numbers within 1 %, or 1e-5."""
+    lines = [line.split() for line in printed.splitlines()]
+    for line in shown.splitlines():
+        assert any(_alike(line.split(), words) for words in lines), line
+
+
+def _alike(one, two):
+    words = [[re.sub(NUMBER, "#", word) for word in line] for line in (one, two)]
+    numbers = [[float(each) for each in re.findall(NUMBER, " ".join(line))] for line in (one, two)]
+    return words[0] == words[1] and numbers[0] == pytest.approx(numbers[1], rel=1e-2, abs=1e-5)
+
+
+def test_fifteen_questions_have_an_answer_each_and_a_thread():
+    page = (ROOT / "docs/questions.md").read_text(encoding="utf-8")
+    threads = r"^## (\d+)\. .* \(\[.*\]\(https://github.com/.*/(?:issues|pull)/\d+\)\)$"
+    assert [int(number) for number in re.findall(threads, page, re.M)] == list(range(1, 16))
+
+
+def test_the_site_builds_without_a_warning(tmp_path):
+    built = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert built.returncode == 0, built.stderr
+    schema = json.loads(tmp_path.joinpath("experiment.schema.json").read_text(encoding="utf-8"))
+    assert "step_fraction" in schema["properties"]
+    assert "step_fraction" in tmp_path.joinpath("configuration.html").read_text(encoding="utf-8")
+    assert "solve_batch" in tmp_path.joinpath("api.html").read_text(encoding="utf-8")
