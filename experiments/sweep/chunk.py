@@ -22,9 +22,10 @@ from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.sweep.pool import Slot, in_flight
 from impact_xval.experiments.sweep.process import FaultError, WorkerError, in_halves
 from impact_xval.experiments.sweep.rows import Experiment, Lost, completed, solve_by, without_ladder
-from impact_xval.experiments.sweep.warmup import stated, warm
+from impact_xval.experiments.sweep.warmup import own_kernel, stated, warm
 from impact_xval.experiments.tables.folder import part_bytes
 from impact_xval.model.collision import Status
+from impact_xval.model.compiled import is_compiled
 
 #: Seconds for what follows the solvers of a chunk; not their limit, for these are references in closed form, and tables
 #: must not depend on how busy a machine is.
@@ -49,6 +50,15 @@ class Report:
 def solve_chunks(pool: Any, chunks: Iterable[tuple[int, Block]]) -> Iterator[Report]:
     """Solve numbered chunks of cells, twice as many at a time as there are workers; the reports as they come."""
     return in_flight(lambda chunk: pool.submit(solve_chunk, *chunk), chunks, lambda: max(2, 2 * pool.workers))
+
+
+def begin_compiling(pool: Any, experiment: Experiment) -> None:
+    """Have kernels compiled that are not, each by another worker: the first solver of each is made ready."""
+    pair = experiment.layout.pair
+    first = {own_kernel(name, pair=pair): name for name in reversed(experiment.config.solvers)}
+    for kernel, name in reversed(first.items()):
+        if not is_compiled(kernel):
+            pool.submit(Slot.prepare, name, warm, experiment.resolve, name, pair)
 
 
 def solve_chunk(slot: Slot, number: int, block: Block) -> Report:

@@ -22,7 +22,14 @@ from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.cells import Cells, experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config
-from impact_xval.experiments.sweep.chunk import UNAVAILABLE, Report, Versions, solve_chunks, solver_versions
+from impact_xval.experiments.sweep.chunk import (
+    UNAVAILABLE,
+    Report,
+    Versions,
+    begin_compiling,
+    solve_chunks,
+    solver_versions,
+)
 from impact_xval.experiments.sweep.curves import write_curves
 from impact_xval.experiments.sweep.pool import Slot, available_cores, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
@@ -101,6 +108,7 @@ def run_sweep(
         how = {"scheduler": scheduler, "isolate": isolate, "say": say, "log": folder.root / LOG}
         with open_pool(experiment, min(workers, cells.chunks()), **how) as pool:
             run.begin(pool.here(Slot.once, solver_versions), continued)
+            begin_compiling(pool, experiment)
             run.solve(pool)
             run.curves(pool)
         run.finish({"where": scheduler or "this machine", "workers": workers}, present)

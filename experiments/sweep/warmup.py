@@ -1,16 +1,18 @@
 """What a process needs before its first cell: solvers imported, kernels compiled, outside of every limit of a cell.
 
-Kernels are compiled by one process of an installation; others wait for its lock, and read them from the cache then.
+A kernel is compiled by one process of an installation; others wait for its lock, and read it from the cache then.
 """
 
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from filelock import FileLock
 
-from impact_xval.compliant_baselines.answers import stated_version, why_unavailable
+from impact_xval.compliant_baselines.answers import answer, stated_version, why_unavailable
 from impact_xval.compliant_baselines.engines.stepping import scan
 from impact_xval.compliant_baselines.registry import is_engine, is_ours
 from impact_xval.experiments.config.cells import experiment_cells
@@ -18,7 +20,7 @@ from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures.hausdorff import measure_all
 from impact_xval.experiments.sweep.pool import TO_STATE, Slot
 from impact_xval.experiments.sweep.process import in_halves
-from impact_xval.experiments.sweep.rows import Experiment, Resolve, solve_by
+from impact_xval.experiments.sweep.rows import Experiment, Resolve, settings_of, solve_by
 from impact_xval.model.chain.kernel import follow_chains
 from impact_xval.model.compiled import cache_folder, is_compiled
 from impact_xval.model.pair.kernel import collide_all
@@ -33,26 +35,52 @@ _COLUMN: dict[str, Any] = {"column": {"arrangement": "cradle", "balls": [2], "e"
 def warm(_: object, resolve: Resolve, name: str, pair: bool) -> None:
     """Solve ordinary cells by a solver, of two balls or columns, so that all is imported and compiled.
 
-    One, and two: a column of an array is contiguous where that has one row only, and numba compiles for either.
+    First by the solver alone, so that other processes can compile other kernels meanwhile. One cell, and two: a column
+    of an array is contiguous where that has one row only, and numba compiles for either.
     """
     usual = parse_config(_PAIR if pair else _COLUMN)
     experiment, cells = Experiment(usual, resolve), experiment_cells(usual)
-    compiling = FileLock(cache_folder(follow_chains) / "compiling.lock")
-    with contextlib.nullcontext() if are_compiled(name, pair=pair) else compiling:
-        for n in (1, 2):
-            solve_by(experiment, name, cells.block(range(n)), {})
+    blocks, alone = [cells.block(range(n)) for n in (1, 2)], replace(settings_of(usual), mark=False)
+    with _compiling(own_kernel(name, pair=pair)):
+        for block in blocks:
+            answer(resolve(name), block.collisions, alone)
+    with _compiling(*_kernels(name, pair=pair)):
+        for block in blocks:
+            solve_by(experiment, name, block, {})
 
 
-def are_compiled(name: str, *, pair: bool) -> bool:
-    """Whether the kernels are in the cache that rows of a solver need."""
+@contextlib.contextmanager
+def _compiling(*kernels: Any) -> Iterator[None]:
+    """Hold the locks of kernels that are not compiled yet; they are in one order everywhere."""
+    with contextlib.ExitStack() as held:
+        for kernel in kernels:
+            if not is_compiled(kernel):
+                held.enter_context(FileLock(cache_folder(kernel) / "compiling.lock"))
+        yield
+
+
+def own_kernel(name: str, *, pair: bool) -> Any:
+    """Return the kernel that a solver needs by itself."""
+    if is_ours(name) and is_engine(name):
+        return scan
+    return collide_all if pair and (name == REFERENCE or not is_ours(name)) else follow_chains
+
+
+def _kernels(name: str, *, pair: bool) -> list[Any]:
+    """Kernels that rows of a solver need."""
     kernels: list[Any] = [collide_all] if pair else [follow_chains]
     if name != REFERENCE and pair:
         kernels += [measure_all]
-    if name != REFERENCE and is_ours(name):
+    if name != REFERENCE and pair and is_ours(name):
         kernels += [follow_chains]
     if is_ours(name) and is_engine(name):
         kernels += [scan]
-    return all(map(is_compiled, kernels))
+    return kernels
+
+
+def are_compiled(name: str, *, pair: bool) -> bool:
+    """Whether the kernels that rows of a solver need are in the cache."""
+    return all(map(is_compiled, _kernels(name, pair=pair)))
 
 
 def stated(slot: Slot, resolve: Resolve, name: str) -> tuple[str, str | None]:
