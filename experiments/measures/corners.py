@@ -6,10 +6,10 @@ r"""The corners between the model and what an engine was asked for: every combin
 | law | `energetic` restitution | the law that the engine was `asked` for, kelvin-voigt as a rule |
 | gravity | `weightless` | as in the `scenario` of the run, B2 in static equilibrium |
 
-All off is the state-transition model, all on the law of the engine in its scenario; what each of the eight is stands in
-docs/theory.md, section 7. They are computed by the references, without a time step, whether or not a run lists them as
-solvers; the model's is the run's own row. In an `impact` the corners of the third switch are two and two the same;
-columns of N balls know no gravity, and have two switches.
+All off is the state-transition model, all on the law of the engine in its scenario (docs/ladder.md). They are computed
+by the references, without a time step, whether or not a run lists them as solvers; the model's is the run's own row. In
+an `impact` the corners of the third switch are two and two the same; columns of N balls know no gravity, and have two
+switches.
 """
 
 from __future__ import annotations

@@ -160,7 +160,7 @@ def test_bistiffness_reaches_a_sequence_of_single_impacts_at_first_order():
 
 
 def more_ends(mu):
-    """Mean number of ends of compression beyond the first at e1 = 1 (docs/hypothesis.md): r, with m1 = 1."""
+    """Mean number of ends of compression beyond the first at e1 = 1 (docs/errata.md): r, with m1 = 1."""
     q = math.sqrt((3 - mu) / (mu * (1 + mu)))
     return (math.sqrt(q * q - 1) - math.acos(1 / q)) / math.pi
 

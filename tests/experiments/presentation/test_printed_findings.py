@@ -1,4 +1,4 @@
-"""The findings that docs/findings.md prints, held against the run that it prints them of."""
+"""The findings that docs/ladder.md prints, held against the run that it prints them of."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.presentation.report import write_tables
 from impact_xval.experiments.sweep.run import run_sweep
 
-PAGE = (Path(__file__).parents[3] / "docs" / "findings.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[3] / "docs" / "ladder.md").read_text(encoding="utf-8")
 ROWS = {
     "MuJoCo": "mujoco",
     "PyBullet": "pybullet",
