@@ -1,7 +1,7 @@
 """Map v1 of the model over a million collisions, and the lines at which it jumps.
 
-Run as ``python examples/trust_map.py [FILE]``; by default it writes ``trust_map.png``. At a line a compression just
-ends, or just does not: beside it no result of an engine can be compared with the model's.
+Run as ``python examples/trust_map.py [FILE [SIDE]]``; by default ``trust_map.png`` of 1000 by 1000 collisions. At a
+line a compression just ends, or just does not: beside it no result of an engine can be compared with the model's.
 """
 
 import sys
@@ -11,10 +11,12 @@ from matplotlib.figure import Figure
 
 from impact_xval import solve_batch
 
-E1, E2, SIDE, NEAR = 0.9, 0.7, 1000, 1e-3
+E1, E2, NEAR = 0.9, 0.7, 1e-3
+file = sys.argv[1] if len(sys.argv) > 1 else "trust_map.png"
+side = int(sys.argv[2]) if len(sys.argv) > 2 else 1000
 
-stiffness_ratio = np.geomspace(1e-3, 1e3, SIDE)
-mass_ratio = np.geomspace(0.1, 10, SIDE)[:, None]
+stiffness_ratio = np.geomspace(1e-3, 1e3, side)
+mass_ratio = np.geomspace(0.1, 10, side)[:, None]
 found = solve_batch(stiffness_ratio, mass_ratio, E1, E2)
 
 figure = Figure(figsize=(7, 4.5), layout="constrained")
@@ -24,4 +26,4 @@ axes.contour(stiffness_ratio, mass_ratio[:, 0], found.grazing_margin, [NEAR], co
 axes.set(xscale="log", yscale="log", xlabel="stiffness ratio k2/k1 (-)", ylabel="mass ratio m2/m1 (-)")
 axes.set_title(f"e1 = {E1}, e2 = {E2}; white: grazing margin {NEAR:g}, where the model jumps")
 figure.colorbar(drawn, label="v1/|v0| (-)")
-figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "trust_map.png", dpi=200)
+figure.savefig(file, dpi=200)

@@ -64,6 +64,17 @@ def test_the_lock_file_holds_a_version_that_is_allowed_of_every_dependency():
             assert all(needed.specifier.contains(v) for v in locked[canonicalize_name(needed.name)]), needed
 
 
+def test_the_citation_has_the_version_of_the_project():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f"\nversion: {project['version']}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+
+
+def test_checks_before_a_commit_are_those_of_continuous_integration():
+    hooks = re.findall(r"entry: (.*)", (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
+    script = (ROOT / ".ci/run").read_text(encoding="utf-8")
+    assert script.split('step "style and types"\n')[1].split("\n\n")[0].splitlines() == hooks
+
+
 def test_every_file_of_a_run_is_in_the_docs():
     text = (ROOT / "docs/experiments.md").read_text(encoding="utf-8")
     tables = ("cells.parquet", "divergence.parquet", "curves.parquet", "ladder.parquet", "summary.csv")
@@ -74,7 +85,7 @@ def test_every_file_of_a_run_is_in_the_docs():
 def test_no_merge_was_left_unfinished():
     begun = [
         path.name
-        for path in (ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"))
+        for path in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"))
         if re.search(r"^(<{7}|={7}|>{7})( |$)", path.read_text(encoding="utf-8"), re.MULTILINE)
     ]
     assert begun == []

@@ -48,7 +48,6 @@ def run(
     quick: Annotated[
         bool, typer.Option("--quick", help="A first taste: 40 cells of the built-in grid, in seconds.")
     ] = False,
-    resume: Annotated[bool, typer.Option("--resume", hidden=True)] = False,
 ) -> None:
     """Run an experiment: tables, figures, a page.
 

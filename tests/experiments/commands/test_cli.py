@@ -142,8 +142,7 @@ def test_a_run_from_end_to_end(tmp_path, capsys, monkeypatch):
     names = ("cells.parquet", "divergence.parquet", "divergence.csv", "curves.parquet", "ladder.parquet")
     for name in ("manifest.json", *names, "ladder.csv", "summary.csv", "figures", "report.html", "parts"):
         assert (root / name).exists(), name
-    for more in ([], ["--resume"]):
-        assert main(["run", "my.toml", *more, "--workers", "1"]) == 0
+    assert main(["run", "my.toml", "--workers", "1"]) == 0
     assert main(["report", str(root)]) == 0
     assert main(["show", str(root)]) == 0
     capsys.readouterr()

@@ -45,3 +45,27 @@ def test_impossible_requests_are_one_line_and_exit_code_2(capsys):
         assert says in err
         assert "Traceback" not in err
         assert len([line for line in err.splitlines() if "trying steps" not in line]) == 1
+
+
+def test_a_material_and_a_radius_are_a_contact(capsys):
+    ask = ["contact", "--engine", "mujoco", "--material", "steel"]
+    assert main([*ask, "--radius", "0.02", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["request"]["masses"] == [pytest.approx(7850 * 4 / 3 * 3.14159 * 0.02**3, rel=1e-5), "inf"]
+    assert said["contact"]["restitution"] == 0.85
+    elastic = said["contact"]["duration"] / said["hertz"]["duration"]
+    assert elastic == pytest.approx(said["hertz"]["linear_over_hertz_duration"], rel=0.05)
+    for arguments, says in (
+        ([], "--radius: given 0 times; legal: once or twice"),
+        (["--radius", "inf"], "--radius = inf inf: two flats"),
+        (
+            ["--radius", "0.02", "--material", "stone"],
+            "--material = 'stone'; legal: steel, glass, brass, rubber, ping-pong",
+        ),
+        (["--radius", "0.02", "--material", "brass"], "--restitution of brass"),
+        (["--radius", "0.02", "--stiffness", "1"], "--stiffness: given beside --material"),
+        (["--radius", "0.02", "--speed", "0"], "--speed = 0.0; legal"),
+    ):
+        assert main([*ask, *arguments]) == 2, arguments
+        (line,) = capsys.readouterr().err.splitlines()
+        assert says in line

@@ -63,5 +63,5 @@ def test_a_quick_run_takes_neither_a_file_nor_the_folder_of_another(tmp_path, ca
     assert f"--quick with {tmp_path / 'my.toml'}: " in capsys.readouterr().err
     (tmp_path / "a").mkdir()
     RunFolder(tmp_path / "a").write_config(parse_config({}))
-    assert main(["run", "--quick", "--resume", "--out", str(tmp_path / "a")]) == 2
+    assert main(["run", "--quick", "--out", str(tmp_path / "a")]) == 2
     assert f"--quick with --out {tmp_path / 'a'}: holds another run" in capsys.readouterr().err

@@ -31,7 +31,7 @@ def test_former_names_say_what_there_is_instead(capsys):
 def test_a_usage_error_names_the_command_whose_help_is_meant(capsys):
     for arguments, says, command in (
         (["run", "--no-such-option"], "No such option: --no-such-option.", "impact-xval run"),
-        (["contact", "--engine", "mujoco"], "Missing option '--masses'.", "impact-xval contact"),
+        (["contact", "--masses", "1", "1"], "Missing option '--engine'.", "impact-xval contact"),
         (["solve", "--e1", "1", "--e2"], "Option '--e2' requires an argument.", "impact-xval solve"),
         (["show", "a", "b"], "Got unexpected extra argument(s) (b).", "impact-xval show"),
         (["no-such-command"], "No such command 'no-such-command'.", "impact-xval"),

@@ -65,7 +65,7 @@ def test_a_run_is_complete_only_with_its_report(tmp_path, monkeypatch, capsys):
     assert error.count("\n") == 1
     assert status_of(root).state == "stopped"
     monkeypatch.undo()
-    assert main([*command, "--resume", "--workers", "1"]) == 0
+    assert main([*command, "--workers", "1"]) == 0
     assert status_of(root).state == "complete"
 
 

@@ -47,7 +47,7 @@ def _entries(root):
 @pytest.mark.smoke
 def test_the_second_run_refuses_and_a_killed_one_blocks_nobody(tmp_path, other, capsys):
     assert running(tmp_path / "a")
-    assert main(["run", "--out", str(tmp_path / "a"), "--resume"]) == 2
+    assert main(["run", "--out", str(tmp_path / "a")]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert f"--out {tmp_path / 'a'}: another run writes there" in error
