@@ -77,6 +77,10 @@ def with_units(self, collisions, settings):
     return Mutant.solve_many(self, made, settings)
 
 
+def heavy(self, collisions, settings):
+    return Mutant.solve_many(self, collisions, dataclasses.replace(settings, gravity=2 * settings.gravity))
+
+
 def raising(self, collisions, settings):
     if any(c.e1 == 0 for c in collisions):
         raise ValueError("e1 = 0")
@@ -101,6 +105,7 @@ MUTANTS = {
     "pathless": (each(path=lambda o: None), "gives_a_path"),
     "textbook": ({"exact": TextbookKelvinVoigtSolver}, "converges_to_kelvin_voigt"),
     "other-law": ({"exact": HuntCrossleySolver}, "converges_to_kelvin_voigt"),
+    "heavy": ({"solve_many": heavy}, "converges_to_kelvin_voigt"),
     "nameless": ({"name": " "}, "names_itself"),
     "versionless": ({"version": lambda self: None}, "names_itself"),
 }
