@@ -7,6 +7,7 @@ many of them as arrays. Nothing here computes a collision.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
@@ -117,7 +118,7 @@ class Collision:
     exponent: float = 1.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.table, bool):
+        if type(self.table) is not bool:
             raise ValueError(f"table = {self.table!r}; legal: True or False")
         two = self.table and len(tuple(self.masses)) == 2
         stiffnesses = STIFFNESSES_WITH_LIMITS if two else STIFFNESSES
@@ -260,9 +261,9 @@ class Collision:
         )
 
 
-def _numbers(legal: Any, values: Iterable[float]) -> tuple[float, ...]:
+def _numbers(legal: Any, values: Any) -> tuple[float, ...]:
     """Return the values of a field as numbers; the message of a refusal counts them from 1."""
-    if isinstance(values, str) or not isinstance(values, Iterable):
+    if isinstance(values, str) or not hasattr(values, "__iter__"):
         raise ValueError(f"{legal.name} = {values!r}: not a sequence of numbers; legal: {legal.text}")
     return tuple(legal._replace(name=f"{legal.name}[{i}]").number(v) for i, v in enumerate(values, 1))
 
@@ -404,9 +405,8 @@ class Collisions(Sequence[Collision]):
     @property
     def falls_on_resting(self) -> NDArray[np.bool_]:
         """As of `Collision`, shape (n,)."""
-        n, balls = self.velocities.shape
-        if balls != 2 or not self.table or self.exponent != 1:
-            return np.zeros(n, bool)
+        if self.masses.shape[1] != 2 or not self.table or self.exponent != 1:
+            return np.zeros(len(self), bool)
         return (self.velocities[:, 0] < 0) & (self.velocities[:, 1] == 0) & ~self.gaps.any(axis=1)
 
     @property
@@ -495,7 +495,7 @@ class Paths(Sequence[Path | None]):
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        i = range(len(self))[index]
+        i = range(len(self))[operator.index(index)]
         here = slice(*self.offsets[i : i + 2].tolist())
         if here.start == here.stop:
             return None
@@ -554,10 +554,10 @@ class Outcome:
     grazing_margin: float | None = None
     marked: str = ""
     n_events: int = 0
-    diagnostics: Mapping[str, float] = field(default_factory=dict)
+    diagnostics: Mapping[str, float] = field(default_factory=dict[str, float])
     path: Path | None = None
-    requested: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    effective: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    requested: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
+    effective: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
 
     def __post_init__(self) -> None:
         balls, contacts = len(self.velocities), len(self.impulses)
@@ -602,7 +602,7 @@ class Outcome:
     @property
     def differences(self) -> str:
         """What an engine uses instead of what it was asked for, beyond rounding; empty if nothing."""
-        found = []
+        found: list[str] = []
         for name in sorted(self.requested.keys() & self.effective.keys()):
             both = self.requested[name], self.effective[name]
             for i, (asked, used) in enumerate(zip(*both, strict=True), 1):
@@ -786,7 +786,7 @@ class Outcomes(Sequence[Outcome]):
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        i = range(len(self))[index]
+        i = range(len(self))[operator.index(index)]
         margin, paper = float(self.grazing_margin[i]), self.table and self.velocities.shape[1] == 2
         stated = ((name, float(values[i])) for name, values in self.diagnostics.items())
         return Outcome(
@@ -794,10 +794,10 @@ class Outcomes(Sequence[Outcome]):
             tuple(self.velocities[i].tolist()),
             tuple(self.impulses[i].tolist()),
             () if self.states is None or not self.n_states[i] else self.states.names(i, paper),
-            STATUSES[self.status[i]],  # pyright: ignore[reportArgumentType]
-            self.reasons[self.reason[i]],
+            STATUSES[int(self.status[i])],  # pyright: ignore[reportArgumentType]
+            self.reasons[int(self.reason[i])],
             None if math.isnan(margin) else margin,
-            self.marks[self.mark[i]],
+            self.marks[int(self.mark[i])],
             int(self.n_events[i]),
             {name: value for name, value in stated if not math.isnan(value)},
             None if self.paths is None else self.paths[i],

@@ -11,30 +11,35 @@ import numpy as np
 from numba import config, njit
 from numpy.typing import NDArray
 
+#: A decorator; types of what it makes a kernel are numba's to infer.
+Decorator = Callable[[Callable[..., Any]], Any]
+
 #: Options of every kernel. A product and a sum may be fused and a division become a multiplication by a reciprocal,
 #: each to within a rounding; nothing that assumes numbers to be finite, for zero and infinity are legal values here.
-OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
+_OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "arcp", "nsz"}}
 
-compiled = njit(**OPTIONS)
 
-_compile: Any = njit  # whose stubs lack some options
+def compiled_with(**more: Any) -> Decorator:
+    """Return numba's decorator with the options of every kernel, and more."""
+    compile_: Any = njit  # whose stubs lack some options
+    return compile_(**(_OPTIONS | more))
+
+
+compiled = compiled_with()
 
 #: Force-inlined variant for parts of a kernel. Python cannot call them: wrappers, and a cache of each part, would add
 #: half to the time that the kernel of two balls takes to compile.
-inlined = _compile(
-    forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **(OPTIONS | {"cache": False})
-)
+inlined = compiled_with(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, cache=False)
 
 #: Of functions that only kernels of chains call: no references are counted and no way in from Python is compiled, each
 #: of which would cost more than the work; nothing is kept, for the cache of a kernel holds all that it calls. `merged`
 #: becomes a part of its caller before types are inferred: for functions that are called at one place.
-_UNCOUNTED: dict[str, Any] = {**OPTIONS, "_nrt": False}
-_INNER = {**_UNCOUNTED, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-uncounted = _compile(**_INNER)
-merged = _compile(inline="always", **_INNER)
+_INNER: dict[str, Any] = {"_nrt": False, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+uncounted = compiled_with(**_INNER)
+merged = compiled_with(inline="always", **_INNER)
 
 #: A kernel of these, which Python calls: it holds no lock, so that threads can be given parts of arrays.
-entry = _compile(nogil=True, **_UNCOUNTED)
+entry = compiled_with(nogil=True, _nrt=False)
 
 
 def in_shares(

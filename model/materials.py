@@ -79,11 +79,9 @@ class Body:
 
     def __post_init__(self) -> None:
         wall = self.material.wall
-        least, flat = (SMALLEST, math.inf) if wall is None else (10 * wall, LARGEST)
-        if not (least <= self.radius <= LARGEST or self.radius == flat):
-            legal = f"from {least:g} to {LARGEST:g} (m)" + (
-                ", inf for a flat" if wall is None else "; no flat is hollow"
-            )
+        least, flat = (SMALLEST, ", inf for a flat") if wall is None else (10 * wall, "; no flat is hollow")
+        if not (least <= self.radius <= LARGEST or (wall is None and self.radius == math.inf)):
+            legal = f"from {least:g} to {LARGEST:g} (m){flat}"
             raise ValueError(f"radius = {self.radius!r} of {self.material.name}; legal: {legal}")
 
     @property
@@ -115,11 +113,9 @@ class Touch:
 
     @property
     def _yielding(self) -> list[Body]:
-        """The bodies that take part in the compression."""
-        return [body for body in (self.one, self.two) if body.material.wall is not None] or [
-            self.one,
-            self.two,
-        ]
+        """The bodies that take part in the compression: hollow ones, or both."""
+        hollow = [body for body in (self.one, self.two) if body.material.wall is not None]
+        return hollow or [self.one, self.two]
 
     @property
     def exponent(self) -> float:
@@ -142,16 +138,13 @@ class Touch:
     @property
     def restitution(self) -> float:
         """Coefficient of energetic restitution; a ValueError says that it is not known of a material."""
-        gives_back = 0.0
+        given, done = 0.0, 0.0
         for body in self._yielding:
-            e = body.material.restitution
+            e, name = body.material.restitution, body.material.name
             if e is None:
-                name = body.material.name
-                raise ValueError(
-                    f"restitution of {name}: no value has a source; legal: one of your own, from 0 to 1"
-                )
-            gives_back += e * e * body.compliance
-        return math.sqrt(gives_back / sum(body.compliance for body in self._yielding))
+                raise ValueError(f"restitution of {name}: none has a source; legal: one of your own, 0 to 1")
+            given, done = given + e * e * body.compliance, done + body.compliance
+        return math.sqrt(given / done)
 
     def compression(self, speed: float) -> float:
         """Greatest compression in m, of an elastic impact at a speed in m/s."""
@@ -163,9 +156,8 @@ class Touch:
     def duration(self, speed: float) -> float:
         """How long an elastic impact lasts, in s."""
         x = 1 / (self.exponent + 1)
-        return (
-            2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x) * self.compression(speed) / speed
-        )
+        shape = 2 * math.sqrt(math.pi) * math.gamma(1 + x) / math.gamma(0.5 + x)  # pi, or 2.9432 of Hertz
+        return shape * self.compression(speed) / speed
 
     def linear(self, speed: float) -> float:
         """Stiffness k in N/m of the linear contact of the same greatest compression and energy."""

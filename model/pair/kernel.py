@@ -16,10 +16,9 @@ from __future__ import annotations
 from math import atan2, inf, isnan, nan, pi, sqrt
 
 import numpy as np
-from numba import njit
 
 from impact_xval.model.collision import Status
-from impact_xval.model.compiled import OPTIONS, inlined
+from impact_xval.model.compiled import compiled_with, inlined
 from impact_xval.model.inputs import MASS_PRECISION
 from impact_xval.model.pair.events import MOST_WINDOWS, first_event, next_turn
 from impact_xval.model.pair.law import (
@@ -183,7 +182,7 @@ def after_one_contact(mu, state, d1, v2, one, two, stiffens, rigid, first, unite
     return d1, v2, (c if first else other), (other if first else c), loss
 
 
-@njit(inline="always", **OPTIONS)
+@compiled_with(inline="always")
 def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, place, sets, starts):
     """Follow one collision through the diagram. Compiled as a part of `collide_all`.
 
@@ -270,7 +269,7 @@ def collide(kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, at, pl
     return v2 - d1, v2, code, states, events, rows - at, margin, loss
 
 
-@njit(nogil=True, **OPTIONS)
+@compiled_with(nogil=True)
 def collide_all(
     kappa, mu, e1, e2, cutoff, max_events, stiffens, points, log, sets, starts, velocities, numbers
 ):  # fmt: skip
