@@ -6,18 +6,13 @@ import sys
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.registry import STEPS, law_of
+from impact_xval.compliant_baselines.registry import STEPS
 from impact_xval.compliant_baselines.restitution import damping_ratio
 from impact_xval.compliant_baselines.solver import Convergence, Settings, SolverError
 from impact_xval.model.collision import Collision
 
 #: Gaps of a ten-thousandth of the radius of 6.25 cm.
 APART = Collision((1.0, 2.0), (1e8, 1e8), (0.9, 0.9), (-1.0, 0.0), table=True, gaps=(6.25e-6, 6.25e-6))
-ALONE = f"""
-from impact_xval.compliant_baselines import get_solver
-from impact_xval.model.collision import Collision
-print(get_solver("pybullet:default").solve({APART!r}).velocities)
-"""
 BASIC = Collision.two_balls(1.0, 2.0, 1e6, 1e6, 0.9, 0.7)
 
 
@@ -26,9 +21,7 @@ BASIC = Collision.two_balls(1.0, 2.0, 1e6, 1e6, 0.9, 0.7)
 def test_a_step_of_practice_is_the_calibrated_engine_at_that_step_and_has_no_limit(engine, step):
     found = get_solver(f"{engine}:step-{step:g}").solve(BASIC, Settings(convergence=Convergence()))
     assert found.velocities == get_solver(engine).solve(BASIC, Settings(step_fraction=step)).velocities
-    assert found.solver == f"{engine}:step-{step:g}"
     assert "limit_error" not in found.diagnostics
-    assert law_of(found.solver) == "kelvin-voigt"
 
 
 def by_hand(solrefs: list[str], option: str) -> tuple[float, float]:
@@ -74,7 +67,9 @@ def test_mujoco_as_documented_is_a_scene_with_time_constant_and_damping_ratio():
 
 def test_pybullet_as_it_ships_heeds_nothing_that_ran_before():
     pytest.importorskip("pybullet")
-    alone = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=True).stdout
+    code = "from impact_xval import Collision, get_solver; "
+    code += f"print(get_solver('pybullet:default').solve({APART!r}).velocities)"
+    alone = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     get_solver("pybullet").solve(BASIC)  # sets a threshold of the whole process
     assert repr(get_solver("pybullet:default").solve(APART).velocities) == alone.strip()
 

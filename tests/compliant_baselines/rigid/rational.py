@@ -22,6 +22,10 @@ def solved(a, b):
     return [row[-1] for row in rows]
 
 
+def times(matrix, vector):
+    return [sum(a * x for a, x in zip(row, vector, strict=True)) for row in matrix]
+
+
 def chain(*velocities, e=1.0, masses=None, gap=0.0, table=False):
     """Balls that are alike but for what is said."""
     n = len(velocities)
@@ -43,14 +47,11 @@ class Balls:
 
     @property
     def u(self):
-        return [sum(a * v for a, v in zip(row, self.v, strict=True)) for row in self.h]
+        return times(self.h, self.v)
 
     def push(self, impulse):
         for j, m in enumerate(self.m):
             self.v[j] += sum(row[j] * p for row, p in zip(self.h, impulse, strict=True)) / m
-
-    def after(self, impulse):
-        return [sum(a * p for a, p in zip(row, impulse, strict=True)) for row in self.g]
 
     def complementary(self, q):
         """Solve 0 <= P, q + G P >= 0, complementary, by trying every set of contacts that push."""
@@ -61,7 +62,7 @@ class Balls:
                 impulse = [Fraction(0)] * n
                 for i, p in zip(some, part, strict=True):
                     impulse[i] = p
-                w = [a + b for a, b in zip(q, self.after(impulse), strict=True)]
+                w = [a + b for a, b in zip(q, times(self.g, impulse), strict=True)]
                 if min(impulse, default=0) >= 0 and min(w, default=0) >= 0:
                     found.append(impulse)
         assert all(each == found[0] for each in found)  # G is positive definite: one solution
