@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from impact_xval.compliant_baselines.registry import description_of, is_engine
+from impact_xval.compliant_baselines.registry import description_of, engine_free_names, is_engine
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.style import drawing, save
@@ -37,11 +37,12 @@ LEAD = (
 )
 
 BOARD = (
-    f"The largest of all cases that an engine answers, of {len(CASES)}: springs and dashpots answer no e = 0. Where "
-    "the next law is as near, these cases do not tell the two apart. Energy is over that before; momentum, of cases "
-    "without a table, over the sum of its absolute values before. Spread: with gaps or overlaps of 1e-4 and 1e-6 "
-    "radii, and, without a table, moved along the line and made in the other order; step spread: with half and twice "
-    "the step. A step is timed on one machine while balls touch."
+    f"The largest of all cases that an engine answers, of {len(CASES)}: springs and dashpots answer no e = 0. Farthest: "
+    "D from its law, and from the next one; where that is as near, these cases do not tell the two apart. Energy is "
+    "over that before, lost at e = 1; momentum, of cases without a table, over the sum of its absolute values before. "
+    "Spread: D by gaps or overlaps of 1e-4 and 1e-6 radii, and, without a table, moved along the line and made in the "
+    "other order (of: by which); step spread: by half and twice the step. Microseconds of a step, on one machine, "
+    "while balls touch."
 )
 
 CRADLE = (
@@ -57,9 +58,7 @@ def write_all(answers: Frame, judged: Frame, laws: Frame, root: Path) -> None:
     with replacing(root / "board.csv") as temporary:
         judged.to_csv(temporary, index=False, lineterminator="\n")
     draw_cradle(judged, root)
-    shown = judged.drop(
-        columns=[name for name in judged if name.startswith("D_") and name not in (f"D_{MODEL}", "D_nearest")]
-    )
+    shown = judged.drop(columns=[f"D_{law}" for law in engine_free_names() if law != MODEL])
     blocks: list[Block] = [
         *LEAD,
         Section("The board", [board_of(laws)]),
