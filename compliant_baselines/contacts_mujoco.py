@@ -73,9 +73,8 @@ def contacts(model: Any) -> dict[Bodies, list[str]]:
     masses = [_mass(near, data, i) for i in range(model.nbody)]
     data.geom_xpos[:] = 0
     mujoco.mj_collision(near, data)
-    met = {
-        tuple(sorted(each.geom.tolist())): each for each in data.contact if each.geom.min() >= 0
-    }  # else: a flex
+    # A geom of -1 is a flex.
+    met = {tuple(sorted(each.geom.tolist())): each for each in data.contact if each.geom.min() >= 0}
     pairs = np.sort([model.pair_geom1, model.pair_geom2], axis=0).T.tolist()
     named = {tuple(geoms): i for i, geoms in enumerate(pairs)}
     found: dict[Bodies, list[str]] = {}

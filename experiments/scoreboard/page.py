@@ -37,12 +37,12 @@ LEAD = (
 )
 
 BOARD = (
-    f"The largest of all cases that an engine answers, of {len(CASES)}: springs and dashpots answer no e = 0. Farthest: "
-    "D from its law, and from the next one; where that is as near, these cases do not tell the two apart. Energy is "
-    "over that before, lost at e = 1; momentum, of cases without a table, over the sum of its absolute values before. "
-    "Spread: D by gaps or overlaps of 1e-4 and 1e-6 radii, and, without a table, moved along the line and made in the "
-    "other order (of: by which); step spread: by half and twice the step. Microseconds of a step, on one machine, "
-    "while balls touch."
+    f"The largest of all cases that an engine answers, of {len(CASES)}: springs and dashpots answer no e = 0. "
+    "Farthest: D from its law, and from the next one; where that is as near, these cases do not tell the two apart. "
+    "Energy is over that before, lost at e = 1; momentum, of cases without a table, over the sum of its absolute "
+    "values before. Spread: D by gaps or overlaps of 1e-4 and 1e-6 radii, and, without a table, moved along the line "
+    "and made in the other order (of: by which); step spread: by half and twice the step. Microseconds of a step, on "
+    "one machine, while balls touch."
 )
 
 CRADLE = (
