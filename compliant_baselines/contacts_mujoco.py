@@ -1,30 +1,35 @@
-"""The contacts that a MuJoCo scene can have, and each of them in a scene of its own.
+"""The contacts that a MuJoCo scene can have, and each of them in a scene of its own, dropped and loaded there.
 
 That scene has two spheres on vertical slides; a fixed body is a plane. What decides a contact is that of the user's
-scene: attributes of the geoms, which the engine combines here as there, or of the <pair>; masses and inverse weights. A
-sphere has one contact, where a box that lands on a face shares its load among four. A body on joints counts with its
-mass in the direction in which it moves most easily.
+scene: parameters as the engine combines them, masses, inverse weights, options. A sphere has one contact, where a box
+that lands on a face shares its load among four. A body on joints counts with its mass in the direction in which it
+moves most easily.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator
+from copy import copy
 from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
 
-#: Geom pairs looked at, at most.
-MOST_PAIRS = 100_000
+from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 
-#: Attributes of a geom and of a <pair> that decide a contact, besides the condim of a <pair>.
-_GEOM = ("solref", "solimp", "solmix", "priority", "margin", "gap", "friction", "condim", "adhesion")
-_PAIR = ("solref", "solimp", "margin", "gap", "friction", "solreffriction", "adhesion")
+#: Places of the touch within a step, the first two far apart; two are enough for a contact of `LONG` steps.
+PLACES = tuple((18 * i % 32 + 1) / 32 for i in range(16))
+LONG = 250
 
-#: Names and values of attributes.
-_Attributes = tuple[tuple[str, Any], ...]
+#: Steps after which a drop is given up.
+MOST_STEPS = 20_000
+
+#: Relative change of a rate that is rounding, and steps without another change after which a contact is over.
+ROUNDING, QUIET = 1e-12, 3
+
+#: What decides a contact, as an attribute of a <pair> and of the engine's mjContact.
+_PARAMETERS = {name: name for name in ("solref", "solimp", "friction", "solreffriction", "adhesion")}
+_PARAMETERS |= {"condim": "dim", "margin": "includemargin"}
 
 
 class Bodies(NamedTuple):
@@ -34,9 +39,10 @@ class Bodies(NamedTuple):
     masses: tuple[float, float]
     #: `body_invweight0` of each.
     weights: tuple[tuple[float, ...], ...]
-    #: Attributes of the geom of each, and of the <pair>; empty without one.
-    geoms: tuple[_Attributes, ...]
-    pair: _Attributes
+    #: Attributes of a <pair> that has this contact, names and values.
+    pair: tuple[tuple[str, Any], ...]
+    #: Solrefs of two geoms, if any is direct and the engine has mixed them.
+    mixed: tuple[Any, Any] | None = None
 
     @property
     def mass(self) -> float:
@@ -49,70 +55,53 @@ class Bodies(NamedTuple):
         return sum(weight[0] for weight in self.weights)
 
 
-def places(model: Any) -> Iterator[tuple[str, tuple[int, int], int | None]]:
-    """List the contacts of a compiled model: those of <pair>s, then geoms that can touch without one.
+def contacts(model: Any) -> dict[Bodies, list[str]]:
+    """Bodies of all contacts of a compiled model, alike ones together: what each contact is called, <pair>s first.
 
-    Of each what it is called, its geoms by number, and the number of its <pair>, None without one.
-
-    Left out are geoms whose contype and conaffinity do not match, of bodies without a joint between them, of a body and
-    its parent (unless that is fixed, or the filter off), of bodies that <exclude> names, and flat ones among themselves
-    (the engine's chapter "Computation", section "Collision detection").
+    The engine says which geoms can touch, and combines their parameters: in a copy of the scene all are at one place,
+    and of a shape whose overlap it always finds.
     """
     mujoco: Any = import_module("mujoco")
-    off = mujoco.mjtDisableBit
-    if model.opt.disableflags & (off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT):
-        return
-    pairs = [(int(a), int(b)) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)]
-    for i, (a, b) in enumerate(pairs):
-        yield f"pair {model.pair(i).name or _names(model, a, b)}", (a, b), i
-    own, excluded = {frozenset(pair) for pair in pairs}, set(model.exclude_signature.tolist())
-    filters = not model.opt.disableflags & off.mjDSBL_FILTERPARENT
-    flat = {int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)}
-    weld = model.body_weldid.tolist()
-    above = [weld[parent] for parent in model.body_parentid.tolist()]
-    columns = model.geom_bodyid, model.geom_contype, model.geom_conaffinity, model.geom_type
-    geoms = list(enumerate(zip(*(column.tolist() for column in columns), strict=True)))
-    for (a, one), (b, two) in itertools.islice(itertools.combinations(geoms, 2), MOST_PAIRS):
-        (body_a, type_a, affinity_a, shape_a), (body_b, type_b, affinity_b, shape_b) = one, two
-        low, high = weld[body_a], weld[body_b]
-        kin = filters and low and high and (low == above[body_b] or high == above[body_a])
-        meet = (type_a & affinity_b or type_b & affinity_a) and not (shape_a in flat and shape_b in flat)
-        signature = (min(body_a, body_b) << 16) + max(body_a, body_b)
-        if meet and low != high and not kin and signature not in excluded and frozenset((a, b)) not in own:
-            yield f"geoms {_names(model, a, b)}", (a, b), None
-
-
-def _names(model: Any, *geoms: int) -> str:
-    return " and ".join(model.geom(geom).name or f"#{geom}" for geom in geoms)
-
-
-def contacts(model: Any) -> dict[Bodies, list[str]]:
-    """Bodies of all contacts but those of two fixed ones, alike ones together: what each contact is called."""
-    mujoco: Any = import_module("mujoco")
-    data = mujoco.MjData(model)
-    # What inertia needs, without collisions.
-    for stage in (
-        mujoco.mj_kinematics,
-        mujoco.mj_comPos,
-        mujoco.mj_tendon,
-        mujoco.mj_makeM,
-        mujoco.mj_factorM,
-    ):
-        stage(model, data)
-    masses = [_mass(model, data, i) for i in range(model.nbody)]
-    weights = [_rounded(weight) for weight in model.body_invweight0]
-    geoms = [_read(model, "geom", i, _GEOM) for i in range(model.ngeom)]
+    near = copy(model)
+    near.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+    near.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    near.body_margin[:] = 1e9  # what is apart is looked at, too
+    near.geom_type[near.geom_type > int(mujoco.mjtGeom.mjGEOM_HFIELD)] = int(mujoco.mjtGeom.mjGEOM_SPHERE)
+    data = mujoco.MjData(near)
+    for stage in ("kinematics", "comPos", "tendon", "makeM", "factorM"):
+        getattr(mujoco, f"mj_{stage}")(near, data)
+    masses = [_mass(near, data, i) for i in range(model.nbody)]
+    data.geom_xpos[:] = 0
+    mujoco.mj_collision(near, data)
+    # A geom of -1 is a flex.
+    met = {tuple(sorted(each.geom.tolist())): each for each in data.contact if each.geom.min() >= 0}
+    pairs = np.sort([model.pair_geom1, model.pair_geom2], axis=0).T.tolist()
+    named = {tuple(geoms): i for i, geoms in enumerate(pairs)}
     found: dict[Bodies, list[str]] = {}
-    for where, both, pair in places(model):
-        one, two = sorted(both, key=lambda geom: masses[model.geom_bodyid[geom]])
-        a, b = model.geom_bodyid[[one, two]].tolist()
-        own: _Attributes = ()
-        if pair is not None:
-            own = (*_read(model, "pair", pair, _PAIR), ("condim", int(model.pair_dim[pair])))
-        if math.isfinite(masses[a]):
-            alike = Bodies((masses[a], masses[b]), (weights[a], weights[b]), (geoms[one], geoms[two]), own)
-            found.setdefault(alike, []).append(where)
+    for geoms in sorted(met, key=lambda geoms: (named.get(geoms, model.npair), geoms)):
+        a, b = sorted(model.geom_bodyid[[*geoms]].tolist(), key=lambda body: masses[body])
+        if masses[a] < math.inf:
+            own = tuple((name, _plain(getattr(met[geoms], its))) for name, its in _PARAMETERS.items())
+            weights = _rounded(model.body_invweight0[a]), _rounded(model.body_invweight0[b])
+            where = " and ".join(model.geom(geom).name or f"#{geom}" for geom in geoms)
+            if geoms in named:
+                where, mixed = f"pair {model.pair(named[geoms]).name or where}", None
+            else:
+                where, mixed = f"geoms {where}", _mixed(model, geoms, dict(own)["solref"])
+            found.setdefault(Bodies((masses[a], masses[b]), weights, own, mixed), []).append(where)
     return found
+
+
+def _mixed(model: Any, geoms: tuple[int, ...], solref: tuple[float, ...]) -> tuple[Any, Any] | None:
+    """Give the solrefs of two geoms that the engine has mixed, if any of them is direct."""
+    one, two = (tuple(model.geom_solref[geom].tolist()) for geom in geoms)
+    override = model.opt.enableflags & int(import_module("mujoco").mjtEnableBit.mjENBL_OVERRIDE)
+    same = one == two or np.ptp(model.geom_priority[[*geoms]]) > 0
+    return None if override or same or min(solref) > 0 else (one, two)
+
+
+def _plain(value: Any) -> Any:
+    return tuple(value.tolist()) if isinstance(value, np.ndarray) else value
 
 
 def called(where: list[str]) -> str:
@@ -137,28 +126,86 @@ def _rounded(values: Any) -> tuple[float, ...]:
     return tuple(float(f"{value:.12g}") for value in np.ravel(values))
 
 
-def _read(model: Any, what: str, i: int, names: tuple[str, ...]) -> _Attributes:
-    values = (getattr(model, f"{what}_{name}")[i].tolist() for name in names)
-    return tuple((n, tuple(v) if isinstance(v, list) else v) for n, v in zip(names, values, strict=True))
+class Alone:
+    """Two bodies in a scene of their own; heights are those of the gap between them, the lighter one above."""
 
+    def __init__(self, bodies: Bodies, option: Any, step: float, speed: float) -> None:
+        self._mujoco: Any = import_module("mujoco")
+        self.bodies, self.step, self.speed = bodies, step, speed
+        self._touch = dict(bodies.pair).get("margin", 0.0)
+        self._deepest = speed * step * MOST_STEPS  # of a drop that is over in time; the radius of the spheres
+        self._model = self._compiled()
+        self.option = own = self._model.opt
+        for name in dir(option):
+            if not name.startswith("_"):
+                setattr(own, name, getattr(option, name))
+        own.timestep, own.gravity, own.density, own.viscosity = step, np.zeros(3), 0.0, 0.0
+        # A run that goes wrong does not start again, and a slow body does not sleep.
+        own.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        own.enableflags &= ~int(self._mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self._data = self._mujoco.MjData(self._model)
 
-def alone(bodies: Bodies, radius: float) -> Any:
-    """Compile a scene of two bodies that touch at a height of zero, the lighter one above; radius in m."""
-    mujoco: Any = import_module("mujoco")
-    spec, kinds = mujoco.MjSpec(), mujoco.mjtGeom
-    for name, mass, height, attributes in zip(
-        "AB", bodies.masses, (radius, -radius), bodies.geoms, strict=True
-    ):
-        body, shape = spec.worldbody, {"type": kinds.mjGEOM_PLANE, "size": (0, 0, 1)}
-        if math.isfinite(mass):
-            inertial = {"mass": mass, "inertia": (mass, mass, mass), "explicitinertial": True}
-            body = spec.worldbody.add_body(name=name, pos=(0, 0, height), **inertial)
-            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
-            shape = {"type": kinds.mjGEOM_SPHERE, "size": (radius, 0, 0)}
-        meets = 0 if bodies.pair else 1
-        body.add_geom(name=name, contype=meets, conaffinity=meets, **shape, **dict(attributes))
-    if bodies.pair:
-        spec.add_pair(geomname1="A", geomname2="B", **dict(bodies.pair))
-    model = spec.compile()
-    model.body_invweight0[1:] = bodies.weights[: model.nbody - 1]
-    return model
+    def _compiled(self) -> Any:
+        spec, kinds, radius = self._mujoco.MjSpec(), self._mujoco.mjtGeom, self._deepest
+        for name, mass, height in zip("AB", self.bodies.masses, (radius, -radius), strict=True):
+            body, shape = spec.worldbody, {"type": kinds.mjGEOM_PLANE, "size": (0, 0, 1)}
+            if math.isfinite(mass):
+                inertial = {"mass": mass, "inertia": (mass, mass, mass), "explicitinertial": True}
+                body = spec.worldbody.add_body(name=name, pos=(0, 0, height), **inertial)
+                body.add_joint(type=self._mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
+                shape = {"type": kinds.mjGEOM_SPHERE, "size": (radius, 0, 0)}
+            body.add_geom(name=name, contype=0, conaffinity=0, **shape)
+        spec.add_pair(geomname1="A", geomname2="B", **dict(self.bodies.pair))
+        model = spec.compile()
+        model.body_invweight0[1:] = self.bodies.weights[: model.nbody - 1]
+        return model
+
+    def _rate(self, values: Any) -> float:
+        return float(values[0] - sum(values[1:]))
+
+    def dropped(self) -> dict[str, Any]:
+        """Drop them: restitution, its range, duration and steps, and k and c of a contact with the same two."""
+        drops: list[tuple[float, int]] = []
+        while len(drops) < len(PLACES) and not (len(drops) == 2 and min(n for _, n in drops) >= LONG):
+            drops.append(self._drop(PLACES[len(drops)]))
+        e, steps = np.mean(drops, axis=0).tolist()
+        found = {"restitution": e, "restitution_range": (min(drops)[0], max(drops)[0])}
+        found |= {"duration": steps * self.step, "steps": steps}
+        if e > 0:
+            zeta, mass = damping_ratio(min(e, 1.0)), self.bodies.mass
+            k = mass * (contact_time(zeta) / found["duration"]) ** 2
+            found |= {"stiffness": k, "damping": 2 * zeta * math.sqrt(k * mass)}
+        return found
+
+    def _drop(self, place: float) -> tuple[float, int]:
+        """Restitution, and steps from the first to the last change of the rate; a place from 0 to 1 within a step."""
+        model, data, mj_step = self._model, self._data, self._mujoco.mj_step
+        self._mujoco.mj_resetData(model, data)
+        data.qpos[0], data.qvel[0] = self._touch + place * self.speed * self.step, -self.speed
+        before, first, last, rounding = -self.speed, 0, 0, ROUNDING * self.speed
+        for n in range(1, MOST_STEPS + 1):
+            mj_step(model, data)
+            rate = self._rate(data.qvel)
+            if abs(rate - before) > rounding:
+                first, last = first or n, n
+            elif first and n - last >= QUIET and rate >= -rounding:
+                return max(rate, 0.0) / self.speed, last - first + 1
+            before = rate
+        raise RuntimeError(f"{'not over' if first else 'no force'} within {MOST_STEPS} steps")
+
+    def rest(self, load: float) -> float | None:
+        """Depth in m at which a load in N is carried; None if none is, or there is no load."""
+
+        def carried(depth: float) -> bool:
+            self._mujoco.mj_resetData(self._model, self._data)
+            self._data.qpos[0] = self._touch - depth
+            self._data.qfrc_applied[:] = (-load, load)[: self._model.nv]
+            self._mujoco.mj_forward(self._model, self._data)
+            return self._rate(self._data.qacc) > 0
+
+        low, high = 0.0, self._deepest
+        if not load or not carried(high):
+            return None
+        while low < (middle := 0.5 * (low + high)) < high:
+            low, high = (low, middle) if carried(middle) else (middle, high)
+        return high - self._touch

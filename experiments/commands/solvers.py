@@ -13,8 +13,7 @@ from impact_xval.experiments.commands.options import Json, number, path
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
-    from impact_xval.compliant_baselines.inspect_mujoco import Finding
-    from impact_xval.compliant_baselines.measure_mujoco import Measured
+    from impact_xval.compliant_baselines.inspect_mujoco import Finding, Measured
     from impact_xval.experiments.presentation.document import Block
 
 #: Seconds that a check of a solver may take, and a scene to be loaded, measured and examined.
@@ -151,7 +150,7 @@ def inspect(
 
 def _contacts_shown(contacts: list[Measured], speed: float) -> list[Block]:
     """Table of what was measured, and what to change."""
-    from impact_xval.compliant_baselines.measure_mujoco import MOST_ROWS
+    from impact_xval.compliant_baselines.inspect_mujoco import MOST_ROWS
     from impact_xval.experiments.presentation.document import Table
     from impact_xval.experiments.tables.numbers import number
 
@@ -195,8 +194,7 @@ def _findings(speed: float, scene: Path) -> tuple[list[Measured], list[Finding]]
     """Return what was measured and found, or why nothing could be."""
     from importlib import import_module
 
-    from impact_xval.compliant_baselines.inspect_mujoco import inspect_model
-    from impact_xval.compliant_baselines.measure_mujoco import measure_model
+    from impact_xval.compliant_baselines.inspect_mujoco import inspect_model, measure_model
 
     mujoco: Any = import_module("mujoco")
     load = mujoco.MjModel.from_binary_path if scene.suffix == ".mjb" else mujoco.MjModel.from_xml_path

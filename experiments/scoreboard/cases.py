@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.model.collision import Collision
 
 #: Coefficients of restitution of all contacts.
 RESTITUTIONS = (1.0, 0.9, 0.5, 0.0)
@@ -26,7 +28,9 @@ COLUMNS: dict[str, dict[str, Any]] = {
     "cradle 2 on 3": {"arrangement": "cradle", "balls": 5, "strike": 2},
     "stack of 3": {"arrangement": "stack", "balls": 3},
 }
-PICTURED = "cradle 1 on 4"
+
+#: Every case, in the order of the board.
+CASES = list(product(COLUMNS, RESTITUTIONS))
 
 #: The arrangement that is compared with the laws: bodies touch, those of a rigid engine overlap by 2^-16 radii.
 USUAL = "as it is"
@@ -45,52 +49,31 @@ _GAPS = {
 STEPS = {"half the step": 0.5, "twice the step": 2.0}
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A collision of `COLUMNS` with one e for all contacts."""
-
-    name: str
-    e: float
-
-    @property
-    def arranged(self) -> Arranged:
-        """The column."""
-        return Arranged(**COLUMNS[self.name], e=self.e)
-
-    @property
-    def command(self) -> str:
-        """The command that solves it by exact laws and engines."""
-        options = COLUMNS[self.name] | {"e": self.e}
-        return "impact-xval solve " + " ".join(f"--{k.replace('_', '-')} {v}" for k, v in options.items())
+def column(case: str, e: float) -> Collision:
+    """Give the collision of a case."""
+    return Arranged(**COLUMNS[case], e=e).column()
 
 
-def cases() -> list[Case]:
-    """Give every case, in the order of the board."""
-    return [Case(name, e) for name in COLUMNS for e in RESTITUTIONS]
-
-
-def arrangements(engine: Engine, case: Case, settings: Settings) -> dict[str, Scene] | str:
+def arrangements(engine: Engine, collision: Collision, settings: Settings) -> dict[str, Scene] | str:
     """Arrange a case in every way for an engine, or say why it takes none.
 
     Every gap is changed at once, by the share of a radius that the name says. Without a table a column is also moved
     along its line, and made in the other order: mirrored, so that ball N comes first.
     """
-    collision = case.arranged.column()
     usual = engine.scene_or_refusal(collision, settings)
     if isinstance(usual, str):
         return usual
-    radius = engine.radius(usual)
+    radius, heights = engine.radius(usual), np.array(usual.heights)
     # Heights grow upwards: ball i is above as many changed gaps as there are contacts below it.
-    below = np.arange(len(usual.masses), 0, -1) - (not usual.table)
+    below = np.arange(len(heights), 0, -1) - (not usual.table)
 
-    def moved(by: np.ndarray) -> Scene:
-        return replace(usual, heights=tuple((np.array(usual.heights) + by * radius).tolist()))
+    def moved(by: Any) -> Scene:
+        return replace(usual, heights=tuple((heights + by * radius).tolist()))
 
     found = {USUAL: usual} | {name: moved(gap * below) for name, gap in _GAPS.items()}
     found |= {name: replace(usual, step=usual.step * share) for name, share in STEPS.items()}
     if not usual.table:
-        found["moved by 0.37 radii"] = moved(np.full(len(usual.masses), 0.37))
         mirrored = engine.scene_or_refusal(collision.reversed(), settings)
         assert isinstance(mirrored, Scene)
-        found[MIRRORED] = mirrored
+        found |= {"moved by 0.37 radii": moved(0.37), MIRRORED: mirrored}
     return found

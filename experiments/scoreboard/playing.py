@@ -21,24 +21,10 @@ import pandas as pd
 from impact_xval.compliant_baselines.answers import answer, said
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.stepping import ALOFT, Run
-from impact_xval.compliant_baselines.registry import (
-    engine_free_names,
-    get_solver,
-    is_engine,
-    kind_of,
-    solver_names,
-)
+from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_engine, solver_names
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.errors import InterruptedRunError
-from impact_xval.experiments.scoreboard.cases import (
-    COLUMNS,
-    MIRRORED,
-    RESTITUTIONS,
-    USUAL,
-    Case,
-    arrangements,
-    cases,
-)
+from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, MIRRORED, USUAL, arrangements, column
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
 from impact_xval.experiments.tables.folder import write_text
@@ -49,8 +35,6 @@ _SETTINGS = Settings(max_steps=200_000)
 
 #: Seconds that one case may take in all arrangements.
 _LONGEST = 120.0
-
-Progress = Callable[[int, int, str], None]
 
 
 def entrants(names: Sequence[str] = ()) -> list[str]:
@@ -63,109 +47,84 @@ def entrants(names: Sequence[str] = ()) -> list[str]:
 
 
 def play(
-    names: Sequence[str], root: Path, workers: int, progress: Progress
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Have solvers answer every case.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of solvers.
-    root : Path
-        Folder where what has been answered is kept, and taken from if versions and cases are those of now.
-    workers : int
-        Processes at a time; no answer depends on it.
-    progress : callable
-        Given how many cells (a case by a solver) are done, of how many, and a line.
+    names: Sequence[str], root: Path, workers: int, progress: Callable[[int, int, str], None]
+) -> pd.DataFrame:
+    """Have solvers answer every case, and keep what each has answered in a folder.
 
     Returns
     -------
-    solvers : DataFrame
-        A row a solver: solver, kind, version, microseconds (of a step), reason (why it is not there).
-    answers : DataFrame
-        A row an answer: solver, case, e, arrangement, status, reason, steps, v1 ... v5 in m/s.
+    DataFrame
+        A row an answer: solver, its version and microseconds a step, case, e, arrangement, status, reason, and
+        v1 ... v5 in m/s.
     """
     (root / "answers").mkdir(parents=True, exist_ok=True)
     found: dict[str, Any] = {}
-    n = len(cases())
     try:
         with open_pool(None, workers) as pool:
             asked = {pool.submit(_kept, name, root / "answers"): name for name in names}
             for done, future in enumerate(as_completed(asked), 1):
                 found[asked[future]] = future.result()
-                progress(done * n, len(names) * n, "")
+                progress(done * len(CASES), len(names) * len(CASES), "")
     except KeyboardInterrupt:
         line = f"interrupted; {len(found)} of {len(names)} solvers are kept; the same command continues"
         raise InterruptedRunError(line) from None
-    parts = [found[name] for name in names]
-    answers = pd.DataFrame([row for part in parts for row in part["answers"]])
-    return pd.DataFrame([part["solver"] for part in parts]), answers
+    return pd.DataFrame([row for name in names for row in found[name]])
 
 
-def _kept(slot: Slot, name: str, folder: Path) -> dict[str, Any]:
-    """Take what a solver has answered from its file, or have it answer."""
-    path = folder / f"{name.replace(':', '-')}.json"
-    asked = version("impact-xval"), get_solver(name).version(), COLUMNS, RESTITUTIONS, str(_SETTINGS)
-    identity = sha256(json.dumps(asked).encode()).hexdigest()
-    with contextlib.suppress(FileNotFoundError, ValueError):
-        kept = json.loads(path.read_text(encoding="utf-8"))
-        if kept["identity"] == identity:
-            return kept
-    part = {"identity": identity, **_played(slot, name)}
-    write_text(path, json.dumps(part, indent=1))
-    return part
+def _kept(slot: Slot, name: str, folder: Path) -> list[dict[str, Any]]:
+    """Take what a solver has answered from its file, or have it answer; versions and cases are in the file's name."""
+    asked = version("impact-xval"), get_solver(name).version(), COLUMNS, CASES, str(_SETTINGS)
+    identity = sha256(json.dumps(asked).encode()).hexdigest()[:12]
+    path = folder / f"{name.replace(':', '-')}-{identity}.json"
+    if not path.exists():
+        write_text(path, json.dumps(_played(slot, name), indent=1))
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
-def _played(slot: Slot, name: str) -> dict[str, Any]:
+def _played(slot: Slot, name: str) -> list[dict[str, Any]]:
     """Have a solver answer every case in the process of a slot."""
-    solver = {"solver": name, "kind": kind_of(name), "version": get_solver(name).version()}
-    try:
-        microseconds, reason = slot.call(name, _prepared, name, timeout=TO_PREPARE)
-    except FaultError as fault:
-        microseconds, reason = None, fault.reason
-    answers = []
-    for case in cases():
+    facts, rows = {"solver": name, "version": get_solver(name).version(), "microseconds": None}, []
+    with contextlib.suppress(FaultError):  # then each case says so
+        facts["microseconds"] = slot.call(name, _prepared, name, timeout=TO_PREPARE)
+    for case, e in CASES:
         try:
-            rows = slot.call(name, _answers, name, case, timeout=_LONGEST)
+            answers = slot.call(name, _answers, name, case, e, timeout=_LONGEST)
         except FaultError as fault:
-            rows = [_row(USUAL, fault.status, fault.reason)]
-        answers += [{"solver": name, "case": case.name, "e": case.e, **row} for row in rows]
-    return {"solver": {**solver, "microseconds": microseconds, "reason": reason}, "answers": answers}
+            answers = [_row(USUAL, fault.status, fault.reason)]
+        rows += [{**facts, "case": case, "e": e, **row} for row in answers]
+    return rows
 
 
-def _row(
-    arrangement: str, status: str, reason: str = "", steps: int = 0, v: Sequence[float] = ()
-) -> dict[str, Any]:
+def _row(arrangement: str, status: str, reason: str = "", v: Sequence[float] = ()) -> dict[str, Any]:
     velocities = {f"v{i}": value for i, value in enumerate(v, 1)}
-    return {"arrangement": arrangement, "status": status, "reason": reason, "steps": steps, **velocities}
+    return {"arrangement": arrangement, "status": status, "reason": reason, **velocities}
 
 
-def _prepared(_: object, name: str) -> tuple[float | None, str]:
-    """Compile and import what a solver needs; microseconds a step of an engine, and why it cannot run."""
-    solver, basic = get_solver(name), Case("drop, k2/k1 = 1", 0.9)
-    reason = solver.unavailable() or ""
-    if reason or not isinstance(solver, Engine):
-        answer(solver, [basic.arranged.column()], _SETTINGS)
-        return None, reason
-    scene = solver.scene_or_refusal(basic.arranged.column(), replace(_SETTINGS, **solver.as_set))
+def _prepared(_: object, name: str) -> float | None:
+    """Compile and import what a solver needs; microseconds a step of an engine, while balls touch."""
+    solver, collision = get_solver(name), column("drop, k2/k1 = 1", 0.9)
+    if not isinstance(solver, Engine) or solver.unavailable() is not None:
+        answer(solver, [collision], _SETTINGS)
+        return None
+    scene, n = solver.scene_or_refusal(collision, replace(_SETTINGS, **solver.as_set)), 500
     if isinstance(scene, str):
-        return None, ""
+        return None
     with solver.running():
-        world, n = solver.world(scene), 500
+        world = solver.world(scene)
         start = time.perf_counter()
         world.advance(n)
-        return 1e6 * (time.perf_counter() - start) / n, ""
+        return 1e6 * (time.perf_counter() - start) / n
 
 
-def _answers(_: object, name: str, case: Case) -> list[dict[str, Any]]:
+def _answers(_: object, name: str, case: str, e: float) -> list[dict[str, Any]]:
     """Answer a case: an engine in every arrangement, others in the usual one."""
     solver = get_solver(name)
     if not isinstance(solver, Engine) or solver.unavailable() is not None:
-        (o,) = answer(solver, [case.arranged.column()], _SETTINGS)
-        return [_row(USUAL, o.status, o.reason, 0, o.velocities if o.status in RESULT_STATUSES else ())]
+        (o,) = answer(solver, [column(case, e)], _SETTINGS)
+        return [_row(USUAL, o.status, o.reason, o.velocities if o.status in RESULT_STATUSES else ())]
     settings = replace(_SETTINGS, **solver.as_set)
     try:
-        scenes = arrangements(solver, case, settings)
+        scenes = arrangements(solver, column(case, e), settings)
         if isinstance(scenes, str):
             return [_row(USUAL, "unrepresentable", scenes)]
         runs = solver.run(list(scenes.values()), settings.max_steps)
@@ -180,9 +139,8 @@ def _of(arrangement: str, run: Run) -> dict[str, Any]:
     One given up in a long flight, after which balls that hardly approach would meet, has the velocities of that flight.
     """
     if not run.over and run.end != ALOFT:
-        return _row(arrangement, run.status, run.problem(), run.n_steps)
+        return _row(arrangement, run.status, run.problem())
     reason = run.problem() or run.too_much_energy()
-    status = "unconverged" if run.over and reason else run.status
     v = run.reported if run.over else tuple(run.velocities.tolist())
     v = tuple(-each for each in v[::-1]) if arrangement == MIRRORED else v
-    return _row(arrangement, status, reason, run.n_steps, v)
+    return _row(arrangement, "unconverged" if run.over and reason else run.status, reason, v)

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from impact_xval.compliant_baselines.contacts_mujoco import places
+from impact_xval.compliant_baselines.contacts_mujoco import PLACES, contacts
+from impact_xval.compliant_baselines.inspect_mujoco import measure_model
 from impact_xval.compliant_baselines.mapping import Contact
-from impact_xval.compliant_baselines.measure_mujoco import PLACES, measure_model
 
 FORCE_LEVEL = 'condim="1" solimp="1e-4 1e-4 .001 .5 1"'
 SOFT = 'solref="-4e3 -10" solimp=".3 .6 .01 .5 2"'
@@ -71,10 +71,8 @@ def test_a_force_level_contact_is_that_of_the_closed_form(scene, mass, e, k):
     asked = Contact.from_restitution(k, e, mass)
     pair = f'<pair geom1="up" geom2="low" solref="{-k / mass} {-asked.c / mass}" {FORCE_LEVEL}/>'
     (row,) = measure_model(compiled(scene, contact=pair, step=asked.duration / 200, g=-9.81))
-    assert (row.masses, row.restitution) == (
-        (0.5, math.inf if scene is ON_FLOOR else 2),
-        pytest.approx(e, abs=2e-3),
-    )
+    assert row.masses == (0.5, math.inf if scene is ON_FLOOR else 2)
+    assert row.restitution == pytest.approx(e, abs=2e-3)
     assert (row.duration, row.steps) == (pytest.approx(asked.duration, rel=5e-3), pytest.approx(200, abs=1))
     assert row.stiffness == pytest.approx(k, rel=1.2e-2)
     assert row.damping == pytest.approx(asked.c, abs=1.2e-2 * math.sqrt(k * mass))
@@ -117,14 +115,13 @@ def test_what_cannot_be_measured_is_a_row_with_the_reason():
     for upper, reason in (
         ("solref='0 0' priority='1'", "no force within 20000 steps"),
         ("solref='-1e-3 0' priority='1'", "not over within 20000 steps"),
-        ("margin='-1000'", "makes no contact"),
     ):
         (row,) = measure_model(compiled(upper=upper))
         assert reason in row.reason
         assert row.restitution is row.stiffness is row.penetration is None
 
 
-def test_contacts_are_those_that_the_engine_makes_and_alike_ones_one_row():
+def test_contacts_are_those_that_the_filters_let_through_and_alike_ones_one_row():
     text = """<mujoco><worldbody>
     <geom type="plane" size="1 1 1"/><geom type="plane" size="1 1 1"/><geom name="ghost" size="1" contype="0"/>
     <body><freejoint/><geom size="1"/><geom size="2"/>
@@ -132,11 +129,11 @@ def test_contacts_are_those_that_the_engine_makes_and_alike_ones_one_row():
     <body><freejoint/><geom name="d" size="5" contype="2" conaffinity="4"/></body>
     <body name="e"><freejoint/><geom size="6"/></body></worldbody>
     <contact><exclude body1="e" body2="c"/><pair name="named" geom1="ghost" geom2="d"/></contact></mujoco>"""
-    model = mujoco.MjModel.from_xml_string(text)
-    found, data = {frozenset(geoms) for _, geoms, _ in places(model)}, mujoco.MjData(model)
-    model.geom_margin[:] = model.body_margin[:] = 100
-    mujoco.mj_forward(model, data)
-    assert found == {frozenset(contact.geom.tolist()) for contact in data.contact}
+    # Left out: two fixed ones, no match of contype and conaffinity, a body and its parent, and what <exclude> names.
+    fixed = {f"geoms {floor} and #{geom}" for floor in ("#0", "#1", "ghost") for geom in (3, 4, 5, 6, 8)}
+    moving = {f"geoms #{a} and #{b}" for a, b in ((3, 6), (4, 6), (3, 8), (4, 8), (5, 8))}
+    found = contacts(mujoco.MjModel.from_xml_string(text)).values()
+    assert {name for names in found for name in names} == {"pair named"} | fixed | moving
     other = '<worldbody><body pos="5 0 1"><freejoint/><geom size=".2" mass="0.5"/></body></worldbody>'
     rows = measure_model(compiled(contact=f"</contact>{other}<contact>"))
     assert [row.where for row in rows] == ["geoms low and up and 1 more", "geoms up and #2"]

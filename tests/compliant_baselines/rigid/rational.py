@@ -6,6 +6,8 @@ Inputs are `Fraction`s: masses, restitutions e, and relative velocities u that a
 from fractions import Fraction
 from itertools import combinations
 
+from impact_xval.model.collision import Collision
+
 
 def solved(a, b):
     """Solve a linear system by elimination."""
@@ -18,6 +20,17 @@ def solved(a, b):
             if j != i:
                 rows[j] = [x - rows[j][i] * y for x, y in zip(rows[j], rows[i], strict=True)]
     return [row[-1] for row in rows]
+
+
+def times(matrix, vector):
+    return [sum(a * x for a, x in zip(row, vector, strict=True)) for row in matrix]
+
+
+def chain(*velocities, e=1.0, masses=None, gap=0.0, table=False):
+    """Balls that are alike but for what is said."""
+    n = len(velocities)
+    k, e, gaps = ((value,) * (n - 1 + table) for value in (1.0, e, gap))
+    return Collision(masses or (1.0,) * n, k, e, velocities, table, gaps)
 
 
 class Balls:
@@ -34,14 +47,11 @@ class Balls:
 
     @property
     def u(self):
-        return [sum(a * v for a, v in zip(row, self.v, strict=True)) for row in self.h]
+        return times(self.h, self.v)
 
     def push(self, impulse):
         for j, m in enumerate(self.m):
             self.v[j] += sum(row[j] * p for row, p in zip(self.h, impulse, strict=True)) / m
-
-    def after(self, impulse):
-        return [sum(a * p for a, p in zip(row, impulse, strict=True)) for row in self.g]
 
     def complementary(self, q):
         """Solve 0 <= P, q + G P >= 0, complementary, by trying every set of contacts that push."""
@@ -52,7 +62,7 @@ class Balls:
                 impulse = [Fraction(0)] * n
                 for i, p in zip(some, part, strict=True):
                     impulse[i] = p
-                w = [a + b for a, b in zip(q, self.after(impulse), strict=True)]
+                w = [a + b for a, b in zip(q, times(self.g, impulse), strict=True)]
                 if min(impulse, default=0) >= 0 and min(w, default=0) >= 0:
                     found.append(impulse)
         assert all(each == found[0] for each in found)  # G is positive definite: one solution
@@ -66,9 +76,14 @@ class Balls:
         self.push([(1 + e) * p for e, p in zip(self.e, self.complementary(self.u), strict=True)])
         self.push(self.complementary(self.u))
 
-    def sequential(self, last):
+    def first(self):
+        """Resolve the topmost of the contacts that approach, one after the other."""
+        self.last(place=0)
+
+    def last(self, place=-1):
+        """The lowest, or that of a place among them."""
         while min(self.u) < 0:
-            i = [i for i, u in enumerate(self.u) if u < 0][-1 if last else 0]
+            i = [i for i, u in enumerate(self.u) if u < 0][place]
             self.push(
                 [-(1 + self.e[i]) * self.u[i] / self.g[i][i] if j == i else 0 for j in range(len(self.u))]
             )
