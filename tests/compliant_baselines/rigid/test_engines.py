@@ -1,7 +1,5 @@
 """Rigid engines on one contact, and against the exact law that each follows."""
 
-from importlib import import_module
-
 import numpy as np
 import pytest
 
@@ -62,20 +60,6 @@ def test_thresholds_are_where_the_adapter_says(name, engine, monkeypatch):
     for rebound, got in ((0.999 * SLOWEST, 0.0), (1.001 * SLOWEST, 1.001 * SLOWEST), (2 * FASTEST, FASTEST)):
         v = engine.solve(chain(-2 * rebound, e=0.5, table=True)).velocities[0]
         assert v == pytest.approx(got, rel=1e-4)
-
-
-def test_two_coefficients_combine_as_their_product(name, engine, monkeypatch):
-    if name == "sapien":
-        return  # it takes their mean, and both are e
-    worlds = vars(import_module(type(engine).__module__)).items()
-    (world,) = (each for key, each in worlds if key.endswith("World") and key not in ("RigidWorld", "World"))
-    monkeypatch.setattr(world, "partner", 0.5)
-    for table in (False, True):
-        o = engine.solve(chain(*(-2.0, 0.0)[: 2 - table], e=0.8, table=table))
-        returned = (o.velocities[0] - (0 if table else o.velocities[1])) / 2
-        assert returned == pytest.approx(0.4, abs=ENGINES[name][2])
-        assert o.effective["restitution"] == pytest.approx((0.4,), abs=1e-7)
-        assert "restitution" in o.differences
 
 
 def test_columns_are_those_of_the_law(name, engine):
