@@ -106,7 +106,7 @@ def _results(compared: Compared) -> str:
     """Lay out the table of all solvers; of a column the state paths follow, for the table counts them."""
     blocks = compared.blocks()
     if compared.is_column:
-        rows = [(name, " ".join(states)) for name, states in compared.states.items() if states]
+        rows = [(name, " ".join(each.states)) for name, each in compared.outcomes.items() if each.states]
         blocks.append(
             Section("State paths: the contacts that act", [Table(["solver", "states"], rows, text=2)])
         )
