@@ -13,11 +13,7 @@ from markupsafe import Markup
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.divergence import (
-    measures_of,
-    scaled_diagnostics,
-    velocity_divergence,
-)
+from impact_xval.experiments.measures.divergence import measures_of, scaled_diagnostics, velocity_divergence
 from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.words import arranged, begun, one_vote
@@ -29,10 +25,8 @@ if TYPE_CHECKING:
 
     from impact_xval.experiments.config.arrangements import Arranged
 
-#: Letters of a line of the text of a comparison.
-_WIDTH = 150
-#: Dots per inch of the picture in a notebook.
-_DPI = 100
+#: Letters of a line of the text of a comparison, and dots per inch of the picture in a notebook.
+_WIDTH, _DPI = 150, 100
 #: The rows of the table of a column.
 _COLUMN = (
     "v1, v2, ...: velocities per |v0|, up is positive. D: kinetic norm of the difference from the model. limit: "
@@ -64,39 +58,36 @@ class Compared:
         return self.arranged is not None or not self.problem.falls_on_resting
 
     @property
-    def speed(self) -> float:
-        """Speed of impact in m/s, per which velocities are shown."""
-        return max(map(abs, self.problem.velocities))
-
-    @property
-    def results(self) -> list[str]:
-        """Solvers with a result, in the order of laws."""
-        return [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
-
-    @property
     def divergences(self) -> dict[str, float | None]:
         """Velocity divergence D from the model, by solver; None where one of the two has no result."""
         model = self.outcomes[REFERENCE]
         return {name: velocity_divergence(self.problem, model, each) for name, each in self.outcomes.items()}
 
+    @property
+    def scaled(self) -> dict[str, list[float]]:
+        """Velocities per speed of impact, of solvers with a result in the order of laws."""
+        names = [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
+        return {name: [v / self._speed for v in self.outcomes[name].velocities] for name in names}
+
+    @property
+    def _speed(self) -> float:
+        return max(map(abs, self.problem.velocities))
+
     def objects(self) -> list[dict[str, Any]]:
         """Return a JSON object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
         away, found = self.divergences, []
-        for name, outcome in self.outcomes.items():
-            velocities = [_finite(v / self.speed) for v in outcome.velocities]
-            impulses = [_finite(i / (self.problem.masses[0] * self.speed)) for i in outcome.impulses]
-            diagnostics = scaled_diagnostics(outcome, self.speed)
+        for name, each in self.outcomes.items():
+            velocities = [_finite(v / self._speed) for v in each.velocities]
+            impulses = [_finite(i / (self.problem.masses[0] * self._speed)) for i in each.impulses]
+            diagnostics = scaled_diagnostics(each, self._speed)
             found.append(
                 {
                     "solver": name,
                     "velocities": velocities,
                     **{f"v{i}": v for i, v in enumerate(velocities, 1)},
                     "impulses": impulses,
-                    "states": list(outcome.states),
-                    "status": outcome.status,
-                    "reason": outcome.reason,
-                    "grazing_margin": _finite(outcome.grazing_margin),
-                    "marked": outcome.marked,
+                    **{key: getattr(each, key) for key in ("states", "status", "reason", "marked")},
+                    "grazing_margin": _finite(each.grazing_margin),
                     "D": away[name],
                     "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
                 }
@@ -114,8 +105,8 @@ class Compared:
         from impact_xval.experiments.presentation.pictures.columns import velocities_figure
         from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawn_paths
 
-        if self.is_column and self.results:
-            return velocities_figure(self._scaled())
+        if self.is_column and self.scaled:
+            return velocities_figure(self.scaled)
         if not self.is_column and (paths := drawn_paths(self.problem, self.outcomes)):
             return draw_collision(self.problem, paths)
         statuses = {name: each.status for name, each in self.outcomes.items()}
@@ -140,13 +131,12 @@ class Compared:
             self.plot().savefig(file, format="png", dpi=_DPI)
         except ValueError:  # there is nothing to draw
             return fragment(self.blocks())
-        says = "final velocity of each ball" if self.is_column else "impulse curves and velocities"
-        image = Markup(
-            '<img alt="{} by every solver" src="data:image/png;base64,{}" '
-            'style="max-width: 100%; background: white">'
+        picture = Markup('<img alt="{} by every solver" src="data:image/png;base64,{}" style="{}">').format(
+            "final velocity of each ball" if self.is_column else "impulse curves and velocities",
+            base64.b64encode(file.getvalue()).decode("ascii"),
+            "max-width: 100%; background: white",
         )
-        data = base64.b64encode(file.getvalue()).decode("ascii")
-        return fragment([*self.blocks(), image.format(says, data)])
+        return fragment([*self.blocks(), picture])
 
     def __str__(self) -> str:
         from rich.console import Console
@@ -159,19 +149,14 @@ class Compared:
 
     __repr__ = __str__
 
-    def _scaled(self) -> dict[str, list[float]]:
-        return {name: [v / self.speed for v in self.outcomes[name].velocities] for name in self.results}
-
     def _collision_table(self) -> Table:
-        away, scaled, unit, rows = self.divergences, self._scaled(), self.problem.units.impulse, []
-        for law, group in by_law(self.outcomes).items():
-            for name in group:
-                outcome, shown = self.outcomes[name], ["-"] * 6
-                if name in scaled:
-                    numbers = [*scaled[name], *(impulse / unit for impulse in outcome.impulses)]
-                    shown = [f"{each:.6f}" for each in numbers]
-                    shown += [number(away[name]), " ".join(outcome.states)]
-                rows.append((law, name, outcome.status, *shown))
+        away, scaled, unit, rows = self.divergences, self.scaled, self.problem.units.impulse, []
+        for law, name in ((law, name) for law, group in by_law(self.outcomes).items() for name in group):
+            outcome, shown = self.outcomes[name], ["-"] * 6
+            if name in scaled:
+                numbers = [*scaled[name], *(impulse / unit for impulse in outcome.impulses)]
+                shown = [f"{each:.6f}" for each in numbers] + [number(away[name]), " ".join(outcome.states)]
+            rows.append((law, name, outcome.status, *shown))
         header = (
             "law",
             "solver",
@@ -186,9 +171,9 @@ class Compared:
         return Table(header, rows, text=3)
 
     def _column_table(self) -> Table:
-        """Lay out a column: a row a fact, a column a solver, for there are more balls than solvers."""
+        """Lay out a column: a fact a row, for there are more of them than solvers."""
         measures, facts = measures_of(self.problem, self.outcomes), {}
-        for name, velocities in self._scaled().items():
+        for name, velocities in self.scaled.items():
             outcome, measured = self.outcomes[name], measures[name]
             facts[name] = {
                 "law": law_of(name) or "-",
@@ -205,12 +190,7 @@ class Compared:
         return Table(["solver", *facts], rows)
 
 
-def compare(
-    problem: Collision,
-    solvers: Sequence[str] | None = None,
-    *,
-    timeout: float = 300.0,
-) -> Compared:
+def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout: float = 300.0) -> Compared:
     """Solve one collision, or one column, by several solvers without gravity, and compare them with the model.
 
     Each solver runs in a process of its own, within a limit of time: one that crashes or hangs has a status that says
@@ -224,34 +204,26 @@ def compare(
     timeout : float
         Seconds after which a solver is ended.
 
-    Returns
-    -------
-    Compared
-
     Raises
     ------
-    TypeError
-        If the problem is none.
-    ValueError
-        For names that are no solvers, or an illegal time; the message says what is legal.
+    TypeError, ValueError
+        If the problem is none; for names that are no solvers, or an illegal time. The message says what is legal.
     """
     from impact_xval.compliant_baselines.registry import get_solver, solver_names
     from impact_xval.experiments.config.errors import UserError
-    from impact_xval.experiments.config.experiment import parse_config, solvers_problem
+    from impact_xval.experiments.config.experiment import parse_config
     from impact_xval.experiments.presentation.terminal import say_waiting
     from impact_xval.experiments.sweep.one import solvers_apart
 
     if not isinstance(problem, Collision):
         raise TypeError(f"compare was given {type(problem).__name__}; legal: a Collision")
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
-    wrong = solvers_problem(names)
-    if wrong:
-        raise ValueError(f"solvers: {wrong}")
-    names = [REFERENCE, *(name for name in names if name != REFERENCE)]
     try:
-        config = parse_config({"scenario": "impact", "cell_timeout": timeout}, where="")
+        given = {"scenario": "impact", "cell_timeout": timeout, "solvers": names}
+        config = parse_config(given, where="")
     except UserError as error:
         raise ValueError(str(error)) from None
+    names = [REFERENCE, *(name for name in names if name != REFERENCE)]
     with solvers_apart(names, columns=not problem.falls_on_resting) as apart:
         return Compared(problem, apart.solve(problem, config, names, get_solver, say_waiting))
 

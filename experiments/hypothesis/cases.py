@@ -36,8 +36,8 @@ GRAZING = 1e-3
 #: Ranges that are drawn from: m2/m1, an inelastic e, and k2/k1 of the plastic limits.
 MASS_RATIO, RESTITUTION, STIFFNESS_RATIO = (0.2, 10.0), (0.3, 0.95), (0.03, 30.0)
 
-#: Candidates drawn at a time, and in all, before a class of a regime is found empty.
-_DRAW, _MOST = 1024, 65_536
+#: Candidates among which every class of a regime is found.
+_CANDIDATES = 65_536
 
 #: Classes of points none of whose contacts is elastic.
 LOSSY = ("both lossy", "other lossy")
@@ -56,7 +56,6 @@ class Case(NamedTuple):
     """One limit, or one regime of it: what its contrast is, and where it applies."""
 
     key: str
-    title: str
     variable: str
     regime: str
 
@@ -77,20 +76,13 @@ class Case(NamedTuple):
         return {self.axis: ratios[self.variable]}
 
 
-_EARLY = "k2/k1 → 0, united while the table contact is compressed"
-_LATE = "k2/k1 → 0, united while the table contact restores"
 CASES = (
-    Case(
-        "zero-apart",
-        "k2/k1 → 0, the balls part at once",
-        "k1/k2",
-        "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1",
-    ),
-    Case("zero-early", _EARLY, "k1/k2", "e1 m2/m1 below 1"),
-    Case("zero-late", _LATE, "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1"),
-    Case("infinity", "k2/k1 → infinity", "k2/k1", "everywhere"),
-    Case("plastic-ball-ball", "e1 → 0", "1/e1^2", "everywhere"),
-    Case("plastic-ball-table", "e2 → 0", "1/e2^2", "everywhere"),
+    Case("zero-apart", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1"),  # the balls part at once
+    Case("zero-early", "k1/k2", "e1 m2/m1 below 1"),  # united while the table contact is compressed
+    Case("zero-late", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1"),  # ... while it restores
+    Case("infinity", "k2/k1", "everywhere"),
+    Case("plastic-ball-ball", "1/e1^2", "everywhere"),
+    Case("plastic-ball-table", "1/e2^2", "everywhere"),
 )
 BY_KEY = {case.key: case for case in CASES}
 
@@ -110,12 +102,10 @@ def border(case: Case, point: Point) -> float:
 
 def pair_class(case: Case, point: Point) -> str:
     """Name the class of a point: which of its contacts are elastic (e = 1); of a plastic limit, the other one."""
-    elastic = [name for name in ("e1", "e2") if getattr(point, name) == 1]
     if case.plastic:
-        return "other elastic" if elastic else "other lossy"
-    if len(elastic) == 1:
-        return f"only {elastic[0]} = 1"
-    return "e1 = e2 = 1" if elastic else "both lossy"
+        return "other elastic" if 1 in (point.e1, point.e2) else "other lossy"
+    names = {(True, True): "e1 = e2 = 1", (True, False): "only e1 = 1", (False, True): "only e2 = 1"}
+    return names.get((point.e1 == 1, point.e2 == 1), "both lossy")
 
 
 def distance(weights: Any, differences: Any) -> Any:
@@ -136,13 +126,12 @@ def draw(case: Case, n: int, seed: int) -> list[Point]:
     wanted += [one for one, count in elastic.items() for _ in range(count)]
     sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
     points: list[Point] = []
-    for _ in range(_MOST // _DRAW):
-        for candidate in sampler.random(_DRAW):
-            point = _point(case, candidate, wanted[len(points)])
-            if border(case, point) >= MARGIN:
-                points.append(point)
-            if len(points) == n:
-                return points
+    for candidate in sampler.random(_CANDIDATES):
+        point = _point(case, candidate, wanted[len(points)])
+        if border(case, point) >= MARGIN:
+            points.append(point)
+        if len(points) == n:
+            return points
     raise ValueError(f"{case.key}: no point with elastic contacts {wanted[len(points)]} found")
 
 
@@ -157,12 +146,16 @@ def _point(case: Case, unit: Sequence[float], elastic: tuple[bool, bool]) -> Poi
     return Point(*ratios)._replace(**{case.axis: math.nan})
 
 
-def tabulated(case: Case, points: Sequence[Point]) -> Frame:
-    """Make a table of the points of a case: a row each, with its class, and v1 and v2 of the closed form."""
-    table = pd.DataFrame(points, columns=list(AXES))
-    limit = solve_batch(
-        **table.assign(**case.at(math.inf)).to_dict("series"), stiffness_ratio_cutoff=math.inf
-    )
-    classes = [pair_class(case, point) for point in points]
-    known = {"case": case.key, "point": range(len(points)), "class": classes}
-    return table.assign(**known, closed_form_v1=limit.v1, closed_form_v2=limit.v2)
+def design(n: int, seed: int) -> Frame:
+    """Draw the points of all limits: a row each, with its class, and v1 and v2 of the closed form."""
+    tables = []
+    for case in CASES:
+        points = draw(case, n, seed)
+        table = pd.DataFrame(points, columns=list(AXES))
+        table = table.assign(
+            **{"case": case.key, "point": range(n), "class": [pair_class(case, one) for one in points]}
+        )
+        limit = {name: table.assign(**case.at(math.inf))[name] for name in AXES}
+        closed = solve_batch(**limit, stiffness_ratio_cutoff=math.inf)
+        tables.append(table.assign(closed_form_v1=closed.v1, closed_form_v2=closed.v2))
+    return pd.concat(tables, ignore_index=True)

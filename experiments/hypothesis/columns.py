@@ -40,7 +40,6 @@ ELASTIC = 3
 #: Error of an exact solver's velocities in columns, per speed of impact (docs/columns.md, sections 6 and 7).
 ERROR = 1e-9
 
-
 #: Arrangement, and where in it the contact is that becomes infinitely stiff.
 PLACES = (
     *((name, where) for name in ("chain", "cradle") for where in ("top", "middle", "bottom")),
@@ -60,12 +59,10 @@ def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[t
     columns = []
     for i in range(points):
         n = int(rng.integers(balls[0], balls[1] + 1))
-        column = Arranged(
-            arrangement=arrangement, balls=n, strike=2 if arrangement == "cradle" else None
-        ).column()
+        strike = 2 if arrangement == "cradle" else None
+        column = Arranged(arrangement=arrangement, balls=n, strike=strike).column()
         contacts = len(column.stiffnesses)
-        middle = 1 if arrangement == "cradle" else contacts // 2
-        stiff = {"top": 0, "middle": middle}.get(where, contacts - 1)
+        stiff = {"top": 0, "middle": 1 if strike else contacts // 2}.get(where, contacts - 1)
         masses, k = (np.exp(rng.uniform(low, high, size)) for size in (n, contacts))
         e = rng.uniform(*RESTITUTION, contacts) if (i + 1) % ELASTIC else np.ones(contacts)
         k[stiff] = np.delete(k, stiff).max()

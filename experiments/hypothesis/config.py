@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
-import tomli_w
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator
 
 from impact_xval.compliant_baselines.registry import solver_names
-from impact_xval.experiments.config.axes import Strict, at_most, positive, table, whole
+from impact_xval.experiments.config.axes import Strict, at_most, table, whole
 from impact_xval.experiments.config.errors import read_toml, short, validated
 from impact_xval.experiments.config.experiment import solvers_problem
-from impact_xval.experiments.hypothesis.cases import BY_KEY, Case, Point, border
+from impact_xval.experiments.hypothesis.cases import Case
 
 #: Models and references beside the solvers of every run.
 LAWS = ("kelvin-voigt-anchored", "kelvin-voigt-textbook", "hunt-crossley", "liu-zhao-brogliato")
@@ -36,7 +35,6 @@ _Contrast = Annotated[tuple[float, float], Field(strict=False, description="[lo,
 _Plastic = Annotated[tuple[float, float], Field(strict=False, description="[lo, hi]"), _up_to("1e16")]
 _Engine = Annotated[tuple[float, float], Field(strict=False, description="[lo, hi]"), _up_to("1e6")]
 _Decades = Annotated[float, Field(ge=1, le=8, description="from 1 to 8 (decades of a fit)")]
-_Restitution = Annotated[float, Field(ge=0.02, le=1, description="from 0.02 to 1")]
 
 
 class ColumnsConfig(Strict):
@@ -56,34 +54,6 @@ class ColumnsConfig(Strict):
         if not 4 <= value[0] <= value[1] <= 12:
             raise ValueError(f"{list(value)}; legal: {cls.model_fields['balls'].description}")
         return value
-
-
-class GivenPoint(Strict):
-    """A point of the design that is given, not drawn."""
-
-    case: Literal[
-        "zero-apart", "zero-early", "zero-late", "infinity", "plastic-ball-ball", "plastic-ball-table"
-    ] = Field(description=", ".join(BY_KEY))
-    mass_ratio: float = Field(gt=0, allow_inf_nan=False, description="a finite number > 0 (m2/m1)")
-    e1: _Restitution = 1.0
-    e2: _Restitution = 1.0
-    stiffness_ratio: float = positive(1.0, "k2/k1 of a plastic limit")
-
-    @model_validator(mode="after")
-    def _inside(self) -> GivenPoint:
-        case = BY_KEY[self.case]
-        inside = border(case, self.point())
-        if inside < 0:
-            raise ValueError(
-                f"m2/m1 = {self.mass_ratio:g}, e1 = {self.e1:g}, e2 = {self.e2:g} lies outside {case.key} by "
-                f"{-inside:.3g} (velocity per |v0|); legal: {case.regime}"
-            )
-        return self
-
-    def point(self) -> Point:
-        """Return the point; what goes to its limit in this case is NaN."""
-        point = Point(self.stiffness_ratio, self.mass_ratio, self.e1, self.e2)
-        return point._replace(**{BY_KEY[self.case].axis: math.nan})
 
 
 class HypothesisConfig(Strict):
@@ -107,9 +77,6 @@ class HypothesisConfig(Strict):
     halvings: int = whole(3, 0, 10, " (of the step)")
     cell_timeout: float = at_most(300.0, 1e6, "s of wall time")
     columns: ColumnsConfig = table(ColumnsConfig)
-    point: list[GivenPoint] = Field(
-        [], description="a list of tables: case, mass_ratio, e1, e2, for a plastic limit stiffness_ratio"
-    )
 
     @field_validator("solvers")
     @classmethod
@@ -118,10 +85,6 @@ class HypothesisConfig(Strict):
         if problem:
             raise ValueError(problem)
         return value
-
-    def toml(self) -> str:
-        """Return the configuration as the text of a TOML file."""
-        return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
 
     def contrasts(self, case: Case, *, engines: bool) -> list[float]:
         """Return the contrasts at which a limit is approached; in a plastic limit exact solvers take half as many."""

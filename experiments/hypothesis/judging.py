@@ -1,26 +1,19 @@
 """The judgement of a series of outcomes on a limit: does it get there, at what rate, and where does it go if not.
 
-A series is the outcomes of one solver at one point of the design, at rising contrasts x. Velocities are taken as
-vectors w, of two balls (v1, sqrt(m2/m1) v2), whose length is the kinetic norm.
+A series is the outcomes of one solver at one point, at rising contrasts x; velocities are vectors w whose length is the
+kinetic norm, of two balls (v1, sqrt(m2/m1) v2). docs/hypothesis.md has the rule in full.
 
-1. **Usable** are outcomes that are results, away from a grazing jump. The *window* is their last `decades`; where the
-   distance from the closed form has sunk under `FLOOR_ERRORS` errors of the solver for good, the window ends there.
-   Without `decades` of them the verdict is `undecided`.
-2. **Rate**: slope of ln D over ln x in the window by Theil and Sen, with its 95 % interval: contacts that ring let D
-   dip to nothing at single contrasts, which a median of slopes does not notice.
+1. The *window* is the last `decades` of the usable outcomes; where the distance D from the closed form has sunk under
+   `FLOOR_ERRORS` errors of the solver for good, it ends there.
+2. **Rate**: slope of ln D over ln x by Theil and Sen: contacts that ring let D dip to nothing at single contrasts,
+   which a median of slopes does not notice.
 3. **Limit**: w = L + A x^-s by least squares, s from `EXPONENTS`. Its error is the largest of: what the same fit gives
    without the last decade (or half of a short window), with a second term in x^-2s, or with any s that leaves no more
    than twice the least residual; that residual; and the solver's own error.
-4. The series **settles** if the diameter of its last decade is below that of its first by at least
-   `LEAST_RATE` a decade, or below what the solver resolves, or below a tenth of its distance from the closed form
-   (its limit is then the mean of that decade, with that diameter for an error).
-5. A series **jumps** where, in the later half of the window, a distance exceeds both the line of the rate and the
-   distance before it by `JUMP`.
-
-Verdict: `refuted` if it settles, L lies further from the closed form than three of its errors and than a fifth of the
-last distances, and no outcome of the last decade comes closer to the closed form than half that; else `supported` if
-the interval of the rate lies above `LEAST_RATE`, the distance falls by `LEAST_FALL`, and the series settles without a
-jump; `no limit` if it jumps, or does not settle though its distance falls and rises; else `undecided`, with the reason.
+4. The series **settles** if the diameter of its last decade is below that of its first by at least `LEAST_RATE` a
+   decade, or below what the solver resolves, or below a tenth of its distance from the closed form (its limit is then
+   the mean of that decade, with that diameter for an error).
+5. It **jumps** where, in the later half of the window, D exceeds both the line of the rate and the D before by `JUMP`.
 """
 
 from __future__ import annotations
@@ -32,6 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.stats import theilslopes
+
+from impact_xval.experiments.hypothesis.cases import Frame
 
 Floats = NDArray[np.float64]
 
@@ -77,32 +72,20 @@ class _Window(NamedTuple):
         return self.x >= self.x[-1] - 1 - _SLACK
 
 
-def judge(
-    contrast: Floats, velocities: Floats, error: Floats, closed_form: Floats, masses: Floats, decades: float
-) -> dict[str, Any]:
-    """Judge the usable outcomes of a series, of n contrasts and b balls, by a fit over some decades.
+def judge(series: Frame) -> dict[str, Any]:
+    """Judge a series of outcomes by the kinetic norm of their differences, with `weights` for masses.
 
-    Parameters
-    ----------
-    contrast, error : ndarray, shape (n,)
-        Rising; of the outcomes, in the kinetic norm.
-    velocities, closed_form : ndarray, shape (n, b) and (b,)
-        Per abs(v0).
-    masses : ndarray, shape (b,)
-        In the unit of the kinetic norm: of two balls 1 and m2/m1.
-
-    Returns
-    -------
-    dict
-        A row of ``points.csv``. `last` is the median distance from the closed form in the last decade, `offset` that of
-        the limit, `consistent` whether it is below three errors of the limit.
+    The result is a row of ``points.csv``. `last` is the median distance from the closed form in the last decade,
+    `offset` that of the limit, `consistent` whether it is below three errors of the limit.
     """
-    scale = np.sqrt(masses)
-    w, target = velocities * scale, closed_form * scale
+    used, first = series[series.used], series.iloc[0]
+    scale, decades = np.sqrt(first.weights), first.decades
+    target = np.array(first.closed_form) * scale
+    w = np.array(used.velocities.to_list()).reshape(-1, len(scale)) * scale
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
-    own = maximum_filter1d(error, 3, mode="nearest")
+    own = maximum_filter1d(used.error, 3, mode="nearest")
     found = _OPEN | {f"limit_v{i}": math.nan for i in range(1, 1 + len(target))}
-    window, sunk = _window(_Window(np.log10(contrast), w, _length(w - target), own), decades)
+    window, sunk = _window(_Window(np.log10(used.contrast.to_numpy()), w, _length(w - target), own), decades)
     if isinstance(window, str):
         return found | {"reason": window}
     found |= _limit(window, target, scale, decades)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,20 +9,19 @@ from typing import Any
 from markupsafe import Markup
 from rich.console import Console
 
-from impact_xval.compliant_baselines.registry import engine_free_names, is_engine, kind_of
-from impact_xval.experiments.hypothesis import cases
+from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.hypothesis.cases import CASES, LOSSY, Frame
 from impact_xval.experiments.hypothesis.run import Results
 from impact_xval.experiments.hypothesis.verdicts import CLOSE
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import page_of
-from impact_xval.experiments.presentation.looks import Look, look
+from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.presentation.terminal import show
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named, one_vote
 from impact_xval.experiments.tables.folder import write_text
-from impact_xval.experiments.tables.numbers import listed, number, percent, short
+from impact_xval.experiments.tables.numbers import listed, percent, short
 from impact_xval.experiments.tables.parquet import replacing
 from impact_xval.model.collision import RESULT_STATUSES
 
@@ -40,19 +38,6 @@ _MECHANISM = {
 
 #: Distances below this are not drawn: rounding.
 _FLOOR = 1e-13
-
-_LOOKS = {
-    "kelvin-voigt-anchored": Look("#56B4E9", "<", "--"),
-    "kelvin-voigt-textbook": Look("#8C8C8C", "x", (0, (1, 1))),
-    "hunt-crossley": Look("#7A4B1E", "P", "-"),
-    "liu-zhao-brogliato": Look("#5D3A9B", "*", (0, (3, 1))),
-}
-
-_CAPTION = (
-    "D = sqrt((m1 dv1^2 + m2 dv2^2)/(m1 v0^2)) from the closed form of the limit: median over the points none of whose "
-    "other contacts is elastic. Open markers: engines, in the limit dt -> 0. A line that levels out goes to another "
-    "limit."
-)
 
 
 def write_all(results: Results, root: Path) -> Path:
@@ -72,8 +57,9 @@ def write_all(results: Results, root: Path) -> Path:
 
 def show_verdicts(console: Console, results: Results) -> None:
     """Print the verdicts, and the points at which they are reached."""
-    rows = _grid(_wholes(results.verdicts), "solver", "case", _short)
-    table = Table(("solver", *rows), [(named(name), *row) for name, *row in rows.itertuples()], TITLE, text=9)
+    grid = _grid(_wholes(results.verdicts), "solver", "case", _short)
+    rows = [(named(name), *row) for name, *row in grid.itertuples()]
+    table = Table(("solver", *grid), rows, TITLE, text=len(rows[0]))
     show(console, ["", table, *_columns_as_one(results), LAWS_WITH_LAWS])
 
 
@@ -86,8 +72,16 @@ def _blocks(results: Results) -> list[Block]:
         f"{len(voters(results.solvers))} laws approach {len(CASES)} limits, each at {results.config.points} "
         "collisions or more. Supported: final velocities approach the closed form; refuted: another value."
     )
-    answer = " ".join([*_answer(results), *_columns_as_one(results)])
-    figure = Figure("distance", _CAPTION)
+    held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")["case"]
+    answer = (
+        [f"The model supports it in {len(held)} of {len(CASES)} limits."] if MODEL in results.solvers else []
+    )
+    answer = " ".join([*answer, *_columns_as_one(results)])
+    figure = Figure(
+        "distance",
+        "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
+        "in the limit dt -> 0. A line that levels out goes to another limit",
+    )
     return [question, answer, _verdicts(results), figure, LAWS_WITH_LAWS, _more(results), _method(results)]
 
 
@@ -103,28 +97,6 @@ def _short(row: Any) -> str:
 
 def _wholes(table: Frame) -> Frame:
     return table[table["class"] == "all"]
-
-
-def _answer(results: Results) -> Iterator[str]:
-    """Say what the model does, and what all laws with positions share."""
-    wholes = _wholes(results.verdicts)
-    model = wholes[wholes.solver == MODEL]
-    if len(model):
-        held = (model.verdict == "supported").sum()
-        yield f"The model supports the hypothesis in {held} of {len(model)} limits."
-    for row in model[model.verdict != "supported"].itertuples():
-        yield f"In {row.case} its verdict is: {row.verdict}, at {reached(row)} points."
-        if row.verdict == "no limit":
-            yield (
-                "There e1 = 1 and e2 < 1, and the united balls ring for ever: depending on the phase, the table "
-                "contact's compression ends n times, and they leave with e2^(n-1) times the closed form's velocities."
-            )
-    frozen = [name for name in engine_free_names() if kind_of(name) == "model"]
-    others = voters(name for name in results.solvers if name not in frozen)
-    by_case = wholes[wholes.solver.isin(others)].groupby("case", sort=False).verdict
-    refuted = [str(case) for case, found in by_case if (found == "refuted").all()]
-    if refuted:
-        yield f"The {len(others)} laws with positions all refute it in {listed(refuted)}."
 
 
 def _columns_as_one(results: Results) -> Iterator[str]:
@@ -176,18 +148,13 @@ def _draw(results: Results, folder: Path) -> None:
                 here = usable[(usable["case"] == case.key) & (usable.solver == name)]
                 by_contrast = here.groupby("contrast").distance.agg(["median", "size"])
                 known = (by_contrast["size"] > here.point.nunique() / 2) & (by_contrast["median"] >= _FLOOR)
-                median, style = by_contrast["median"].where(known), _LOOKS.get(name) or look(name, place)
+                median, style = by_contrast["median"].where(known), look(name, place)
                 how: dict[str, Any] = {"linestyle": style.dash}
                 if is_engine(name):
-                    how = {
-                        "linestyle": "none",
-                        "marker": style.marker,
-                        "markerfacecolor": "none",
-                        "zorder": 3,
-                    }
+                    how = {"linestyle": "none", "marker": style.marker, "markerfacecolor": "none"}
                 ax.loglog(median.index, median, color=style.color, label=named(name), **how)
             ax.set_xlabel(f"contrast {case.variable} (-)")
-            ax.set_title(textwrap.fill(case.title, 34), fontsize=8.5)
+            ax.set_title(case.key, fontsize=8.5)
         for ax in axes[:, 0]:
             ax.set_ylabel("D (-)")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
@@ -199,11 +166,10 @@ def _more(results: Results) -> Section:
     classes = results.verdicts[results.verdicts["class"] != "all"]
     grid = _grid(classes, ["case", "class"], "solver", _short)
     rows = [(*key, *row) for key, *row in grid.itertuples()]
-    of_points = Table(("limit", "elastic contacts", *map(named, grid)), rows, text=2 + len(grid))
+    of_points = Table(("limit", "elastic contacts", *map(named, grid)), rows, text=len(rows[0]))
     caption = (
-        f"Columns of {span(results.config.columns.balls)} balls, one contact of which becomes infinitely stiffer than "
-        "the others, beside those in which its pair is welded: one body of the mass and momentum of both, or part of "
-        "the table. Bodies that meet at first have an impact of their own. D: of refuted columns, from the welded ones"
+        f"Columns of {span(results.config.columns.balls)} balls, one contact of which becomes infinitely stiff, beside "
+        "those whose pair is welded: one body, or part of the table. D: of refuted columns, from the welded ones"
     )
     rows = [
         (
@@ -229,30 +195,26 @@ def over_places(results: Results) -> Frame:
 
 
 def _method(results: Results) -> Section:
-    """Say how points are drawn, what is left out, and how near engines are to the exact solver of their law."""
-    c, outcomes = results.config, results.outcomes
+    """Say what the limits are, what is left out, and how near engines are to the exact solver of their law."""
+    outcomes = results.outcomes
     caption = "The limits, m1 = 1 and |v0| = 1. 1/e^2: an end of compression multiplies a stiffness by that"
-    limits = Table(("limit", "title", "contrast", "regime"), CASES, caption, text=4)
+    limits = Table(("limit", "contrast", "regime"), CASES, caption, text=3)
     lost = outcomes[~outcomes.status.isin(RESULT_STATUSES)].groupby(["solver", "status"], sort=False).size()
     words = listed(f"{n} of {named(solver)} ({status})" for (solver, status), n in lost.items())
     said = [
-        f"Points are drawn from a scrambled Sobol sequence (seed {c.seed}): m2/m1 from {span(cases.MASS_RATIO)}, "
-        f"inelastic e from {span(cases.RESTITUTION)}, fixed shares of elastic contacts, in the plastic limits k2/k1 "
-        f"from {span(cases.STIFFNESS_RATIO)}; none within {number(cases.MARGIN)} |v0| of a border between regimes. "
-        f"Exact solvers run at {c.per_decade} contrasts a decade from {span(c.contrast)} (plastic: "
-        f"{span(c.plastic_contrast)}), engines at {c.engine_per_decade} from {span(c.engine_contrast)} (plastic: "
-        f"{span(c.engine_plastic_contrast)}), until the limit dt -> 0 is known to {number(c.tolerance)} |v0|. "
-        "docs/hypothesis.md says how verdicts are reached, and what is not shown.",
+        f"The design is hypothesis.toml beside this page (seed {results.config.seed}); docs/hypothesis.md says how "
+        "points are drawn, how verdicts are reached, and what is not shown.",
         f"Of {len(outcomes)} outcomes {int(outcomes.grazing.sum())} lie beside a grazing jump and are left out of "
         f"every fit; not converged, or without a result, are {words or 'none'}.",
     ]
-    for name in filter(is_engine, results.solvers):
+    for name, version in results.versions.items():
         away = outcomes[outcomes.solver == name].limit_distance
         said.append(
-            f"{named(name)} {results.versions[name]}, in the limit dt -> 0, differs from the exact solver of its law "
-            f"by {short(away.median(), 1)} |v0| in the median, by {short(away.max(), 1)} at most."
+            f"{named(name)} {version}: in the limit dt -> 0 it differs from the exact solver of its law by "
+            f"{short(away.median(), 1)} |v0| in the median, by {short(away.max(), 1)} at most."
+            if name in results.solvers
+            else f"{named(name)}: {version}"
         )
-    said += [f"Not tested: {named(name)} ({why})." for name, why in results.unavailable.items()]
     return Section("Method, limits and provenance", [limits, *said], folded=True)
 
 

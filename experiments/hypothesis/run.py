@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import tomli_w
 
 from impact_xval.compliant_baselines.registry import engine_free_names
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
-from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, GRAZING, Frame, distance, draw, tabulated
+from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, GRAZING, Frame, design, distance
 from impact_xval.experiments.hypothesis.columns import column_outcomes
 from impact_xval.experiments.hypothesis.config import HypothesisConfig
 from impact_xval.experiments.hypothesis.verdicts import judged, verdicts
@@ -45,7 +46,7 @@ _CLOSED = ["closed_form_v1", "closed_form_v2"]
 class Results(NamedTuple):
     """What a test found: outcomes, a row a contrast; points (series of them); verdicts on classes, ``all`` first.
 
-    Of columns of N balls likewise. By solver, why it was not tested, or its version.
+    Of columns of N balls likewise. By engine its version, or why it is unavailable.
     """
 
     config: HypothesisConfig
@@ -54,13 +55,12 @@ class Results(NamedTuple):
     verdicts: Frame
     column_outcomes: Frame
     columns: Frame
-    unavailable: dict[str, str]
     versions: dict[str, str]
 
     @property
     def solvers(self) -> list[str]:
         """The solvers that were tested, grouped by the law they were asked for."""
-        return in_order_of_laws(name for name in self.config.solvers if name not in self.unavailable)
+        return in_order_of_laws(name for name in self.config.solvers if name in set(self.points.solver))
 
 
 def run_hypothesis(config: HypothesisConfig, root: Path, **how: Any) -> Results:
@@ -75,11 +75,11 @@ def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable
 
     A folder that holds anything but the same test is a `UserError`.
     """
-    file = root / CONFIGURATION
+    file, text = root / CONFIGURATION, tomli_w.dumps(config.model_dump(mode="json"))
     if not file.exists():
         new_folder(root)
-        write_text(file, config.toml())
-    elif file.read_text(encoding="utf-8") != config.toml():
+        write_text(file, text)
+    elif file.read_text(encoding="utf-8") != text:
         raise UserError(f"--out {root}: holds another test of the hypothesis; legal: a new or empty folder")
     for name, solvers in _runs(config).items():
         cells = root / f"{name}.parquet"
@@ -100,25 +100,16 @@ def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
 def _experiment(config: HypothesisConfig, name: str, solvers: list[str], cells: Path) -> Config:
     """Return a run as an experiment; beside engines stand the exact solvers of their laws."""
     laws = {exact_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
-    given: dict[str, Any] = {name: getattr(config, name) for name in ("step_fraction", "cell_timeout")}
+    given: dict[str, Any] = {key: getattr(config, key) for key in ("step_fraction", "cell_timeout")}
+    given |= {"name": f"hypothesis, {name}", "scenario": "impact", "measures": "velocities"}
+    given |= {"solvers": [*solvers, *sorted(laws)], "cells": str(cells), "max_steps": 50_000_000}
     given |= {
-        "name": f"hypothesis, {name}",
-        "scenario": "impact",
-        "measures": "velocities",
+        "convergence": {"tolerance": config.tolerance, "halvings": config.halvings},
         "m1": 1.0,
         "k1": 1.0,
     }
-    given |= {"solvers": [*solvers, *sorted(laws)], "cells": str(cells), "max_steps": 50_000_000}
-    given |= {"convergence": {"tolerance": config.tolerance, "halvings": config.halvings}}
     # A cut-off would insert the closed form that is tested.
     return parse_config(given | {"stiffness_ratio_cutoff": math.inf})
-
-
-def design(config: HypothesisConfig) -> Frame:
-    """Return the points of all limits, drawn and given, a row each (`cases.tabulated`)."""
-    given = {key: [each.point() for each in config.point if each.case == key] for key in BY_KEY}
-    points = ((case, [*draw(case, config.points, config.seed), *given[case.key]]) for case in CASES)
-    return pd.concat([tabulated(case, some) for case, some in points], ignore_index=True)
 
 
 def listed(config: HypothesisConfig, run: str) -> Frame:
@@ -126,7 +117,7 @@ def listed(config: HypothesisConfig, run: str) -> Frame:
 
     Contrasts vary more slowly than points: neighbours take about as many steps.
     """
-    points = design(config)
+    points = design(config.points, config.seed)
     cells = [
         points[points["case"] == case.key].assign(contrast=x, **case.at(x))
         for case in CASES
@@ -137,16 +128,16 @@ def listed(config: HypothesisConfig, run: str) -> Frame:
 
 def results(config: HypothesisConfig, root: Path) -> Results:
     """Judge what the runs in a folder have found."""
-    found, versions, unavailable = [], {}, {}
+    found, versions = [], {}
     for name, solvers in _runs(config).items():
         folder = finished(root / name)
         rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=_COLUMNS)
-        rows = rows[rows.solver.isin(solvers)].merge(listed(config, name), left_on="cell", right_index=True)
-        lost = rows.status == "unavailable"
-        unavailable |= dict(zip(rows.solver[lost], rows.reason[lost], strict=True))
+        rows = rows[rows.solver.isin(solvers) & (rows.status != "unavailable")]
+        outcomes = _outcomes(rows.merge(listed(config, name), left_on="cell", right_index=True))
         decades = config.engine_fit_decades if name == ENGINES else config.fit_decades
-        found.append(_outcomes(rows[~lost]).assign(decades=decades))
-        versions |= {key: folder.manifest()["versions"][key] for key in solvers if key not in unavailable}
+        found.append(outcomes.assign(decades=decades))
+        if name == ENGINES:
+            versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}
     order = [*BY_KEY, *in_order_of_laws(config.solvers)]
     outcomes = pd.concat(found).sort_values(
         ["case", "solver", "point", "contrast"],
@@ -154,7 +145,7 @@ def results(config: HypothesisConfig, root: Path) -> Results:
         ignore_index=True,
     )
     points = judged(outcomes, ["case", "solver", "point", "class"])
-    ratios = design(config)[["case", "point", *AXES, *_CLOSED]]
+    ratios = design(config.points, config.seed)[["case", "point", *AXES, *_CLOSED]]
     columns, keys = column_outcomes(config), ["arrangement", "stiff_contact", "meets", "solver"]
     return Results(
         config,
@@ -163,7 +154,6 @@ def results(config: HypothesisConfig, root: Path) -> Results:
         verdicts(points, ["case", "solver"]),
         columns,
         verdicts(judged(columns, [*keys, "column", "class"]), keys) if len(columns) else columns,
-        unavailable,
         versions,
     )
 

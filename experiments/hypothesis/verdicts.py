@@ -5,12 +5,10 @@ Within a class of points (which contacts are elastic, `cases.pair_class`) the ve
 * `refuted` where a tenth of the points or more is: one law, one counterexample would do, a tenth is robust;
 * else `supported` where half of the points or more is, and every other one either agrees with the closed form within
   the error of its limit, or is short of results; none is refuted or fails to settle;
-* else `no limit` where half of the points or more have none;
-* else `undecided`, with the most frequent reason.
+* else `no limit` where half of the points or more have none; else `undecided`.
 
-Over the classes of a limit the worst counts, in the order refuted, no limit, undecided, supported; a class that is
-undecided only because it is within the solver's own error of the closed form does not count against one that is
-supported.
+Over the classes of a limit the worst counts; one that is undecided only because it is within the solver's own error of
+the closed form does not count against one that is supported.
 """
 
 from __future__ import annotations
@@ -42,19 +40,12 @@ def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
     """Judge every series of outcomes, of pairs or of columns: those with the same `keys`; a row each."""
     rows = []
     for key, series in outcomes.groupby(list(keys), sort=False):
-        first, used = series.iloc[0], series.used.to_numpy()
-        found = judge(
-            series.contrast.to_numpy()[used],
-            np.array(series.velocities.to_list())[used],
-            series.error.to_numpy()[used],
-            np.array(first.closed_form),
-            np.array(first.weights),
-            first.decades,
-        )
         lost = series[~series.status.isin(RESULT_STATUSES)]
         why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in lost.groupby("status")]
         more = {"close_from": _close_from(series), "grazing_left_out": int(series.grazing.sum())}
-        rows.append(dict(zip(keys, key, strict=True)) | found | more | {"without_result": "; ".join(why)})
+        rows.append(
+            dict(zip(keys, key, strict=True)) | judge(series) | more | {"without_result": "; ".join(why)}
+        )
     return pd.DataFrame(rows)
 
 
