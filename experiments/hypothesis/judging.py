@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.stats import theilslopes
 
-from impact_xval.experiments.hypothesis.cases import Frame
+from impact_xval.experiments.hypothesis.cases import Frame, distance
 
 Floats = NDArray[np.float64]
 
@@ -85,7 +85,9 @@ def judge(series: Frame) -> dict[str, Any]:
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
     own = maximum_filter1d(used.error, 3, mode="nearest")
     found = _OPEN | {f"limit_v{i}": math.nan for i in range(1, 1 + len(target))}
-    window, sunk = _window(_Window(np.log10(used.contrast.to_numpy()), w, _length(w - target), own), decades)
+    window, sunk = _window(
+        _Window(np.log10(used.contrast.to_numpy()), w, distance(1.0, w - target), own), decades
+    )
     if isinstance(window, str):
         return found | {"reason": window}
     found |= _limit(window, target, scale, decades)
@@ -129,7 +131,7 @@ def _limit(window: _Window, target: Floats, scale: Floats, decades: float) -> di
     aside = restless and bool(late < 0.1 * D[final].min())
     if aside:
         limit, limit_error = w[final].mean(axis=0), late
-    offset = float(_length(limit - target))
+    offset = float(distance(1.0, limit - target))
     found: dict[str, Any] = {
         "last": float(np.median(D[final])),
         "limit_error": limit_error,
@@ -178,13 +180,8 @@ def _rate(window: _Window, last: float, decades: float, *, sunk: bool) -> dict[s
     return found | {"reason": reason}
 
 
-def _length(w: Floats) -> Floats:
-    """Kinetic norm of vectors along the last axis."""
-    return np.hypot.reduce(w, axis=-1)
-
-
 def _diameter(w: Floats) -> float:
-    return float(_length(w[:, None] - w[None]).max())
+    return float(distance(1.0, w[:, None] - w[None]).max())
 
 
 def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
@@ -207,8 +204,8 @@ def _extrapolate(x: Floats, w: Floats) -> tuple[Floats, float]:
     base = 10.0 ** (-EXPONENTS[best] * (x - x[0]))
     two_terms = np.linalg.lstsq(np.column_stack([np.ones_like(x), base, base**2]), w, rcond=None)[0][0]
     others = [before[int(np.argmin(shorter_residuals))], two_terms, *limits[residuals <= 2 * least + 1e-15]]
-    error = max(least, float(_length(np.array(others) - limit).max()))
+    error = max(least, float(distance(1.0, np.array(others) - limit).max()))
     if best in (0, len(EXPONENTS) - 1) and least > 1e-12:  # no exponent of those tried fits
         final = w[x >= x[-1] - 1 - _SLACK]
-        error = max(error, float(_length(final - final.mean(axis=0)).max()))
+        error = max(error, float(distance(1.0, final - final.mean(axis=0)).max()))
     return limit, error

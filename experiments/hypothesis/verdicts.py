@@ -42,18 +42,15 @@ def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
     for key, series in outcomes.groupby(list(keys), sort=False):
         lost = series[~series.status.isin(RESULT_STATUSES)]
         why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in lost.groupby("status")]
-        more = {"close_from": _close_from(series), "grazing_left_out": int(series.grazing.sum())}
+        after = np.flatnonzero(np.r_[True, ~(series.distance <= CLOSE)])[
+            -1
+        ]  # the last outcome that is not close
+        near = [*series.contrast, np.inf][after]
+        more = {"close_from": near, "grazing_left_out": int(series.grazing.sum())}
         rows.append(
             dict(zip(keys, key, strict=True)) | judge(series) | more | {"without_result": "; ".join(why)}
         )
     return pd.DataFrame(rows)
-
-
-def _close_from(series: Frame) -> float:
-    """Least contrast from which on D stays within `CLOSE`, as far as the series goes; infinite if at none."""
-    far = np.flatnonzero(~(series.distance.to_numpy() <= CLOSE))
-    first = int(far[-1]) + 1 if far.size else 0
-    return float(series.contrast.iloc[first]) if first < len(series) else np.inf
 
 
 def verdicts(points: Frame, keys: Sequence[str]) -> Frame:
