@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from impact_xval.compliant_baselines.registry import law_of
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.divergence import Measures, measures_of, velocity_divergence
+from impact_xval.experiments.measures.divergence import measures_of, scaled_diagnostics, velocity_divergence
 from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.words import arranged, begun, one_vote
@@ -25,10 +25,8 @@ if TYPE_CHECKING:
 
     from impact_xval.experiments.config.arrangements import Arranged
 
-#: Letters of a line of the text of a comparison.
-_WIDTH = 150
-#: Dots per inch of the picture in a notebook.
-_DPI = 100
+#: Letters of a line of the text of a comparison, and dots per inch of the picture in a notebook.
+_WIDTH, _DPI = 150, 100
 #: The rows of the table of a column.
 _COLUMN = (
     "v1, v2, ...: velocities per |v0|, up is positive. D: kinetic norm of the difference from the model. limit: "
@@ -66,41 +64,30 @@ class Compared:
         return {name: velocity_divergence(self.problem, model, each) for name, each in self.outcomes.items()}
 
     @property
-    def velocities(self) -> dict[str, tuple[float, ...]]:
-        """Final velocities in m/s, ball 1 (on top) first, by solver; NaN where there is no result."""
-        return {name: each.velocities for name, each in self.outcomes.items()}
+    def scaled(self) -> dict[str, list[float]]:
+        """Velocities per speed of impact, of solvers with a result in the order of laws."""
+        names = [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
+        return {name: [v / self._speed for v in self.outcomes[name].velocities] for name in names}
 
     @property
-    def statuses(self) -> dict[str, str]:
-        """Status by solver: ``ok``, ``limit``, or why there is no result; the sentence is the outcome's ``reason``."""
-        return {name: each.status for name, each in self.outcomes.items()}
-
-    @property
-    def states(self) -> dict[str, tuple[str, ...]]:
-        """State path by solver: of two balls names of states, of a column the sets of contacts that act."""
-        return {name: each.states for name, each in self.outcomes.items()}
+    def _speed(self) -> float:
+        return max(map(abs, self.problem.velocities))
 
     def objects(self) -> list[dict[str, Any]]:
         """Return a JSON object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
-        from impact_xval.experiments.measures.divergence import scaled_diagnostics
-
         away, found = self.divergences, []
-        for name, outcome in self.outcomes.items():
-            velocities = [_finite(v / self._speed) for v in outcome.velocities]
-            diagnostics = scaled_diagnostics(outcome, self._speed)
+        for name, each in self.outcomes.items():
+            velocities = [_finite(v / self._speed) for v in each.velocities]
+            impulses = [_finite(i / (self.problem.masses[0] * self._speed)) for i in each.impulses]
+            diagnostics = scaled_diagnostics(each, self._speed)
             found.append(
                 {
                     "solver": name,
                     "velocities": velocities,
                     **{f"v{i}": v for i, v in enumerate(velocities, 1)},
-                    "impulses": [
-                        _finite(i / (self.problem.masses[0] * self._speed)) for i in outcome.impulses
-                    ],
-                    "states": list(outcome.states),
-                    "status": outcome.status,
-                    "reason": outcome.reason,
-                    "grazing_margin": _finite(outcome.grazing_margin),
-                    "marked": outcome.marked,
+                    "impulses": impulses,
+                    **{key: getattr(each, key) for key in ("states", "status", "reason", "marked")},
+                    "grazing_margin": _finite(each.grazing_margin),
                     "D": away[name],
                     "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
                 }
@@ -115,20 +102,15 @@ class Compared:
         ValueError
             If no solver has a path, or of a column a result, to draw.
         """
-        figure = self._picture()
-        if figure is None:
-            raise ValueError(f"no solver has a path to draw; statuses: {self.statuses}")
-        return figure
-
-    def _picture(self) -> Figure | None:
         from impact_xval.experiments.presentation.pictures.columns import velocities_figure
         from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawn_paths
 
-        if not self.is_column:
-            paths = drawn_paths(self.problem, self.outcomes)
-            return draw_collision(self.problem, paths) if paths else None
-        drawn = {n: [v / self._speed for v in self.outcomes[n].velocities] for n in self._results()}
-        return velocities_figure(drawn) if drawn else None
+        if self.is_column and self.scaled:
+            return velocities_figure(self.scaled)
+        if not self.is_column and (paths := drawn_paths(self.problem, self.outcomes)):
+            return draw_collision(self.problem, paths)
+        statuses = {name: each.status for name, each in self.outcomes.items()}
+        raise ValueError(f"no solver has a path to draw; statuses: {statuses}")
 
     def blocks(self) -> list[Block]:
         """Return the table of all solvers, and what there is to say of them."""
@@ -144,16 +126,17 @@ class Compared:
         """Return what a notebook shows: the table, and the picture as part of it."""
         from impact_xval.experiments.presentation.html import fragment
 
-        figure, file = self._picture(), io.BytesIO()
-        if figure is None:
+        file = io.BytesIO()
+        try:
+            self.plot().savefig(file, format="png", dpi=_DPI)
+        except ValueError:  # there is nothing to draw
             return fragment(self.blocks())
-        figure.savefig(file, format="png", dpi=_DPI)
-        image = Markup(
-            '<img alt="{}" src="data:image/png;base64,{}" style="max-width: 100%; background: white">'
+        picture = Markup('<img alt="{} by every solver" src="data:image/png;base64,{}" style="{}">').format(
+            "final velocity of each ball" if self.is_column else "impulse curves and velocities",
+            base64.b64encode(file.getvalue()).decode("ascii"),
+            "max-width: 100%; background: white",
         )
-        says = "final velocity of each ball" if self.is_column else "impulse curves and velocities"
-        data = base64.b64encode(file.getvalue()).decode("ascii")
-        return fragment([*self.blocks(), image.format(f"{says} by every solver", data)])
+        return fragment([*self.blocks(), picture])
 
     def __str__(self) -> str:
         from rich.console import Console
@@ -166,42 +149,48 @@ class Compared:
 
     __repr__ = __str__
 
-    @property
-    def _speed(self) -> float:
-        return max(map(abs, self.problem.velocities))
-
-    def _results(self) -> list[str]:
-        """Solvers with a result, in the order of laws."""
-        return [n for n in in_order_of_laws(self.outcomes) if self.outcomes[n].status in RESULT_STATUSES]
-
     def _collision_table(self) -> Table:
-        away, unit = self.divergences, self.problem.units
-        rows = []
-        for law, group in by_law(self.outcomes).items():
-            for name in group:
-                outcome, shown = self.outcomes[name], ["-"] * 6
-                if outcome.status in RESULT_STATUSES:
-                    scaled = [v / unit.velocity for v in outcome.velocities]
-                    scaled += [impulse / unit.impulse for impulse in outcome.impulses]
-                    states = " ".join(outcome.states)
-                    shown = [*(f"{each:.6f}" for each in scaled), number(away[name]), states]
-                rows.append((law, name, outcome.status, *shown))
-        scaled = ("v1/|v0|", "v2/|v0|", "I1/(m1|v0|)", "I2/(m1|v0|)")
-        return Table(("law", "solver", "status", *scaled, "D", "states"), rows, text=3)
+        away, scaled, unit, rows = self.divergences, self.scaled, self.problem.units.impulse, []
+        for law, name in ((law, name) for law, group in by_law(self.outcomes).items() for name in group):
+            outcome, shown = self.outcomes[name], ["-"] * 6
+            if name in scaled:
+                numbers = [*scaled[name], *(impulse / unit for impulse in outcome.impulses)]
+                shown = [f"{each:.6f}" for each in numbers] + [number(away[name]), " ".join(outcome.states)]
+            rows.append((law, name, outcome.status, *shown))
+        header = (
+            "law",
+            "solver",
+            "status",
+            "v1/|v0|",
+            "v2/|v0|",
+            "I1/(m1|v0|)",
+            "I2/(m1|v0|)",
+            "D",
+            "states",
+        )
+        return Table(header, rows, text=3)
 
     def _column_table(self) -> Table:
-        shown, measures = self._results(), measures_of(self.problem, self.outcomes)
-        columns = [_facts(name, self.outcomes[name], measures[name], self._speed) for name in shown]
-        rows = [(fact, *(each[fact] for each in columns)) for fact in (columns[0] if columns else ())]
-        return Table(["solver", *shown], rows)
+        """Lay out a column: a fact a row, for there are more of them than solvers."""
+        measures, facts = measures_of(self.problem, self.outcomes), {}
+        for name, velocities in self.scaled.items():
+            outcome, measured = self.outcomes[name], measures[name]
+            facts[name] = {
+                "law": law_of(name) or "-",
+                "status": outcome.status,
+                **{f"v{i}": f"{round(v, 6) + 0.0:.6f}" for i, v in enumerate(velocities, 1)},
+                "D": number(measured.velocity_divergence, 2),
+                "limit": number(measured.limit_distance, 2),
+                "error": number(measured.limit_error, 2),
+                "E/E0": f"{measured.retained_energy:.6f}",
+                "p/p0": f"{measured.retained_momentum:.6f}",
+                "states": str(len(outcome.states)),
+            }
+        rows = [(fact, *(each[fact] for each in facts.values())) for fact in next(iter(facts.values()), ())]
+        return Table(["solver", *facts], rows)
 
 
-def compare(
-    problem: Collision,
-    solvers: Sequence[str] | None = None,
-    *,
-    timeout: float = 300.0,
-) -> Compared:
+def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout: float = 300.0) -> Compared:
     """Solve one collision, or one column, by several solvers without gravity, and compare them with the model.
 
     Each solver runs in a process of its own, within a limit of time: one that crashes or hangs has a status that says
@@ -215,52 +204,29 @@ def compare(
     timeout : float
         Seconds after which a solver is ended.
 
-    Returns
-    -------
-    Compared
-
     Raises
     ------
-    TypeError
-        If the problem is none.
-    ValueError
-        For names that are no solvers, or an illegal time; the message says what is legal.
+    TypeError, ValueError
+        If the problem is none; for names that are no solvers, or an illegal time. The message says what is legal.
     """
     from impact_xval.compliant_baselines.registry import get_solver, solver_names
     from impact_xval.experiments.config.errors import UserError
-    from impact_xval.experiments.config.experiment import parse_config, solvers_problem
+    from impact_xval.experiments.config.experiment import parse_config
     from impact_xval.experiments.presentation.terminal import say_waiting
     from impact_xval.experiments.sweep.one import solvers_apart
 
     if not isinstance(problem, Collision):
         raise TypeError(f"compare was given {type(problem).__name__}; legal: a Collision")
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
-    wrong = solvers_problem(names)
-    if wrong:
-        raise ValueError(f"solvers: {wrong}")
-    names = [REFERENCE, *(name for name in names if name != REFERENCE)]
     try:
-        config = parse_config({"scenario": "impact", "cell_timeout": timeout}, where="")
+        given = {"scenario": "impact", "cell_timeout": timeout, "solvers": names}
+        config = parse_config(given, where="")
     except UserError as error:
         raise ValueError(str(error)) from None
+    names = [REFERENCE, *(name for name in names if name != REFERENCE)]
     with solvers_apart(names, columns=not problem.falls_on_resting) as apart:
         return Compared(problem, apart.solve(problem, config, names, get_solver, say_waiting))
 
 
 def _finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
-
-
-def _facts(name: str, outcome: Outcome, measures: Measures, speed: float) -> dict[str, str]:
-    """Return a column of the table of a column: velocities per speed of impact, measures, number of states."""
-    return {
-        "law": law_of(name) or "-",
-        "status": outcome.status,
-        **{f"v{i}": f"{round(v / speed, 6) + 0.0:.6f}" for i, v in enumerate(outcome.velocities, 1)},
-        "D": number(measures.velocity_divergence, 2),
-        "limit": number(measures.limit_distance, 2),
-        "error": number(measures.limit_error, 2),
-        "E/E0": f"{measures.retained_energy:.6f}",
-        "p/p0": f"{measures.retained_momentum:.6f}",
-        "states": str(len(outcome.states)),
-    }

@@ -28,13 +28,13 @@ from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.presentation.document import Section, Table
+from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.html import fragment, page_of, render
 from impact_xval.experiments.presentation.page.charts import bokeh_script, curves_chart, velocities_chart
 from impact_xval.experiments.presentation.page.opened import curve_of
 from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
-from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
+from impact_xval.model.collision import Collision, Outcome
 
 #: Solvers that follow the sliders, and those that the button runs.
 EXACT = tuple(name for name in solver_names() if not is_engine(name))
@@ -49,15 +49,7 @@ Reader = Callable[[dict[str, str]], tuple[Collision, Arranged | None, Config]]
 
 
 class Cells:
-    """Cells that pages ask for.
-
-    Parameters
-    ----------
-    read : callable
-        Reads the parameters of an address.
-    ending : ExitStack
-        Ends the processes, which begin when they are first needed.
-    """
+    """Cells that pages ask for; `ending` ends the processes, which begin when they are first needed."""
 
     def __init__(self, read: Reader, ending: contextlib.ExitStack) -> None:
         self._read, self._ending = read, ending
@@ -66,17 +58,9 @@ class Cells:
         self._engine = lru_cache(_KEPT)(self._solve)
 
     def answer(self, query: str) -> dict[str, Any]:
-        """Return what a page shows of a cell.
+        """Return what a page shows of a cell: ``problem``, one line; or ``results``, HTML, and ``data`` of the charts.
 
-        Parameters
-        ----------
-        query : str
-            As after the question mark of an address: options of `solve`, and ``solver`` for every engine.
-
-        Returns
-        -------
-        dict
-            ``problem``, one line; or ``results``, HTML, and ``data`` of the charts by the name of their source.
+        The query of an address has options of `solve`, and ``solver`` for every engine.
         """
         given = parse_qsl(query, keep_blank_values=True)
         asked = (("cell_timeout", _PATIENCE), *(each for each in given if each[0] != "solver"))
@@ -89,7 +73,11 @@ class Cells:
             if key == "solver" and name in ENGINES:
                 outcomes |= self._engine(asked, (name,))
         compared = Compared(collision, outcomes, arranged)
-        return {"results": _results(compared), "data": _data(compared)}
+        blocks = compared.blocks()
+        if compared.is_column:  # its table counts states
+            rows = [(name, " ".join(each.states)) for name, each in outcomes.items() if each.states]
+            blocks.append(Table(["solver", "contacts that act"], rows, text=2))
+        return {"results": fragment(blocks), "data": _data(compared)}
 
     def _solve(self, asked: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
         """Solve a cell by solvers of one sort, once those before it are solved."""
@@ -102,42 +90,24 @@ class Cells:
             return self._apart[engines].solve(collision, config, names, get_solver, lambda _: None, points)
 
 
-def _results(compared: Compared) -> str:
-    """Lay out the table of all solvers; of a column the state paths follow, for the table counts them."""
-    blocks = compared.blocks()
-    if compared.is_column:
-        rows = [(name, " ".join(states)) for name, states in compared.states.items() if states]
-        blocks.append(
-            Section("State paths: the contacts that act", [Table(["solver", "states"], rows, text=2)])
-        )
-    return fragment(blocks)
-
-
 def _data(compared: Compared) -> dict[str, dict[str, Any]]:
     """Return what the sources of the charts hold; a solver that has nothing to draw has empty ones."""
-    collision = compared.problem
+    collision, kinds, solvers = compared.problem, ("balls", "curve", "end"), (*EXACT, *ENGINES)
     data: dict[str, dict[str, Any]] = {
-        f"{kind} {name}": {"x": [], "y": []}
-        for name in (*EXACT, *ENGINES)
-        for kind in ("balls", "curve", "end")
+        f"{kind} {name}": {"x": [], "y": []} for name in solvers for kind in kinds
     }
-    reach = 0.0
+    if compared.is_column:
+        for name, velocities in compared.scaled.items():
+            data[f"balls {name}"] = {"x": [*range(1, 1 + len(velocities))], "y": velocities}
+        return data
+    reach, mass = 0.0, collision.mass_ratio
     for name, outcome in compared.outcomes.items():
-        if outcome.status not in RESULT_STATUSES:
-            continue
-        if compared.is_column:
-            speed = max(map(abs, collision.velocities))
-            balls = range(1, 1 + len(collision.masses))
-            data[f"balls {name}"] = {"x": [*balls], "y": [v / speed for v in outcome.velocities]}
-        elif (curve := curve_of(collision, outcome)) is not None:
+        if (curve := curve_of(collision, outcome)) is not None:
             data[f"curve {name}"] = dict(zip("xy", curve, strict=True))
             data[f"end {name}"] = {"x": curve[0][-1:], "y": curve[1][-1:]}
             reach = max(reach, *curve[0], *curve[1])
-    if not compared.is_column:
-        mass = collision.mass_ratio
-        data["line l1"] = {"x": [mass / (1 + mass), (reach + mass) / (1 + mass)], "y": [0, reach]}
-        data["line l2"] = {"x": [0, reach], "y": [0, reach]}
-    return data
+    data["line l1"] = {"x": [mass / (1 + mass), (reach + mass) / (1 + mass)], "y": [0, reach]}
+    return data | {"line l2": {"x": [0, reach], "y": [0, reach]}}
 
 
 @cache
@@ -151,8 +121,6 @@ def page() -> str:
 
 
 class _Server(ThreadingHTTPServer):
-    """Answers requests, each in a thread."""
-
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a page that was closed, nor of a cell that Ctrl-C ended."""
         if not isinstance(sys.exc_info()[1], OSError | ClosedError | CancelledError):
@@ -168,14 +136,11 @@ class _Request(BaseHTTPRequestHandler):
         """Answer with the page, or with what it shows of a cell."""
         path, _, query = self.path.partition("?")
         if path == "/":
-            self._send("text/html", page())
+            kind, text = "text/html", page()
         elif path == "/solved":
-            self._send("application/json", json.dumps(self._cells.answer(query)))
+            kind, text = "application/json", json.dumps(self._cells.answer(query))
         else:  # such as the icon, which browsers ask for
-            self.send_response(204)
-            self.end_headers()
-
-    def _send(self, kind: str, text: str) -> None:
+            kind, text = "text/plain", ""
         self.send_response(200)
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
         self.end_headers()
@@ -189,14 +154,12 @@ class _Request(BaseHTTPRequestHandler):
 def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], None]]]:
     """Open the server, on this machine alone; it, and all that it started, is gone when the block ends.
 
-    Yields where the page is, and what serves it until it is interrupted; port 0 is any that is free. A port that is
-    not is a `UserError`.
+    Yields where the page is, and what serves it until it is interrupted; port 0 is any that is free.
     """
     with contextlib.ExitStack() as ending:
+        request = partial(_Request, Cells(read, ending))
         try:
-            server = ending.enter_context(
-                _Server(("127.0.0.1", port), partial(_Request, Cells(read, ending)))
-            )
+            server = ending.enter_context(_Server(("127.0.0.1", port), request))
         except OSError as error:
             raise UserError(f"--port = {port}: {error.strerror}; legal: a free one (0: any)") from None
         yield f"http://127.0.0.1:{server.server_port}/", server.serve_forever

@@ -13,22 +13,20 @@ other contacts were mapped with its own mass and work against that of both: a lo
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.hypothesis.cases import GRAZING, Frame
+from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.hypothesis.cases import GRAZING, Frame, distance
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.model.collision import RESULT_STATUSES, Collision
-
-Floats = NDArray[np.float64]
 
 #: Solvers of columns that are exact for linear contacts, and fast enough where one rings a thousand times.
 SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-textbook")
@@ -39,72 +37,37 @@ SPREAD, RESTITUTION = (0.3, 3.0), (0.5, 0.99)
 #: Every so many points all contacts are elastic.
 ELASTIC = 3
 
+#: Error of an exact solver's velocities in columns, per speed of impact (docs/columns.md, sections 6 and 7).
+ERROR = 1e-9
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where the contact is that becomes infinitely stiff.
-
-    Attributes
-    ----------
-    arrangement : str
-        ``chain``, ``cradle`` (two strike), ``drop`` or ``stack``, as in `config.arrangements`.
-    where : str
-        ``top``, ``middle``, ``bottom`` or ``table``.
-    """
-
-    arrangement: Literal["chain", "cradle", "drop", "stack"]
-    where: Literal["top", "middle", "bottom", "table"]
-
-    @property
-    def table(self) -> bool:
-        """Whether the column is on a table."""
-        return self.arrangement in ("drop", "stack")
-
-    def striking(self, balls: int) -> int:
-        """Return the number of balls that move at first."""
-        return {"stack": balls, "cradle": 2}.get(self.arrangement, 1)
-
-    def contact(self, balls: int) -> int:
-        """Return the index of the contact, from 0."""
-        contacts = balls - 1 + self.table
-        middle = 1 if self.arrangement == "cradle" else contacts // 2
-        return {"top": 0, "middle": middle}.get(self.where, contacts - 1)
-
-    @property
-    def meets(self) -> bool:
-        """Whether its bodies approach each other at first."""
-        struck = {"chain": "top", "cradle": "middle", "drop": "top", "stack": "table"}
-        return struck[self.arrangement] == self.where
-
-
+#: Arrangement, and where in it the contact is that becomes infinitely stiff.
 PLACES = (
-    *(Place(name, where) for name in ("chain", "cradle") for where in ("top", "middle", "bottom")),
-    *(Place(name, where) for name in ("drop", "stack") for where in ("top", "middle", "table")),
+    *((name, where) for name in ("chain", "cradle") for where in ("top", "middle", "bottom")),
+    *((name, where) for name in ("drop", "stack") for where in ("top", "middle", "table")),
 )
+Place = tuple[Any, str]
 
 
-def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[Collision]:
-    """Draw columns whose contact at a place is as stiff as the stiffest of the others.
+def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[tuple[Collision, int]]:
+    """Draw columns of so many balls (least, largest) and the contact, from 0, at a place of each.
 
-    Parameters
-    ----------
-    place : Place
-    points : int
-    balls : tuple of int
-        Least and largest number of balls.
-    seed : int
+    It is as stiff as the stiffest of the others. A cradle is struck by two balls, and its middle is where.
     """
+    arrangement, where = place
     rng = np.random.default_rng((seed, PLACES.index(place)))
     low, high = map(math.log, SPREAD)
     columns = []
     for i in range(points):
         n = int(rng.integers(balls[0], balls[1] + 1))
-        contacts, moving, stiff = n - 1 + place.table, place.striking(n), place.contact(n)
+        strike = 2 if arrangement == "cradle" else None
+        column = Arranged(arrangement=arrangement, balls=n, strike=strike).column()
+        contacts = len(column.stiffnesses)
+        stiff = {"top": 0, "middle": 1 if strike else contacts // 2}.get(where, contacts - 1)
         masses, k = (np.exp(rng.uniform(low, high, size)) for size in (n, contacts))
         e = rng.uniform(*RESTITUTION, contacts) if (i + 1) % ELASTIC else np.ones(contacts)
         k[stiff] = np.delete(k, stiff).max()
         masses, k, e = (tuple(each.tolist()) for each in (masses, k, e))
-        columns.append(Collision(masses, k, e, (-1.0,) * moving + (0.0,) * (n - moving), place.table))
+        columns.append((dataclasses.replace(column, masses=masses, stiffnesses=k, restitutions=e), stiff))
     return columns
 
 
@@ -112,7 +75,7 @@ def stiffened(column: Collision, contact: int, contrast: float) -> Collision:
     """Return a column with a contact so many times stiffer."""
     stiffnesses = list(column.stiffnesses)
     stiffnesses[contact] *= contrast
-    return replace(column, stiffnesses=tuple(stiffnesses))
+    return dataclasses.replace(column, stiffnesses=tuple(stiffnesses))
 
 
 def welded(column: Collision, contact: int) -> Collision:
@@ -137,60 +100,38 @@ def of_each_ball(velocities: Sequence[float], contact: int, balls: int) -> tuple
 
 
 def column_outcomes(config: HypothesisConfig) -> Frame:
-    """Solve the columns of a test by its exact solvers; a row a place, solver, column and contrast.
-
-    Velocities are in m/s, the incoming ones being 1; `welded` are those of the welded column, a number a ball, and
-    `weights` the balls' masses per twice the kinetic energy at first.
-    """
+    """Solve the columns of a test by its exact solvers: a row a place, solver, column and contrast (`solved`)."""
     design = config.columns
-    contrast = spaced(design.contrast, design.per_decade)
     rows = []
     for place in PLACES:
         columns = draw(place, design.points, design.balls, config.seed)
-        for solver in columns_solvers(config):
-            rows += solved(solver, place, columns, contrast)
-    return pd.DataFrame(rows)
+        for solver in filter(config.solvers.__contains__, SOLVERS):
+            rows += solved(solver, place, columns, spaced(design.contrast, design.per_decade))
+    return pd.DataFrame(rows).assign(error=ERROR, decades=design.fit_decades)
 
 
-def columns_solvers(config: HypothesisConfig) -> list[str]:
-    """Return the solvers of a test that are judged in columns."""
-    return [name for name in SOLVERS if name in config.solvers]
+def solved(
+    solver: str, place: Place, columns: Sequence[tuple[Collision, int]], contrast: Sequence[float]
+) -> Iterator[dict[str, Any]]:
+    """Solve columns drawn at a place at rising contrasts; their closed form is the welded column, ball by ball.
 
-
-def solved(solver: str, place: Place, columns: Sequence[Collision], contrast: Floats) -> list[dict[str, Any]]:
-    """Solve columns drawn at a place (`draw`) at rising contrasts; the rows of `column_outcomes`."""
-    at = [place.contact(len(column.masses)) for column in columns]
-    series = [
-        stiffened(column, contact, x) for column, contact in zip(columns, at, strict=True) for x in contrast
-    ]
-    forms = [welded(column, contact) for column, contact in zip(columns, at, strict=True)]
-    outcomes = list(get_solver(solver).solve_many([*series, *forms], Settings(mark=False)))
-    rows = []
-    for i, (column, contact) in enumerate(zip(columns, at, strict=True)):
-        m, v0 = np.array(column.masses), np.array(column.velocities)
-        weights = m / (m @ v0**2)
-        form = np.array(of_each_ball(outcomes[len(series) + i].velocities, contact, len(m)))
-        known = {
-            **{"arrangement": place.arrangement, "stiff_contact": place.where, "meets": place.meets},
-            **{
-                "solver": solver,
-                "column": i,
-                "class": "elastic" if min(column.restitutions) == 1 else "lossy",
-            },
-            **{name: getattr(column, name) for name in ("masses", "stiffnesses", "restitutions")},
-            **{"incoming": column.velocities, "weights": weights, "welded": form},
-        }
+    Velocities are in m/s, the incoming ones being 1; `weights` are the masses per twice the kinetic energy at first.
+    """
+    series = [stiffened(*column, x) for column in columns for x in contrast]
+    asked = [*series, *(welded(*column) for column in columns)]
+    outcomes = list(get_solver(solver).solve_many(asked, Settings(mark=False)))
+    for i, (column, contact) in enumerate(columns):
+        weights = np.array(column.masses) / np.dot(column.masses, np.square(column.velocities))
+        form = of_each_ball(outcomes[len(series) + i].velocities, contact, len(column.masses))
+        known = dict(zip(("arrangement", "stiff_contact"), place, strict=True))
+        known |= {"meets": column.compression_rates[contact] > 0, "solver": solver, "column": i}
+        known |= {name: getattr(column, name) for name in ("masses", "stiffnesses", "restitutions")}
+        known |= {"class": "elastic" if min(column.restitutions) == 1 else "lossy"}
+        known |= {"incoming": column.velocities, "weights": weights, "closed_form": form}
         for x, outcome in zip(contrast, outcomes[i * len(contrast) :], strict=False):
+            found = {name: getattr(outcome, name) for name in ("velocities", "status", "reason")}
+            away = distance(weights, np.subtract(outcome.velocities, form))
             margin = math.inf if outcome.grazing_margin is None else outcome.grazing_margin * math.sqrt(x)
-            rows.append(
-                {
-                    **known,
-                    "contrast": x,
-                    "velocities": outcome.velocities,
-                    "distance": float(np.sqrt(weights @ (np.array(outcome.velocities) - form) ** 2)),
-                    "status": outcome.status,
-                    "reason": outcome.reason,
-                    "used": outcome.status in RESULT_STATUSES and margin >= GRAZING,
-                }
-            )
-    return rows
+            grazing = margin < GRAZING
+            used = outcome.status in RESULT_STATUSES and not grazing
+            yield known | found | {"contrast": x, "distance": away, "grazing": grazing, "used": used}

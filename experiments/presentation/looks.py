@@ -16,6 +16,10 @@ FIXED = {
     "pybullet": ("#D55E00", "s", "--"),
     "kelvin-voigt": ("#009E73", "^", "-."),
     "bistiffness": ("#CC79A7", "D", ":"),
+    "kelvin-voigt-anchored": ("#56B4E9", "<", "--"),
+    "kelvin-voigt-textbook": ("#8C8C8C", "x", (0, (1, 1))),
+    "hunt-crossley": ("#7A4B1E", "P", "-"),
+    "liu-zhao-brogliato": ("#5D3A9B", "*", (0, (3, 1))),
     "drake": ("#E69F00", "v", (0, (5, 1, 1, 1, 1, 1))),
 }
 

@@ -81,17 +81,12 @@ def test_what_is_illegal_in_an_address_is_one_line(cells):
         assert "\n" not in answer["problem"]
 
 
-def test_a_port_in_use_is_one_line_and_2():
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        command = [*COMMAND, str(taken.getsockname()[1])]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done
-    assert "Address already in use; legal:" in done.stderr
-
-
-def test_ctrl_c_ends_it_while_a_cell_is_solved_and_says_one_line():
+def test_a_port_in_use_and_ctrl_c_while_a_cell_is_solved_are_one_line():
     with served() as (process, address):
         host, port = re.search(r"//(.+):(\d+)/", address).groups()
+        done = subprocess.run([*COMMAND, port], capture_output=True, text=True, timeout=300)
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done
+        assert "Address already in use; legal:" in done.stderr
         with socket.create_connection((host, int(port))) as page:
             page.sendall(b"GET /solved?stiffness_ratio=3&mass_ratio=1&e1=1&e2=1 HTTP/1.0\r\n\r\n")
             process.send_signal(signal.SIGINT)

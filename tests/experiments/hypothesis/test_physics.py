@@ -9,31 +9,16 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.mapping import damping_ratio, restitution
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.hypothesis.cases import (
-    BY_KEY,
-    CASES,
-    MARGIN,
-    closed_form,
-    distance,
-    draw,
-    point_of,
-)
+from impact_xval.experiments.hypothesis.cases import CASES, MARGIN, design, distance, draw
 from impact_xval.experiments.hypothesis.config import parse
 from impact_xval.experiments.hypothesis.run import run_hypothesis
 from impact_xval.model import Collision, solve, solve_batch
 from tests.model.oracle import solve_oracle
-
-PATHS = Settings(record_path=True)
+from tests.model.test_limits import ball_ball_rigid
 
 #: Verdict by limit of the model, bistiffness, the three dashpots (pair, anchored, textbook) and Hunt-Crossley.
-SOLVERS = (
-    "state-transition",
-    "bistiffness",
-    "kelvin-voigt",
-    "kelvin-voigt-anchored",
-    "kelvin-voigt-textbook",
-)
-SOLVERS += ("hunt-crossley",)
+SOLVERS = ("state-transition", "bistiffness", "kelvin-voigt", "kelvin-voigt-anchored")
+SOLVERS += ("kelvin-voigt-textbook", "hunt-crossley")
 EXPECTED = {
     "zero-apart": ("supported", "supported", "supported", "refuted", "refuted", "refuted"),
     "zero-early": ("no limit", "refuted", "refuted", "refuted", "refuted", "refuted"),
@@ -50,66 +35,39 @@ def config(**changes):
 
 
 def examined(root, **changes):
-    """Test the hypothesis by exact solvers, in this process."""
-    return run_hypothesis(config(**changes), root, isolate=False)
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    return examined(tmp_path_factory.mktemp("hypothesis"), points=12, columns={"points": 3, "balls": [4, 4]})
-
-
-def check_verdicts(results):
+    """Test the hypothesis by exact solvers, in this process; holds the verdicts."""
+    few = {"columns": {"points": 3, "balls": [4, 4]}}
+    results = run_hypothesis(config(**changes, **few), root, isolate=False)
     whole = results.verdicts[results.verdicts["class"] == "all"].set_index(["case", "solver"]).verdict
-    found = {case: tuple(whole[case, solver] for solver in SOLVERS) for case in EXPECTED}
-    assert found == EXPECTED
-
-
-def test_verdicts(results):
-    check_verdicts(results)
+    assert {case: tuple(whole[case, solver] for solver in SOLVERS) for case in EXPECTED} == EXPECTED
+    return results
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("seed", [2, 77])
 def test_verdicts_hold_when_the_design_is_redrawn(seed, tmp_path):
-    check_verdicts(examined(tmp_path, seed=seed, columns={"points": 3, "balls": [4, 4]}))
+    examined(tmp_path, seed=seed)
 
 
-def test_the_closed_forms_are_the_models_limits():
-    """Written out here and in `model.pair.limits`; the plastic ones are the model's own."""
-    for case, point in ((each, one) for each in CASES for one in draw(each, 12, 3)):
-        ratio = {"k1/k2": 0.0, "k2/k1": math.inf}.get(case.variable)
-        if ratio is not None:
-            outcome = solve(Collision.from_ratios(ratio, point.mass_ratio, point.e1, point.e2))
-            assert (outcome.v1, outcome.v2) == pytest.approx(closed_form(case, point), abs=1e-13)
-    late = closed_form(BY_KEY["zero-late"], point_of(BY_KEY["zero-late"], 2 / math.sqrt(3), 0.9, 0.7, 1.0))
-    assert late == pytest.approx((0.45203, 0.45203), abs=1e-5)  # printed in the supplement
-
-
-def test_the_model_gets_there_at_a_finite_ratio_at_the_first_order():
-    """Its cut-off off, so that no closed form is asked."""
-    for case in CASES[:4]:
-        point = draw(case, 12, 8)[0]
-        away = []
-        for x in (1e5, 1e6):
-            o = solve(Collision.from_ratios(*point.ratios(case, x)), stiffness_ratio_cutoff=math.inf)
-            v1, v2 = closed_form(case, point)
-            away.append(float(distance(point.mass_ratio, o.v1 - v1, o.v2 - v2)))
-        assert away[1] < 0.2 * away[0] < 1e-3
-
-
-def test_the_design_fills_every_class_and_keeps_away_from_borders():
+def test_points_are_of_their_regime_and_closed_forms_are_those_of_the_supplement():
     for case in CASES:
         points = draw(case, 24, 9)
         assert points == draw(case, 24, 9)
-        assert points != draw(case, 24, 10)
-        assert len(points) == 24
-        for point in points:
+        assert not {*points} & {*draw(case, 24, 10)}
+        for row in design(24, 9)[lambda table, key=case.key: table["case"] == key].itertuples():
+            found = (row.closed_form_v1, row.closed_form_v2)
             if case.key.startswith("zero"):
-                v11 = (point.e1 * point.mass_ratio - 1) / (1 + point.mass_ratio)
-                united = v11 < 0 or point.e2 * (1 + point.e1) / (1 + point.mass_ratio) > v11
-                assert abs(v11) >= MARGIN
-                assert united == (case.key != "zero-apart")
+                v1, v2, states = ball_ball_rigid(row.mass_ratio, row.e1, row.e2)
+                early = row.e1 * row.mass_ratio < 1
+                regime = "apart" if len(states) == 3 else "early" if early else "late"
+                assert case.key == f"zero-{regime}"
+                assert abs(row.e1 * row.mass_ratio - 1) >= MARGIN * (1 + row.mass_ratio)
+                assert found == pytest.approx((v1, v2), abs=1e-13)
+            elif case.key == "infinity":
+                assert found == pytest.approx((row.e1, 0), abs=1e-13)
+            else:  # the model's own at e = 0, the supplement's 3.3
+                at_zero = Collision.from_ratios(*(0.0 if math.isnan(x) else x for x in row[1:5]))
+                assert found == pytest.approx(solve(at_zero).velocities, abs=1e-13)
 
 
 def predicted(case, solver, mu, e1, e2):
@@ -137,43 +95,28 @@ def predicted(case, solver, mu, e1, e2):
     return None
 
 
-def test_refuted_limits_are_those_predicted_without_a_simulation(results):
-    found = results.points[results.points.verdict == "refuted"]
+def test_verdicts_and_that_refuted_limits_are_those_predicted_without_a_simulation(tmp_path):
+    found = examined(tmp_path, points=12).points
     tried = set()
-    for row in found.itertuples():
+    for row in found[found.verdict == "refuted"].itertuples():
         form = predicted(row.case, row.solver, row.mass_ratio, row.e1, row.e2)
         if form is not None:
-            missed = float(distance(row.mass_ratio, row.limit_v1 - form[0], row.limit_v2 - form[1]))
+            missed = distance((1, row.mass_ratio), np.subtract((row.limit_v1, row.limit_v2), form))
             assert missed < min(2e-3, 0.2 * row.offset), row
             tried.add((row.case, row.solver))
     assert len(tried) == 5
 
 
-def test_bistiffness_reaches_a_sequence_of_single_impacts_at_first_order():
-    mu = 2 / math.sqrt(3)
-    v1, v2 = predicted("zero-late", "bistiffness", mu, 0.9, 0.7)
-    away = []
-    for x in (1e4, 1e5):
-        o = get_solver("bistiffness").solve(Collision.from_ratios(1 / x, mu, 0.9, 0.7))
-        away.append(math.hypot(o.v1 - v1, o.v2 - v2))
-    assert away[0] / away[1] == pytest.approx(10, rel=0.01)
-
-
-def more_ends(mu):
-    """Mean number of ends of compression beyond the first at e1 = 1 (docs/errata.md): r, with m1 = 1."""
-    q = math.sqrt((3 - mu) / (mu * (1 + mu)))
-    return (math.sqrt(q * q - 1) - math.acos(1 / q)) / math.pi
-
-
 @pytest.mark.parametrize("mu", [0.6, 0.25, 0.08, 0.03])
 def test_the_model_has_no_limit_where_the_ringing_decides(mu):
-    """Every number n of ends of compression occurs in the share 1 - |n - 1 - r| of the contrasts."""
-    e2, count = 0.7, 1000
+    """Every number n of ends of compression occurs in the share 1 - |n - 1 - r| of the contrasts (docs/errata.md)."""
+    e2, count, q = 0.7, 1000, math.sqrt((3 - mu) / (mu * (1 + mu)))
+    r = (math.sqrt(q * q - 1) - math.acos(1 / q)) / math.pi
     x = np.exp(np.random.default_rng(4).uniform(*np.log([1e4, 1e6]), count))
     v1 = solve_batch(1 / x, mu, 1.0, e2, stiffness_ratio_cutoff=math.inf, max_events=300_000).v1
     ends = 1 + np.log(v1 * math.sqrt(1 + mu) / e2) / math.log(e2)
     assert np.abs(ends - np.round(ends)).max() < 0.01
-    shares = [max(0.0, 1 - abs(n - more_ends(mu))) for n in range(5)]
+    shares = [max(0.0, 1 - abs(n - r)) for n in range(5)]
     assert sum(shares) == pytest.approx(1, abs=1e-12)
     for n, share in enumerate(shares, start=1):
         assert np.mean(np.round(ends) == n) == pytest.approx(share, abs=0.045 if share else 0)
@@ -183,8 +126,8 @@ def test_both_outcomes_of_a_ringing_pair_are_those_of_the_oracle():
     once = 0.7 / math.sqrt(1.3)
     for x, v in ((1000, once), (1500, 0.7 * once)):
         c = Collision.from_ratios(1 / x, 0.3, 1.0, 0.7)
-        assert solve_oracle(c, stiffness_ratio_cutoff=math.inf).v1 == pytest.approx(v, abs=5e-3)
-        assert solve(c, stiffness_ratio_cutoff=math.inf).v1 == pytest.approx(v, abs=5e-3)
+        for solver in (solve_oracle, solve):
+            assert solver(c, stiffness_ratio_cutoff=math.inf).v1 == pytest.approx(v, abs=5e-3)
 
 
 def test_in_time_the_pair_is_apart_when_its_velocities_are_equal():
@@ -192,7 +135,8 @@ def test_in_time_the_pair_is_apart_when_its_velocities_are_equal():
     mu, e1, x = 0.5, 0.9, 1e5
     v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
     theta = math.acos(v11 / v21)
-    path = get_solver("bistiffness").solve(Collision.from_ratios(1 / x, mu, e1, 0.7), PATHS).path
+    asked = Collision.from_ratios(1 / x, mu, e1, 0.7)
+    path = get_solver("bistiffness").solve(asked, Settings(record_path=True)).path
     middle = [0.5 * (a + b) for a, b in pairwise(path.v1 - path.v2)]
     gap = np.concatenate([[0.0], np.cumsum(np.diff(path.time) * middle)]) / math.sqrt(mu * x)
     parted = np.flatnonzero((path.v1 - path.v2)[1:] * (path.v1 - path.v2)[:-1] < 0)
