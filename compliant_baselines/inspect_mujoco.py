@@ -24,6 +24,7 @@ import numpy as np
 from impact_xval.compliant_baselines.contacts_mujoco import Alone, Bodies, called, contacts
 from impact_xval.compliant_baselines.engines.mujoco import Mujoco
 from impact_xval.compliant_baselines.mapping import Contact, mujoco_contact
+from impact_xval.compliant_baselines.restitution import contact_time
 
 #: Steps in a contact below which its restitution is off by 10 % and more.
 FEWEST_STEPS = 30
@@ -148,7 +149,7 @@ def _facts(option: Any, where: str, bodies: Bodies) -> SimpleNamespace:
         omega, rate = 1 / (acting * second), 2 / acting
     else:
         omega, rate = math.sqrt(-first), -second
-    duration = math.pi / omega if omega > 0 else math.inf
+    duration = contact_time(rate / (2 * omega)) / omega if omega > 0 else math.inf
     if rate > 2 * omega > 0:  # a heavy dashpot decays fast, and the step has to resolve that too
         duration = min(duration, 2 * math.pi / rate)
     return SimpleNamespace(

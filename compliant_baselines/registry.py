@@ -219,8 +219,8 @@ def is_mapped(name: str) -> bool:
 
 
 def description_of(name: str) -> str:
-    """Say what a solver is, in a line; empty outside this project."""
-    return _DESCRIPTIONS.get(name, "")
+    """Say what a solver is, in a line: of another distribution's the first of its docstring."""
+    return _DESCRIPTIONS.get(name) or (_known(name).__doc__ or "").strip().partition("\n")[0]
 
 
 def get_solver(name: str) -> Solver:

@@ -119,7 +119,8 @@ class Compared:
         note = _COLUMN if self.is_column and table.rows else ""
         reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
         marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
-        blocks: list[Block] = [setup, table, note, one_vote(self.outcomes), *reasons, *marks]
+        other = [f"{name}: {each.differences}" for name, each in self.outcomes.items() if each.differences]
+        blocks: list[Block] = [setup, table, note, one_vote(self.outcomes), *reasons, *marks, *other]
         return [block for block in blocks if block]
 
     def _repr_html_(self) -> str:
@@ -144,7 +145,7 @@ class Compared:
         from impact_xval.experiments.presentation.terminal import show
 
         file = io.StringIO()
-        show(Console(file=file, width=_WIDTH), self.blocks())
+        show(Console(file=file, width=_WIDTH, force_jupyter=False), self.blocks())
         return file.getvalue()
 
     __repr__ = __str__

@@ -69,7 +69,8 @@ def run(
     from impact_xval.experiments.sweep.run import run_sweep
     from impact_xval.experiments.sweep.status import Medians
 
-    root = out if out is not None else Path("runs") / _slug(experiment.name)
+    name = experiment.name if config is None or "name" in experiment.model_fields_set else config.stem
+    root = out if out is not None else Path("runs") / _slug(name)
     words: list[Any] = ["run", *(["--quick"] if quick else []), *([config] if config else []), "--out", root]
     words += [*(["--scheduler", scheduler] if scheduler else []), *(["--shard", shard] if shard else [])]
     console, medians = make_console(), Medians(experiment.solvers)

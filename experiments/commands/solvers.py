@@ -88,7 +88,7 @@ def _check(name: str, law: str) -> None:
             words = check.__name__.replace("_", " ")
             print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
     if failed:
-        print_line(console, f"{failed} checks failed; the contract is in compliant_baselines/solver.py")
+        print_line(console, f"{failed} checks failed; what each demands is in docs/adding-a-solver.md")
         raise typer.Exit(3)
 
 
