@@ -10,7 +10,6 @@ import math
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from html import escape
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple, get_args, overload
 
@@ -215,13 +214,6 @@ class Collision:
         return tuple(lower - upper for upper, lower in pairwise(below))
 
     @property
-    def mean_velocity(self) -> float:
-        """Velocity of the centre of mass at first touch, in m/s."""
-        _, power = math.frexp(max(self.masses))
-        masses = [math.ldexp(m, -power) for m in self.masses]  # whose sum is finite, and no bit another
-        return float(np.dot(masses, self.velocities)) / math.fsum(masses)
-
-    @property
     def stiffness_ratio(self) -> float:
         """k2/k1, from 0 to infinity."""
         return math.inf if self.k1 == 0 else self.k2 / self.k1
@@ -232,20 +224,10 @@ class Collision:
         return self.m2 / self.m1
 
     @property
-    def reduced_mass(self) -> float:
-        """M = m1 m2/(m1 + m2) of contact 1, in kg (supplement, below its equation (1))."""
-        ratio = self.m1 / self.m2
-        return self.m1 / (1 + ratio) if ratio < math.inf else self.m2
-
-    @property
     def units(self) -> Units:
         """Units in which this collision is one of ratios only."""
         time, speed = (float(unit[0]) for unit in Collisions.of([self]).units)
         return Units(time, speed, self.m1 * speed)
-
-    def gravity_number(self, gravity: float) -> float:
-        """g/(abs(v0) omega1), omega1 = sqrt(k1 (1/m1 + 1/m2)): how much g in m/s^2 matters beside the impact."""
-        return gravity / (-self.v0 * math.sqrt(self.k1 / self.reduced_mass))
 
     def reversed(self) -> Collision:
         """Return the collision seen from below, if it has no table: order of balls and sign of velocities reversed."""
@@ -278,10 +260,6 @@ def _check_ratios(m1: float, m2: float, k1: float, k2: float) -> None:
         raise ValueError(
             f"mass ratio: m2 = {m2!r} over m1 = {m1!r} leaves double precision; legal: finite, > 0"
         )
-
-
-#: A collision that every solver answers at once: one ball strikes another.
-ORDINARY = Collision((1.0, 1.0), (1e8,), (0.9,), (-1.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -581,24 +559,6 @@ class Outcome:
     impulse1 = property(lambda self: self.impulses[0], doc="Impulse of contact 1, in N s.")
     impulse2 = property(lambda self: self.impulses[1], doc="Impulse of contact 2, in N s.")
 
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
-        velocities = ((f"v{i} (m/s)", v) for i, v in enumerate(self.velocities, 1))
-        impulses = ((f"impulse of contact {i} (N s)", value) for i, value in enumerate(self.impulses, 1))
-        few = len(self.states) < 20
-        return html_table(
-            self.solver,
-            (
-                ("status", self.status),
-                ("reason", self.reason),
-                *velocities,
-                *impulses,
-                ("states", " ".join(self.states) if few else f"{len(self.states)} of them"),
-                ("grazing margin", self.grazing_margin),
-                ("marked", self.marked),
-            ),
-        )
-
     @property
     def differences(self) -> str:
         """What an engine uses instead of what it was asked for, beyond rounding; empty if nothing."""
@@ -802,25 +762,3 @@ class Outcomes(Sequence[Outcome]):
             {name: value for name, value in stated if not math.isnan(value)},
             None if self.paths is None else self.paths[i],
         )
-
-
-def html_table(title: str, rows: Iterable[tuple[str, object]]) -> str:
-    """Return a table of two columns as HTML; rows without a value are left out, and any text stays text.
-
-    Parameters
-    ----------
-    title : str
-        Its caption.
-    rows : iterable of (str, object)
-        What a value is, and the value; numbers get six digits.
-    """
-    shown = [
-        f'<tr><th scope="row" style="text-align: left">{escape(name)}</th><td>{escape(_text(value))}</td></tr>'
-        for name, value in rows
-        if value is not None and value != ""
-    ]
-    return f"<table><caption>{escape(title)}</caption><tbody>{''.join(shown)}</tbody></table>"
-
-
-def _text(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -55,9 +55,6 @@ def test_limits_are_legal():
     assert Collision.two_balls(**(GOOD | {"k1": 0.0})).stiffness_ratio == math.inf
     assert Collision.two_balls(**(GOOD | {"k1": math.inf})).stiffness_ratio == 0
     assert Collision.from_ratios(math.inf, 2, 0, 1).stiffness_ratio == math.inf
-    assert Collision.two_balls(**(GOOD | {"m1": 3.0, "m2": 6.0})).reduced_mass == pytest.approx(2.0)
-    # m1/m2 beyond double precision: the lighter ball alone
-    assert Collision.two_balls(**(GOOD | {"m1": 1.0, "m2": 5e-324})).reduced_mass == 5e-324
     assert set(solve_batch([0, math.inf], [[0.5], [2.0]], 0, [[0], [1]]).statuses.ravel()) == {"limit"}
 
 

@@ -90,7 +90,8 @@ def compare(seed, count, law, exponent, bound, balls=None):
         assert ours.velocities == pytest.approx(theirs.velocities, abs=bound, rel=0), column
         assert (ours.status == "limit") == theirs.limit, column
         if not theirs.limit:
-            assert ours.states == named(theirs.states), column
+            two_on_table = column.table and len(column.masses) == 2
+            assert ours.states == named(theirs.states, paper=two_on_table), column
     return left_out
 
 
@@ -115,7 +116,7 @@ def test_momentum_energy_and_the_order_of_balls(exponent, law):
     columns = random_columns(4, 120 if exponent == 1 else 12)
     for column, outcome in zip(columns, all_solved(columns, law=law, exponent=exponent), strict=True):
         m, before, after = (np.array(x) for x in (column.masses, column.velocities, outcome.velocities))
-        drift = 0.0 if column.table else column.mean_velocity
+        drift = 0.0 if column.table else np.average(column.velocities, weights=column.masses)
         assert outcome.status in ("ok", "limit")
         assert np.all(np.diff([*after, 0.0] if column.table else after) <= 0)
         if not column.table:
@@ -149,9 +150,10 @@ def test_theorem_5():
             assert here.status == "limit" or here.states == there.states
 
 
-def named(states):
-    """Name sets of contacts."""
-    return tuple("+".join(map(str, s)) or "-" for s in states)
+def named(states, *, paper=False):
+    """Name sets of contacts; as the paper does those of two balls on a table."""
+    names = {"1+2": "S1", "2": "S2", "1": "S3", "-": "S4"} if paper else {}
+    return tuple(names.get(text, text) for text in ("+".join(map(str, s)) or "-" for s in states))
 
 
 def mirrored(states, n):
