@@ -73,10 +73,6 @@ def test_hostile_names_and_reasons_stay_text_and_without_a_path_there_is_no_pict
     assert HOSTILE in str(compared)
     with pytest.raises(ValueError, match="no solver has a path to draw"):
         compared.plot()
-    for hostile in (failed, Outcome(HOSTILE, (), (), reason=HOSTILE)):
-        shown = hostile._repr_html_()
-        assert {*re.findall(r"<([a-z]+)", shown)} == {"table", "caption", "tbody", "tr", "th", "td"}
-        assert HOSTILE in cells_of(shown)
 
 
 def test_what_is_illegal_is_named():
