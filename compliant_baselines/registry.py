@@ -220,7 +220,10 @@ def is_mapped(name: str) -> bool:
 
 def description_of(name: str) -> str:
     """Say what a solver is, in a line: of another distribution's the first of its docstring."""
-    return _DESCRIPTIONS.get(name) or (_known(name).__doc__ or "").strip().partition("\n")[0]
+    solver = _known(name)
+    if isinstance(solver, Entry | Unloadable):
+        return _DESCRIPTIONS.get(name, "")
+    return (solver.__doc__ or "").strip().partition("\n")[0]
 
 
 def get_solver(name: str) -> Solver:

@@ -4,6 +4,7 @@ import json
 
 from mkdocs.structure.files import File
 
+from impact_xval.experiments.config.axes import LEGAL
 from impact_xval.experiments.config.experiment import Config
 
 #: Stands in `configuration.md` where the table of keys goes.
@@ -34,4 +35,5 @@ def _rows(model, before=""):
             yield from _rows(type(default), f"{before}{name}.")
         else:
             shown = "" if default is None else f"`{json.dumps(default)}`"
-            yield f"| `{before}{name}` | {shown} | {(field.description or '').replace('|', chr(92) + '|')} |"
+            legal = field.description or LEGAL["e1" if name == "e" else name].text
+            yield f"| `{before}{name}` | {shown} | {legal.replace('|', chr(92) + '|')} |"

@@ -127,14 +127,14 @@ def _pair_of(touch: Touch, masses: tuple[str, str] | None, given: dict[str, str 
     for name, text in {"masses": masses, **given}.items():
         if name in ("masses", "stiffness", "duration") and text is not None:
             raise UserError(f"--{name}: given beside --material, which decides it; legal: one of the two")
-    speed = number("--speed", given["speed"] or "")
+    numbers = {name: number(f"--{name}", text) for name, text in given.items() if text is not None}
     try:
-        if given["restitution"] is None:
-            given = given | {"restitution": repr(touch.restitution)}
-        given = given | {"stiffness": repr(touch.linear(speed))}
+        own = {"masses": (touch.one.mass, touch.two.mass), "stiffness": touch.linear(numbers["speed"])}
+        if "restitution" not in numbers:
+            own["restitution"] = touch.restitution
     except ValueError as error:
         raise UserError(f"--{error}") from None
-    return _pair((repr(touch.one.mass), repr(touch.two.mass)), given)
+    return _checked(numbers | own)
 
 
 def _hertz(touch: Touch, speed: float) -> dict[str, float]:
@@ -151,13 +151,17 @@ def _hertz(touch: Touch, speed: float) -> dict[str, float]:
 
 
 def _pair(masses: tuple[str, str] | None, given: dict[str, str | None]) -> Pair:
-    from impact_xval.compliant_baselines.single_contact import Pair
-
     for name, asked in (("masses", masses), ("restitution", given["restitution"])):
         if asked is None:
             raise UserError(f"--{name}: not given; legal: a value, or --material and --radius instead")
     numbers: dict[str, Any] = {"masses": tuple(number("--masses", text) for text in masses or ())}
     numbers |= {name: number(f"--{name}", text) for name, text in given.items() if text is not None}
+    return _checked(numbers)
+
+
+def _checked(numbers: dict[str, Any]) -> Pair:
+    from impact_xval.compliant_baselines.single_contact import Pair
+
     try:
         pair = Pair(**numbers)
     except ValueError as error:

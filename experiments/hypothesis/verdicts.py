@@ -42,10 +42,9 @@ def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
     for key, series in outcomes.groupby(list(keys), sort=False):
         lost = series[~series.status.isin(RESULT_STATUSES)]
         why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in lost.groupby("status")]
-        after = np.flatnonzero(np.r_[True, ~(series.distance <= CLOSE)])[
-            -1
-        ]  # the last outcome that is not close
-        near = [*series.contrast, np.inf][after]
+        # The last outcome that is not close; the one after it is the first of those that stay so.
+        far = np.flatnonzero(np.r_[True, ~(series.distance <= CLOSE)])[-1]
+        near = [*series.contrast, np.inf][far]
         more = {"close_from": near, "grazing_left_out": int(series.grazing.sum())}
         rows.append(
             dict(zip(keys, key, strict=True)) | judge(series) | more | {"without_result": "; ".join(why)}

@@ -145,7 +145,7 @@ def answers_in_words(judged: Frame, laws: Frame) -> list[Block]:
         f"its line and made in the other order. That moves the answers of {listed(moved)}: in brackets what moves it "
         "most, and by which D."
     )
-    return [" ".join(said), *([chance] if moved else [])]
+    return [*([" ".join(said)] if said else []), *([chance] if moved else [])]
 
 
 def board_of(judged: Frame, laws: Frame) -> Table:

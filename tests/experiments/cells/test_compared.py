@@ -71,6 +71,7 @@ def test_hostile_names_and_reasons_stay_text_and_without_a_path_there_is_no_pict
     assert not {"script", "strong", "img"} & {*re.findall(r"<([a-z]+)", shown)}
     assert HOSTILE in cells_of(shown)
     assert HOSTILE in str(compared)
+    assert "mujoco-naive: damping 1 is " in str(compare(PLAIN, ["mujoco-naive"]))  # not what was asked for
     with pytest.raises(ValueError, match="no solver has a path to draw"):
         compared.plot()
 
