@@ -32,8 +32,7 @@ from impact_xval.experiments.presentation.page.charts import cells_piece, tiles_
 from impact_xval.experiments.presentation.page.opened import packed_cells
 from impact_xval.experiments.presentation.pictures.steps import ACCEPTED, recommended
 from impact_xval.experiments.presentation.words import WHAT_D_IS, named, one_vote
-from impact_xval.experiments.sweep.examination import traps_note
-from impact_xval.experiments.tables.folder import RunFolder, cells_of_run
+from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
 
 #: Figures of a run: captions by name.
@@ -53,7 +52,7 @@ def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[B
         render("numbers.html.j2", numbers=list(_numbers(summary))),
     ]
     if pair and summary.ladder.solvers:
-        blocks.append(_advice(folder, summary, captions))
+        blocks.append(_advice(summary, captions))
     if compared(summary):
         blocks.append(Section("What was found", _found(summary, captions)))
         blocks.append(Section(f"{unit} by {unit}".capitalize(), _cells(folder, summary)))
@@ -108,17 +107,14 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
             yield share, f"of {named(name)}'s mean D ({label}) is due to {findings.LABELS[cause]}"
 
 
-def _advice(folder: RunFolder, summary: Summary, captions: Captions) -> Section:
+def _advice(summary: Summary, captions: Captions) -> Section:
     """Say what a reader should do with an engine."""
-    traps = traps_note(summary.config, cells_of_run(folder, summary.config))
     example = "impact-xval contact --engine mujoco --masses 1 0.5 --restitution 0.7 --stiffness 1e6"
     blocks: list[Block] = [
         say(
-            "Look for traps: {command} lists the contacts of a scene with what is known to go wrong. {said}",
+            "Look for traps: {command} lists the contacts of a scene with what is known to go wrong.",
             command=_code("impact-xval inspect scene.xml"),
-            said=traps["introduction"],
         ),
-        *traps["found"],
         say(
             "Map a stiffness and a restitution to the engine's own parameters, checked by a simulated drop: {command}.",
             command=_code(example),

@@ -7,8 +7,6 @@ import pytest
 
 from impact_xval.experiments.commands import solvers
 from impact_xval.experiments.commands.cli import main
-from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.sweep import examination
 
 SCENE = """<mujoco><option timestep="{step}"/><worldbody><geom type="plane" size="1 1 1"/>
 <body pos="0 0 2"><freejoint/><geom name="ball" size="1" solref="{solref}"/></body></worldbody></mujoco>"""
@@ -76,11 +74,3 @@ def test_the_name_of_a_geom_is_shown_as_it_is_written(tmp_path, capsys):
     path.write_text(text, encoding="utf-8")
     assert main(["inspect", str(path)]) == 3
     assert r"mixed-signs: geoms #0 and b\u202e\x9bll" in capsys.readouterr().out
-
-
-def test_the_report_of_a_run_says_what_was_found():
-    small = {"grid": {"stiffness_ratio": [1.0], "mass_ratio": [1.0], "e1": [0.9], "e2": [0.7]}}
-    note = examination.traps_note(parse_config(small))
-    assert note["introduction"].endswith("no traps.")
-    note = examination.traps_note(parse_config(small | {"mapping": "naive"}))
-    assert any("not-newton-per-metre: mujoco, 1 of 1 cells examined" in found for found in note["found"])
