@@ -34,6 +34,12 @@ FEWEST, MOST = 5, 200_000
 #: The steps that are tried: these times a power of ten (R10 of the preferred numbers, in two digits).
 DIGITS = (10, 12, 15, 20, 25, 30, 40, 50, 60, 80)
 
+#: What is tried; beyond, the positions or velocities of a drop drown in rounding, or its end is never reached.
+LEAST_MASS, LARGEST_MASS, LARGEST_RATIO = 1e-15, 1e15, 1e12
+LEAST_RESTITUTION = 1e-4
+SLOWEST, FASTEST = 1e-9, 1e9
+LONGEST = 1e6
+
 #: Shorter steps that have to be good too, down to 0.4 of the one that is named.
 SHORTER = 4
 
@@ -44,7 +50,7 @@ class Pair:
 
     #: In kg; one of them may be infinite, a fixed body.
     masses: tuple[float, float]
-    #: Greater than 0, at most 1.
+    #: From 1e-4 to 1: no finite damping gives 0.
     restitution: float
     #: In N/m; or, instead, from touch to the end of the force, in s.
     stiffness: float | None = None
@@ -55,13 +61,21 @@ class Pair:
     def __post_init__(self) -> None:
         if len(self.masses) != 2:
             raise ValueError(f"masses = {self.masses!r}; legal: two")
+        legal = f"from {LEAST_MASS:g} to {LARGEST_MASS:g} (kg), one of them inf for a fixed body"
         for mass in self.masses:
-            _require("masses", mass, mass > 0, "numbers > 0 (kg), one of them inf for a fixed body")
-        if all(map(math.isinf, self.masses)):
+            _require("masses", mass, LEAST_MASS <= mass <= LARGEST_MASS or mass == math.inf, legal)
+        light, heavy = sorted(self.masses)
+        if light == math.inf:
             raise ValueError("masses = inf inf: two fixed bodies do not collide; legal: at most one inf")
-        legal = "greater than 0, at most 1 (no finite damping gives 0)"
-        _require("restitution", self.restitution, 0 < self.restitution <= 1, legal)
-        _require("speed", self.speed, 0 < self.speed < math.inf, "a finite number > 0 (m/s)")
+        if LARGEST_RATIO < heavy / light < math.inf:
+            raise ValueError(
+                f"masses = {self.masses!r}: one is {heavy / light:.3g} times the other; "
+                f"legal: at most {LARGEST_RATIO:g} times, or inf for a fixed body"
+            )
+        legal = f"from {LEAST_RESTITUTION:g} to 1"
+        _require("restitution", self.restitution, LEAST_RESTITUTION <= self.restitution <= 1, legal)
+        legal = f"from {SLOWEST:g} to {FASTEST:g} (m/s)"
+        _require("speed", self.speed, SLOWEST <= self.speed <= FASTEST, legal)
         if (self.stiffness is None) == (self.duration is None):
             given = "neither" if self.stiffness is None else "both"
             raise ValueError(
@@ -74,6 +88,10 @@ class Pair:
             raise ValueError(
                 f"{name} = {value!r}: no stiffness within double precision gives it to a reduced "
                 f"mass of {self.mass:.6g} kg (k = {contact.k:.6g} N/m, c = {contact.c:.6g} N s/m)"
+            )
+        if contact.duration > LONGEST:
+            raise ValueError(
+                f"{name} = {value!r}: a contact of {contact.duration:.3g} s; legal: at most {LONGEST:g} s"
             )
 
     @property

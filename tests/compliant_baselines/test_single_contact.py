@@ -114,8 +114,8 @@ def test_the_penetration_is_that_of_the_motion_integrated():
 
 def test_what_cannot_be_is_refused():
     for arguments, says in (
-        ({"restitution": 0.0}, r"restitution = 0.0; legal: greater than 0, at most 1 \(no finite damping"),
-        ({"restitution": 1.1}, "restitution = 1.1; legal: greater than 0, at most 1"),
+        ({"restitution": 0.0}, "restitution = 0.0; legal: from 0.0001 to 1"),
+        ({"restitution": 1.1}, "restitution = 1.1; legal: from 0.0001 to 1"),
         ({"restitution": math.nan}, "restitution = nan; legal"),
         ({"stiffness": 0.0}, r"stiffness = 0.0; legal: a finite number > 0 \(N/m\)"),
         ({"stiffness": math.inf}, "stiffness = inf; legal"),
@@ -124,7 +124,7 @@ def test_what_cannot_be_is_refused():
         ({"stiffness": None, "duration": 0.0}, r"duration = 0.0; legal: a finite number > 0 \(s\)"),
         ({"stiffness": None, "duration": 1e-200}, "duration = 1e-200: no stiffness within double precision"),
         ({"stiffness": None, "duration": 1e200}, r"duration = 1e\+200: no stiffness within double precision"),
-        ({"masses": (0.0, 1.0)}, "masses = 0.0; legal: numbers > 0"),
+        ({"masses": (0.0, 1.0)}, "masses = 0.0; legal: from 1e-15 to 1e"),
         ({"masses": (math.inf, math.inf)}, "masses = inf inf: two fixed bodies do not collide"),
         ({"masses": (1.0,)}, r"masses = \(1.0,\); legal: two"),
         ({"speed": 0.0}, "speed = 0.0; legal"),
@@ -134,15 +134,14 @@ def test_what_cannot_be_is_refused():
 
 
 def test_a_duration_no_stiffness_gives_in_an_engine_is_refused_and_its_range_known():
-    for engine, duration in (("mujoco", 1e-12), ("pybullet", 1e-16), ("pybullet", 1e12)):
+    for engine, duration in (("mujoco", 1e-12), ("pybullet", 1e-16)):
         solver = solver_of(engine)
         pair = Pair((1.0, math.inf), 0.5, duration=duration)
         with pytest.raises(SolverError, match=f"{engine}: unrepresentable"):
             largest_step(solver, pair)
         shortest, longest = durations_taken(solver, pair) or (0, 0)
-        assert duration < shortest or duration > longest
-        inside = shortest * 2 if duration < shortest else longest / 2
-        largest_step(solver, Pair((1.0, math.inf), 0.5, duration=inside))  # and it is done
+        assert duration < shortest < longest
+        largest_step(solver, Pair((1.0, math.inf), 0.5, duration=2 * shortest))  # and it is done
 
 
 def test_no_step_that_does_it_is_said():

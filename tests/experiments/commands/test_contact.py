@@ -24,7 +24,7 @@ def test_json_says_what_was_asked_what_to_paste_and_what_came_back(capsys):
 
 def test_impossible_requests_are_one_line_and_exit_code_2(capsys):
     for arguments, says in (
-        (["--stiffness", "1", "--restitution", "0"], "--restitution = 0.0; legal: greater than 0, at most 1"),
+        (["--stiffness", "1", "--restitution", "0"], "--restitution = 0.0; legal: from 0.0001 to 1"),
         (["--stiffness", "1", "--restitution", "half"], "--restitution = 'half'; legal: a number"),
         (["--stiffness", "1", "--restitution", "1e-30"], "--restitution = 1e-30; legal: from 0.0001 to 1"),
         (["--duration", "1e-12"], "legal for these masses, restitution and speed: a duration of at least"),
