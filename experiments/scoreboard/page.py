@@ -31,8 +31,8 @@ LAW_WORDS = {
     "kelvin-voigt": "as springs and dashpots that only push",
     "kelvin-voigt-anchored": "as springs and dashpots, the lower ball held",
     "kelvin-voigt-textbook": "as springs and dashpots with the textbook's damping",
-    "hunt-crossley": "as springs damped in proportion to their depth",
-    "compression-dashpot": "as springs with dashpots in compression only",
+    "hunt-crossley": "as springs damped by their depth",
+    "compression-dashpot": "as springs damped in compression only",
     "newton-restitution": "by Newton's restitution, all contacts at once",
     "poisson-restitution": "by Poisson's restitution, all contacts at once",
     "sequential-top": "one contact after the other, from the top",
@@ -46,22 +46,26 @@ LEAD = (
     f"{len(COLUMNS)} arrangements with e = {listed(map(number, RESTITUTIONS))} at every contact, without gravity, and "
     "held against exact laws: the state-transition model of Jia, Mason and Erdmann (2013), other laws of springs, and "
     f"laws of rigid bodies. {LAWS_WITH_LAWS}",
-    "“Mapped” is an engine whose contacts were set up here to be springs and dashpots of the stiffness and e asked "
-    "for, at a step of a thousandth of the shorter contact period: where it follows their law it does what it was "
-    "asked for. Steps in brackets are other shares of that period; “as it ships” is an engine in which nothing is set.",
-    "D = √(Σ m Δv² / Σ m v₀²), Δv the difference of final velocities. D = 0 is the same outcome; a striker of 1 kg "
-    "that stops instead of coming back at half its speed makes D = 0.5. The law of an engine is the one with the "
-    f"smallest worst-case D, accepted up to {EXPLAINED}.",
+    "“Mapped” is an engine whose own springs and dashpots were set up here for the stiffness and e asked for, at a "
+    "step of a thousandth of the shorter contact period: where it follows their law it does what it was asked for. "
+    "Steps in brackets are other shares of that period; “as it ships” is an engine in which nothing is set but the e "
+    "of those that take one.",
+    "D = √(Σ m Δv² / Σ m v₀²), Δv the difference of final velocities, v₀ those before. D = 0 is the same outcome; a "
+    "striker of 1 kg that stops instead of coming back at half its speed makes D = 0.5. The law of an engine is the "
+    f"one with the smallest worst-case D, accepted up to {EXPLAINED}.",
 )
 
 BOARD = (
-    f"The largest D from that law, by case. * : it moves by more than D = {SENSITIVE} with gaps or overlaps of 1e-4 "
-    "radii or less, along the line, or in the other order. - : it has no answer. Springs and dashpots answer no e = 0."
+    "The largest D from that law, or else from the nearest, by case. In a drop a ball falls on one that rests on a "
+    "table, k2/k1 is the stiffness there over that between the balls. * : it moves by more than "
+    f"D = {SENSITIVE} with gaps or overlaps of 1e-4 radii or less, along the line, or in the other order. - : it has "
+    "no answer. Springs and dashpots answer no e = 0."
 )
 
 WORST = (
-    f"The largest of all cases that an engine answers, of {len(CASES)}. Farthest: D from its law, and from the next "
-    "one; where that is as near, these cases do not tell the two apart. Energy is over that before, lost at e = 1; "
+    f"The largest of all cases that an engine answers, of {len(CASES)}. Farthest: D from the nearest law, and from "
+    "the next one; where that is as near, these cases do not tell the two apart. The nearest law "
+    f"is no engine's own where it is farther than {EXPLAINED}. Energy is over that before, lost at e = 1; "
     "momentum, of cases without a table, over the sum of its absolute values before. Spread: D by another placement "
     "(of: by which); step spread: by half and twice the step. Microseconds of a step are of one machine, while balls "
     "touch."
@@ -122,7 +126,7 @@ def how(row: Frame) -> str:
     """Say how a solver answers, by its row of `judging.laws`."""
     if row.farthest > EXPLAINED:
         return f"as no exact law (nearest: {row.law})"
-    tied = row.next_farthest - row.farthest < TIED
+    tied = bool(row.next_farthest - row.farthest < TIED)
     return LAW_WORDS[row.law] + f"; {row.next} says the same here" * tied
 
 
@@ -137,13 +141,19 @@ def answers_in_words(judged: Frame, laws: Frame) -> list[Block]:
     for name, row in own[own.farthest <= EXPLAINED].iterrows():
         by_law.setdefault(how(row), []).append(called(str(name)))
     said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law.items()]
+    none = [called(str(name)) for name in own.index[own.farthest > EXPLAINED]]
+    if none:
+        said.append(f"{listed(none)} answer{'s' * (len(none) == 1)} as no exact law.")
+    if len(own):
+        least = number(own[f"D_{MODEL}"].min(), 2)
+        said.append(f"From the state-transition model each ends D = {least} or more in some case.")
     found = judged[judged.solver.isin(own.index) & (judged.spread > SENSITIVE)].sort_values("spread")
     worst = found.drop_duplicates("solver", keep="last")
     moved = [f"{called(row.solver)} ({row.spread_of}: {number(row.spread, 2)})" for row in worst.itertuples()]
     chance = (
         "Each case is answered again with gaps and overlaps of 1e-4 and 1e-6 radii, and, without a table, moved along "
-        f"its line and made in the other order. That moves the answers of {listed(moved)}: in brackets what moves it "
-        "most, and by which D."
+        f"its line and made in the other order. That moves by more than D = {SENSITIVE} the answers of "
+        f"{listed(moved)}: in brackets what moves it most, and by which D."
     )
     return [*([" ".join(said)] if said else []), *([chance] if moved else [])]
 
@@ -155,9 +165,11 @@ def board_of(judged: Frame, laws: Frame) -> Table:
         by_case = judged[judged.solver == name].groupby("case")
         D, spread = by_case[f"D_{law.law}"].max(), by_case.spread.max()
         cells = [
-            number(D.get(each), 2) + (" *" if spread.get(each, 0) > SENSITIVE else "") for each in COLUMNS
+            ("< 1e-4" if D.get(each, 1.0) < 1e-4 else number(D.get(each), 2))
+            + (" *" if spread.get(each, 0) > SENSITIVE else "")
+            for each in COLUMNS
         ]
-        rows.append((called(str(name)), how(law), *cells))
+        rows.append((called(str(name)), how(law).partition(";")[0].partition(" (")[0], *cells))
     return Table(("engine", "answers", *COLUMNS), rows, BOARD, text=2)
 
 
@@ -165,7 +177,7 @@ def worst_of(laws: Frame) -> Table:
     """Lay out what is worst of each engine."""
     own = _engines(laws)
     own.insert(0, "engine", list(map(called, own.index)))
-    return table_of(own, WORST, 2)
+    return table_of(own.rename(columns={"law": "nearest law", "next": "next law"}), WORST, 2)
 
 
 def table_of(frame: Frame, caption: str, text: int) -> Table:
