@@ -158,18 +158,8 @@ class Compared:
                 numbers = [*scaled[name], *(impulse / unit for impulse in outcome.impulses)]
                 shown = [f"{each:.6f}" for each in numbers] + [number(away[name]), " ".join(outcome.states)]
             rows.append((law, name, outcome.status, *shown))
-        header = (
-            "law",
-            "solver",
-            "status",
-            "v1/|v0|",
-            "v2/|v0|",
-            "I1/(m1|v0|)",
-            "I2/(m1|v0|)",
-            "D",
-            "states",
-        )
-        return Table(header, rows, text=3)
+        header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
+        return Table(header.split(), rows, text=3)
 
     def _column_table(self) -> Table:
         """Lay out a column: a fact a row, for there are more of them than solvers."""

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from impact_xval.experiments.hypothesis.verdicts import judged, verdicts
+from impact_xval.experiments.hypothesis.judging import judged, verdicts
 
 CONTRAST = np.logspace(1, 8, 57)
 FORM = (0.3, -0.1)
