@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from impact_xval.experiments.config.arrangements import Arranged
 
-#: Letters of a line of the text of a comparison, and dots per inch of the picture in a notebook.
+#: Letters of a line of the text, and dots per inch of the picture in a notebook.
 _WIDTH, _DPI = 150, 100
 #: The rows of the table of a column.
 _COLUMN = (
@@ -75,32 +75,22 @@ class Compared:
 
     def objects(self) -> list[dict[str, Any]]:
         """Return a JSON object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
-        away, found = self.divergences, []
+        away, found, speed = self.divergences, [], self._speed
         for name, each in self.outcomes.items():
-            velocities = [_finite(v / self._speed) for v in each.velocities]
-            impulses = [_finite(i / (self.problem.masses[0] * self._speed)) for i in each.impulses]
-            diagnostics = scaled_diagnostics(each, self._speed)
-            found.append(
-                {
-                    "solver": name,
-                    "velocities": velocities,
-                    **{f"v{i}": v for i, v in enumerate(velocities, 1)},
-                    "impulses": impulses,
-                    **{key: getattr(each, key) for key in ("states", "status", "reason", "marked")},
-                    "grazing_margin": _finite(each.grazing_margin),
-                    "D": away[name],
-                    "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
-                }
-            )
+            velocities = [_finite(v / speed) for v in each.velocities]
+            one = {"solver": name, "velocities": velocities}
+            one |= {f"v{i}": v for i, v in enumerate(velocities, 1)}
+            one |= {"impulses": [_finite(i / (self.problem.masses[0] * speed)) for i in each.impulses]}
+            one |= {key: getattr(each, key) for key in ("states", "status", "reason", "marked")}
+            one |= {"grazing_margin": _finite(each.grazing_margin), "D": away[name]}
+            diagnostics = scaled_diagnostics(each, speed)
+            found.append(one | {"diagnostics": {key: _finite(value) for key, value in diagnostics.items()}})
         return found
 
     def plot(self) -> Figure:
         """Draw impulse curves and velocities of two balls, or the final velocities of a column.
 
-        Raises
-        ------
-        ValueError
-            If no solver has a path, or of a column a result, to draw.
+        A `ValueError` says that no solver has a path, or of a column a result, to draw.
         """
         from impact_xval.experiments.presentation.pictures.columns import velocities_figure
         from impact_xval.experiments.presentation.pictures.curves import draw_collision, drawn_paths
@@ -120,8 +110,7 @@ class Compared:
         reasons = [f"{n}: {each.status}: {each.reason}" for n, each in self.outcomes.items() if each.reason]
         marks = [f"{name}: marked: {each.marked}" for name, each in self.outcomes.items() if each.marked]
         other = [f"{name}: {each.differences}" for name, each in self.outcomes.items() if each.differences]
-        blocks: list[Block] = [setup, table, note, one_vote(self.outcomes), *reasons, *marks, *other]
-        return [block for block in blocks if block]
+        return [*filter(None, [setup, table, note, one_vote(self.outcomes), *reasons, *marks, *other])]
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the table, and the picture as part of it."""
@@ -158,18 +147,8 @@ class Compared:
                 numbers = [*scaled[name], *(impulse / unit for impulse in outcome.impulses)]
                 shown = [f"{each:.6f}" for each in numbers] + [number(away[name]), " ".join(outcome.states)]
             rows.append((law, name, outcome.status, *shown))
-        header = (
-            "law",
-            "solver",
-            "status",
-            "v1/|v0|",
-            "v2/|v0|",
-            "I1/(m1|v0|)",
-            "I2/(m1|v0|)",
-            "D",
-            "states",
-        )
-        return Table(header, rows, text=3)
+        header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
+        return Table(header.split(), rows, text=3)
 
     def _column_table(self) -> Table:
         """Lay out a column: a fact a row, for there are more of them than solvers."""
@@ -220,8 +199,7 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
         raise TypeError(f"compare was given {type(problem).__name__}; legal: a Collision")
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)
     try:
-        given = {"scenario": "impact", "cell_timeout": timeout, "solvers": names}
-        config = parse_config(given, where="")
+        config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
     except UserError as error:
         raise ValueError(str(error)) from None
     names = [REFERENCE, *(name for name in names if name != REFERENCE)]

@@ -36,9 +36,9 @@ from impact_xval.experiments.sweep.one import SolversApart, solvers_apart
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.model.collision import Collision, Outcome
 
-#: Solvers that follow the sliders, and those that the button runs.
-EXACT = tuple(name for name in solver_names() if not is_engine(name))
-ENGINES = tuple(name for name in solver_names() if is_engine(name))
+#: Solvers that the button runs, and those that follow the sliders.
+ENGINES = tuple(filter(is_engine, solver_names()))
+EXACT = tuple(name for name in solver_names() if name not in ENGINES)
 #: Seconds that a solver has unless the address says otherwise.
 _PATIENCE = "60"
 #: Outcomes of engines that are kept: the table is asked for again as each of them ends.
@@ -92,10 +92,8 @@ class Cells:
 
 def _data(compared: Compared) -> dict[str, dict[str, Any]]:
     """Return what the sources of the charts hold; a solver that has nothing to draw has empty ones."""
-    collision, kinds, solvers = compared.problem, ("balls", "curve", "end"), (*EXACT, *ENGINES)
-    data: dict[str, dict[str, Any]] = {
-        f"{kind} {name}": {"x": [], "y": []} for name in solvers for kind in kinds
-    }
+    collision, kinds = compared.problem, ("balls", "curve", "end")
+    data = {f"{kind} {name}": {"x": [], "y": []} for name in (*EXACT, *ENGINES) for kind in kinds}
     if compared.is_column:
         for name, velocities in compared.scaled.items():
             data[f"balls {name}"] = {"x": [*range(1, 1 + len(velocities))], "y": velocities}
@@ -135,12 +133,11 @@ class _Request(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer with the page, or with what it shows of a cell."""
         path, _, query = self.path.partition("?")
+        kind, text = "text/plain", ""  # such as the icon, which browsers ask for
         if path == "/":
             kind, text = "text/html", page()
         elif path == "/solved":
             kind, text = "application/json", json.dumps(self._cells.answer(query))
-        else:  # such as the icon, which browsers ask for
-            kind, text = "text/plain", ""
         self.send_response(200)
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
         self.end_headers()

@@ -151,10 +151,9 @@ def design(n: int, seed: int) -> Frame:
     tables = []
     for case in CASES:
         points = draw(case, n, seed)
-        table = pd.DataFrame(points, columns=list(AXES))
-        table = table.assign(
-            **{"case": case.key, "point": range(n), "class": [pair_class(case, one) for one in points]}
-        )
+        classes = [pair_class(case, point) for point in points]
+        table = pd.DataFrame(points, columns=list(AXES)).assign(case=case.key, point=range(n))
+        table["class"] = classes
         limit = {name: table.assign(**case.at(math.inf))[name] for name in AXES}
         closed = solve_batch(**limit, stiffness_ratio_cutoff=math.inf)
         tables.append(table.assign(closed_form_v1=closed.v1, closed_form_v2=closed.v2))

@@ -73,23 +73,19 @@ def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[t
 
 def stiffened(column: Collision, contact: int, contrast: float) -> Collision:
     """Return a column with a contact so many times stiffer."""
-    stiffnesses = list(column.stiffnesses)
-    stiffnesses[contact] *= contrast
+    stiffnesses = (k * contrast if i == contact else k for i, k in enumerate(column.stiffnesses))
     return dataclasses.replace(column, stiffnesses=tuple(stiffnesses))
 
 
 def welded(column: Collision, contact: int) -> Collision:
     """Return the column with the bodies of a contact as one; of a table contact, the ball as part of the table."""
     masses, velocities = list(column.masses), list(column.velocities)
-    at_table = contact == len(masses) - 1
-    pair = slice(contact, contact + 2)
+    pair, bodies = slice(contact, contact + 2), 0 if contact == len(masses) - 1 else 1
     mass = sum(masses[pair])
     momentum = sum(m * v for m, v in zip(masses[pair], velocities[pair], strict=True))
-    masses[pair] = [] if at_table else [mass]
-    velocities[pair] = [] if at_table else [momentum / mass]
-    others = [i for i in range(len(column.stiffnesses)) if i != contact]
-    stiffnesses, restitutions = ([v[i] for i in others] for v in (column.stiffnesses, column.restitutions))
-    return Collision(tuple(masses), tuple(stiffnesses), tuple(restitutions), tuple(velocities), column.table)
+    masses[pair], velocities[pair] = bodies * [mass], bodies * [momentum / mass]
+    k, e = (each[:contact] + each[contact + 1 :] for each in (column.stiffnesses, column.restitutions))
+    return Collision(tuple(masses), k, e, tuple(velocities), column.table)
 
 
 def of_each_ball(velocities: Sequence[float], contact: int, balls: int) -> tuple[float, ...]:
@@ -123,7 +119,7 @@ def solved(
     for i, (column, contact) in enumerate(columns):
         weights = np.array(column.masses) / np.dot(column.masses, np.square(column.velocities))
         form = of_each_ball(outcomes[len(series) + i].velocities, contact, len(column.masses))
-        known = dict(zip(("arrangement", "stiff_contact"), place, strict=True))
+        known: dict[str, Any] = {"arrangement": place[0], "stiff_contact": place[1]}
         known |= {"meets": column.compression_rates[contact] > 0, "solver": solver, "column": i}
         known |= {name: getattr(column, name) for name in ("masses", "stiffnesses", "restitutions")}
         known |= {"class": "elastic" if min(column.restitutions) == 1 else "lossy"}

@@ -1,7 +1,8 @@
-"""The judgement of a series of outcomes on a limit: does it get there, at what rate, and where does it go if not.
+"""From the outcomes of a solver to its verdict on a limit.
 
 A series is the outcomes of one solver at one point, at rising contrasts x; velocities are vectors w whose length is the
-kinetic norm, of two balls (v1, sqrt(m2/m1) v2). docs/hypothesis.md has the rule in full.
+kinetic norm, of two balls (v1, sqrt(m2/m1) v2). It is judged by whether it gets to the closed form, at what rate, and
+where it goes if not:
 
 1. The *window* is the last `decades` of the usable outcomes; where the distance D from the closed form has sunk under
    `FLOOR_ERRORS` errors of the solver for good, it ends there.
@@ -14,19 +15,32 @@ kinetic norm, of two balls (v1, sqrt(m2/m1) v2). docs/hypothesis.md has the rule
    decade, or below what the solver resolves, or below a tenth of its distance from the closed form (its limit is then
    the mean of that decade, with that diameter for an error).
 5. It **jumps** where, in the later half of the window, D exceeds both the line of the rate and the D before by `JUMP`.
+
+Within a class of points (which contacts are elastic, `cases.pair_class`) the verdict is
+
+* `refuted` where a tenth of the points or more is: one law, one counterexample would do, a tenth is robust;
+* else `supported` where half of the points or more is, and every other one either agrees with the closed form within
+  the error of its limit, or is short of results; none is refuted or fails to settle;
+* else `no limit` where half of the points or more have none; else `undecided`.
+
+Over the classes of a limit the worst counts; one that is undecided only because it is within the solver's own error of
+the closed form does not count against one that is supported.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.stats import theilslopes
 
 from impact_xval.experiments.hypothesis.cases import Frame, distance
+from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
 
@@ -49,6 +63,18 @@ EXPONENTS = np.arange(0.1, 3.01, 0.05)
 #: A margin in decades: contrasts are rounded.
 _SLACK = 1e-6
 
+#: Share of refuted points from which a class is.
+REFUTING_SHARE = 0.1
+
+#: D from which on a limit is close enough to be used, per impact.
+CLOSE = 0.05
+
+#: Resamples of a bootstrap, and its seed.
+_RESAMPLES, _SEED = 2000, 2013
+
+#: The worst first.
+_ORDER = ("refuted", "no limit", "undecided", "supported")
+
 #: What is known of a series that has no window.
 _OPEN: dict[str, Any] = {"verdict": "undecided", "reason": "", "consistent": False, "settles": True}
 _OPEN |= dict.fromkeys(("rate", "rate_low", "rate_high", "last", "limit_error", "offset"), math.nan)
@@ -56,12 +82,16 @@ _OPEN |= dict.fromkeys(("window_from", "window_to"), math.nan)
 
 
 class _Window(NamedTuple):
-    """Outcomes that are fitted: log10 of the contrast, velocities, their distance from the closed form, errors."""
+    """Outcomes that are fitted: log10 of the contrast, velocities, their distance from the closed form, errors.
+
+    `sunk` is whether the distance has sunk under the solver's error before a rate could be seen.
+    """
 
     x: Floats
     w: Floats
     D: Floats
     own: Floats
+    sunk: bool = False
 
     @property
     def first(self) -> NDArray[np.bool_]:
@@ -85,9 +115,8 @@ def judge(series: Frame) -> dict[str, Any]:
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
     own = maximum_filter1d(used.error, 3, mode="nearest")
     found = _OPEN | {f"limit_v{i}": math.nan for i in range(1, 1 + len(target))}
-    window, sunk = _window(
-        _Window(np.log10(used.contrast.to_numpy()), w, distance(1.0, w - target), own), decades
-    )
+    whole = _Window(np.log10(used.contrast.to_numpy()), w, distance(1.0, w - target), own)
+    window = _window(whole, decades)
     if isinstance(window, str):
         return found | {"reason": window}
     found |= _limit(window, target, scale, decades)
@@ -96,29 +125,26 @@ def judge(series: Frame) -> dict[str, Any]:
     least = window.D[window.final].min()
     if found["offset"] > max(3 * found["limit_error"], 0.2 * found["last"]) and least > 0.5 * found["offset"]:
         return found | {"verdict": "refuted"}
-    return found | _rate(window, found["last"], decades, sunk=sunk)
+    return found | _rate(window, found["last"])
 
 
-def _window(series: _Window, decades: float) -> tuple[_Window | str, bool]:
-    """Choose the window, or say why there is none; and whether the distance has sunk under the solver's error in it."""
+def _window(series: _Window, decades: float) -> _Window | str:
+    """Choose the window, or say why there is none."""
     x = series.x
     span = float(x[-1] - x[0]) if x.size else 0.0
     if span < decades - _SLACK:
-        return (
-            f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range",
-            False,
-        )
+        return f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range"
     above = np.flatnonzero(FLOOR_ERRORS * series.own < series.D)
     sunk = above.size == 0 or bool(x[above[-1]] - x[0] < decades - _SLACK)
     end = x[0] + decades if sunk else x[above[-1]]
-    window = _Window(*(each[(x >= end - decades - _SLACK) & (x <= end + _SLACK)] for each in series))
+    inside = (x >= end - decades - _SLACK) & (x <= end + _SLACK)
+    window = _Window(*(each[inside] for each in (x, series.w, series.D, series.own)), sunk=sunk)
     reach = window.x[-1] - window.x[0]
     if reach < decades - _SLACK or window.x.size < 2 * decades + 1:
         return (
-            f"{window.x.size} outcomes over {reach:.2g} decades are too few: results are missing in between",
-            False,
+            f"{window.x.size} outcomes over {reach:.2g} decades are too few: results are missing in between"
         )
-    return window, sunk
+    return window
 
 
 def _limit(window: _Window, target: Floats, scale: Floats, decades: float) -> dict[str, Any]:
@@ -143,17 +169,15 @@ def _limit(window: _Window, target: Floats, scale: Floats, decades: float) -> di
     }
     if found["settles"]:
         return found | {f"limit_v{i}": v for i, v in enumerate((limit / scale).tolist(), 1)}
-    drifts = bool(np.all(np.diff(D) < 0))
-    reason = (
-        f"it does not settle: in the last decade D runs from {D[final].min():.3g} to {D[final].max():.3g}"
-    )
-    return found | {"reason": reason, "verdict": "undecided" if drifts else "no limit"}
+    last = D[final]
+    reason = f"it does not settle: in the last decade D runs from {last.min():.3g} to {last.max():.3g}"
+    return found | {"reason": reason, "verdict": "undecided" if np.all(np.diff(D) < 0) else "no limit"}
 
 
-def _rate(window: _Window, last: float, decades: float, *, sunk: bool) -> dict[str, Any]:
+def _rate(window: _Window, last: float) -> dict[str, Any]:
     """Find the rate of the approach of a series that is not refuted, and decide on it."""
-    x, D, own = window.x, window.D, window.own
-    clear = FLOOR_ERRORS * own < D
+    x, D = window.x, window.D
+    clear = FLOOR_ERRORS * window.own < D
     x_clear, log_D = x[clear], np.log10(D[clear])
     slope = at_zero = low = high = math.nan
     if x_clear.size >= 3:
@@ -165,10 +189,9 @@ def _rate(window: _Window, last: float, decades: float, *, sunk: bool) -> dict[s
     if jumps:
         reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
         return found | {"verdict": "no limit", "reason": reason, "settles": False, "consistent": False}
-    if sunk:
-        reason = (
-            f"it is within the solver's own error ({own[window.final].max():.1g}) of the closed form too soon"
-        )
+    if window.sunk:
+        own = window.own[window.final].max()
+        reason = f"it is within the solver's own error ({own:.1g}) of the closed form too soon"
     elif not -high > LEAST_RATE:
         reason = f"the rate {-slope:.2g} ({-high:.2g} to {-low:.2g}) cannot be told from none"
     elif (fall := float(np.median(D[window.first])) / last) < LEAST_FALL:
@@ -209,3 +232,78 @@ def _extrapolate(x: Floats, w: Floats) -> tuple[Floats, float]:
         final = w[x >= x[-1] - 1 - _SLACK]
         error = max(error, float(distance(1.0, final - final.mean(axis=0)).max()))
     return limit, error
+
+
+def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
+    """Judge every series of outcomes, of pairs or of columns: those with the same `keys`; a row each."""
+    rows = []
+    for key, series in outcomes.groupby(list(keys), sort=False):
+        lost = series[~series.status.isin(RESULT_STATUSES)]
+        why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in lost.groupby("status")]
+        # The last outcome that is not close; the one after it is the first of those that stay so.
+        far = np.flatnonzero(np.r_[True, ~(series.distance <= CLOSE)])[-1]
+        near = [*series.contrast, np.inf][far]
+        more = {"close_from": near, "grazing_left_out": int(series.grazing.sum())}
+        more |= {"without_result": "; ".join(why)}
+        rows.append(dict(zip(keys, key, strict=True)) | judge(series) | more)
+    return pd.DataFrame(rows)
+
+
+def verdicts(points: Frame, keys: Sequence[str]) -> Frame:
+    """Gather judgements: a row for all points that have the same keys, then one for each of their classes.
+
+    Rates are those of points that support, the median with its 95 % bootstrap interval; offsets of those that refute.
+    """
+    rows = []
+    for key, group in points.groupby(list(keys), sort=False):
+        classes = [{"class": name} | _gathered(some) for name, some in group.groupby("class", sort=False)]
+        supported = any(row["verdict"] == "supported" for row in classes)
+        counting = [row for row in classes if not (row["within_error"] and supported)]
+        worst = min(counting, key=lambda row: _ORDER.index(row["verdict"]))
+        whole = {"class": "all"} | _gathered(group)
+        whole |= {name: worst[name] for name in ("verdict", "reason")}
+        rows += [dict(zip(keys, key, strict=True)) | row for row in (whole, *classes)]
+    return pd.DataFrame(rows)
+
+
+def _gathered(points: Frame) -> dict[str, Any]:
+    """Return a row of verdicts, by the rule of a class."""
+    supported, refuted = (points[points.verdict == verdict] for verdict in ("supported", "refuted"))
+    undecided = points[~points.verdict.isin(["supported", "refuted"])]
+    n, astray, reason = len(points), undecided[~undecided.settles], ""
+    harmless = astray.empty and (undecided.consistent | ~np.isfinite(undecided.offset)).all()
+    if len(refuted) >= max(1, REFUTING_SHARE * n):
+        verdict = "refuted"
+    elif 2 * len(supported) >= n and refuted.empty and harmless:
+        verdict = "supported"
+    else:
+        verdict = "no limit" if 2 * (points.verdict == "no limit").sum() >= n else "undecided"
+        worst = undecided if astray.empty else astray
+        reason = "one point is refuted"
+        if len(worst):
+            reason = f"{len(worst)} of {n} points: {worst.reason.iloc[0]}"
+    quiet = (points.verdict == "supported") | (points.consistent & points.settles)
+    low, high = _interval(supported.rate.to_numpy())
+    return {
+        "verdict": verdict,
+        "within_error": bool(verdict == "undecided" and quiet.all()),
+        "points": n,
+        "n_supported": len(supported),
+        "n_refuted": len(refuted),
+        "n_undecided": len(undecided),
+        **{"rate": supported.rate.median(), "rate_low": low, "rate_high": high},
+        **{"least_rate": supported.rate.min(), "largest_rate": supported.rate.max()},
+        **{"offset_least": refuted.offset.min(), "offset_median": refuted.offset.median()},
+        **{"offset_largest": refuted.offset.max(), "limit_error_largest": refuted.limit_error.max()},
+        "close_from": points.close_from.median(),
+        "reason": reason,
+    }
+
+
+def _interval(rates: np.ndarray) -> tuple[float, float]:
+    """95 % bootstrap interval of the median; one rate is legal, which scipy.stats.bootstrap refuses."""
+    if not rates.size:
+        return np.nan, np.nan
+    draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, rates.size))
+    low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
+    return float(low), float(high)

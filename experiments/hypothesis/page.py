@@ -11,8 +11,8 @@ from rich.console import Console
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.hypothesis.cases import CASES, LOSSY, Frame
+from impact_xval.experiments.hypothesis.judging import CLOSE
 from impact_xval.experiments.hypothesis.run import Results
-from impact_xval.experiments.hypothesis.verdicts import CLOSE
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import page_of
@@ -42,10 +42,9 @@ _FLOOR = 1e-13
 
 def write_all(results: Results, root: Path) -> Path:
     """Write everything into the folder of a test; give the path of the page."""
-    tables = {"verdicts": results.verdicts, "points": results.points, "columns": results.columns}
-    for name, frame in tables.items():
+    for name in ("verdicts", "points", "columns"):
         with replacing(root / f"{name}.csv") as temporary:
-            frame.to_csv(temporary, index=False, lineterminator="\n")
+            getattr(results, name).to_csv(temporary, index=False, lineterminator="\n")
     for name, frame in {"outcomes": results.outcomes, "columns": results.column_outcomes}.items():
         with replacing(root / f"{name}.parquet") as temporary:
             frame.to_parquet(temporary, index=False, compression="zstd")
@@ -72,17 +71,24 @@ def _blocks(results: Results) -> list[Block]:
         f"{len(voters(results.solvers))} laws approach {len(CASES)} limits, each at {results.config.points} "
         "collisions or more. Supported: final velocities approach the closed form; refuted: another value."
     )
-    held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")["case"]
-    answer = (
-        [f"The model supports it in {len(held)} of {len(CASES)} limits."] if MODEL in results.solvers else []
-    )
-    answer = " ".join([*answer, *_columns_as_one(results)])
+    answer = [*_columns_as_one(results)]
+    if MODEL in results.solvers:
+        held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
+        answer.insert(0, f"The model supports it in {len(held)} of {len(CASES)} limits.")
     figure = Figure(
         "distance",
         "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
         "in the limit dt -> 0. A line that levels out goes to another limit",
     )
-    return [question, answer, _verdicts(results), figure, LAWS_WITH_LAWS, _more(results), _method(results)]
+    return [
+        question,
+        " ".join(answer),
+        _verdicts(results),
+        figure,
+        LAWS_WITH_LAWS,
+        _more(results),
+        _method(results),
+    ]
 
 
 def _grid(rows: Frame, index: Any, columns: str, cell: Callable[[Any], str]) -> Frame:
@@ -101,10 +107,9 @@ def _wholes(table: Frame) -> Frame:
 
 def _columns_as_one(results: Results) -> Iterator[str]:
     """Say at how many columns a pair that has one velocity at first moves as one; nothing without columns."""
-    if not results.columns.empty:
-        found = over_places(results)
-        rows = found[~found.meets].itertuples()
-        said = ", ".join(f"{named(row.solver)} {row.n_supported} of {row.points}" for row in rows)
+    found = [(solver, supported) for solver, first, supported, *_ in over_places(results) if first != "meet"]
+    if found:
+        said = ", ".join(f"{named(solver)} {supported}" for solver, supported in found)
         yield f"Columns whose stiff pair has one velocity at first, and moves as one: {said}."
 
 
@@ -171,27 +176,24 @@ def _more(results: Results) -> Section:
         f"Columns of {span(results.config.columns.balls)} balls, one contact of which becomes infinitely stiff, beside "
         "those whose pair is welded: one body, or part of the table. D: of refuted columns, from the welded ones"
     )
-    rows = [
-        (
-            named(row.solver),
-            "meet" if row.meets else "one velocity",
-            *(f"{n} of {row.points}" for n in (row.n_supported, row.n_refuted)),
-            span((row.least_rate, row.largest_rate), ".2f") if row.n_supported else "-",
-            span((row.offset_least, row.offset_largest)) if row.n_refuted else "-",
-        )
-        for row in (over_places(results).itertuples() if len(results.columns) else ())
-    ]
-    of_columns = Table(
-        ("solver", "bodies at first", "supported", "refuted", "rates", "D"), rows, caption, text=2
-    )
+    rows = [(named(solver), *row) for solver, *row in over_places(results)]
+    header = ("solver", "bodies at first", "supported", "refuted", "rates", "D")
+    of_columns = Table(header, rows, caption, text=2)
     return Section("Classes of points, columns of N balls", [of_points, of_columns], folded=True)
 
 
-def over_places(results: Results) -> Frame:
-    """Count columns by solver, and by whether the bodies of the pair meet at first."""
+def over_places(results: Results) -> Iterator[tuple[str, ...]]:
+    """Count columns, a row a solver and whether the bodies of the pair meet at first; none without columns."""
+    if results.columns.empty:
+        return
     how = dict.fromkeys(["points", "n_supported", "n_refuted"], "sum")
     how |= {"least_rate": "min", "largest_rate": "max", "offset_least": "min", "offset_largest": "max"}
-    return _wholes(results.columns).groupby(["solver", "meets"], sort=False).agg(how).reset_index()
+    found = _wholes(results.columns).groupby(["solver", "meets"], sort=False).agg(how).reset_index()
+    for row in found.itertuples():
+        counts = (f"{n} of {row.points}" for n in (row.n_supported, row.n_refuted))
+        rates = span((row.least_rate, row.largest_rate), ".2f") if row.n_supported else "-"
+        away = span((row.offset_least, row.offset_largest)) if row.n_refuted else "-"
+        yield row.solver, "meet" if row.meets else "one velocity", *counts, rates, away
 
 
 def _method(results: Results) -> Section:

@@ -23,7 +23,7 @@ from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_c
 from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, GRAZING, Frame, design, distance
 from impact_xval.experiments.hypothesis.columns import column_outcomes
 from impact_xval.experiments.hypothesis.config import HypothesisConfig
-from impact_xval.experiments.hypothesis.verdicts import judged, verdicts
+from impact_xval.experiments.hypothesis.judging import judged, verdicts
 from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished, new_folder, write_text
@@ -46,7 +46,7 @@ _CLOSED = ["closed_form_v1", "closed_form_v2"]
 class Results(NamedTuple):
     """What a test found: outcomes, a row a contrast; points (series of them); verdicts on classes, ``all`` first.
 
-    Of columns of N balls likewise. By engine its version, or why it is unavailable.
+    Of columns of N balls likewise; `versions` has for an engine its version, or why it is unavailable.
     """
 
     config: HypothesisConfig
@@ -100,14 +100,10 @@ def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
 def _experiment(config: HypothesisConfig, name: str, solvers: list[str], cells: Path) -> Config:
     """Return a run as an experiment; beside engines stand the exact solvers of their laws."""
     laws = {exact_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
-    given: dict[str, Any] = {key: getattr(config, key) for key in ("step_fraction", "cell_timeout")}
+    given = config.model_dump(include={"step_fraction", "cell_timeout"})
     given |= {"name": f"hypothesis, {name}", "scenario": "impact", "measures": "velocities"}
     given |= {"solvers": [*solvers, *sorted(laws)], "cells": str(cells), "max_steps": 50_000_000}
-    given |= {
-        "convergence": {"tolerance": config.tolerance, "halvings": config.halvings},
-        "m1": 1.0,
-        "k1": 1.0,
-    }
+    given |= {"convergence": config.model_dump(include={"tolerance", "halvings"}), "m1": 1.0, "k1": 1.0}
     # A cut-off would insert the closed form that is tested.
     return parse_config(given | {"stiffness_ratio_cutoff": math.inf})
 
@@ -147,15 +143,10 @@ def results(config: HypothesisConfig, root: Path) -> Results:
     points = judged(outcomes, ["case", "solver", "point", "class"])
     ratios = design(config.points, config.seed)[["case", "point", *AXES, *_CLOSED]]
     columns, keys = column_outcomes(config), ["arrangement", "stiff_contact", "meets", "solver"]
-    return Results(
-        config,
-        outcomes,
-        points.merge(ratios, on=["case", "point"]),
-        verdicts(points, ["case", "solver"]),
-        columns,
-        verdicts(judged(columns, [*keys, "column", "class"]), keys) if len(columns) else columns,
-        versions,
-    )
+    of_columns = verdicts(judged(columns, [*keys, "column", "class"]), keys) if len(columns) else columns
+    of_limits = verdicts(points, ["case", "solver"])
+    points = points.merge(ratios, on=["case", "point"])
+    return Results(config, outcomes, points, of_limits, columns, of_columns, versions)
 
 
 def _outcomes(found: Frame) -> Frame:
@@ -164,15 +155,15 @@ def _outcomes(found: Frame) -> Frame:
     there = found.status.isin(RESULT_STATUSES) | (at_no_step & (found.status == "unconverged"))
     v = np.where(at_no_step.to_numpy()[:, None], found[_LIMITS], found[_VELOCITIES])
     v = np.where(there.to_numpy()[:, None], v, np.nan)
-    weights = np.column_stack([np.ones(len(found)), found.mass_ratio])
+    form, weights = found[_CLOSED].to_numpy(), np.column_stack([np.ones(len(found)), found.mass_ratio])
     root = np.where(found["case"].str.startswith("plastic"), 1.0, np.sqrt(found.contrast))
     grazing = there & (found.grazing_margin.fillna(np.inf) * root < GRAZING)
     return found.drop(columns=["cell", *_ERRORS, *_VELOCITIES, *_LIMITS]).assign(
         velocities=v.tolist(),
-        closed_form=found[_CLOSED].to_numpy().tolist(),
+        closed_form=form.tolist(),
         weights=weights.tolist(),
         error=np.maximum(found[_ERRORS].max(axis=1).fillna(0.0), ROUNDING),
-        distance=distance(weights, v - found[_CLOSED].to_numpy()),
+        distance=distance(weights, v - form),
         used=there & ~grazing,
         grazing=grazing,
     )

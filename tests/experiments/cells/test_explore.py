@@ -95,9 +95,14 @@ def test_a_port_in_use_and_ctrl_c_while_a_cell_is_solved_are_one_line():
 
 
 @pytest.mark.slow
-def test_a_move_is_solved_the_button_adds_engines_and_the_address_opens_the_same_cell_again():
+def test_the_page_fits_a_move_is_solved_the_button_adds_engines_and_the_address_opens_the_same_cell_again():
     with served() as (_, address), opened(address, offline=False) as page:
         wait_for(page, "true")
+        for width, scheme in ((390, "dark"), (1200, "light")):
+            page.set_viewport_size({"width": width, "height": 900})
+            page.emulate_media(color_scheme=scheme)
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            assert violations(page) == []
         page.fill("#stiffness_ratio", "3")
         wait_for(page, "location.search.includes('ratio=3&')")
         assert f"{solve(Collision.from_ratios(3, 1.1547, 0.9, 0.7)).v1:.6f}" in page.inner_text("#results")
@@ -115,14 +120,3 @@ def test_a_move_is_solved_the_button_adds_engines_and_the_address_opens_the_same
         wait_for(page, "document.getElementById('results').textContent.includes('v3')")
         assert page.inner_text("#results table").splitlines()[3].split()[1] in shown
         assert page.input_value("#balls") == "3"
-
-
-@pytest.mark.slow
-def test_the_page_fits_and_is_accessible():
-    with served() as (_, address), opened(f"{address}?e1=0.8", 390, "dark", offline=False) as page:
-        wait_for(page, "location.search.includes('e1=0.8')")
-        for width, scheme in ((390, "dark"), (1200, "light")):
-            page.set_viewport_size({"width": width, "height": 900})
-            page.emulate_media(color_scheme=scheme)
-            assert page.evaluate("document.documentElement.scrollWidth") <= width
-            assert violations(page) == []

@@ -4,41 +4,35 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, design, distance, draw
-from impact_xval.experiments.hypothesis.verdicts import judged, verdicts
+from impact_xval.experiments.hypothesis.judging import judged, verdicts
 
-CASE = BY_KEY["zero-late"]
 CONTRAST = np.logspace(1, 8, 57)
+FORM = (0.3, -0.1)
+CLASSES = ("both lossy", "only e1 = 1", "e1 = e2 = 1")
 
 
-def planted(departure, error=1e-13, case=CASE, contrast=CONTRAST, decades=4.0, usable=None):
-    """Judge a solver whose v1 is off the closed form by `departure(contrast, index of the point)`."""
-    series = []
-    points = design(12, 5)[lambda table: table["case"] == case.key].set_index("point", drop=False)
-    for point in points.to_dict("records"):
-        off = np.column_stack([departure(contrast, point["point"]), np.zeros(len(contrast))])
-        form = [point["closed_form_v1"], point["closed_form_v2"]]
-        one = {"case": case.key, "solver": "planted", "point": point["point"], "class": point["class"]}
-        one |= {"contrast": contrast, "velocities": (off + form).tolist(), "closed_form": [form] * len(off)}
-        one |= {"weights": [[1.0, 1.0]] * len(off), "distance": distance(1.0, off), "error": error}
-        one |= {"used": True if usable is None else usable, "decades": decades}
-        series.append(pd.DataFrame(one | {"grazing": False, "status": "ok", "reason": ""}))
-    found = judged(pd.concat(series), ["case", "solver", "point", "class"])
-    whole, *classes = verdicts(found, ["case", "solver"]).to_dict("records")
-    found["off"] = found.limit_v1.to_numpy() - points.closed_form_v1.to_numpy()
-    return found, whole, {row["class"]: row["verdict"] for row in classes}
+def planted(departure, contrast=CONTRAST, **how):
+    """Judge a solver at 12 points, whose v1 is off the closed form by `departure(contrast, index of the point)`."""
+    series, usual = [], {"error": 1e-13, "decades": 4.0, "used": True, "grazing": False, "status": "ok"}
+    for i in range(12):
+        off = departure(contrast, i)
+        one = {"contrast": contrast, "distance": abs(off), "solver": "planted", "point": i}
+        lists = {"velocities": [(FORM[0] + x, FORM[1]) for x in off], "class": CLASSES[i % 3]}
+        lists |= {"closed_form": [FORM] * len(off), "weights": [(1.0, 1.0)] * len(off)}
+        series.append(pd.DataFrame(one | lists | usual | how))
+    found = judged(pd.concat(series), ["solver", "point", "class"])
+    return found, verdicts(found, ["solver"]).set_index("class")
 
 
 @pytest.mark.parametrize("rate", [0.25, 0.5, 1.0, 2.0])
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.key)
-def test_a_solver_that_converges_is_supported_at_its_rate(case, rate):
-    _, whole, _ = planted(lambda x, i: (2 + 0.1 * i) * x**-rate, case=case)
-    assert whole["verdict"] == "supported"
-    assert whole["rate"] == pytest.approx(rate, abs=1e-6)
-    assert whole["rate_low"] - 1e-6 <= rate <= whole["rate_high"] + 1e-6
+def test_a_solver_that_converges_is_supported_at_its_rate(rate):
+    whole = planted(lambda x, i: (2 + 0.1 * i) * x**-rate)[1].loc["all"]
+    assert whole.verdict == "supported"
+    assert whole.rate == pytest.approx(rate, abs=1e-6)
+    assert whole.rate_low - 1e-6 <= rate <= whole.rate_high + 1e-6
     # The median of D is 2.55 x^-r, and contrasts are an eighth of a decade apart.
     least = max(51.0, CONTRAST[0] ** rate)
-    assert 0.99 * least <= whole["close_from"] ** rate < 1.01 * least * 10 ** (rate / 8)
+    assert 0.99 * least <= whole.close_from**rate < 1.01 * least * 10 ** (rate / 8)
 
 
 @pytest.mark.parametrize(
@@ -50,10 +44,9 @@ def test_a_solver_that_converges_is_supported_at_its_rate(case, rate):
     ],
 )
 def test_a_solver_that_converges_to_something_else_is_refuted_with_its_limit(departure, offset):
-    found, whole, _ = planted(departure)
-    assert whole["verdict"] == "refuted"
-    assert (found.verdict == "refuted").all()
-    assert (abs(found.off - offset) <= 3 * found.limit_error).all()
+    found, rows = planted(departure)
+    assert {*found.verdict, *rows.verdict} == {"refuted"}
+    assert (abs(found.limit_v1 - FORM[0] - offset) <= 3 * found.limit_error).all()
     assert (found.limit_error < 0.2 * abs(offset)).all()
     assert found.offset.to_numpy() == pytest.approx(abs(offset), rel=0.05)
 
@@ -76,27 +69,23 @@ SERIES = {
     # What no finite range of contrasts can exclude; docs/hypothesis.md names it under what is not shown.
     "drifts slower than any power": (lambda x, i: 0.5 / np.log(x), {}, "refuted", ""),
     "short": (lambda x, i: 1 / x, {"contrast": np.logspace(1, 4, 25)}, "undecided", "a rate needs 4: extend"),
-    "gaps": (lambda x, i: 1 / x, {"usable": np.isin(CONTRAST, CONTRAST[::18])}, "undecided", "are missing"),
+    "gaps": (lambda x, i: 1 / x, {"used": np.isin(CONTRAST, CONTRAST[::18])}, "undecided", "are missing"),
     "engine": (lambda x, i: 1 / x, ENGINE | {"error": 1e-4}, "supported", ""),
     "engine elsewhere": (lambda x, i: 0.3 + 1 / x, ENGINE | {"error": 1e-4}, "refuted", ""),
     # An engine that is 1e-3 off whatever the contrast, and says so, refutes nothing.
     "error of an engine": (lambda x, i: 1e-3 + 0.5 / x, ENGINE | {"error": 1e-3}, "undecided", "own error"),
+    # One class refuted refutes the whole.
+    "one class": (lambda x, i: (0.1 if i % 3 == 0 else 0.0) + 0.1 / x, {}, "refuted", ""),
 }
 
 
 @pytest.mark.parametrize("name", SERIES)
 def test_a_verdict_is_given_where_the_series_carries_one(name):
     departure, how, verdict, reason = SERIES[name]
-    _, whole, _ = planted(departure, **how)
-    assert whole["verdict"] == verdict
-    assert reason in whole["reason"]
-    assert name != "rings, and fades" or whole["rate"] == pytest.approx(1, abs=0.1)  # that of its envelope
-    assert whole["within_error"] == (name == "error of an engine")
-
-
-def test_one_refuted_class_refutes_the_whole():
-    elastic = [i for i, point in enumerate(draw(CASE, 12, 5)) if point.e1 == 1]
-    _, whole, classes = planted(lambda x, i: (0.0 if i in elastic else 0.1) + 0.1 / x)
-    assert whole["verdict"] == "refuted"
-    supported = {name for name, verdict in classes.items() if verdict == "supported"}
-    assert supported == {"only e1 = 1", "e1 = e2 = 1"}
+    rows = planted(departure, **how)[1]
+    whole = rows.loc["all"]
+    assert whole.verdict == verdict
+    assert reason in whole.reason
+    assert name != "rings, and fades" or whole.rate == pytest.approx(1, abs=0.1)  # that of its envelope
+    assert whole.within_error == (name == "error of an engine")
+    assert name != "one class" or [*rows.verdict[[*CLASSES]]] == ["refuted", "supported", "supported"]
