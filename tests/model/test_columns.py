@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise, product
 
 import numpy as np
@@ -126,13 +127,6 @@ def test_momentum_energy_and_the_order_of_balls(exponent, law):
         assert all(impulse >= 0 for impulse in outcome.impulses)
         upward = outcome.impulses[-1] if column.table else 0.0
         assert m @ (after - before) == pytest.approx(upward, abs=1e-12)
-
-
-def test_elastic_columns_keep_their_energy():
-    for column in random_columns(5, 30, least=1.0):
-        outcome = solved(column)
-        energy = [np.dot(column.masses, np.square(v)) for v in (column.velocities, outcome.velocities)]
-        assert energy[1] == pytest.approx(energy[0], rel=1e-13)
 
 
 def test_theorem_5():
@@ -298,8 +292,9 @@ def test_an_illegal_column_is_refused_in_one_line_that_names_field_value_and_ran
 
 def test_illegal_ways_to_solve_are_refused_by_name():
     column = Collision(**LEGAL)
-    with pytest.raises(ValueError, match=r"law = 'newton'; legal: jia-mason-erdmann, liu-zhao-brogliato"):
-        solve(column, law="newton")
+    for call in (partial(solve, column), partial(solve_batch, 1, 1, 1, 1)):
+        with pytest.raises(ValueError, match=r"law = 'newton'; legal: jia-mason-erdmann, liu-zhao-brogliato"):
+            call(law="newton")
     with pytest.raises(ValueError, match=r"exponent = 0\.5; legal: from 1"):
         replace(column, exponent=0.5)
     with pytest.raises(ValueError, match="a column on a table has no reverse"):
