@@ -13,6 +13,7 @@ from impact_xval.model import Collision, Collisions, solve, solve_batch
 from impact_xval.model.chain import power_law
 from impact_xval.model.chain.following import Problem
 from impact_xval.model.solving import LAWS
+from tests.compliant_baselines.reference_cells import random_cells
 from tests.model.column_reference import integrate
 from tests.model.columns import all_solved, solved
 
@@ -49,16 +50,9 @@ def two_balls(ratio, mass, e1, e2):
     return Collision((1.0, mass), (1.0, ratio), (e1, e2), (-1.0, 0.0), table=True)
 
 
-def two_ball_cells(count, seed):
-    rng = np.random.default_rng(seed)
-    return np.array(
-        [10 ** rng.uniform(-2, 2, count), 10 ** rng.uniform(-1, 1, count), *rng.uniform(0.3, 1, (2, count))]
-    )
-
-
 @pytest.mark.parametrize("count", [1000, pytest.param(10_000, marks=pytest.mark.nightly)])
 def test_two_balls_by_the_kernel_of_chains_are_those_by_their_own(count):
-    cells = two_ball_cells(count, seed=count)
+    cells = np.array(random_cells(count, count))
     cells[2:, :60] = np.repeat([(0, 0.7), (0.7, 0), (0, 0)], 20, axis=0).T  # plastic contacts
     nothing = np.zeros((count, 2))
     for law, code in LAWS.items():

@@ -7,21 +7,11 @@ import pytest
 
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.model import Collision, solve, solve_batch
+from tests.compliant_baselines.reference_cells import random_cells
 from tests.model.column_reference import integrate
 from tests.model.test_columns import named
 
 LZB = "liu-zhao-brogliato"
-
-
-def random_cells(n, seed):
-    rng = np.random.default_rng(seed)
-    return zip(
-        10 ** rng.uniform(-1.5, 1.5, n),
-        10 ** rng.uniform(-1, 1, n),
-        rng.uniform(0.3, 0.98, n),
-        rng.uniform(0.3, 0.98, n),
-        strict=True,
-    )
 
 
 def test_the_law_gives_its_known_numbers_and_is_the_models_where_no_compression_is_repeated():
@@ -37,7 +27,7 @@ def test_the_law_gives_its_known_numbers_and_is_the_models_where_no_compression_
 
 def test_random_cells_are_those_of_an_integration_in_time():
     repeated = 0
-    for cell in random_cells(60, 8):
+    for cell in np.transpose(random_cells(60, 8)).tolist():
         c = Collision.from_ratios(*cell)
         o = solve(c, law=LZB, stiffness_ratio_cutoff=math.inf)
         if o.v1 == 0:  # collapsed, the subject of a test below
@@ -65,12 +55,7 @@ def test_a_cycle_that_repeats_on_a_smaller_scale_ends_at_rest():
 
 
 def test_a_law_without_jumps_is_marked_for_none():
-    rng = np.random.default_rng(3)
-    cells = (
-        10 ** rng.uniform(-2, 2, 60_000),
-        10 ** rng.uniform(-1, 1, 60_000),
-        *rng.uniform(0.3, 1, (2, 60_000)),
-    )
+    cells = random_cells(60_000, 3)
     here, there = solve_batch(*cells), solve_batch(*cells, law=LZB)
     near = np.flatnonzero(here.grazing_margin < 2e-4)
     assert len(near) > 20

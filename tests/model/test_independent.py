@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from impact_xval.model import SUPPLEMENT_CUTOFF, Collision, solve, solve_batch
+from tests.compliant_baselines.reference_cells import random_cells
 from tests.model.column_reference import integrate
 from tests.model.oracle import solve_oracle
 from tests.model.test_columns import named
@@ -17,12 +18,6 @@ from tests.model.test_columns import named
 GRAZING = 1e-7
 
 MASS_RATIO = 2 / math.sqrt(3)
-
-
-def random_cells(n, seed):
-    rng = np.random.default_rng(seed)
-    ratios = 10 ** rng.uniform(-2, 2, n), 10 ** rng.uniform(-1, 1, n)
-    return np.array([*ratios, *rng.uniform(0.3, 1, (2, n))])
 
 
 #: Cut-offs of the model and of the integration in impulse space: the same, or none and one at which it has converged.
@@ -69,7 +64,7 @@ def compare(cells, cutoffs, *comparisons):
 @pytest.mark.parametrize("cutoffs", CUTOFFS)
 def test_random_and_elastic_cells_are_those_of_both_integrations(cutoffs):
     comparisons = (compare_in_impulse_space, compare_in_time)[: 1 + (cutoffs[0] == "exact")]
-    assert compare(random_cells(40, seed=31), cutoffs, *comparisons)[0] <= 1
+    assert compare(np.array(random_cells(40, 31)), cutoffs, *comparisons)[0] <= 1
     ratios, masses = np.meshgrid([0.02, 0.7, 30.0], [0.3, 1.7])
     ones = np.ones(ratios.size)
     for e1, e2 in ((1.0, 1.0), (1.0, 0.6), (0.6, 1.0)):
@@ -86,7 +81,7 @@ def test_random_and_elastic_cells_are_those_of_both_integrations(cutoffs):
     ],
 )
 def test_many_random_cells_are_those_of_an_integration(n, cutoffs, comparison):
-    grazing, limits = compare(random_cells(n, seed=1), cutoffs, comparison)
+    grazing, limits = compare(np.array(random_cells(n, 1)), cutoffs, comparison)
     assert grazing <= n / 100
     assert limits > n / 5  # beyond the cut-off a closed form is compared
 
