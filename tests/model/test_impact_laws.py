@@ -35,6 +35,7 @@ def test_random_cells_are_those_of_an_integration_in_time():
         expected = integrate(c, stiffens=False)
         repeated += math.dist(o.velocities, solve(c).velocities) > 1e-6
         assert o.states == named(expected.states, paper=True)
+        assert abs(o.diagnostics["energy_residual"]) < 1e-12
         assert o.velocities == pytest.approx(expected.velocities, abs=1e-9)
     assert repeated >= 40
 
