@@ -16,16 +16,6 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 
 
-def theory_restitution(zeta):
-    """The formulas of docs/theory.md, section 7, as they are printed."""
-    if zeta == 1:
-        return math.exp(-2)
-    w = math.sqrt(abs(1 - zeta**2))
-    if zeta < 1:
-        return math.exp(-(zeta / w) * math.atan2(2 * zeta * w, 2 * zeta**2 - 1))
-    return math.exp(-(zeta / w) * math.log((zeta + w) / (zeta - w)))
-
-
 def integrated_contact(zeta):
     """Restitution and duration (times omega) of one damped contact, integrated until its force is zero."""
 
@@ -39,14 +29,8 @@ def integrated_contact(zeta):
     return -s.y[1, -1], s.t[-1]
 
 
-def test_restitution_is_that_of_the_printed_formulas():
-    for zeta in (0.0, 1e-9, 0.01, 0.3, 0.7, 0.999, 1.0, 1.001, 1.5, 10.0):
-        rel = 1e-13 if zeta != 0.999 else 1e-12
-        assert restitution(zeta) == pytest.approx(theory_restitution(zeta), rel=rel), zeta
-
-
 def test_restitution_and_duration_are_those_of_an_integrated_contact():
-    for zeta in (0.0, 0.05, 0.4, 0.95, 1.0, 1.05, 2.0):
+    for zeta in (0.0, 1e-9, 0.05, 0.4, 0.95, 0.999, 1.0, 1.001, 2.0):
         e, duration = integrated_contact(zeta)
         assert restitution(zeta) == pytest.approx(e, rel=1e-10), zeta
         assert contact_time(zeta) == pytest.approx(duration, rel=1e-10), zeta

@@ -45,9 +45,13 @@ def told(solver, pair):
     }
 
 
-def pasted_means_what_was_asked(engine, pairs):
+ALL_TWENTY = [pytest.param(engine, 20, marks=pytest.mark.nightly) for engine in ("pybullet", "drake")]
+
+
+@pytest.mark.parametrize(("engine", "n"), [("mujoco", 20), ("pybullet", 3), ("drake", 1), *ALL_TWENTY])
+def test_pasted_into_a_scene_written_by_hand(engine, n):
     solver, rng = solver_of(engine), np.random.default_rng(1)
-    for pair in pairs:
+    for pair in requests(n):
         said = told(solver, pair)
         asked = (
             pair.duration
@@ -59,17 +63,6 @@ def pasted_means_what_was_asked(engine, pairs):
             e, duration = getattr(hand_scenes, engine)(said, gap)
             assert e == pytest.approx(pair.restitution, rel=0.01), pair
             assert duration == pytest.approx(asked, rel=0.01), pair
-
-
-@pytest.mark.parametrize(("engine", "n"), [("mujoco", 20), ("pybullet", 3), ("drake", 1)])
-def test_pasted_into_a_scene_written_by_hand(engine, n):
-    pasted_means_what_was_asked(engine, requests(n))
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("engine", ["pybullet", "drake"])
-def test_all_twenty_pasted_into_a_scene_written_by_hand(engine):
-    pasted_means_what_was_asked(engine, requests(20))
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet"])

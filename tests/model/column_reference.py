@@ -151,17 +151,14 @@ class _Run:
         self.body = [body - (body > i) for body in self.body]
 
 
-def integrate(column, exponent=1.0, stiffens=True, rtol=1e-12, resolution=0.1, most=5000):
-    """Final velocities and sets of acting contacts of a column whose rates are about 1."""
+def integrate(column, exponent=1.0, stiffens=True, resolution=0.1, most=5000, least=0.0):
+    """Final velocities and acting contacts of a column whose rates are about 1, or once all are below `least`."""
     run = _Run(column, exponent, stiffens)
     states, limit = [run.acting()], False
     for _ in range(most):
-        if not any(run.phase):
-            return (
-                Answer(tuple(run.v[b] for b in run.body), (*states, ()), limit)
-                if states[-1]
-                else Answer(tuple(run.v[b] for b in run.body), tuple(states), limit)
-            )
+        if not any(run.phase) or np.abs([*run.v, *run.delta]).max() < least:
+            ended = states if not states[-1] else [*states, ()]
+            return Answer(tuple(run.v[b] for b in run.body), tuple(ended), limit)
         n = len(run.k)
         watched = run.watched()
         step = resolution / run.frequency()
@@ -171,7 +168,7 @@ def integrate(column, exponent=1.0, stiffens=True, rtol=1e-12, resolution=0.1, m
             (0, 1e4 * step),
             np.array([*run.v, *run.delta]),
             method="DOP853",
-            rtol=rtol,
+            rtol=1e-12,
             atol=1e-15 * np.array(scale),
             events=[f for _, _, f in watched],
             max_step=step,

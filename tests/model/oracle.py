@@ -7,20 +7,14 @@ The equations are, while both contacts act,
 
 with (11) v1 = v0 + I1/m1 and (12) v2 = (I2 - I1)/m2. In S2 and S3 the same hold for the contact that acts.
 
-**Parametrisation.** (15) is 0/0 at first touch and infinite where E1 = 0 (a return, an end of restitution), so I1 is no
-good independent variable, and E_i is none either: its slope in the impulse of the other contact vanishes like
-sqrt(E_i). Both impulses and x_i = sqrt(E_i) are therefore functions of the arc length s of the impulse curve,
+(15) is 0/0 at first touch and infinite where E1 = 0, so the impulses and x_i = sqrt(E_i) are functions of the arc
+length s of the impulse curve,
 
     dI_i/ds = sqrt(k_i) x_i/N      dx_i/ds = sqrt(k_i) r_i/(2 N)      N = sqrt(k1 E1 + k2 E2 + c^2)
 
-with the compression rates r1 = v2 - v1 and r2 = -v2. Dividing one by another gives (13)-(15) back, whatever N is. With
-c = 0 the parameter is the arc length exactly; the small constant c keeps it regular where both energies vanish. x_i
-passes through zero with a finite slope, so an end of restitution is a simple root.
-
-**Events.** Everything watched is linear in the unknowns, and so is a polynomial on each step of DOP853's dense output,
-of degree 7. Where its Bernstein coefficients are positive it has no root in the step; otherwise all its roots are
-computed (`first_fall`), so that a pair of roots inside one step, which a look at the signs would pass over, is found.
-The step is then repeated up to the first one.
+with the compression rates r1 = v2 - v1 and r2 = -v2; c keeps the parameter regular where both energies vanish. What is
+watched is linear in the unknowns, a polynomial on each step of DOP853's dense output: where its Bernstein coefficients
+are positive it has no root in the step; otherwise all its roots are computed, and the step is repeated to the first.
 
 Units: m1 = 1, k1 = 1, v0 = -1 (Theorem 5); impulses per m1 |v0|, energies per m1 v0^2.
 """

@@ -99,16 +99,6 @@ def test_a_plastic_contact_is_the_limit_of_small_restitution():
         assert distances[-1] > distances[0] or distances[-1] < 1e-11, (kappa, which)
 
 
-def test_a_plastic_contact_unites_the_balls_or_keeps_the_lower_one_on_the_table():
-    united = solve(Collision.from_ratios(1, MU, 0, 0.7))
-    assert (united.v1, united.states) == (united.v2, ("S1", "S2", "S4"))
-    kept = solve(Collision.from_ratios(40, MU, 0.9, 0))
-    assert (kept.v2, kept.states) == (0, ("S1", "S3", "S4"))
-    for kappa in (0, 1e-3, 1, 1e3, math.inf):
-        outcome = solve(Collision.from_ratios(kappa, MU, 0, 0))
-        assert (outcome.v1, outcome.v2) == pytest.approx((0, 0), abs=1e-15)
-
-
 def test_an_illegal_cutoff_is_named():
     for cutoff in (1.0, -5.0, math.nan):
         with pytest.raises(ValueError, match=f"stiffness_ratio_cutoff = {cutoff}.*legal: greater than 1"):

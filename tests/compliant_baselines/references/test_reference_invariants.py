@@ -96,3 +96,15 @@ def test_gravity_goes_away_at_first_order():
         difference = np.abs(v1 - batch(1.0, 2 / math.sqrt(3), 0.9, 0.7).v1)
         slopes = np.diff(np.log10(difference)) / np.diff(np.log10(numbers))
         np.testing.assert_allclose(slopes[1:], 1, atol=0.02)
+
+
+def test_a_path_that_ends_in_a_limit_is_finite():
+    # Stiffness of unloading k1/e1^2: a polynomial over the limit's duration would leave double precision.
+    for e1 in (1e-17, 1e-70):
+        collision = Collision.from_ratios(1.0, 0.2859933150104282, e1, 1.0)
+        outcome = get_solver("bistiffness").solve(collision, Settings(record_path=True))
+        assert outcome.status == "limit"
+        assert outcome.path is not None
+        for name in ("time", "impulse1", "impulse2", "v1", "v2"):
+            assert np.isfinite(getattr(outcome.path, name)).all(), name
+        assert outcome.path.v1[-1] == outcome.v1

@@ -66,14 +66,6 @@ def test_five_hundred_random_cells(law, drop):
     assert compare(law, 500, 20240, drop)[0] <= 10
 
 
-def test_the_oracle_itself_sees_a_wrong_damping():
-    kappa, mu, e1, e2 = random_cells(1, 3)
-    c1, c2 = dampings("kelvin-voigt", kappa, mu, e1, e2)
-    right = oracle.dashpots(kappa[0], mu[0], c1[0], c2[0])
-    wrong = oracle.dashpots(kappa[0], mu[0], c1[0] * (1 + 1e-6), c2[0])
-    assert abs(right.v1 - wrong.v1) > 1e-8
-
-
 def random_wide_cells(n, seed):
     rng = np.random.default_rng(seed)
     return (
@@ -99,24 +91,3 @@ def test_frozen_bistiffness_is_the_model(cells):
     assert off[regular].max() < 1e-9
     # which the free one is not
     assert np.mean(np.hypot(free.v1 - model.v1, free.v2 - model.v2) > 1e-3) > 0.2
-
-
-def test_what_is_left_of_a_penetration_is_forgotten():
-    # The spent dashpot of contact 1 lets go while the balls overlap; a free contact is met again with that overlap.
-    cell = 0.4082560357, 1.8824229592, 0.3276377521, 0.9236459750
-    c1, c2 = dampings("kelvin-voigt", *cell)
-    frozen, free = (BATCHES["kelvin-voigt"](*cell, frozen=f) for f in (True, False))
-    for batch, is_frozen in ((frozen, True), (free, False)):
-        answer = oracle.dashpots(*cell[:2], c1[0], c2[0], frozen=is_frozen)
-        assert (batch.v1, batch.v2) == pytest.approx((answer.v1, answer.v2), abs=1e-10)
-    assert math.hypot(frozen.v1 - free.v1, frozen.v2 - free.v2) > 1e-3
-
-
-@pytest.mark.parametrize("law", [law for law, _ in LAWS])
-def test_frozen_is_free_where_no_contact_returns(law):
-    frozen, free = (BATCHES[law](*random_cells(3000, 33), frozen=f) for f in (True, False))
-    once = (frozen.n_states <= 3) & (free.n_states <= 3)  # with more, a contact that had ended acts again
-    apart = np.hypot(frozen.v1 - free.v1, frozen.v2 - free.v2)
-    assert once.sum() > 300
-    assert apart[once].max() < 1e-12
-    assert np.mean(apart[~once] > 1e-3) > 0.5
