@@ -77,21 +77,17 @@ def write_all(answers: Frame, judged: Frame, laws: Frame, root: Path) -> None:
     """Write everything into the folder of a scoreboard."""
     with replacing(root / ANSWERS) as temporary:
         answers.to_parquet(temporary, index=False, compression="zstd")
-    with replacing(root / "board.csv") as temporary:
-        judged.to_csv(temporary, index=False, lineterminator="\n")
+    write_text(root / "board.csv", judged.to_csv(index=False, lineterminator="\n"))
     draw_cradle(judged, root)
     shown = judged.drop(columns=[f"D_{law}" for law in engine_free_names() if law != MODEL])
+    every = table_of(shown, f"In the usual arrangement; {ANSWERS} holds the others.", 5)
     blocks: list[Block] = [
         *LEAD,
         *answers_in_words(judged, laws),
         Section("The board", [board_of(judged, laws)]),
         Section("One ball strikes four", [Figure("cradle", CRADLE)]),
         Section("At worst", [worst_of(laws)]),
-        Section(
-            "All answers",
-            [table_of(shown, f"In the usual arrangement; {ANSWERS} holds the others.", 5)],
-            folded=True,
-        ),
+        Section("All answers", [every], folded=True),
     ]
     write_text(root / "report.html", page_of(TITLE, blocks, root))
 
@@ -133,10 +129,9 @@ def _engines(laws: Frame) -> Frame:
 def answers_in_words(judged: Frame, laws: Frame) -> list[Block]:
     """Say which engines answer by which law, and whose answers hang on what no one means."""
     own = _engines(laws)
-    by_law: dict[str, list[str]] = {}
-    for name, row in own[own.farthest <= EXPLAINED].iterrows():
-        by_law.setdefault(how(row), []).append(called(str(name)))
-    said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law.items()]
+    explained = own[own.farthest <= EXPLAINED]
+    by_law = explained.index.map(called).to_series().groupby([*map(how, explained.itertuples())], sort=False)
+    said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law]
     found = judged[judged.solver.isin(own.index) & (judged.spread > SENSITIVE)].sort_values("spread")
     worst = found.drop_duplicates("solver", keep="last")
     moved = [f"{called(row.solver)} ({row.spread_of}: {number(row.spread, 2)})" for row in worst.itertuples()]
@@ -163,9 +158,7 @@ def board_of(judged: Frame, laws: Frame) -> Table:
 
 def worst_of(laws: Frame) -> Table:
     """Lay out what is worst of each engine."""
-    own = _engines(laws)
-    own.insert(0, "engine", list(map(called, own.index)))
-    return table_of(own, WORST, 2)
+    return table_of(_engines(laws).rename(called).reset_index(names="engine"), WORST, 2)
 
 
 def table_of(frame: Frame, caption: str, text: int) -> Table:
