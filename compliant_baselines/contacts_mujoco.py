@@ -126,86 +126,86 @@ def _rounded(values: Any) -> tuple[float, ...]:
     return tuple(float(f"{value:.12g}") for value in np.ravel(values))
 
 
-class Alone:
-    """Two bodies in a scene of their own; heights are those of the gap between them, the lighter one above."""
+def alone(bodies: Bodies, option: Any, step: float, speed: float) -> Any:
+    """Compile two bodies in a scene of their own, with the user's options: heights are those of the gap between them.
 
-    def __init__(self, bodies: Bodies, option: Any, step: float, speed: float) -> None:
-        self._mujoco: Any = import_module("mujoco")
-        self.bodies, self.step, self.speed = bodies, step, speed
-        self._touch = dict(bodies.pair).get("margin", 0.0)
-        self._deepest = speed * step * MOST_STEPS  # of a drop that is over in time; the radius of the spheres
-        self._model = self._compiled()
-        self.option = own = self._model.opt
-        for name in dir(option):
-            if not name.startswith("_"):
-                setattr(own, name, getattr(option, name))
-        own.timestep, own.gravity, own.density, own.viscosity = step, np.zeros(3), 0.0, 0.0
-        # A run that goes wrong does not start again, and a slow body does not sleep.
-        own.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        own.enableflags &= ~int(self._mujoco.mjtEnableBit.mjENBL_SLEEP)
-        self._data = self._mujoco.MjData(self._model)
+    The lighter one is above. The radius is the depth that a drop at this speed could reach before it is given up.
+    """
+    mujoco: Any = import_module("mujoco")
+    spec, kinds, radius = mujoco.MjSpec(), mujoco.mjtGeom, speed * step * MOST_STEPS
+    for name, mass, height in zip("AB", bodies.masses, (radius, -radius), strict=True):
+        body, shape = spec.worldbody, {"type": kinds.mjGEOM_PLANE, "size": (0, 0, 1)}
+        if math.isfinite(mass):
+            inertial = {"mass": mass, "inertia": (mass, mass, mass), "explicitinertial": True}
+            body = spec.worldbody.add_body(name=name, pos=(0, 0, height), **inertial)
+            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
+            shape = {"type": kinds.mjGEOM_SPHERE, "size": (radius, 0, 0)}
+        body.add_geom(name=name, contype=0, conaffinity=0, **shape)
+    spec.add_pair(geomname1="A", geomname2="B", **dict(bodies.pair))
+    model = spec.compile()
+    model.body_invweight0[1:] = bodies.weights[: model.nbody - 1]
+    own = model.opt
+    for name in dir(option):
+        if not name.startswith("_"):
+            setattr(own, name, getattr(option, name))
+    own.timestep, own.gravity, own.density, own.viscosity = step, np.zeros(3), 0.0, 0.0
+    # A run that goes wrong does not start again, and a slow body does not sleep.
+    own.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    own.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    return model
 
-    def _compiled(self) -> Any:
-        spec, kinds, radius = self._mujoco.MjSpec(), self._mujoco.mjtGeom, self._deepest
-        for name, mass, height in zip("AB", self.bodies.masses, (radius, -radius), strict=True):
-            body, shape = spec.worldbody, {"type": kinds.mjGEOM_PLANE, "size": (0, 0, 1)}
-            if math.isfinite(mass):
-                inertial = {"mass": mass, "inertia": (mass, mass, mass), "explicitinertial": True}
-                body = spec.worldbody.add_body(name=name, pos=(0, 0, height), **inertial)
-                body.add_joint(type=self._mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
-                shape = {"type": kinds.mjGEOM_SPHERE, "size": (radius, 0, 0)}
-            body.add_geom(name=name, contype=0, conaffinity=0, **shape)
-        spec.add_pair(geomname1="A", geomname2="B", **dict(self.bodies.pair))
-        model = spec.compile()
-        model.body_invweight0[1:] = self.bodies.weights[: model.nbody - 1]
-        return model
 
-    def _rate(self, values: Any) -> float:
-        return float(values[0] - sum(values[1:]))
+def dropped(model: Any, mass: float, speed: float) -> dict[str, Any]:
+    """Drop bodies that are `alone`: restitution, its range, duration and steps, and k and c of a contact with the same.
 
-    def dropped(self) -> dict[str, Any]:
-        """Drop them: restitution, its range, duration and steps, and k and c of a contact with the same two."""
-        drops: list[tuple[float, int]] = []
-        while len(drops) < len(PLACES) and not (len(drops) == 2 and min(n for _, n in drops) >= LONG):
-            drops.append(self._drop(PLACES[len(drops)]))
-        e, steps = np.mean(drops, axis=0).tolist()
-        found = {"restitution": e, "restitution_range": (min(drops)[0], max(drops)[0])}
-        found |= {"duration": steps * self.step, "steps": steps}
-        if e > 0:
-            zeta, mass = damping_ratio(min(e, 1.0)), self.bodies.mass
-            k = mass * (contact_time(zeta) / found["duration"]) ** 2
-            found |= {"stiffness": k, "damping": 2 * zeta * math.sqrt(k * mass)}
-        return found
+    The mass is their reduced one in kg, the speed in m/s.
+    """
+    drops = [_drop(model, place, speed) for place in PLACES[:2]]
+    if min(steps for _, steps in drops) < LONG:
+        drops += [_drop(model, place, speed) for place in PLACES[2:]]
+    e, steps = np.mean(drops, axis=0).tolist()
+    duration = steps * model.opt.timestep
+    found = {"restitution": e, "restitution_range": (min(drops)[0], max(drops)[0])}
+    found |= {"duration": duration, "steps": steps}
+    if e > 0:
+        zeta = damping_ratio(min(e, 1.0))
+        k = mass * (contact_time(zeta) / duration) ** 2
+        found |= {"stiffness": k, "damping": 2 * zeta * math.sqrt(k * mass)}
+    return found
 
-    def _drop(self, place: float) -> tuple[float, int]:
-        """Restitution, and steps from the first to the last change of the rate; a place from 0 to 1 within a step."""
-        model, data, mj_step = self._model, self._data, self._mujoco.mj_step
-        self._mujoco.mj_resetData(model, data)
-        data.qpos[0], data.qvel[0] = self._touch + place * self.speed * self.step, -self.speed
-        before, first, last, rounding = -self.speed, 0, 0, ROUNDING * self.speed
-        for n in range(1, MOST_STEPS + 1):
-            mj_step(model, data)
-            rate = self._rate(data.qvel)
-            if abs(rate - before) > rounding:
-                first, last = first or n, n
-            elif first and n - last >= QUIET and rate >= -rounding:
-                return max(rate, 0.0) / self.speed, last - first + 1
-            before = rate
-        raise RuntimeError(f"{'not over' if first else 'no force'} within {MOST_STEPS} steps")
 
-    def rest(self, load: float) -> float | None:
-        """Depth in m at which a load in N is carried; None if none is, or there is no load."""
+def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
+    """Restitution, and steps from the first to the last change of the rate; a place from 0 to 1 within a step."""
+    mujoco: Any = import_module("mujoco")
+    data = mujoco.MjData(model)
+    data.qpos[0], data.qvel[0] = model.pair_margin[0] + place * speed * model.opt.timestep, -speed
+    before, first, last, rounding = -speed, 0, 0, ROUNDING * speed
+    for n in range(1, MOST_STEPS + 1):
+        mujoco.mj_step(model, data)
+        rate = float(data.qvel[0] - data.qvel[1:].sum())
+        if abs(rate - before) > rounding:
+            first, last = first or n, n
+        elif first and n - last >= QUIET and rate >= -rounding:
+            return max(rate, 0.0) / speed, last - first + 1
+        before = rate
+    raise RuntimeError(f"{'not over' if first else 'no force'} within {MOST_STEPS} steps")
 
-        def carried(depth: float) -> bool:
-            self._mujoco.mj_resetData(self._model, self._data)
-            self._data.qpos[0] = self._touch - depth
-            self._data.qfrc_applied[:] = (-load, load)[: self._model.nv]
-            self._mujoco.mj_forward(self._model, self._data)
-            return self._rate(self._data.qacc) > 0
 
-        low, high = 0.0, self._deepest
-        if not load or not carried(high):
-            return None
-        while low < (middle := 0.5 * (low + high)) < high:
-            low, high = (low, middle) if carried(middle) else (middle, high)
-        return high - self._touch
+def rest(model: Any, load: float) -> float | None:
+    """Depth in m at which bodies that are `alone` carry a load in N; None if they carry none, or there is no load."""
+    mujoco: Any = import_module("mujoco")
+    data, touch = mujoco.MjData(model), float(model.pair_margin[0])
+
+    def carried(depth: float) -> bool:
+        mujoco.mj_resetData(model, data)
+        data.qpos[0] = touch - depth
+        data.qfrc_applied[:] = (-load, load)[: model.nv]
+        mujoco.mj_forward(model, data)
+        return data.qacc[0] > data.qacc[1:].sum()
+
+    low, high = 0.0, float(model.geom("A").size[0])
+    if not load or not carried(high):
+        return None
+    while low < (middle := 0.5 * (low + high)) < high:
+        low, high = (low, middle) if carried(middle) else (middle, high)
+    return high - touch

@@ -1,4 +1,4 @@
-"""The contacts of a MuJoCo scene: the traps in their parameters, a row of `TRAPS` each, and what they do, measured.
+"""The contacts of a MuJoCo scene: the traps in their parameters, see `_traps`, and what they do, measured.
 
 The engine documents each trap (XML reference, "Solver parameters" and the options; changelog of 3.13). For each, a test
 sets the trap and measures its effect.
@@ -13,18 +13,20 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import import_module
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from impact_xval.compliant_baselines.contacts_mujoco import Alone, Bodies, called, contacts
+from impact_xval.compliant_baselines.contacts_mujoco import Bodies, alone, called, contacts, dropped, rest
 from impact_xval.compliant_baselines.engines.mujoco import Mujoco
-from impact_xval.compliant_baselines.mapping import Contact, mujoco_contact
-from impact_xval.compliant_baselines.restitution import contact_time
+from impact_xval.compliant_baselines.mapping import (
+    MUJOCO_DEFAULT_SOLIMP,
+    Contact,
+    MujocoContact,
+    mujoco_contact,
+)
 
 #: Steps in a contact below which its restitution is off by 10 % and more.
 FEWEST_STEPS = 30
@@ -74,93 +76,70 @@ class Measured:
     reason: str = ""
 
 
-#: Traps: the name, how one is seen in a contact `c` (see `_facts`), and what the engine does, with the way out.
-TRAPS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
-    (
-        "mixed-geoms",
-        lambda c: c.mixed,
-        "solref {c.mixed[0]} and {c.mixed[1]} are combined to {c.solref}, the smaller of each number; use a <pair>",
-    ),
-    ("override", lambda c: c.override, "every contact has solref {c.solref} instead of its own"),
-    (
-        "discrete",
-        lambda c: c.discrete,
-        "contacts are taken at the end of the step: an elastic one gives back less than it took, and refsafe replaces "
-        "what the step cannot resolve; use Euler or implicitfast",
-    ),
-    (
-        "mixed-signs",
-        lambda c: c.mixed_signs,
-        "solref ({c.solref[0]:g}, {c.solref[1]:g}) is neither (time constant, damping ratio), both positive, nor "
-        "(-stiffness, -damping), both <= 0: the default (0.02, 1) replaces it",
-    ),
-    (
-        "refsafe",
-        lambda c: c.refsafe,
-        "a time constant of {c.first:g} s is shorter than two steps of {c.step:g} s and becomes {c.two_steps:g} "
-        "s, a stiffness {c.lower:.3g} times lower; shorten the step",
-    ),
-    (
-        "not-newton-per-metre",
-        lambda c: c.stiffness > 0 and c.dmin > FORCE_LEVEL,
-        "a direct stiffness of {c.direct:g} is in 1/s^2: alone, this pair has {c.stiffness:.4g} N/m at most, and under "
-        "solimp {c.dmin:g} to {c.dmax:g} a third body that pushes changes it; for N/m take impact-xval contact",
-    ),
-    (
-        "long-step",
-        lambda c: c.steps < FEWEST_STEPS,
-        "a contact of {c.duration:.3g} s gets {c.steps:.2g} steps of {c.step:.3g} s; some "
-        f"{FEWEST_STEPS} are the least for its restitution to be within 10 %, "
-        "{c.hundredth:.2g} s the step for about 1 % (see impact-xval contact)",
-    ),
-    (
-        "tolerance",
-        lambda c: c.cg_tolerance > 0,
-        "CG stops at {c.cg_tolerance:g} of an absolute measure: a contact whose accelerations are small gets part of "
-        "its force, or none; use Newton, or tolerance 0",
-    ),
-)
-
-
 def inspect_model(model: Any) -> list[Finding]:
     """Look for traps in a compiled mujoco.MjModel; one that many contacts share in the same words stands once."""
-    facts = [_facts(model.opt, where[0], bodies) for bodies, where in contacts(model).items()]
+    found = contacts(model)
     places: dict[tuple[str, str], list[str]] = {}
-    for (trap, seen, says), c in itertools.product(TRAPS, facts):
-        if seen(c):
-            places.setdefault((trap, says.format(c=c)), []).append(c.where)
+    # By trap, and then by contact.
+    for of_trap in zip(*(_traps(model.opt, bodies) for bodies in found), strict=True):
+        for where, (trap, seen, says) in zip(found.values(), of_trap, strict=True):
+            if seen:
+                places.setdefault((trap, says), []).append(where[0])
     return [Finding(trap, called(where), says) for (trap, says), where in places.items()]
 
 
-def _facts(option: Any, where: str, bodies: Bodies) -> SimpleNamespace:
-    """Facts of a contact under the names that `TRAPS` uses, in SI units."""
+def _traps(option: Any, bodies: Bodies) -> list[tuple[str, bool, str]]:
+    """All traps: the name, whether a contact has it, and what the engine does, with the way out."""
     mujoco: Any = import_module("mujoco")
-    parameters = dict(bodies.pair)
-    solref, mixed, (dmin, dmax, *_) = parameters["solref"], bodies.mixed, parameters["solimp"]
-    override = option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE
-    step, two_steps = option.timestep, 2 * option.timestep
+    solref, (dmin, dmax, *_) = (dict(bodies.pair)[name] for name in ("solref", "solimp"))
+    step, mixed, tolerance = option.timestep, bodies.mixed or (), option.tolerance
     mixed_signs = (solref[0] > 0) != (solref[1] > 0)
     first, second = (0.02, 1.0) if mixed_signs else solref
     discrete = option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
     safe = not discrete and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
-    refsafe = safe and 0 < first < two_steps
-    if first > 0:  # stiffness (d/(dmax tc dr))^2 and damping 2 d/(dmax tc) of the pair alone, at d = dmax
-        acting = two_steps if refsafe else first
-        omega, rate = 1 / (acting * second), 2 / acting
-    else:
-        omega, rate = math.sqrt(-first), -second
-    duration = contact_time(rate / (2 * omega)) / omega if omega > 0 else math.inf
-    if rate > 2 * omega > 0:  # a heavy dashpot decays fast, and the step has to resolve that too
-        duration = min(duration, 2 * math.pi / rate)
-    return SimpleNamespace(
-        **locals(),
-        cg_tolerance=option.tolerance if option.solver == mujoco.mjtSolver.mjSOL_CG else 0.0,
-        direct=-first,
-        stiffness=-first / bodies.inverse_weight,
-        lower=(two_steps / first) ** 2 if refsafe else 1.0,
-        steps=duration / step,
-        hundredth=duration / 100,
-    )
+    acting = max(first, 2 * step) if safe and first > 0 else first
+    lower = (acting / first) ** 2 if first else 1.0
+    duration, stiffness = _shortest((acting, second)), -first / bodies.inverse_weight
+    seen = {
+        "mixed-geoms": bool(mixed),
+        "override": bool(option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE),
+        "discrete": discrete,
+        "mixed-signs": mixed_signs,
+        "refsafe": acting != first,
+        "not-newton-per-metre": stiffness > 0 and dmin > FORCE_LEVEL,
+        "long-step": duration / step < FEWEST_STEPS,
+        "tolerance": option.solver == mujoco.mjtSolver.mjSOL_CG and tolerance > 0,
+    }
+    says = {
+        "mixed-geoms": f"solref {' and '.join(map(str, mixed))} are combined to {solref}, the smaller of each number; "
+        "use a <pair>",
+        "override": f"every contact has solref {solref} instead of its own",
+        "discrete": "contacts are taken at the end of the step: an elastic one gives back less than it took, and "
+        "refsafe replaces what the step cannot resolve; use Euler or implicitfast",
+        "mixed-signs": f"solref ({solref[0]:g}, {solref[1]:g}) is neither (time constant, damping ratio), both "
+        "positive, nor (-stiffness, -damping), both <= 0: the default (0.02, 1) replaces it",
+        "refsafe": f"a time constant of {first:g} s is shorter than two steps of {step:g} s and becomes {acting:g} s, "
+        f"a stiffness {lower:.3g} times lower; shorten the step",
+        "not-newton-per-metre": f"a direct stiffness of {-first:g} is in 1/s^2: alone, this pair has {stiffness:.4g} "
+        f"N/m at most, and under solimp {dmin:g} to {dmax:g} a third body that pushes changes it; for N/m take "
+        "impact-xval contact",
+        "long-step": f"a contact of {duration:.3g} s gets {duration / step:.2g} steps of {step:.3g} s; some "
+        f"{FEWEST_STEPS} are the least for its restitution to be within 10 %, {duration / 100:.2g} s the step for "
+        "about 1 % (see impact-xval contact)",
+        "tolerance": f"CG stops at {tolerance:g} of an absolute measure: a contact whose accelerations are small gets "
+        "part of its force, or none; use Newton, or tolerance 0",
+    }
+    return [(trap, there, says[trap]) for trap, there in seen.items()]
+
+
+def _shortest(solref: tuple[float, float]) -> float:
+    """Shortest time in s that a contact of this solref has in it, for the pair alone, at d = dmax."""
+    k, c = (-number for number in MujocoContact(solref, MUJOCO_DEFAULT_SOLIMP).direct)
+    if k <= 0:
+        return math.inf
+    contact = Contact(k, c, 1.0)
+    # A heavy dashpot decays fast, and the step has to resolve that too.
+    return min(contact.duration, 2 * math.pi / c) if contact.zeta > 1 else contact.duration
 
 
 def measure_model(model: Any, speed: float = 1.0) -> list[Measured]:
@@ -173,22 +152,22 @@ def measure_model(model: Any, speed: float = 1.0) -> list[Measured]:
         for bodies, where in itertools.islice(contacts(model).items(), MOST_ROWS):
             row = Measured(called(where), bodies.masses)
             try:
-                alone = Alone(bodies, model.opt, model.opt.timestep, speed)
-                row = replace(row, **alone.dropped(), penetration=alone.rest(bodies.masses[0] * gravity))
-                rows.append(replace(row, change=_change(alone, row)))
+                own = alone(bodies, model.opt, model.opt.timestep, speed)
+                found = dropped(own, bodies.mass, speed)
+                row = replace(row, **found, penetration=rest(own, bodies.masses[0] * gravity))
+                rows.append(replace(row, change=_change(bodies, own.opt, speed, row)))
             except Exception as error:  # of an engine that takes other numbers than these
                 rows.append(replace(row, reason=str(error)))
     return rows
 
 
-def _change(alone: Alone, row: Measured) -> str:
+def _change(bodies: Bodies, option: Any, speed: float, row: Measured) -> str:
     """Say what to write for what was probably meant, and what that does; nothing where the contact is near it.
 
     A direct solref was meant in N/m and N s/m, unless it is at the level of forces; a damping ratio as in textbooks,
     whose contact may pull, and has no rebound from a ratio of 1 on.
     """
-    bodies, given = alone.bodies, dict(alone.bodies.pair)
-    solref, solimp = given["solref"], given["solimp"]
+    solref, solimp = (dict(bodies.pair)[name] for name in ("solref", "solimp"))
     first, second = map(abs, solref)
     direct = solref[0] < 0
     if direct:
@@ -210,10 +189,10 @@ def _change(alone: Alone, row: Measured) -> str:
     soft = direct and (row.stiffness is None or abs(row.stiffness / meant.k - 1) > NEAR_K)
     if off <= NEAR_E and not soft:
         return ""
-    step = min(alone.step, float(f"{min(meant.duration / 100, safe):.2g}"))
+    step = min(option.timestep, float(f"{min(meant.duration / 100, safe):.2g}"))
     pair = ("solref", solref), ("solimp", solimp), ("condim", 1)
     try:
-        then = Alone(bodies._replace(pair=pair), alone.option, step, alone.speed).dropped()
+        then = dropped(alone(bodies._replace(pair=pair), option, step, speed), bodies.mass, speed)
         gives = f"gives e = {then['restitution']:.3g} and {then.get('stiffness', math.nan):.4g} N/m"
     except RuntimeError as error:
         gives = f"was not measured: {error}"

@@ -45,9 +45,8 @@ def scoreboard(
     judged = judge(answers)
     followed = laws(judged)
     write_all(answers, judged, followed, root)
-    brief = followed[["law", "farthest", "next", "next_farthest", "spread", "microseconds"]]
-    chance = answers_in_words(judged, followed)
-    show(console, [worst_of(brief), *chance, f"the page is {root / 'report.html'}"])
+    brief = worst_of(followed[["law", "farthest", "next", "next_farthest", "spread", "microseconds"]])
+    show(console, [brief, *answers_in_words(judged, followed), f"the page is {root / 'report.html'}"])
     if before is None:
         return
     for name in sorted(set(before.solver) - set(answers.solver)):

@@ -63,23 +63,15 @@ def judge(answers: Frame) -> Frame:
         momentum_error=np.abs(off) / np.nansum(mass * np.abs(before), axis=1),
     )
     judged.loc[[each.table for each in columns], "momentum_error"] = np.nan
-    away = answers.assign(spread=away_from(answers.solver), spread_of=answers.arrangement)[~usual].dropna(
-        subset="spread"
-    )
-    stepped = away.arrangement.isin(STEPS)
-    placed = away[~stepped].sort_values("spread").drop_duplicates(_CASE, keep="last").set_index(_CASE)
+    away = answers[_CASE].assign(spread=away_from(answers.solver), spread_of=answers.arrangement)
+    away = away[~usual].dropna(subset="spread")
+    stepped = away.spread_of.isin(STEPS)
+    placed = away[~stepped].sort_values("spread").drop_duplicates(_CASE, keep="last")
     steps = away[stepped].groupby(_CASE).spread.max().rename("step_spread")
-    judged = (
-        judged[usual]
-        .drop(columns="arrangement")
-        .join(placed[["spread", "spread_of"]], on=_CASE)
-        .join(steps, on=_CASE)
-    )
+    judged = judged[usual].drop(columns="arrangement").merge(placed, "left", _CASE).join(steps, on=_CASE)
     D = _from_laws(judged)
     near = D.le(D.min(axis=1) + 1e-6, axis=0)
-    return judged.assign(D_nearest=D.min(axis=1), nearest=near.dot(near.columns + ", ").str[:-2]).reset_index(
-        drop=True
-    )
+    return judged.assign(D_nearest=D.min(axis=1), nearest=near.dot(near.columns + ", ").str[:-2])
 
 
 def _from_laws(judged: Frame) -> Frame:
@@ -101,15 +93,11 @@ def laws(judged: Frame) -> Frame:
         D, cases = _from_laws(own), own.v1.notna().sum()
         worst = D.loc[:, D.notna().sum() >= max(1, _ENOUGH * cases)].max().sort_values(kind="stable")
         if len(worst) > 1:
-            facts = {
-                "version": own.version.iloc[0],
-                "cases": cases,
-                "law": worst.index[0],
-                "farthest": worst.iloc[0],
-            }
-            facts |= {"next": worst.index[1], "next_farthest": worst.iloc[1], **own[_WORST].max()}
-            spread_of = own.sort_values("spread", na_position="first").spread_of.iloc[-1]
-            rows[solver] = {**facts, "spread_of": spread_of, "microseconds": own.microseconds.iloc[0]}
+            last = own.sort_values("spread", na_position="first").iloc[-1]
+            rows[solver] = {"version": last.version, "cases": cases}
+            rows[solver] |= {"law": worst.index[0], "farthest": worst.iloc[0]}
+            rows[solver] |= {"next": worst.index[1], "next_farthest": worst.iloc[1], **own[_WORST].max()}
+            rows[solver] |= {"spread_of": last.spread_of, "microseconds": last.microseconds}
     return pd.DataFrame.from_dict(rows, orient="index")
 
 

@@ -81,21 +81,17 @@ def write_all(answers: Frame, judged: Frame, laws: Frame, root: Path) -> None:
     """Write everything into the folder of a scoreboard."""
     with replacing(root / ANSWERS) as temporary:
         answers.to_parquet(temporary, index=False, compression="zstd")
-    with replacing(root / "board.csv") as temporary:
-        judged.to_csv(temporary, index=False, lineterminator="\n")
+    write_text(root / "board.csv", judged.to_csv(index=False, lineterminator="\n"))
     draw_cradle(judged, root)
     shown = judged.drop(columns=[f"D_{law}" for law in engine_free_names() if law != MODEL])
+    every = table_of(shown, f"In the usual arrangement; {ANSWERS} holds the others.", 5)
     blocks: list[Block] = [
         *LEAD,
         *answers_in_words(judged, laws),
         Section("The board", [board_of(judged, laws)]),
         Section("One ball strikes four", [Figure("cradle", CRADLE)]),
         Section("At worst", [worst_of(laws)]),
-        Section(
-            "All answers",
-            [table_of(shown, f"In the usual arrangement; {ANSWERS} holds the others.", 5)],
-            folded=True,
-        ),
+        Section("All answers", [every], folded=True),
     ]
     write_text(root / "report.html", page_of(TITLE, blocks, root))
 
@@ -137,13 +133,9 @@ def _engines(laws: Frame) -> Frame:
 def answers_in_words(judged: Frame, laws: Frame) -> list[Block]:
     """Say which engines answer by which law, and whose answers hang on what no one means."""
     own = _engines(laws)
-    by_law: dict[str, list[str]] = {}
-    for name, row in own[own.farthest <= EXPLAINED].iterrows():
-        by_law.setdefault(how(row), []).append(called(str(name)))
-    said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law.items()]
-    none = [called(str(name)) for name in own.index[own.farthest > EXPLAINED]]
-    if none:
-        said.append(f"{listed(none)} answer{'s' * (len(none) == 1)} as no exact law.")
+    words = [how(row).partition(" (nearest")[0] for row in own.itertuples()]
+    by_law = own.index.map(called).to_series().groupby(words, sort=False)
+    said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law]
     if len(own):
         least = number(own[f"D_{MODEL}"].min(), 2)
         said.append(f"From the state-transition model each ends D = {least} or more in some case.")
@@ -175,8 +167,7 @@ def board_of(judged: Frame, laws: Frame) -> Table:
 
 def worst_of(laws: Frame) -> Table:
     """Lay out what is worst of each engine."""
-    own = _engines(laws)
-    own.insert(0, "engine", list(map(called, own.index)))
+    own = _engines(laws).rename(called).reset_index(names="engine")
     return table_of(own.rename(columns={"law": "nearest law", "next": "next law"}), WORST, 2)
 
 

@@ -23,7 +23,6 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.stepping import ALOFT, Run
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_engine, solver_names
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, MIRRORED, USUAL, arrangements, column
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
@@ -58,17 +57,12 @@ def play(
         v1 ... v5 in m/s.
     """
     (root / "answers").mkdir(parents=True, exist_ok=True)
-    found: dict[str, Any] = {}
-    try:
-        with open_pool(None, workers) as pool:
-            asked = {pool.submit(_kept, name, root / "answers"): name for name in names}
-            for done, future in enumerate(as_completed(asked), 1):
-                found[asked[future]] = future.result()
-                progress(done * len(CASES), len(names) * len(CASES), "")
-    except KeyboardInterrupt:
-        line = f"interrupted; {len(found)} of {len(names)} solvers are kept; the same command continues"
-        raise InterruptedRunError(line) from None
-    return pd.DataFrame([row for name in names for row in found[name]])
+    with open_pool(None, workers) as pool:
+        asked = [pool.submit(_kept, name, root / "answers") for name in names]
+        for done, future in enumerate(as_completed(asked), 1):
+            future.result()  # an error ends all at once
+            progress(done * len(CASES), len(names) * len(CASES), "")
+    return pd.DataFrame([row for future in asked for row in future.result()])
 
 
 def _kept(slot: Slot, name: str, folder: Path) -> list[dict[str, Any]]:
