@@ -1,5 +1,7 @@
 """Runs with little in them, each a result: one cell, one solver, no difference at all, nothing but failures."""
 
+import math
+
 import pytest
 
 from impact_xval.experiments.commands.cli import main
@@ -9,11 +11,13 @@ from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
 
 _ONE = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0.7]}
+_LIMITS = {"stiffness_ratio": [0, 1, math.inf], "mass_ratio": [1.0], "e1": [0.0], "e2": [0.0, 1.0]}
 
 RUNS = {
     "one cell": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.shifted),
     "the model alone": ({"grid": _ONE, "solvers": ["state-transition"]}, fakes.shifted),
     "no engine": ({"solvers": ["liu-zhao-brogliato"]}, fakes.shifted),
+    "limits": ({"grid": _LIMITS, "grazing_threshold": 0.0}, fakes.shifted),
     "agreement": ({"solvers": ["mujoco"]}, fakes.perfect),
     "agreement beside a failure": ({}, fakes.perfect),
     "nothing but failures": ({"solvers": ["mujoco", "pybullet"]}, fakes.refusing),
