@@ -18,7 +18,6 @@ from impact_xval.experiments.config.experiment import (
     load_config,
     parse_config,
 )
-from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model import Collision
 from tests.experiments import fakes
@@ -158,17 +157,6 @@ def test_a_list_is_read_to_the_last_bit_and_in_its_order(tmp_path, name):
     (tmp_path / "c.toml").write_text(f"cells = '{name}'\nsolvers = ['mujoco']\nk1 = 2.0\n")
     cells = experiment_cells(load_config(tmp_path / "c.toml"))
     assert (len(cells), cells[0].k2, cells[0].stiffness_ratio, cells[1].k2) == (3, 2 / 3, 1 / 3, math.inf)
-
-
-def test_a_sampled_run_is_summarised_in_bins(tmp_path):
-    config = parse_config({"scenario": "impact", "solvers": ["mujoco"], "sample": {"n": 64, **BOX}})
-    summary = summarise(run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted))
-    bins = summary.statistics[
-        (summary.statistics.axis == "stiffness_ratio") & (summary.statistics.measure == "velocity_divergence")
-    ]
-    whole = summary.get("mujoco", "velocity_divergence")
-    assert (bins.n.sum(), bins["max"].max()) == (whole.n, whole["max"])
-    assert 1 < len(bins) <= 12
 
 
 def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):
