@@ -126,7 +126,7 @@ def test_a_damaged_manifest_strands_no_part(run, harm, capsys):
 
 
 def test_shards_in_any_order_make_the_tables_of_one_run(small, tmp_path, fake_run):
-    root, said = tmp_path / "a", list[str]()
+    root, said = tmp_path / "a", []
     for shard in ((2, 4), (1, 4), (4, 4), (3, 4)):
         assert not (root / "cells.parquet").exists()
         said += resumed(small, root, shard=shard)
