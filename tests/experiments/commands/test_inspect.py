@@ -33,15 +33,10 @@ def test_an_mjcf_file(tmp_path, capsys):
     assert row["change"].split(": ", 1)[1] in out
 
 
-@pytest.mark.parametrize("speed", ["0", "-1", "inf", "nan", "fast"])
-def test_a_speed_that_is_none_is_refused(tmp_path, capsys, speed):
-    path = tmp_path / "sound.xml"
-    path.write_text(SCENE.format(step=1e-3, solref="0.05 1"), encoding="utf-8")
-    assert main(["inspect", str(path), f"--speed={speed}"]) == 2
-    assert "--speed" in capsys.readouterr().err
-
-
 def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys):
+    for speed in ("0", "-1", "inf", "nan", "fast"):
+        assert main(["inspect", str(tmp_path / "any.xml"), f"--speed={speed}"]) == 2
+        assert "--speed" in capsys.readouterr().err
     for name, text, says in (
         ("gone.xml", None, "no such file"),
         ("bad.xml", "<mujoco><oops/></mujoco>", "MuJoCo does not compile it"),
@@ -53,7 +48,7 @@ def test_what_cannot_be_examined_is_said_in_one_line(tmp_path, capsys):
         assert main(["inspect", str(path)]) == 2, name
         err = capsys.readouterr().err
         assert says in err
-        assert "Traceback" not in err
+        assert err.count("\n") == 1
 
 
 @pytest.mark.slow

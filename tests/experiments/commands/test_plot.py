@@ -43,10 +43,10 @@ def test_a_page_needs_nothing_else(tmp_path):
     assert "The model has no time" in " ".join(rest.split())
 
 
-def test_curves_are_pictures_and_columns_move_too(tmp_path):
+def test_columns_are_drawn_and_move_too(tmp_path):
     column = ["solve", "--arrangement", "cradle", "--balls", "3", "--solver", "kelvin-voigt"]
-    for arguments, name in ((BESIDE, "one.pdf"), (column, "column.svg"), (column, "column.gif")):
-        assert main([*arguments, "--plot", str(tmp_path / name)]) == 0
+    for name in ("column.svg", "column.gif"):
+        assert main([*column, "--plot", str(tmp_path / name)]) == 0
         assert (tmp_path / name).stat().st_size > 1000
 
 

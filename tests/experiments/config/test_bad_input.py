@@ -14,8 +14,6 @@ BELOW_ONE = "from 0 to 1"
 CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
     "axes": [
         ("[grid]\nstiffness_ratio = [1, -1]", ["grid.stiffness_ratio", "-1", "0 to inf"]),
-        ("[grid]\nmass_ratio = [inf]", ["grid.mass_ratio", "inf", "a finite number > 0"]),
-        ("[grid]\ne1 = [0.5, 1.5]", ["grid.e1", "1.5", BELOW_ONE]),
         ("[grid]\ne2 = ['half']", ["grid.e2", "half", "not a number", BELOW_ONE]),
         ("[grid]\ne1 = []", ["grid.e1 = []", "a list of them (one or more)", "linear"]),
         ("[grid]\ne1 = [0.5, 0.7, 0.5]", ["grid.e1", "0.5", "more than once", "each value once"]),
@@ -32,7 +30,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
     ],
     "samples": [
         ("[sample]\nn = 0", ["sample.n = 0", "a whole number from 1"]),
-        ("[sample]\ne1 = 2", ["sample.e1 = 2", BELOW_ONE]),
         ("[sample]\ne1 = [0, 1]", ["sample.e1 = [0, 1]", "a number, {log = [lo, hi]}"]),
         ("[sample]\ne1 = {linear = [0, 1, 3]}", ["sample.e1", "[0, 1, 3]", "{linear = [lo, hi]}"]),
         ("[sample]\ne1 = {log = [0, 1]}", ["sample.e1", "lo = 0", "lo > 0"]),
@@ -43,13 +40,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[column]\nballs = 1001", ["column.balls = 1001", "from 2 (a stack: 1) to 1000"]),
         ("[column]\nballs = [1, 3]", ["column: balls = 1", "from 2 to 1000, for a cradle"]),
         ("[column]\nballs = {linear = [2, 5, 3]}", ["column.balls = 3.5", "a whole number from 2"]),
-        ("[column]\ngap = [0.0, -1e-5]", ["column.gap = -1e-05", "a finite number >= 0 (m)"]),
-        ("[column]\nexponent = 0.5", ["column.exponent = 0.5", "1.5: Hertz) to 3"]),
-        ("[column]\nmass_taper = [0.0]", ["column.mass_taper = 0.0", "> 0 (m_(i+1)/m_i)"]),
-        (
-            "[column]\nballs = 10\nstiffness_taper = [1, 1e200]",
-            ["k = 100000000.0, stiffness_taper = 1e+200", "finite numbers > 0"],
-        ),
         ("[column]\narrangement = ['pile']", ["column.arrangement = ['pile']", "'drop' or 'stack'"]),
         ("[column]\nballs = [3, 4]\nstrike = [1, 3]", ["strike = 3", "from 1 to 2, for 3 balls"]),
         ("[column]\narrangement = 'drop'\nstrike = 1", ["column: strike = [1.0]", "none without a cradle"]),
@@ -57,24 +47,13 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("[column]\n[figure_cell]", ["figure_cell is given with column", "figure_column"]),
         ("gravity = 9.81\n[column]", ["gravity is given with column", "legal: none"]),
         ("[figure_column]", ["figure_column is given without column", "figure_cell"]),
-        ("[column]\n[figure_column]\nballs = 1", ["figure_column.balls = 1", "from 2 to 1000, for a cradle"]),
     ],
     "scales": [
-        ("gravity = 0", ["gravity = 0", "a finite number > 0"]),
         ("m1 = '1'", ["m1 = '1'", "a finite number > 0 (kg)"]),
         ("k1 = inf", ["k1 = inf", "a finite number > 0 (N/m)"]),
         ("v0 = -1e-300\ngravity = 1e300", ["v0 = -1e-300, gravity = 1e+300", "a finite number > 0"]),
         ("k1 = 1e300\n[sample]\nstiffness_ratio = {log = [1, 1e200]}", ["= 1e+200 with", "k1 = 1e+300"]),
-        ("v0 = 1.0", ["v0 = 1.0", "a finite number < 0"]),
         ("m1 = -1\nv0 = 1", ["m1 = -1", "and 1 more"]),
-        (
-            "k1 = 1e300\n[grid]\nstiffness_ratio = [1e200]",
-            ["stiffness_ratio = 1e+200", "k1 = 1e+300", "precision"],
-        ),
-        (
-            "scenario = 'impact'\nm1 = 1e-200\nv0 = -1e-200",
-            ["v0 = -1e-200", "m1 = 1e-200", "a finite number > 0"],
-        ),
     ],
     "settings": [
         ("gravitiy = 9.81", ["gravitiy", "9.81", "unknown key", "did you mean 'gravity'"]),
@@ -100,8 +79,6 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("solvers = ['mujoko']", ["solvers", "'mujoko'", "did you mean 'mujoco'", "legal:"]),
         ("solvers = ['mujoco', 'mujoco']", ["solvers", "'mujoco'", "each solver once"]),
         ("solvers = 'mujoco'", ["solvers = 'mujoco'", "a list of names"]),
-    ],
-    "text": [
         ("gravity = 9.81\nm1 = = 2", ["not TOML", "line 2"]),
     ],
 }
@@ -184,8 +161,6 @@ OPTIONS = [
     ({"--stiffness-ratio": "stiff"}, ["--stiffness-ratio = 'stiff'", "0 to inf"]),
     ({"--mass-ratio": "0"}, ["--mass-ratio = 0", "a finite number > 0"]),
     ({"--e1": "1.01"}, ["--e1 = 1.01", BELOW_ONE]),
-    ({"--scenario": "throw"}, ["--scenario = 'throw'", "'impact' or 'drop'"]),
-    ({"--step-fraction": "0"}, ["--step-fraction = 0", "at most 0.1"]),
     ({"--v0": "0"}, ["--v0 = 0", "a finite number < 0"]),
     ({"--m1": "0"}, ["--m1 = 0", "a finite number > 0"]),
     ({"--gravity": "-9", "--scenario": "drop"}, ["--gravity = -9", "a finite number > 0"]),
@@ -198,18 +173,14 @@ OPTIONS = [
     ({"--stiffness-ratio": "1e305"}, ["stiffness_ratio = 1e+305", "k1 = 100000000.0", "double precision"]),
 ]
 CRADLE = [
-    ({"--balls": "1"}, ["--balls = 1", "from 2 to 1000, for a cradle"]),
     ({"--balls": "0", "--arrangement": "stack"}, ["--balls = 0", "from 1 to 1000, for a stack"]),
     ({"--balls": "2.5"}, ["--balls = 2.5", "a whole number from 2"]),
     ({"--e1": "0.9"}, ["--e1 = '0.9'; legal: none here, it is of two balls"]),
     ({"--scenario": "drop"}, ["--scenario = 'drop'", "a column, which has no gravity"]),
-    ({"--strike": "5"}, ["--strike = 5", "from 1 to 4, for 5 balls"]),
     ({"--strike": "two"}, ["--strike = 'two'", "a whole number from 1 to balls - 1"]),
     ({"--strike": "1", "--arrangement": "chain"}, ["--strike = 1", "none for a chain"]),
-    ({"--e": "1.01"}, ["--e = 1.01", BELOW_ONE]),
     ({"--exponent": "0.5"}, ["--exponent = 0.5", "from 1 (linear contacts; 1.5: Hertz) to 3"]),
     ({"--gap": "-1e-5"}, ["--gap = -1e-05", "a finite number >= 0 (m)"]),
-    ({"--v0": "1"}, ["--v0 = 1.0", "a finite number < 0 (m/s, up is positive)"]),
     ({"--arrangement": "tower"}, ["'tower'", "'chain', 'cradle', 'drop' or 'stack'"]),
     ({"--mass-taper": "0"}, ["--mass-taper = 0.0", "a finite number > 0 (m_(i+1)/m_i)"]),
     ({"--k1": "1e300", "--stiffness-taper": "1e10"}, ["k = 1e+300, stiffness_taper = 1", "numbers > 0"]),
@@ -230,16 +201,14 @@ def test_a_wrong_option_is_one_line_that_names_option_value_and_range(given, cas
 def test_wrong_words_of_other_commands_are_one_line_and_leave_no_file(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for arguments, expected in (
-        (["sovle"], ["sovle", "--help"]),
-        (["show"], ["Missing argument", "DIR"]),
-        (["run", "a.toml", "b.toml"], ["b.toml"]),
         (["explore", "--port", "65536"], ["--port = '65536'", "a whole number from 0 to 65535"]),
+        *(
+            (["run", "--shard", x], [f"--shard = {x!r}", "I/N, I from 1 to N"])
+            for x in ("0/4", "5/4", "1/0", "1", "x/y")
+        ),
         (["run", "--workers", "0"], ["--workers = '0'", "a whole number from 1 to 4096"]),
-        (["run", "--workers", "two"], ["--workers = 'two'", "a whole number from 1 to 4096"]),
         (["solvers", "bullet"], ["NAME 'bullet'", "did you mean 'pybullet'", "legal: state-transition"]),
         (["scene", *RATIOS, "--scenario", ""], ["--scenario = ''", "'impact' or 'drop'"]),
-        (["scene", *RATIOS, "--gravity", "9.81"], ["--gravity = 9.81", "with --scenario drop"]),
-        (["--versoin"], ["--versoin"]),
     ):
         _fails(capsys, arguments, expected)
     assert not list(tmp_path.iterdir())
@@ -248,10 +217,9 @@ def test_wrong_words_of_other_commands_are_one_line_and_leave_no_file(capsys, tm
 def test_a_file_where_a_folder_is_to_be_written_is_one_line_and_stays(capsys, tmp_path):
     file = tmp_path / "file"
     file.write_text("mine")
-    needed = {"scene": RATIOS}
-    for command in ("run", "hypothesis", "scene"):
+    for words in (["run"], ["hypothesis"], ["scene", *RATIOS]):
         for out in (file, file / "below"):
-            _fails(capsys, [command, *needed.get(command, []), "--out", str(out)], [f"--out {out}"])
-        _fails(capsys, [command, *needed.get(command, []), "--out", ""], ["--out = '", "legal: a path"])
+            _fails(capsys, [*words, "--out", str(out)], [f"--out {out}"])
+        _fails(capsys, [*words, "--out", ""], ["--out = '", "legal: a path"])
     assert file.read_text() == "mine"
     assert list(tmp_path.iterdir()) == [file]

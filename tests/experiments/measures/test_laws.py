@@ -1,11 +1,7 @@
-"""Solvers that were asked for one law are one vote on it; how far an engine is from its law depends on the step."""
-
-from pathlib import Path
+"""Solvers that were asked for one law are one vote on it."""
 
 from impact_xval.compliant_baselines.registry import law_of, solver_names
 from impact_xval.experiments.measures.laws import by_law, in_order_of_laws, voters
-
-ROOT = Path(__file__).parents[3]
 
 
 def test_solvers_are_grouped_by_the_law_that_the_registry_says():

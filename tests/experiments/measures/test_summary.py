@@ -1,7 +1,5 @@
 """Statistics of a run are those of its tables."""
 
-import math
-
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
@@ -9,10 +7,7 @@ import pytest
 
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.summary import SUMMARISED, between, summarise
-from impact_xval.experiments.presentation.report import write_figures, write_latex, write_report, write_tables
-from impact_xval.experiments.sweep.run import run_sweep
-from tests.experiments import fakes
-from tests.experiments.conftest import SMALL
+from impact_xval.experiments.presentation.report import write_latex, write_tables
 
 
 def test_statistics_are_those_of_the_table(crashing_run):
@@ -47,17 +42,6 @@ def test_tables_for_a_paper(crashing_run):
     text = (crashing_run.root / "summary.tex").read_text()
     assert f"kelvin-voigt & mujoco & {summary.get('mujoco', 'velocity_divergence').n} &" in text
     assert r"95 \% & max" in text
-
-
-@pytest.mark.slow
-def test_a_grid_of_limits_has_all_its_figures(tmp_path):
-    grid = {"stiffness_ratio": [0, 1, math.inf], "mass_ratio": [1.0], "e1": [0.0], "e2": [0.0, 1.0]}
-    config = parse_config(SMALL | {"grid": grid, "grazing_threshold": 0.0})
-    folder = run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted)
-    summary = summarise(folder)
-    assert len(write_figures(folder, summary)) >= 5
-    write_tables(folder, summary)
-    write_report(folder, summary)
 
 
 def test_marked_rows_are_in_no_comparison_of_two_solvers(tmp_path):

@@ -119,15 +119,6 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
         assert row == ("2", "2")
 
 
-def test_a_run_of_columns_with_one_contact_has_a_page(tmp_path):
-    (tmp_path / "c.toml").write_text(
-        "solvers = ['kelvin-voigt']\n[column]\nballs = 2\narrangement = 'chain'\ne = [0.5, 0.9]\n"
-        "stiffness_taper = 1.0\n"
-    )
-    folder = run_sweep(load_config(tmp_path / "c.toml"), tmp_path / "run", isolate=False, present=present)
-    assert (folder.root / "report.html").is_file()
-
-
 def test_a_command_for_two_balls_refuses_it(root, capsys):
     assert main(["scene", str(root), "0"]) == 2
     assert "columns of N balls; legal: " in capsys.readouterr().err

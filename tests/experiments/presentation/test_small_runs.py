@@ -1,5 +1,7 @@
 """Runs with little in them, each a result: one cell, one solver, no difference at all, nothing but failures."""
 
+import math
+
 import pytest
 
 from impact_xval.experiments.commands.cli import main
@@ -9,11 +11,15 @@ from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
 
 _ONE = {"stiffness_ratio": [2.0], "mass_ratio": [1.5], "e1": [0.9], "e2": [0.7]}
+_LIMITS = {"stiffness_ratio": [0, 1, math.inf], "mass_ratio": [1.0], "e1": [0.0], "e2": [0.0, 1.0]}
+_PAIR = {"balls": 2, "arrangement": "chain", "e": [0.5, 0.9], "stiffness_taper": 1.0}
 
 RUNS = {
     "one cell": ({"grid": _ONE, "solvers": ["mujoco"]}, fakes.shifted),
     "the model alone": ({"grid": _ONE, "solvers": ["state-transition"]}, fakes.shifted),
     "no engine": ({"solvers": ["liu-zhao-brogliato"]}, fakes.shifted),
+    "limits": ({"grid": _LIMITS, "grazing_threshold": 0.0}, fakes.shifted),
+    "one contact": ({"column": _PAIR, "grid": None, "solvers": ["kelvin-voigt"]}, fakes.shifted),
     "agreement": ({"solvers": ["mujoco"]}, fakes.perfect),
     "agreement beside a failure": ({}, fakes.perfect),
     "nothing but failures": ({"solvers": ["mujoco", "pybullet"]}, fakes.refusing),
@@ -50,7 +56,8 @@ def runs(tmp_path_factory):
         if kind not in made:
             changes, resolve = RUNS[kind]
             made[kind] = tmp_path_factory.mktemp("run") / "run"
-            run_sweep(parse_config(SMALL | changes), made[kind], isolate=False, resolve=resolve)
+            data = {key: value for key, value in (SMALL | changes).items() if value is not None}
+            run_sweep(parse_config(data), made[kind], isolate=False, resolve=resolve)
         return made[kind]
 
     return root
