@@ -38,11 +38,45 @@ def test_solve_json_keeps_the_contract(capsys):
 
 
 def test_si_units_and_ratios_are_one_collision(capsys):
-    ratios = _json(capsys, *CELL, "--solver", "kelvin-voigt")
-    units = [*f"--m1 0.5 --m2 {1 / math.sqrt(3)} --k1 1e6 --k2 4e7 --v0 -3".split(), *CELL[4:]]
+    ratios = _json(capsys, *CELL, "--v0", "-3", "--solver", "kelvin-voigt")
+    units = [
+        "--m1",
+        "0.5",
+        "--m2",
+        str(1 / math.sqrt(3)),
+        "--k1",
+        "1e6",
+        "--k2",
+        "4e7",
+        *CELL[4:],
+        "--v0",
+        "-3",
+    ]
     for each, other in zip(ratios, _json(capsys, *units, "--solver", "kelvin-voigt"), strict=True):
-        for key in ("velocities", "impulses"):  # per |v0| and m1 |v0|
-            assert other[key] == pytest.approx(each[key], rel=1e-12, abs=1e-12)
+        assert other["velocities"] == pytest.approx(each["velocities"], rel=1e-12, abs=1e-12)
+
+
+#: A drop after which B2 is at rest on the table, at some speed.
+SOFT = ["--stiffness-ratio", "0.1", "--mass-ratio", "0.5", "--e1", "0.9", "--e2", "0.5", "--k1", "1e4"]
+
+
+@pytest.mark.parametrize(
+    ("cell", "faster"),
+    [(CELL, ["--v0", "-4"]), ([*SOFT, "--scenario", "drop"], ["--v0", "-4", "--gravity", "39.24"])],
+    ids=["impact", "drop"],
+)
+def test_no_number_of_the_list_depends_on_the_speed(capsys, cell, faster):
+    """g in proportion to |v0| keeps the gravity number of a drop; times do not depend on the speed anyway."""
+    names = ["mujoco", "kelvin-voigt", "bistiffness", "state-transition"]
+    asked = [word for name in names for word in ("--solver", name)]
+    slow, quick = _json(capsys, *cell, *asked), _json(capsys, *cell, *asked, *faster)
+    assert [each["solver"] for each in slow] == names
+    for plain, fast in zip(slow, quick, strict=True):
+        assert fast["states"] == plain["states"]
+        for key in ("velocities", "impulses"):
+            assert fast[key] == pytest.approx(plain[key], rel=1e-6, abs=1e-9)
+        assert fast["diagnostics"] == pytest.approx(plain["diagnostics"], rel=1e-3, abs=1e-9)
+    assert "v1_limit" in slow[0]["diagnostics"]
 
 
 def test_the_model_is_added_so_that_any_solver_has_a_divergence(capsys):
@@ -130,16 +164,17 @@ def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
     assert capsys.readouterr().err == "impact-xval: interrupted\n"
 
 
-@pytest.mark.parametrize(
-    ("e1", "status", "reason"),
-    [
-        (faulty.HANG, "timeout", "no answer within 5 s; its process was ended"),
-        (faulty.ABORT, "crashed", "its process died: SIGABRT"),
-    ],
-)
-def test_a_solver_that_hangs_or_dies_costs_its_own_row(capsys, monkeypatch, e1, status, reason):
+def test_a_solver_that_takes_too_long_is_ended_and_the_others_are_shown(capsys, monkeypatch):
     monkeypatch.setattr(registry, "get_solver", faulty.faulty)
-    cell = [*CELL[:4], "--e1", str(e1), "--e2", "0.7", "--cell-timeout", "5"]
+    cell = [*CELL[:4], "--e1", str(faulty.HANG), "--e2", "0.7", "--cell-timeout", "5"]
     found = _json(capsys, *cell, "--solver", "mujoco", "--solver", "state-transition")
-    assert [each["status"] for each in found] == [status, "ok"]
-    assert found[0]["reason"] == reason
+    assert [each["status"] for each in found] == ["timeout", "ok"]
+    assert found[0]["reason"] == "no answer within 5 s; its process was ended"
+
+
+def test_a_solver_that_dies_costs_solve_its_own_row(capsys, monkeypatch):
+    monkeypatch.setattr(registry, "get_solver", faulty.faulty)
+    cell = [*CELL[:4], "--e1", str(faulty.ABORT), "--e2", "0.7"]
+    found = _json(capsys, *cell, "--solver", "mujoco", "--solver", "state-transition")
+    assert [each["status"] for each in found] == ["crashed", "ok"]
+    assert found[0]["reason"] == "its process died: SIGABRT"

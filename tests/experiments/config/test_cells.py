@@ -18,6 +18,7 @@ from impact_xval.experiments.config.experiment import (
     load_config,
     parse_config,
 )
+from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.model import Collision
 from tests.experiments import fakes
@@ -50,6 +51,14 @@ def test_cells_are_numbered_with_the_last_axis_fastest():
     assert [i for n in range(grid.chunks()) for i in grid.chunk(n)] == list(range(12))
 
 
+def test_cells_carry_the_physical_scale():
+    config = parse_config({"m1": 2.0, "k1": 1e6, "v0": -3.0, "grid": {"stiffness_ratio": [0, math.inf, 4]}})
+    grid = experiment_cells(config)
+    soft, rigid, stiff = (grid[i * len(grid) // 3] for i in range(3))
+    assert (soft.k2, rigid.k2, stiff.k2) == (0.0, math.inf, 4e6)
+    assert (stiff.m1, stiff.m2, stiff.v0) == (2.0, 1.0, -3.0)
+
+
 def test_restitutions_that_are_tied_are_equal_in_every_cell():
     axes = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0]}
     config = parse_config({"grid": axes | {"e": [0.5, 0.9]}})
@@ -74,6 +83,12 @@ def test_columns_are_an_arrangement_after_the_other_with_e_fastest():
     part = columns.block(range(20, 30))
     assert list(part.collisions) == list(block.collisions[20:30]) == [columns[i] for i in range(20, 30)]
     assert all((x == rows[name][20:30]).all() for name, x in part.parameters.items() if name != "strike")
+
+
+def test_a_column_has_the_scales_of_the_experiment():
+    axes = {"arrangement": "drop", "mass_taper": 2, "stiffness_taper": 1, "balls": 3}
+    column = experiment_cells(parse_config({"m1": 2.0, "k1": 3e6, "v0": -0.5, "column": axes}))[1]
+    assert column == Collision((2, 4, 8), (3e6,) * 3, (0.6,) * 3, (-0.5, 0, 0), table=True)
 
 
 @pytest.mark.parametrize(
@@ -159,6 +174,17 @@ def test_a_list_is_read_to_the_last_bit_and_in_its_order(tmp_path, name):
     assert (len(cells), cells[0].k2, cells[0].stiffness_ratio, cells[1].k2) == (3, 2 / 3, 1 / 3, math.inf)
 
 
+def test_a_sampled_run_is_summarised_in_bins(tmp_path):
+    config = parse_config({"scenario": "impact", "solvers": ["mujoco"], "sample": {"n": 64, **BOX}})
+    summary = summarise(run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted))
+    bins = summary.statistics[
+        (summary.statistics.axis == "stiffness_ratio") & (summary.statistics.measure == "velocity_divergence")
+    ]
+    whole = summary.get("mujoco", "velocity_divergence")
+    assert (bins.n.sum(), bins["max"].max()) == (whole.n, whole["max"])
+    assert 1 < len(bins) <= 12
+
+
 def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):
     _write(tmp_path / "cells.csv", [[1.0, 1.0, 0.9, 0.7], [2.0, 1.0, 0.9, 0.7]])
     (tmp_path / "c.toml").write_text("cells = 'cells.csv'\nsolvers = ['mujoco']\nchunk_size = 1\n")
@@ -174,6 +200,20 @@ def test_another_list_in_the_same_folder_is_computed_anew_and_said_so(tmp_path):
 def test_the_reference_leads_whatever_is_listed():
     assert parse_config({"solvers": ["pybullet", "mujoco"]}).solvers == [REFERENCE, "pybullet", "mujoco"]
     assert parse_config({"solvers": ["mujoco", REFERENCE]}).solvers == [REFERENCE, "mujoco"]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"stiffness_ratio_cutoff": math.inf, "grid": {"stiffness_ratio": [0, math.inf]}, "name": "inf"},
+        {"sample": {"n": 10, "stiffness_ratio": math.inf}},
+        {"column": COLUMNS},
+    ],
+    ids=["grid", "sample", "columns"],
+)
+def test_a_configuration_comes_back_from_toml(given):
+    config = parse_config(given)
+    assert parse_config(tomllib.loads(config.toml())) == config
 
 
 def test_identity_ignores_what_does_not_change_results():

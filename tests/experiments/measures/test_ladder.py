@@ -14,7 +14,7 @@ from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures import corners as of_corners
 from impact_xval.experiments.measures.corners import Corners, corner_names
-from impact_xval.experiments.measures.ladder import contributions_of, split
+from impact_xval.experiments.measures.ladder import by_order, contributions_of, split
 from impact_xval.experiments.measures.ladder_rows import NO_LIMIT, Part, sentence
 from impact_xval.experiments.measures.ladder_summary import BAND, summarise_ladder
 from impact_xval.experiments.measures.layout import layout_of
@@ -172,6 +172,19 @@ def test_published_numbers():
     np.testing.assert_allclose(first_two[0], expected, atol=6e-9)
 
 
+def test_elastic_without_return_leaves_the_engine_alone():
+    ratios = np.array([4.0, 5, 10, 40, 100])
+    cells = [ratios, *(np.full(5, x) for x in (MU, 1.0, 1.0))]
+    model = velocities(solve_batch(*cells))
+    between = corners(model, cells, np.zeros(5))
+    ladder = split(
+        weights_of_two(cells[1]), between, np.full((5, 2), np.nan), model + np.array([[0.02, -0.01]])
+    )
+    assert ladder.norms[:3].max() < 1e-11
+    assert {ladder.contributions[i].name for i in ladder.dominant()} == {"engine"}
+    np.testing.assert_allclose(ladder.shares[-1], 1, atol=1e-9)
+
+
 def test_closes_for_any_outcomes_in_between():
     n = 400
     cells = random_cells(n, 3)
@@ -217,6 +230,49 @@ def test_a_cell_in_which_the_order_matters():
     np.testing.assert_allclose(6.5 * high[:3, 0], [5, 3, 2], atol=1e-14)
     assert ladder.contributions[ladder.dominant()[0]].name == "frozen_positions"
     assert not ladder.agreed()[0]  # positions first: 1 to 3 of the law, last
+
+
+def test_causes_do_not_depend_on_how_they_are_numbered():
+    cube = np.random.default_rng(5).normal(size=(2, 2, 2, 7, 2))
+    plain = by_order(cube)
+    np.testing.assert_allclose(
+        plain.sum(axis=1), np.broadcast_to(cube[1, 1, 1] - cube[0, 0, 0], (6, 7, 2)), atol=1e-14
+    )
+    for order in itertools.permutations(range(3)):
+        other = by_order(cube.transpose(*order, 3, 4))
+        np.testing.assert_allclose(other.mean(axis=0), plain.mean(axis=0)[list(order)], atol=1e-15)
+        np.testing.assert_allclose(np.sort(other, axis=0), np.sort(plain, axis=0)[:, list(order)], atol=1e-15)
+
+
+def test_gravity_goes_away_at_first_order():
+    cells = [np.array([x]) for x in (1.0, MU, 0.9, 0.7)]
+    model = velocities(solve_batch(*cells))
+    numbers = 10.0 ** -np.arange(3, 7)
+    causes = [by_order(corners(model, cells, np.array([g])).velocities) for g in numbers]
+    norms = np.array([np.abs(found[:, 2]).max(axis=(1, 2)) for found in causes])
+    slopes = np.diff(np.log10(norms), axis=0) / np.diff(np.log10(numbers))[:, None]
+    np.testing.assert_allclose(slopes, 1, atol=0.03)
+
+
+def test_only_the_last_contribution_depends_on_the_step_and_it_goes_away_with_it(tmp_path):
+    grid = {"stiffness_ratio": [1.0, 10.0], "mass_ratio": [MU], "e1": [0.9], "e2": [0.7]}
+    found, errors = [], []
+    for fraction in (8e-3, 4e-3, 2e-3):
+        config = {"scenario": "impact", "solvers": ["mujoco"], "step_fraction": fraction, "grid": grid}
+        folder = run_sweep(parse_config(config), tmp_path / f"{fraction}", isolate=False)
+        found.append(table_of(folder))
+        rows = pq.read_table(folder.root / "cells.parquet", columns=["solver", "limit_error"]).to_pandas()
+        errors.append(rows.limit_error[rows.solver == "mujoco"].to_numpy())
+    for name in ("frozen_positions_norm", "dissipation_law_norm", "gravity_norm"):
+        assert np.ptp([t[name].to_numpy() for t in found], axis=0).max() == 0
+    norms = np.array([t.discretisation_norm.to_numpy() for t in found])
+    slopes = -np.diff(np.log2(norms), axis=0)
+    assert np.all((slopes > 0.75) & (slopes < 1.25)), slopes
+    # the limit dt -> 0 is one, within what its estimates state of both velocities, whatever step it was sought from
+    mapping = np.array([t.mapping_norm.to_numpy() for t in found])
+    stated = np.sqrt(1 + MU) * np.array(errors)
+    assert np.all(np.abs(np.diff(mapping, axis=0)) <= stated[:-1] + stated[1:])
+    assert np.all(stated[-1] < norms[-1])
 
 
 def with_limits(cells, solvers):
