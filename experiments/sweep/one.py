@@ -96,14 +96,14 @@ def _import(_: object, names: Sequence[str], pair: bool) -> bool:
     return all(are_compiled(name, pair=pair) for name in names)
 
 
-def _warm(_: object, resolve: Any, name: str, pair: bool) -> None:
+def _warm(_: object, resolve: Any, name: str, pair: bool) -> bool:
     """Make a process ready; one of our solvers whose kernels are compiled reads them as fast while it solves."""
     from impact_xval.experiments.sweep.warmup import are_compiled, warm
 
     if is_ours(name) and are_compiled(name, pair=pair):
         resolve(name).unavailable()
-    else:
-        warm(_, resolve, name, pair)
+        return False
+    return warm(_, resolve, name, pair)
 
 
 def _answer(

@@ -55,15 +55,23 @@ class Slot:
         return self._worker(solver).call(function, *arguments, timeout=timeout)
 
     def prepare(self, solver: str, function: Callable[..., Any], *arguments: Any) -> None:
-        """Call for a solver, once in each process; not where two have died of it: then its cells are to say so."""
-        ready = self._worker(solver).ready
-        while solver not in ready and self._deaths[solver] < 2:
+        """Call for a solver, once in each process; not where two have died of it: then its cells are to say so.
+
+        A process in which it is True, for kernels were compiled there, is replaced by one that reads them (`warm`).
+        """
+        worker, replaced = self._worker(solver), False
+        while solver not in worker.ready and self._deaths[solver] < 2:
             limit = TO_PREPARE if is_ours(solver) else TO_STATE
             try:
-                self.call(solver, function, *arguments, timeout=limit)
-                ready.add(solver)
+                compiled = self.call(solver, function, *arguments, timeout=limit) is True
             except FaultError:
                 self._deaths[solver] += 1
+                continue
+            if compiled and self._isolate and not replaced:
+                worker.end()
+                replaced = True
+            else:  # twice: where no cache can be written
+                worker.ready.add(solver)
 
     def once(self, function: Callable[[Slot], _Answer]) -> _Answer:
         """Return ``function(slot)``, which is called once."""

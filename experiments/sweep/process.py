@@ -104,11 +104,17 @@ class Worker:
             if done:
                 return value
             raise WorkerError(value)
-        _ended(process)
-        pipe.close()
-        self.ready.clear()
-        self._running = None
+        self.end()
         raise ClosedError if self._closed else fault
+
+    def end(self) -> None:
+        """End the process, for whoever works with it: the next call starts another."""
+        if self._running is not None:
+            process, pipe = self._running
+            _ended(process)
+            pipe.close()
+            self.ready.clear()
+            self._running = None
 
     def close(self) -> None:
         """End the process, whatever it does; safe from any thread, and at any time."""

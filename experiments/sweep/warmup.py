@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from filelock import FileLock
+from numba.core import event
 
 from impact_xval.compliant_baselines.answers import answer, stated_version, why_unavailable
 from impact_xval.compliant_baselines.engines.stepping import scan
@@ -32,8 +33,11 @@ _PAIR: dict[str, Any] = {
 _COLUMN: dict[str, Any] = {"column": {"arrangement": "cradle", "balls": [2], "e": [0.8, 0.9]}}
 
 
-def warm(_: object, resolve: Resolve, name: str, pair: bool) -> None:
-    """Solve ordinary cells by a solver, of two balls or columns, so that all is imported and compiled.
+def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
+    """Solve ordinary cells by a solver, of two balls or columns, so that all is imported and compiled; whether any was.
+
+    Such a process may differ in a last bit from those that read the kernels: its linker takes the parts of a kernel as
+    they were compiled alone, where it has them, in place of the copies in the kernel.
 
     First by the solver alone, so that other processes can compile other kernels meanwhile. One cell, and two: a column
     of an array is contiguous where that has one row only, and numba compiles for either.
@@ -41,12 +45,14 @@ def warm(_: object, resolve: Resolve, name: str, pair: bool) -> None:
     usual = parse_config(_PAIR if pair else _COLUMN)
     experiment, cells = Experiment(usual, resolve), experiment_cells(usual)
     blocks, alone = [cells.block(range(n)) for n in (1, 2)], replace(settings_of(usual), mark=False)
-    with _compiling(own_kernel(name, pair=pair)):
-        for block in blocks:
-            answer(resolve(name), block.collisions, alone)
-    with _compiling(*_kernels(name, pair=pair)):
-        for block in blocks:
-            solve_by(experiment, name, block, {})
+    with event.install_recorder("numba:compile") as compiled:
+        with _compiling(own_kernel(name, pair=pair)):
+            for block in blocks:
+                answer(resolve(name), block.collisions, alone)
+        with _compiling(*_kernels(name, pair=pair)):
+            for block in blocks:
+                solve_by(experiment, name, block, {})
+    return bool(compiled.buffer)
 
 
 @contextlib.contextmanager

@@ -23,6 +23,12 @@ def pid(context):
     return os.getpid()
 
 
+def compiled(context, pids):
+    with pids.open("a") as file:
+        print(os.getpid(), file=file)
+    return True  # as where no cache can be written
+
+
 def sleep(context, seconds):
     time.sleep(seconds)
 
@@ -104,6 +110,14 @@ def test_every_process_is_made_ready_once_before_it_is_called(tmp_path):
         with pytest.raises(FaultError):
             ask(die, signal.SIGSEGV)
         assert ask(ready) == 1
+
+
+def test_a_process_that_compiled_is_replaced_by_one_that_did_not_once(tmp_path):
+    with contextlib.closing(Slot()) as slot:
+        slot.prepare("mujoco", compiled, tmp_path / "pids")
+        first, second = (tmp_path / "pids").read_text().split()
+        assert slot.call("mujoco", pid, timeout=60) == int(second) != int(first)
+        assert gone(int(first))
 
 
 def test_it_does_not_outlive_a_killed_parent_whatever_it_does():
