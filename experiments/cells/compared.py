@@ -78,13 +78,20 @@ class Compared:
         away, found, speed = self.divergences, [], self._speed
         for name, each in self.outcomes.items():
             velocities = [_finite(v / speed) for v in each.velocities]
-            one = {"solver": name, "velocities": velocities}
-            one |= {f"v{i}": v for i, v in enumerate(velocities, 1)}
-            one |= {"impulses": [_finite(i / (self.problem.masses[0] * speed)) for i in each.impulses]}
-            one |= {key: getattr(each, key) for key in ("states", "status", "reason", "marked")}
-            one |= {"grazing_margin": _finite(each.grazing_margin), "D": away[name]}
+            impulses = [_finite(i / (self.problem.masses[0] * speed)) for i in each.impulses]
             diagnostics = scaled_diagnostics(each, speed)
-            found.append(one | {"diagnostics": {key: _finite(value) for key, value in diagnostics.items()}})
+            found.append(
+                {
+                    "solver": name,
+                    "velocities": velocities,
+                    **{f"v{i}": v for i, v in enumerate(velocities, 1)},
+                    "impulses": impulses,
+                    **{key: getattr(each, key) for key in ("states", "status", "reason", "marked")},
+                    "grazing_margin": _finite(each.grazing_margin),
+                    "D": away[name],
+                    "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
+                }
+            )
         return found
 
     def plot(self) -> Figure:

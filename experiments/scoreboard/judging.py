@@ -94,10 +94,17 @@ def laws(judged: Frame) -> Frame:
         worst = D.loc[:, D.notna().sum() >= max(1, _ENOUGH * cases)].max().sort_values(kind="stable")
         if len(worst) > 1:
             last = own.sort_values("spread", na_position="first").iloc[-1]
-            rows[solver] = {"version": last.version, "cases": cases}
-            rows[solver] |= {"law": worst.index[0], "farthest": worst.iloc[0]}
-            rows[solver] |= {"next": worst.index[1], "next_farthest": worst.iloc[1], **own[_WORST].max()}
-            rows[solver] |= {"spread_of": last.spread_of, "microseconds": last.microseconds}
+            rows[solver] = {
+                "version": last.version,
+                "cases": cases,
+                "law": worst.index[0],
+                "farthest": worst.iloc[0],
+                "next": worst.index[1],
+                "next_farthest": worst.iloc[1],
+                **own[_WORST].max(),
+                "spread_of": last.spread_of,
+                "microseconds": last.microseconds,
+            }
     return pd.DataFrame.from_dict(rows, orient="index")
 
 

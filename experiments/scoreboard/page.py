@@ -118,12 +118,17 @@ def called(solver: str) -> str:
     return f"{named(solver)} (mapped)" if mapped else named(solver)
 
 
-def how(row: Frame) -> str:
+def law_words(row: Frame) -> str:
     """Say how a solver answers, by its row of `judging.laws`."""
+    return LAW_WORDS[row.law] if row.farthest <= EXPLAINED else "as no exact law"
+
+
+def how(row: Frame) -> str:
+    """Say so, with the law that is nearest where none explains the answers, or another one that explains them too."""
     if row.farthest > EXPLAINED:
-        return f"as no exact law (nearest: {row.law})"
+        return f"{law_words(row)} (nearest: {row.law})"
     tied = bool(row.next_farthest - row.farthest < TIED)
-    return LAW_WORDS[row.law] + f"; {row.next} says the same here" * tied
+    return law_words(row) + f"; {row.next} says the same here" * tied
 
 
 def _engines(laws: Frame) -> Frame:
@@ -133,7 +138,7 @@ def _engines(laws: Frame) -> Frame:
 def answers_in_words(judged: Frame, laws: Frame) -> list[Block]:
     """Say which engines answer by which law, and whose answers hang on what no one means."""
     own = _engines(laws)
-    words = [how(row).partition(" (nearest")[0] for row in own.itertuples()]
+    words = [how(row) if row.farthest <= EXPLAINED else law_words(row) for row in own.itertuples()]
     by_law = own.index.map(called).to_series().groupby(words, sort=False)
     said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law]
     if len(own):
@@ -161,7 +166,7 @@ def board_of(judged: Frame, laws: Frame) -> Table:
             + (" *" if spread.get(each, 0) > SENSITIVE else "")
             for each in COLUMNS
         ]
-        rows.append((called(str(name)), how(law).partition(";")[0].partition(" (")[0], *cells))
+        rows.append((called(str(name)), law_words(law), *cells))
     return Table(("engine", "answers", *COLUMNS), rows, BOARD, text=2)
 
 

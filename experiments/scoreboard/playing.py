@@ -23,6 +23,7 @@ from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.stepping import ALOFT, Run
 from impact_xval.compliant_baselines.registry import engine_free_names, get_solver, is_engine, solver_names
 from impact_xval.compliant_baselines.solver import Settings
+from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, MIRRORED, USUAL, arrangements, column
 from impact_xval.experiments.sweep.pool import TO_PREPARE, Slot, open_pool
 from impact_xval.experiments.sweep.process import FaultError
@@ -57,11 +58,15 @@ def play(
         v1 ... v5 in m/s.
     """
     (root / "answers").mkdir(parents=True, exist_ok=True)
-    with open_pool(None, workers) as pool:
-        asked = [pool.submit(_kept, name, root / "answers") for name in names]
-        for done, future in enumerate(as_completed(asked), 1):
-            future.result()  # an error ends all at once
-            progress(done * len(CASES), len(names) * len(CASES), "")
+    try:
+        with open_pool(None, workers) as pool:
+            asked = [pool.submit(_kept, name, root / "answers") for name in names]
+            for done, future in enumerate(as_completed(asked), 1):
+                future.result()  # an error ends all at once
+                progress(done * len(CASES), len(names) * len(CASES), "")
+    except KeyboardInterrupt:
+        line = "interrupted; solvers that have answered are kept; the same command continues"
+        raise InterruptedRunError(line) from None
     return pd.DataFrame([row for future in asked for row in future.result()])
 
 

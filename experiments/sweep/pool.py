@@ -69,8 +69,8 @@ class Slot:
                 continue
             if compiled and self._isolate and not replaced:
                 worker.end()
-                replaced = True
-            else:  # twice: where no cache can be written
+                replaced = True  # once: a cache that cannot be written is none for the next process either
+            else:
                 worker.ready.add(solver)
 
     def once(self, function: Callable[[Slot], _Answer]) -> _Answer:

@@ -36,8 +36,8 @@ _COLUMN: dict[str, Any] = {"column": {"arrangement": "cradle", "balls": [2], "e"
 def warm(_: object, resolve: Resolve, name: str, pair: bool) -> bool:
     """Solve ordinary cells by a solver, of two balls or columns, so that all is imported and compiled; whether any was.
 
-    Such a process may differ in a last bit from those that read the kernels: its linker takes the parts of a kernel as
-    they were compiled alone, where it has them, in place of the copies in the kernel.
+    Such a process may differ in a last bit from those that read the kernels. The parts of a kernel are weak symbols of
+    it: where they have just been compiled alone, these are linked, and they were optimised in other surroundings.
 
     First by the solver alone, so that other processes can compile other kernels meanwhile. One cell, and two: a column
     of an array is contiguous where that has one row only, and numba compiles for either.

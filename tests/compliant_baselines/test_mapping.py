@@ -85,3 +85,19 @@ def test_contacts_of_a_collision():
     e, duration = integrated_contact(one.c / (2 * math.sqrt(5 * 1.2)))
     assert e == pytest.approx(0.6, rel=1e-10)
     assert one.duration == pytest.approx(duration * math.sqrt(1.2 / 5), rel=1e-10)
+
+
+def theory_restitution(zeta):
+    """The formulas of docs/theory.md, section 7, as they are printed."""
+    if zeta == 1:
+        return math.exp(-2)
+    w = math.sqrt(abs(1 - zeta**2))
+    if zeta < 1:
+        return math.exp(-(zeta / w) * math.atan2(2 * zeta * w, 2 * zeta**2 - 1))
+    return math.exp(-(zeta / w) * math.log((zeta + w) / (zeta - w)))
+
+
+def test_restitution_is_that_of_the_printed_formulas():
+    for zeta in (0.0, 1e-9, 0.01, 0.3, 0.7, 0.999, 1.0, 1.001, 1.5, 10.0):
+        rel = 1e-13 if zeta != 0.999 else 1e-12
+        assert restitution(zeta) == pytest.approx(theory_restitution(zeta), rel=rel), zeta

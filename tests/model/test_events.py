@@ -184,6 +184,17 @@ def test_a_tie_has_one_outcome_whichever_event_is_taken_first():
     assert (low.v1, low.v2) == pytest.approx((high.v1, high.v2), abs=1e-12)
 
 
+def test_the_collision_starts_off_the_expansion():
+    """At first touch delta2' is zero to higher order; a search that looked at signs would end its compression there."""
+    outcome = solve(Collision.from_ratios(1, 1.3, 0.8, 0.8), path=True)
+    (time, *_), _ = search(1.3, 1.0, 1.0, (1.0, 0.0, 0.0, 0.0), (COMPRESSING, COMPRESSING))
+    assert time > 0.1
+    early = outcome.path.time < 0.05
+    t = outcome.path.time[early]
+    # I2 = (k2/k1) I1^2/(6 m2 |v0|) + ... reads, in time, with I1 = t^2/2: I2 = t^4/24 / m2
+    assert outcome.path.impulse2[early] == pytest.approx(t**4 / 24 / 1.3, rel=1e-2, abs=1e-15)
+
+
 def test_single_contact_against_the_supplement():
     """Section 1, both phases: the impulse that spends the contact, and the energy on the way."""
     M, d, E, e = 0.7, 0.9, 0.3, 0.6

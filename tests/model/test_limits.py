@@ -179,3 +179,13 @@ def test_what_double_precision_cannot_tell_is_refused_and_not_answered_wrongly()
         assert outcome.status == batch.statuses == "unrepresentable"
         assert "one mass or stiffness exceeds 1e+150 times another" in outcome.reason
         assert np.isnan([batch.v1, batch.v2]).all()
+
+
+def test_a_plastic_contact_unites_the_balls_or_keeps_the_lower_one_on_the_table():
+    united = solve(Collision.from_ratios(1, MU, 0, 0.7))
+    assert (united.v1, united.states) == (united.v2, ("S1", "S2", "S4"))
+    kept = solve(Collision.from_ratios(40, MU, 0.9, 0))
+    assert (kept.v2, kept.states) == (0, ("S1", "S3", "S4"))
+    for kappa in (0, 1e-3, 1, 1e3, math.inf):
+        outcome = solve(Collision.from_ratios(kappa, MU, 0, 0))
+        assert (outcome.v1, outcome.v2) == pytest.approx((0, 0), abs=1e-15)

@@ -91,3 +91,13 @@ def test_frozen_bistiffness_is_the_model(cells):
     assert off[regular].max() < 1e-9
     # which the free one is not
     assert np.mean(np.hypot(free.v1 - model.v1, free.v2 - model.v2) > 1e-3) > 0.2
+
+
+@pytest.mark.parametrize("law", [law for law, _ in LAWS])
+def test_frozen_is_free_where_no_contact_returns(law):
+    frozen, free = (BATCHES[law](*random_cells(3000, 33), frozen=f) for f in (True, False))
+    once = (frozen.n_states <= 3) & (free.n_states <= 3)  # with more, a contact that had ended acts again
+    apart = np.hypot(frozen.v1 - free.v1, frozen.v2 - free.v2)
+    assert once.sum() > 300
+    assert apart[once].max() < 1e-12
+    assert np.mean(apart[~once] > 1e-3) > 0.5

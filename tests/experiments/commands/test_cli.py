@@ -178,3 +178,14 @@ def test_a_solver_that_dies_costs_solve_its_own_row(capsys, monkeypatch):
     found = _json(capsys, *cell, "--solver", "mujoco", "--solver", "state-transition")
     assert [each["status"] for each in found] == ["crashed", "ok"]
     assert found[0]["reason"] == "its process died: SIGABRT"
+
+
+@pytest.mark.nightly
+def test_the_process_that_compiles_and_those_that_read_say_the_same_to_the_last_bit(
+    capsys, tmp_path, monkeypatch
+):
+    """A margin of this cell by bistiffness ended in another digit in the process that had just compiled."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    cell = "--stiffness-ratio 5.623413251903491e-06 --mass-ratio 0.441388 --e1 0.694292 --e2 0.312025 --m1 1 --k1 1"
+    first, again = (_json(capsys, *cell.split(), "--solver", "bistiffness") for _ in range(2))
+    assert first == again
