@@ -55,6 +55,7 @@ class Cells:
         self._read, self._ending = read, ending
         self._apart: dict[bool, SolversApart] = {}
         self._turn = {engines: threading.Lock() for engines in (False, True)}
+        self._starting, self.closed = threading.Lock(), False
         self._engine = lru_cache(_KEPT)(self._solve)
 
     def answer(self, query: str) -> dict[str, Any]:
@@ -84,10 +85,18 @@ class Cells:
         collision, arranged, config = self._read(dict(asked))
         engines, points = names != EXACT, None if arranged is None else 0
         with self._turn[engines]:
-            if engines not in self._apart:
-                began = solvers_apart(ENGINES if engines else EXACT)
-                self._apart[engines] = self._ending.enter_context(began)
+            with self._starting:
+                if self.closed:
+                    raise ClosedError
+                if engines not in self._apart:
+                    began = solvers_apart(ENGINES if engines else EXACT)
+                    self._apart[engines] = self._ending.enter_context(began)
             return self._apart[engines].solve(collision, config, names, get_solver, lambda _: None, points)
+
+    def close(self) -> None:
+        """Start no more processes: those that there are end with the block."""
+        with self._starting:
+            self.closed = True
 
 
 def _data(compared: Compared) -> dict[str, dict[str, Any]]:
@@ -119,13 +128,23 @@ def page() -> str:
 
 
 class _Server(ThreadingHTTPServer):
+    #: Threads are waited for: one that was importing when the interpreter ended aborted it ("exception not rethrown").
+    daemon_threads = False
+
+    def __init__(self, port: int, cells: Cells) -> None:
+        self._cells = cells
+        super().__init__(("127.0.0.1", port), partial(_Request, cells))
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a page that was closed, nor of a cell that Ctrl-C ended."""
-        if not isinstance(sys.exc_info()[1], OSError | ClosedError | CancelledError):
+        if not (self._cells.closed or isinstance(sys.exc_info()[1], OSError | ClosedError | CancelledError)):
             super().handle_error(request, client_address)
 
 
 class _Request(BaseHTTPRequestHandler):
+    #: Seconds: browsers open connections in advance, and may ask nothing.
+    timeout = 5
+
     def __init__(self, cells: Cells, *request: Any) -> None:
         self._cells = cells
         super().__init__(*request)
@@ -154,9 +173,12 @@ def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], None]]
     Yields where the page is, and what serves it until it is interrupted; port 0 is any that is free.
     """
     with contextlib.ExitStack() as ending:
-        request = partial(_Request, Cells(read, ending))
+        cells = Cells(read, ending)
         try:
-            server = ending.enter_context(_Server(("127.0.0.1", port), request))
+            server = ending.enter_context(_Server(port, cells))
         except OSError as error:
             raise UserError(f"--port = {port}: {error.strerror}; legal: a free one (0: any)") from None
-        yield f"http://127.0.0.1:{server.server_port}/", server.serve_forever
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/", server.serve_forever
+        finally:
+            cells.close()
