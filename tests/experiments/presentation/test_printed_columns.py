@@ -1,4 +1,4 @@
-"""What docs/columns.md, section 10, prints of a run of columns, held against the run of the experiment it prints."""
+"""What docs/columns.md, section 9, prints of a run of columns, held against the run of the experiment it prints."""
 
 import re
 import tomllib
