@@ -29,12 +29,12 @@ contrast = [10, 1e5]
 #: A mistake, and what its one line says.
 BAD = {
     "contrast = [1e5, 10]": ["contrast = [100000.0, 10.0]", "lo < hi"],
-    "engine_contrast = [0, 10]": ["engine_contrast", "1 < lo < hi <= 1e6"],
+    "plastic_contrast = [0, 10]": ["plastic_contrast", "1 < lo < hi <= 1e16"],
     "solvers = ['mujoko']": ["solvers", "'mujoko'", "did you mean 'mujoco'"],
     "[columns]\npoint = 3": ["columns.point", "unknown key", "points"],
     "[columns]\nballs = [3, 7]": ["columns.balls = [3, 7]", "whole numbers from 4 to 12"],
     "seed = 1.5": ["seed = 1.5", "a whole number from 0 to 2^32"],
-    "points = 3\nhalvings = 30": ["points = 3", "and 1 more"],
+    "points = 3\nper_decade = 99": ["points = 3", "and 1 more"],
     "points =": ["not TOML"],
 }
 
