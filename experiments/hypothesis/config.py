@@ -13,14 +13,9 @@ from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.axes import Strict, at_most, table, whole
 from impact_xval.experiments.config.errors import read_toml, short, validated
 from impact_xval.experiments.config.experiment import solvers_problem
-from impact_xval.experiments.hypothesis.cases import Case
 
 #: Models and references beside the solvers of every run.
 LAWS = ("kelvin-voigt-anchored", "kelvin-voigt-textbook", "hunt-crossley", "liu-zhao-brogliato")
-
-#: Engines, whose steps grow as the root of the contrast, go as far as one can wait.
-ENGINE_CONTRAST, ENGINE_PLASTIC_CONTRAST = (10**0.5, 10**3.5), (1e2, 1e5)
-ENGINE_PER_DECADE, ENGINE_FIT_DECADES = 2, 2.0
 
 
 def _in_order(value: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
@@ -79,30 +74,19 @@ class HypothesisConfig(Strict):
             raise ValueError(problem)
         return value
 
-    def contrasts(self, case: Case, *, engines: bool) -> list[float]:
-        """Return the contrasts at which a limit is approached; in a plastic limit exact solvers take half as many."""
-        if engines:
-            return spaced(ENGINE_PLASTIC_CONTRAST if case.plastic else ENGINE_CONTRAST, ENGINE_PER_DECADE)
-        if case.plastic:
-            return spaced(self.plastic_contrast, max(4, self.per_decade // 2))
-        return spaced(self.contrast, self.per_decade)
-
 
 def spaced(ends: tuple[float, float], per_decade: int) -> list[float]:
-    """Return contrasts from the upper end down, so many in a decade: to the lower end, or next above it.
-
-    Windows of whole decades end on contrasts then.
-    """
+    """Return contrasts, so many in a decade, down from the upper end: windows of whole decades end on contrasts."""
     low, high = map(math.log10, ends)
     whole = math.floor((high - low) * per_decade + 1e-9)
     return np.logspace(high - whole / per_decade, high, whole + 1).tolist()
 
 
 def load(path: Path | None) -> HypothesisConfig:
-    """Read a configuration; without a path, the built-in one. A `UserError` is one line that says what is illegal."""
+    """Read a configuration; without a path, the built-in one."""
     return parse({} if path is None else read_toml(path), str(path) if path else "built-in hypothesis")
 
 
 def parse(data: dict[str, Any], where: str) -> HypothesisConfig:
-    """Validate a configuration given as plain values; as `load`."""
+    """Validate a configuration given as plain values; a `UserError` is one line that says what is illegal."""
     return validated(HypothesisConfig, data, where)

@@ -21,7 +21,7 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
 from impact_xval.experiments.hypothesis.cases import CASES, GRAZING, Frame, design, distance
 from impact_xval.experiments.hypothesis.columns import column_outcomes
-from impact_xval.experiments.hypothesis.config import ENGINE_FIT_DECADES, HypothesisConfig
+from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.experiments.hypothesis.judging import judged, verdicts
 from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.sweep.run import run_sweep
@@ -112,10 +112,17 @@ def listed(config: HypothesisConfig, run: str) -> Frame:
     Contrasts vary more slowly than points: neighbours take about as many steps.
     """
     points = design(config.points, config.seed)
+    ranges = {
+        (EXACT, False): spaced(config.contrast, config.per_decade),
+        (EXACT, True): spaced(config.plastic_contrast, max(4, config.per_decade // 2)),
+        # Steps grow as the root of the contrast: as far as one can wait.
+        (ENGINES, False): spaced((10**0.5, 10**3.5), 2),
+        (ENGINES, True): spaced((1e2, 1e5), 2),
+    }
     cells = [
         points[points["case"] == case.key].assign(contrast=x, **case.at(x))
         for case in CASES
-        for x in config.contrasts(case, engines=run == ENGINES)
+        for x in ranges[run, case.plastic]
     ]
     return pd.concat(cells, ignore_index=True)
 
@@ -128,7 +135,7 @@ def results(config: HypothesisConfig, root: Path) -> Results:
         rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=["cell", *_KEPT, *_READ])
         rows = rows[rows.solver.isin(solvers) & (rows.status != "unavailable")]
         rows = rows.merge(listed(config, name), left_on="cell", right_index=True)
-        found.append(rows.assign(decades=ENGINE_FIT_DECADES if name == ENGINES else config.fit_decades))
+        found.append(rows.assign(decades=2.0 if name == ENGINES else config.fit_decades))
         if name == ENGINES:
             versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}
     order = [*(case.key for case in CASES), *in_order_of_laws(config.solvers)]
