@@ -28,7 +28,6 @@ from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.laws import in_order_of_laws
-from impact_xval.experiments.presentation.document import Table
 from impact_xval.experiments.presentation.html import fragment, page_of, render
 from impact_xval.experiments.presentation.page.charts import bokeh_script, curves_chart, velocities_chart
 from impact_xval.experiments.presentation.page.opened import curve_of
@@ -71,11 +70,7 @@ class Cells:
             if key == "solver" and name in ENGINES:
                 outcomes |= self._engine(asked, (name,))
         compared = Compared(collision, outcomes, arranged)
-        blocks = compared.blocks()
-        if compared.is_column:  # its table counts states
-            rows = [(name, " ".join(each.states)) for name, each in outcomes.items() if each.states]
-            blocks.append(Table(["solver", "contacts that act"], rows, text=2))
-        return {"results": fragment(blocks), "data": _data(compared)}
+        return {"results": fragment(compared.blocks()), "data": _data(compared)}
 
     def _solve(self, asked: tuple[tuple[str, str], ...], names: tuple[str, ...]) -> dict[str, Outcome]:
         """Solve a cell by solvers of one sort, once those before it are solved."""

@@ -174,7 +174,6 @@ def _rate(window: _Window, last: float) -> dict[str, Any]:
     found: dict[str, Any] = {"rate": -slope, "rate_low": -high, "rate_high": -low}
     off = np.minimum(log_D - at_zero - slope * x_clear, np.diff(log_D, prepend=log_D[:1])) > math.log10(JUMP)
     jumps = np.count_nonzero(off & (x_clear >= 0.5 * (x[0] + x[-1])))
-    fall = np.median(D[window.first]) / last
     if jumps:
         reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
         return found | {"verdict": "no limit", "reason": reason, "settles": False, "consistent": False}
@@ -183,7 +182,7 @@ def _rate(window: _Window, last: float) -> dict[str, Any]:
         reason = f"it is within the solver's own error ({own:.1g}) of the closed form too soon"
     elif not -high > LEAST_RATE:
         reason = f"the rate {-slope:.2g} ({-high:.2g} to {-low:.2g}) cannot be told from none"
-    elif fall < LEAST_FALL:
+    elif (fall := np.median(D[window.first]) / last) < LEAST_FALL:
         reason = f"the distance falls by {fall:.2g} from the fit's first decade to its last: extend the range"
     else:
         return found | {"verdict": "supported"}
