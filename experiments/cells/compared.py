@@ -10,20 +10,24 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
+from rich.console import Console
 
-from impact_xval.compliant_baselines.registry import law_of
-from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.compliant_baselines.registry import get_solver, law_of, solver_names
+from impact_xval.experiments.config.arrangements import Arranged
+from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures.divergence import measures_of, scaled_diagnostics, velocity_divergence
 from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
 from impact_xval.experiments.presentation.document import Block, Table
+from impact_xval.experiments.presentation.html import fragment
+from impact_xval.experiments.presentation.terminal import say_waiting, show
 from impact_xval.experiments.presentation.words import arranged, begun, one_vote
+from impact_xval.experiments.sweep.one import solvers_apart
 from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from impact_xval.experiments.config.arrangements import Arranged
 
 #: Letters of a line of the text, and dots per inch of the picture in a notebook.
 _WIDTH, _DPI = 150, 100
@@ -75,24 +79,20 @@ class Compared:
 
     def objects(self) -> list[dict[str, Any]]:
         """Return a JSON object a solver: velocities per abs(v0), impulses per m1 abs(v0), times in s."""
-        away, found, speed = self.divergences, [], self._speed
-        for name, each in self.outcomes.items():
-            velocities = [_finite(v / speed) for v in each.velocities]
-            impulses = [_finite(i / (self.problem.masses[0] * speed)) for i in each.impulses]
-            diagnostics = scaled_diagnostics(each, speed)
-            found.append(
-                {
-                    "solver": name,
-                    "velocities": velocities,
-                    **{f"v{i}": v for i, v in enumerate(velocities, 1)},
-                    "impulses": impulses,
-                    **{key: getattr(each, key) for key in ("states", "status", "reason", "marked")},
-                    "grazing_margin": _finite(each.grazing_margin),
-                    "D": away[name],
-                    "diagnostics": {key: _finite(value) for key, value in diagnostics.items()},
-                }
-            )
-        return found
+        away, speed = self.divergences, self._speed
+        return [
+            {
+                "solver": name,
+                "velocities": (velocities := [_finite(v / speed) for v in each.velocities]),
+                **{f"v{i}": v for i, v in enumerate(velocities, 1)},
+                "impulses": [_finite(i / (self.problem.masses[0] * speed)) for i in each.impulses],
+                **{key: getattr(each, key) for key in ("states", "status", "reason", "marked")},
+                "grazing_margin": _finite(each.grazing_margin),
+                "D": away[name],
+                "diagnostics": {key: _finite(x) for key, x in scaled_diagnostics(each, speed).items()},
+            }
+            for name, each in self.outcomes.items()
+        ]
 
     def plot(self) -> Figure:
         """Draw impulse curves and velocities of two balls, or the final velocities of a column.
@@ -121,8 +121,6 @@ class Compared:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the table, and the picture as part of it."""
-        from impact_xval.experiments.presentation.html import fragment
-
         file = io.BytesIO()
         try:
             self.plot().savefig(file, format="png", dpi=_DPI)
@@ -136,10 +134,6 @@ class Compared:
         return fragment([*self.blocks(), picture])
 
     def __str__(self) -> str:
-        from rich.console import Console
-
-        from impact_xval.experiments.presentation.terminal import show
-
         file = io.StringIO()
         show(Console(file=file, width=_WIDTH, force_jupyter=False), self.blocks())
         return file.getvalue()
@@ -196,12 +190,6 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
     TypeError, ValueError
         If the problem is none; for names that are no solvers, or an illegal time. The message says what is legal.
     """
-    from impact_xval.compliant_baselines.registry import get_solver, solver_names
-    from impact_xval.experiments.config.errors import UserError
-    from impact_xval.experiments.config.experiment import parse_config
-    from impact_xval.experiments.presentation.terminal import say_waiting
-    from impact_xval.experiments.sweep.one import solvers_apart
-
     if not isinstance(problem, Collision):
         raise TypeError(f"compare was given {type(problem).__name__}; legal: a Collision")
     names = [solvers] if isinstance(solvers, str) else list(solver_names() if solvers is None else solvers)

@@ -39,10 +39,6 @@ from impact_xval.model.collision import Collision, Outcome
 #: Solvers that the button runs, and those that follow the sliders.
 ENGINES = tuple(filter(is_engine, solver_names()))
 EXACT = tuple(name for name in solver_names() if name not in ENGINES)
-#: Seconds that a solver has unless the address says otherwise.
-_PATIENCE = "60"
-#: Outcomes of engines that are kept: the table is asked for again as each of them ends.
-_KEPT = 64
 
 #: Makes of the parameters of an address what they ask for, or raises a `UserError`.
 Reader = Callable[[dict[str, str]], tuple[Collision, Arranged | None, Config]]
@@ -56,7 +52,8 @@ class Cells:
         self._apart: dict[bool, SolversApart] = {}
         self._turn = {engines: threading.Lock() for engines in (False, True)}
         self._starting, self.closed = threading.Lock(), False
-        self._engine = lru_cache(_KEPT)(self._solve)
+        # The table is asked for again as each of the engines ends.
+        self._engine = lru_cache(64)(self._solve)
 
     def answer(self, query: str) -> dict[str, Any]:
         """Return what a page shows of a cell: ``problem``, one line; or ``results``, HTML, and ``data`` of the charts.
@@ -64,7 +61,7 @@ class Cells:
         The query of an address has options of `solve`, and ``solver`` for every engine.
         """
         given = parse_qsl(query, keep_blank_values=True)
-        asked = (("cell_timeout", _PATIENCE), *(each for each in given if each[0] != "solver"))
+        asked = (("cell_timeout", "60"), *(each for each in given if each[0] != "solver"))
         try:
             collision, arranged, _ = self._read(dict(asked))
         except (UserError, ValueError) as error:

@@ -24,9 +24,8 @@ from impact_xval.model import solve_batch
 #: A `pandas.DataFrame`, of which a type checker cannot tell what a selection gives.
 Frame = Any
 
-#: Least distance from the border of a regime, in velocity per abs(v0): there two closed forms meet, and a series begins
-#: to fall at the inverse of the distance from it. Beside it balls also part so slowly that engines need most of their
-#: steps for a few collisions.
+#: Least distance from the border of a regime, in velocity per abs(v0): there two closed forms meet, a series begins to
+#: fall at the inverse of the distance from it, and balls part so slowly that engines need most of their steps.
 MARGIN = 0.1
 
 #: Grazing margin below which an outcome lies beside a jump. In the limits of k2/k1 the stiff contact's ringing, which
@@ -35,9 +34,6 @@ GRAZING = 1e-3
 
 #: Ranges that are drawn from: m2/m1, an inelastic e, and k2/k1 of the plastic limits.
 MASS_RATIO, RESTITUTION, STIFFNESS_RATIO = (0.2, 10.0), (0.3, 0.95), (0.03, 30.0)
-
-#: Candidates among which every class of a regime is found.
-_CANDIDATES = 65_536
 
 #: Classes of points none of whose contacts is elastic.
 LOSSY = ("both lossy", "other lossy")
@@ -53,16 +49,12 @@ class Point(NamedTuple):
 
 
 class Case(NamedTuple):
-    """One limit, or one regime of it: what its contrast is, and where it applies."""
+    """One limit, or one regime of it: what its contrast is, where it applies, and the ratio that goes to its limit."""
 
     key: str
     variable: str
     regime: str
-
-    @property
-    def axis(self) -> str:
-        """The ratio that goes to its limit."""
-        return {"1/e1^2": "e1", "1/e2^2": "e2"}.get(self.variable, "stiffness_ratio")
+    axis: str = "stiffness_ratio"
 
     @property
     def plastic(self) -> bool:
@@ -71,9 +63,8 @@ class Case(NamedTuple):
 
     def at(self, contrast: float) -> dict[str, float]:
         """Return the ratio that goes to its limit, by name, at a contrast."""
-        e = contrast**-0.5
-        ratios = {"k1/k2": 1 / contrast, "k2/k1": contrast, "1/e1^2": e, "1/e2^2": e}
-        return {self.axis: ratios[self.variable]}
+        ratios = {"k1/k2": 1 / contrast, "k2/k1": contrast}
+        return {self.axis: contrast**-0.5 if self.plastic else ratios[self.variable]}
 
 
 CASES = (
@@ -81,10 +72,9 @@ CASES = (
     Case("zero-early", "k1/k2", "e1 m2/m1 below 1"),  # united while the table contact is compressed
     Case("zero-late", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1"),  # ... while it restores
     Case("infinity", "k2/k1", "everywhere"),
-    Case("plastic-ball-ball", "1/e1^2", "everywhere"),
-    Case("plastic-ball-table", "1/e2^2", "everywhere"),
+    Case("plastic-ball-ball", "1/e1^2", "everywhere", "e1"),
+    Case("plastic-ball-table", "1/e2^2", "everywhere", "e2"),
 )
-BY_KEY = {case.key: case for case in CASES}
 
 
 def border(case: Case, point: Point) -> float:
@@ -119,14 +109,13 @@ def draw(case: Case, n: int, seed: int) -> list[Point]:
     Of a limit of k2/k1 half of them have e1, e2 < 1, and the rest is shared by e1 = 1, e2 = 1 and both; of a plastic
     limit a third has the other contact elastic.
     """
-    elastic = {(True, False): n // 6, (False, True): n // 6, (True, True): n // 6}
+    elastic = n // 6 * [(True, False)] + n // 6 * [(False, True)] + n // 6 * [(True, True)]
     if case.plastic:
-        elastic = {(case.axis == "e2", case.axis == "e1"): n // 3}
-    wanted = [(False, False)] * (n - sum(elastic.values()))
-    wanted += [one for one, count in elastic.items() for _ in range(count)]
+        elastic = n // 3 * [(case.axis == "e2", case.axis == "e1")]
+    wanted = (n - len(elastic)) * [(False, False)] + elastic
     sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
     points: list[Point] = []
-    for candidate in sampler.random(_CANDIDATES):
+    for candidate in sampler.random(2**16):  # enough for every class of a regime
         point = _point(case, candidate, wanted[len(points)])
         if border(case, point) >= MARGIN:
             points.append(point)
@@ -137,13 +126,11 @@ def draw(case: Case, n: int, seed: int) -> list[Point]:
 
 def _point(case: Case, unit: Sequence[float], elastic: tuple[bool, bool]) -> Point:
     """Place a candidate of the unit cube in the ranges that are drawn from, in six digits."""
-    mass_ratio, stiffness_ratio = (
-        low * (high / low) ** u for (low, high), u in ((MASS_RATIO, unit[0]), (STIFFNESS_RATIO, unit[3]))
-    )
+    ranges = ((STIFFNESS_RATIO, unit[3]), (MASS_RATIO, unit[0]))
+    ratios = [low * (high / low) ** u for (low, high), u in ranges]
     low, high = RESTITUTION
-    e1, e2 = (1.0 if one else low + (high - low) * u for one, u in zip(elastic, unit[1:3], strict=True))
-    ratios = (float(f"{value:.6g}") for value in (stiffness_ratio, mass_ratio, e1, e2))
-    return Point(*ratios)._replace(**{case.axis: math.nan})
+    ratios += [1.0 if one else low + (high - low) * u for one, u in zip(elastic, unit[1:3], strict=True)]
+    return Point(*(float(f"{value:.6g}") for value in ratios))._replace(**{case.axis: math.nan})
 
 
 def design(n: int, seed: int) -> Frame:
@@ -151,9 +138,8 @@ def design(n: int, seed: int) -> Frame:
     tables = []
     for case in CASES:
         points = draw(case, n, seed)
-        classes = [pair_class(case, point) for point in points]
         table = pd.DataFrame(points, columns=list(AXES)).assign(case=case.key, point=range(n))
-        table["class"] = classes
+        table["class"] = [pair_class(case, point) for point in points]
         limit = {name: table.assign(**case.at(math.inf))[name] for name in AXES}
         closed = solve_batch(**limit, stiffness_ratio_cutoff=math.inf)
         tables.append(table.assign(closed_form_v1=closed.v1, closed_form_v2=closed.v2))

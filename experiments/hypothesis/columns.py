@@ -5,10 +5,9 @@ both, or, at the table, part of the table. The welded column is solved by the sa
 hypothesis under the solver's own law, and on nothing else.
 
 A pair of equal velocities at first, whether it moves or rests, is told apart from one that *meets*, whose own impact
-comes first: welding it takes all the energy of its relative motion, of which a restitution keeps a part.
-
-A dashpot is mapped with the reduced mass of its own two bodies. Where a body is welded to another, the dashpots of its
-other contacts were mapped with its own mass and work against that of both: a lossy Kelvin-Voigt column goes elsewhere.
+comes first: welding it takes all the energy of its relative motion, of which a restitution keeps a part. Dashpots of
+the other contacts of a welded body were mapped with its own mass, and work against that of both: a lossy Kelvin-Voigt
+column goes elsewhere.
 """
 
 from __future__ import annotations
@@ -49,9 +48,9 @@ Place = tuple[Any, str]
 
 
 def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[tuple[Collision, int]]:
-    """Draw columns of so many balls (least, largest) and the contact, from 0, at a place of each.
+    """Draw columns of so many balls (least, largest), and of each the contact at a place, as stiff as the stiffest.
 
-    It is as stiff as the stiffest of the others. A cradle is struck by two balls, and its middle is where.
+    A cradle is struck by two balls, and its middle is where.
     """
     arrangement, where = place
     rng = np.random.default_rng((seed, PLACES.index(place)))
@@ -67,7 +66,7 @@ def draw(place: Place, points: int, balls: tuple[int, int], seed: int) -> list[t
         e = rng.uniform(*RESTITUTION, contacts) if (i + 1) % ELASTIC else np.ones(contacts)
         k[stiff] = np.delete(k, stiff).max()
         masses, k, e = (tuple(each.tolist()) for each in (masses, k, e))
-        columns.append((dataclasses.replace(column, masses=masses, stiffnesses=k, restitutions=e), stiff))
+        columns.append((Collision(masses, k, e, column.velocities, column.table), stiff))
     return columns
 
 
@@ -96,38 +95,39 @@ def of_each_ball(velocities: Sequence[float], contact: int, balls: int) -> tuple
 
 
 def column_outcomes(config: HypothesisConfig) -> Frame:
-    """Solve the columns of a test by its exact solvers: a row a place, solver, column and contrast (`solved`)."""
-    design = config.columns
-    rows = []
+    """Solve the columns of a test by its exact solvers: a row a place, solver, column and contrast."""
+    design, rows = config.columns, []
     for place in PLACES:
         columns = draw(place, design.points, design.balls, config.seed)
         for solver in filter(config.solvers.__contains__, SOLVERS):
-            rows += solved(solver, place, columns, spaced(design.contrast, design.per_decade))
+            for i, (column, contact) in enumerate(columns):
+                known = {"arrangement": place[0], "stiff_contact": place[1], "solver": solver, "column": i}
+                contrasts = spaced(design.contrast, design.per_decade)
+                rows += (known | row for row in _solved(solver, column, contact, contrasts))
     return pd.DataFrame(rows).assign(error=ERROR, decades=design.fit_decades)
 
 
-def solved(
-    solver: str, place: Place, columns: Sequence[tuple[Collision, int]], contrast: Sequence[float]
+def _solved(
+    solver: str, column: Collision, contact: int, contrasts: Sequence[float]
 ) -> Iterator[dict[str, Any]]:
-    """Solve columns drawn at a place at rising contrasts; their closed form is the welded column, ball by ball.
+    """Solve a column at rising contrasts of a contact; the closed form is the welded column, ball by ball.
 
     Velocities are in m/s, the incoming ones being 1; `weights` are the masses per twice the kinetic energy at first.
     """
-    series = [stiffened(*column, x) for column in columns for x in contrast]
-    asked = [*series, *(welded(*column) for column in columns)]
-    outcomes = list(get_solver(solver).solve_many(asked, Settings(mark=False)))
-    for i, (column, contact) in enumerate(columns):
-        weights = np.array(column.masses) / np.dot(column.masses, np.square(column.velocities))
-        form = of_each_ball(outcomes[len(series) + i].velocities, contact, len(column.masses))
-        known: dict[str, Any] = {"arrangement": place[0], "stiff_contact": place[1]}
-        known |= {"meets": column.compression_rates[contact] > 0, "solver": solver, "column": i}
-        known |= {name: getattr(column, name) for name in ("masses", "stiffnesses", "restitutions")}
-        known |= {"class": "elastic" if min(column.restitutions) == 1 else "lossy"}
-        known |= {"incoming": column.velocities, "weights": weights, "closed_form": form}
-        for x, outcome in zip(contrast, outcomes[i * len(contrast) :], strict=False):
-            found = {name: getattr(outcome, name) for name in ("velocities", "status", "reason")}
-            away = distance(weights, np.subtract(outcome.velocities, form))
-            margin = math.inf if outcome.grazing_margin is None else outcome.grazing_margin * math.sqrt(x)
-            grazing = margin < GRAZING
-            used = outcome.status in RESULT_STATUSES and not grazing
-            yield known | found | {"contrast": x, "distance": away, "grazing": grazing, "used": used}
+    asked = [*(stiffened(column, contact, x) for x in contrasts), welded(column, contact)]
+    *outcomes, as_one = get_solver(solver).solve_many(asked, Settings(mark=False))
+    weights = np.array(column.masses) / np.dot(column.masses, np.square(column.velocities))
+    form = of_each_ball(as_one.velocities, contact, len(column.masses))
+    known: dict[str, Any] = {
+        **{name: getattr(column, name) for name in ("masses", "stiffnesses", "restitutions")},
+        **{"incoming": column.velocities, "weights": weights, "closed_form": form},
+        "meets": column.compression_rates[contact] > 0,
+        "class": "elastic" if min(column.restitutions) == 1 else "lossy",
+    }
+    for x, outcome in zip(contrasts, outcomes, strict=True):
+        found = {name: getattr(outcome, name) for name in ("velocities", "status", "reason")}
+        margin = math.inf if outcome.grazing_margin is None else outcome.grazing_margin * math.sqrt(x)
+        grazing = margin < GRAZING
+        found |= {"contrast": x, "distance": distance(weights, np.subtract(outcome.velocities, form))}
+        found |= {"grazing": grazing, "used": outcome.status in RESULT_STATUSES and not grazing}
+        yield known | found

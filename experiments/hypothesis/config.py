@@ -7,33 +7,29 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from impact_xval.compliant_baselines.registry import solver_names
 from impact_xval.experiments.config.axes import Strict, at_most, table, whole
 from impact_xval.experiments.config.errors import read_toml, short, validated
 from impact_xval.experiments.config.experiment import solvers_problem
-from impact_xval.experiments.hypothesis.cases import Case
 
 #: Models and references beside the solvers of every run.
 LAWS = ("kelvin-voigt-anchored", "kelvin-voigt-textbook", "hunt-crossley", "liu-zhao-brogliato")
 
 
-def _up_to(most: str) -> AfterValidator:
-    """Return what checks a range of contrasts; it ends where double precision does, or what a user can wait for."""
-
-    def check(value: tuple[float, float]) -> tuple[float, float]:
-        if not 1 < value[0] < value[1] <= float(most):
-            raise ValueError(f"{short(list(value))}; legal: [lo, hi] with 1 < lo < hi <= {most}")
-        return value
-
-    return AfterValidator(check)
+def _in_order(value: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
+    """Check a range of contrasts; it ends where double precision does."""
+    most = "1e16" if info.field_name == "plastic_contrast" else "1e10"
+    if not 1 < value[0] < value[1] <= float(most):
+        raise ValueError(f"{short(list(value))}; legal: [lo, hi] with 1 < lo < hi <= {most}")
+    return value
 
 
 #: TOML has lists only: they may stand for pairs, whose numbers are no less strict for it.
-_Contrast = Annotated[tuple[float, float], Field(strict=False, description="[lo, hi]"), _up_to("1e10")]
-_Plastic = Annotated[tuple[float, float], Field(strict=False, description="[lo, hi]"), _up_to("1e16")]
-_Engine = Annotated[tuple[float, float], Field(strict=False, description="[lo, hi]"), _up_to("1e6")]
+_Contrast = Annotated[
+    tuple[float, float], Field(strict=False, description="[lo, hi]"), AfterValidator(_in_order)
+]
 _Decades = Annotated[float, Field(ge=1, le=8, description="from 1 to 8 (decades of a fit)")]
 
 
@@ -65,52 +61,32 @@ class HypothesisConfig(Strict):
         default_factory=lambda: [*solver_names(), *LAWS], description="a list of names of solvers, each once"
     )
     contrast: _Contrast = (1e1, 1e8)  # k1/k2 or k2/k1
-    plastic_contrast: _Plastic = (1e1, 1e12)  # 1/e^2
-    engine_contrast: _Engine = (10**0.5, 10**3.5)  # k1/k2 or k2/k1
-    engine_plastic_contrast: _Engine = (1e2, 1e5)  # 1/e^2
+    plastic_contrast: _Contrast = (1e1, 1e12)  # 1/e^2
     per_decade: int = whole(8, 4, 64, " (contrasts in a decade)")
-    engine_per_decade: int = whole(2, 2, 16, " (contrasts in a decade)")
     fit_decades: _Decades = 4.0
-    engine_fit_decades: _Decades = 2.0
-    step_fraction: float = at_most(5e-3, 0.1, "of the stiffer contact's period")
-    tolerance: float = at_most(3e-4, 1, "of |v0|")
-    halvings: int = whole(3, 0, 10, " (of the step)")
     cell_timeout: float = at_most(300.0, 1e6, "s of wall time")
     columns: ColumnsConfig = table(ColumnsConfig)
 
     @field_validator("solvers")
     @classmethod
     def _known(cls, value: list[str]) -> list[str]:
-        problem = solvers_problem(value)
-        if problem:
+        if problem := solvers_problem(value):
             raise ValueError(problem)
         return value
 
-    def contrasts(self, case: Case, *, engines: bool) -> list[float]:
-        """Return the contrasts at which a limit is approached; in a plastic limit exact solvers take half as many."""
-        if engines:
-            ends = self.engine_plastic_contrast if case.plastic else self.engine_contrast
-            return spaced(ends, self.engine_per_decade)
-        if case.plastic:
-            return spaced(self.plastic_contrast, max(4, self.per_decade // 2))
-        return spaced(self.contrast, self.per_decade)
-
 
 def spaced(ends: tuple[float, float], per_decade: int) -> list[float]:
-    """Return contrasts from the upper end down, so many in a decade: to the lower end, or next above it.
-
-    Windows of whole decades end on contrasts then.
-    """
+    """Return contrasts, so many in a decade, down from the upper end: windows of whole decades end on contrasts."""
     low, high = map(math.log10, ends)
     whole = math.floor((high - low) * per_decade + 1e-9)
     return np.logspace(high - whole / per_decade, high, whole + 1).tolist()
 
 
 def load(path: Path | None) -> HypothesisConfig:
-    """Read a configuration; without a path, the built-in one. A `UserError` is one line that says what is illegal."""
+    """Read a configuration; without a path, the built-in one."""
     return parse({} if path is None else read_toml(path), str(path) if path else "built-in hypothesis")
 
 
 def parse(data: dict[str, Any], where: str) -> HypothesisConfig:
-    """Validate a configuration given as plain values; as `load`."""
+    """Validate a configuration given as plain values; a `UserError` is one line that says what is illegal."""
     return validated(HypothesisConfig, data, where)

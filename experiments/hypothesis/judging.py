@@ -44,18 +44,15 @@ from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
 
-#: Rates below this cannot be told from none: over four decades a distance would fall by 2.5.
-LEAST_RATE = 0.1
+#: Least rate: over four decades a distance falls by 2.5. Least fall of the distance, from the median of the first
+#: decade of a window to that of the last: a series that falls by less may as well level out just beyond.
+LEAST_RATE, LEAST_FALL = 0.1, 2.5
 
 #: Distances within so many errors of the solver tell nothing more of the rate.
 FLOOR_ERRORS = 3.0
 
 #: Factor above the fitted line from which an outcome is off it.
 JUMP = 30.0
-
-#: Least fall of the distance, from the median of the first decade of a window to that of the last. A series that
-#: falls by less may as well level out just beyond.
-LEAST_FALL = 2.5
 
 #: Exponents s tried for the approach to the limit.
 EXPONENTS = np.arange(0.1, 3.01, 0.05)
@@ -78,7 +75,6 @@ _ORDER = ("refuted", "no limit", "undecided", "supported")
 #: What is known of a series that has no window.
 _OPEN: dict[str, Any] = {"verdict": "undecided", "reason": "", "consistent": False, "settles": True}
 _OPEN |= dict.fromkeys(("rate", "rate_low", "rate_high", "last", "limit_error", "offset"), math.nan)
-_OPEN |= dict.fromkeys(("window_from", "window_to"), math.nan)
 
 
 class _Window(NamedTuple):
@@ -109,29 +105,26 @@ def judge(series: Frame) -> dict[str, Any]:
     `offset` that of the limit, `consistent` whether it is below three errors of the limit.
     """
     used, first = series[series.used], series.iloc[0]
-    scale, decades = np.sqrt(first.weights), first.decades
+    scale = np.sqrt(first.weights)
     target = np.array(first.closed_form) * scale
     w = np.array(used.velocities.to_list()).reshape(-1, len(scale)) * scale
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
     own = maximum_filter1d(used.error, 3, mode="nearest")
     found = _OPEN | {f"limit_v{i}": math.nan for i in range(1, 1 + len(target))}
     whole = _Window(np.log10(used.contrast.to_numpy()), w, distance(1.0, w - target), own)
-    window = _window(whole, decades)
+    window = _window(whole, first.decades)
     if isinstance(window, str):
         return found | {"reason": window}
-    found |= _limit(window, target, scale, decades)
-    if not found["settles"]:
+    found |= _limit(window, target, scale, first.decades)
+    if found["verdict"] == "refuted" or not found["settles"]:
         return found
-    least = window.D[window.final].min()
-    if found["offset"] > max(3 * found["limit_error"], 0.2 * found["last"]) and least > 0.5 * found["offset"]:
-        return found | {"verdict": "refuted"}
     return found | _rate(window, found["last"])
 
 
 def _window(series: _Window, decades: float) -> _Window | str:
     """Choose the window, or say why there is none."""
     x = series.x
-    span = float(x[-1] - x[0]) if x.size else 0.0
+    span = np.ptp(x) if x.size else 0.0
     if span < decades - _SLACK:
         return f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range"
     above = np.flatnonzero(FLOOR_ERRORS * series.own < series.D)
@@ -139,39 +132,34 @@ def _window(series: _Window, decades: float) -> _Window | str:
     end = x[0] + decades if sunk else x[above[-1]]
     inside = (x >= end - decades - _SLACK) & (x <= end + _SLACK)
     window = _Window(*(each[inside] for each in (x, series.w, series.D, series.own)), sunk=sunk)
-    reach = window.x[-1] - window.x[0]
-    if reach < decades - _SLACK or window.x.size < 2 * decades + 1:
-        return (
-            f"{window.x.size} outcomes over {reach:.2g} decades are too few: results are missing in between"
-        )
+    n, reach = window.x.size, np.ptp(window.x)
+    if reach < decades - _SLACK or n < 2 * decades + 1:
+        return f"{n} outcomes over {reach:.2g} decades are too few: results are missing in between"
     return window
 
 
 def _limit(window: _Window, target: Floats, scale: Floats, decades: float) -> dict[str, Any]:
-    """Find where a series goes, or say that it settles nowhere."""
-    w, D, own, final = window.w, window.D, float(window.own[window.final].max()), window.final
+    """Find where a series goes and whether that refutes the closed form, or say that it settles nowhere."""
+    w, D, final = window.w, window.D[window.final], window.w[window.final]
+    own = window.own[window.final].max()
     limit, limit_error = _extrapolate(window.x, w)
     limit_error = max(limit_error, own)
-    early, late = _diameter(w[window.first]), _diameter(w[final])
+    early, late = _diameter(w[window.first]), _diameter(final)
     restless = late > FLOOR_ERRORS * own and late > early * 10 ** (-LEAST_RATE * (decades - 1))
-    aside = restless and bool(late < 0.1 * D[final].min())
-    if aside:
-        limit, limit_error = w[final].mean(axis=0), late
-    offset = float(distance(1.0, limit - target))
-    found: dict[str, Any] = {
-        "last": float(np.median(D[final])),
-        "limit_error": limit_error,
-        "offset": offset,
-        "consistent": not restless and offset <= 3 * limit_error,
-        "settles": aside or not restless,
-        "window_from": float(10 ** window.x[0]),
-        "window_to": float(10 ** window.x[-1]),
-    }
-    if found["settles"]:
-        return found | {f"limit_v{i}": v for i, v in enumerate((limit / scale).tolist(), 1)}
-    last = D[final]
-    reason = f"it does not settle: in the last decade D runs from {last.min():.3g} to {last.max():.3g}"
-    return found | {"reason": reason, "verdict": "undecided" if np.all(np.diff(D) < 0) else "no limit"}
+    settles = not restless
+    if restless and late < 0.1 * D.min():  # it goes round a place far off
+        settles, limit, limit_error = True, final.mean(axis=0), late
+    offset, last = distance(1.0, limit - target), np.median(D)
+    found = {"last": last, "limit_error": limit_error, "offset": offset, "settles": settles}
+    found |= {"consistent": not restless and offset <= 3 * limit_error}
+    if not settles:
+        reason = f"it does not settle: in the last decade D runs from {D.min():.3g} to {D.max():.3g}"
+        falls = np.all(np.diff(window.D) < 0)
+        return found | {"reason": reason, "verdict": "undecided" if falls else "no limit"}
+    found |= {f"limit_v{i}": v for i, v in enumerate(limit / scale, 1)}
+    if offset > max(3 * limit_error, 0.2 * last) and D.min() > 0.5 * offset:
+        return found | {"verdict": "refuted"}
+    return found
 
 
 def _rate(window: _Window, last: float) -> dict[str, Any]:
@@ -182,10 +170,10 @@ def _rate(window: _Window, last: float) -> dict[str, Any]:
     slope = at_zero = low = high = math.nan
     if x_clear.size >= 3:
         line: Any = theilslopes(log_D, x_clear, alpha=0.95)
-        slope, at_zero, low, high = map(float, line)
+        slope, at_zero, low, high = line
     found: dict[str, Any] = {"rate": -slope, "rate_low": -high, "rate_high": -low}
     off = np.minimum(log_D - at_zero - slope * x_clear, np.diff(log_D, prepend=log_D[:1])) > math.log10(JUMP)
-    jumps = int(np.count_nonzero(off & (x_clear >= 0.5 * (x[0] + x[-1]))))
+    jumps = np.count_nonzero(off & (x_clear >= 0.5 * (x[0] + x[-1])))
     if jumps:
         reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
         return found | {"verdict": "no limit", "reason": reason, "settles": False, "consistent": False}
@@ -194,10 +182,8 @@ def _rate(window: _Window, last: float) -> dict[str, Any]:
         reason = f"it is within the solver's own error ({own:.1g}) of the closed form too soon"
     elif not -high > LEAST_RATE:
         reason = f"the rate {-slope:.2g} ({-high:.2g} to {-low:.2g}) cannot be told from none"
-    elif (fall := float(np.median(D[window.first])) / last) < LEAST_FALL:
-        reason = (
-            f"the distance falls by {fall:.2g} from the first decade of the fit to the last: extend the range"
-        )
+    elif (fall := np.median(D[window.first]) / last) < LEAST_FALL:
+        reason = f"the distance falls by {fall:.2g} from the fit's first decade to its last: extend the range"
     else:
         return found | {"verdict": "supported"}
     return found | {"reason": reason}
@@ -238,12 +224,11 @@ def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
     """Judge every series of outcomes, of pairs or of columns: those with the same `keys`; a row each."""
     rows = []
     for key, series in outcomes.groupby(list(keys), sort=False):
-        lost = series[~series.status.isin(RESULT_STATUSES)]
-        why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in lost.groupby("status")]
+        lost = series[~series.status.isin(RESULT_STATUSES)].groupby("status")
+        why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in lost]
         # The last outcome that is not close; the one after it is the first of those that stay so.
         far = np.flatnonzero(np.r_[True, ~(series.distance <= CLOSE)])[-1]
-        near = [*series.contrast, np.inf][far]
-        more = {"close_from": near, "grazing_left_out": int(series.grazing.sum())}
+        more = {"close_from": [*series.contrast, np.inf][far], "grazing_left_out": series.grazing.sum()}
         more |= {"without_result": "; ".join(why)}
         rows.append(dict(zip(keys, key, strict=True)) | judge(series) | more)
     return pd.DataFrame(rows)
@@ -260,8 +245,7 @@ def verdicts(points: Frame, keys: Sequence[str]) -> Frame:
         supported = any(row["verdict"] == "supported" for row in classes)
         counting = [row for row in classes if not (row["within_error"] and supported)]
         worst = min(counting, key=lambda row: _ORDER.index(row["verdict"]))
-        whole = {"class": "all"} | _gathered(group)
-        whole |= {name: worst[name] for name in ("verdict", "reason")}
+        whole = {"class": "all"} | _gathered(group) | {name: worst[name] for name in ("verdict", "reason")}
         rows += [dict(zip(keys, key, strict=True)) | row for row in (whole, *classes)]
     return pd.DataFrame(rows)
 
@@ -279,31 +263,27 @@ def _gathered(points: Frame) -> dict[str, Any]:
     else:
         verdict = "no limit" if 2 * (points.verdict == "no limit").sum() >= n else "undecided"
         worst = undecided if astray.empty else astray
-        reason = "one point is refuted"
-        if len(worst):
-            reason = f"{len(worst)} of {n} points: {worst.reason.iloc[0]}"
+        reason = (
+            f"{len(worst)} of {n} points: {worst.reason.iloc[0]}" if len(worst) else "one point is refuted"
+        )
     quiet = (points.verdict == "supported") | (points.consistent & points.settles)
     low, high = _interval(supported.rate.to_numpy())
     return {
         "verdict": verdict,
-        "within_error": bool(verdict == "undecided" and quiet.all()),
+        "within_error": verdict == "undecided" and quiet.all(),
         "points": n,
-        "n_supported": len(supported),
-        "n_refuted": len(refuted),
-        "n_undecided": len(undecided),
+        **{"n_supported": len(supported), "n_refuted": len(refuted), "n_undecided": len(undecided)},
         **{"rate": supported.rate.median(), "rate_low": low, "rate_high": high},
         **{"least_rate": supported.rate.min(), "largest_rate": supported.rate.max()},
-        **{"offset_least": refuted.offset.min(), "offset_median": refuted.offset.median()},
-        **{"offset_largest": refuted.offset.max(), "limit_error_largest": refuted.limit_error.max()},
+        **{"offset_least": refuted.offset.min(), "offset_largest": refuted.offset.max()},
         "close_from": points.close_from.median(),
         "reason": reason,
     }
 
 
-def _interval(rates: np.ndarray) -> tuple[float, float]:
+def _interval(rates: Floats) -> tuple[float, float]:
     """95 % bootstrap interval of the median; one rate is legal, which scipy.stats.bootstrap refuses."""
     if not rates.size:
         return np.nan, np.nan
     draws = np.random.default_rng(_SEED).choice(rates, (_RESAMPLES, rates.size))
-    low, high = np.quantile(np.median(draws, axis=1), [0.025, 0.975])
-    return float(low), float(high)
+    return tuple(np.quantile(np.median(draws, axis=1), [0.025, 0.975]))

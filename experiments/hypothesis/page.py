@@ -71,24 +71,16 @@ def _blocks(results: Results) -> list[Block]:
         f"{len(voters(results.solvers))} laws approach {len(CASES)} limits, each at {results.config.points} "
         "collisions or more. Supported: final velocities approach the closed form; refuted: another value."
     )
-    answer = [*_columns_as_one(results)]
-    if MODEL in results.solvers:
-        held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
-        answer.insert(0, f"The model supports it in {len(held)} of {len(CASES)} limits.")
+    held = _wholes(results.verdicts).query("solver == @MODEL and verdict == 'supported'")
+    answer = [f"The model supports it in {len(held)} of {len(CASES)} limits."] * (MODEL in results.solvers)
+    said = " ".join([*answer, *_columns_as_one(results)])
     figure = Figure(
         "distance",
         "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
         "in the limit dt -> 0. A line that levels out goes to another limit",
     )
-    return [
-        question,
-        " ".join(answer),
-        _verdicts(results),
-        figure,
-        LAWS_WITH_LAWS,
-        _more(results),
-        _method(results),
-    ]
+    shown = [question, said, _verdicts(results), figure, LAWS_WITH_LAWS]
+    return [*shown, _more(results), _method(results)]
 
 
 def _grid(rows: Frame, index: Any, columns: str, cell: Callable[[Any], str]) -> Frame:
@@ -116,11 +108,10 @@ def _columns_as_one(results: Results) -> Iterator[str]:
 def _verdicts(results: Results) -> Table:
     """Lay out the verdicts, limit by solver; below the model's law in time, what it shows beside the model."""
     wholes, rows = _wholes(results.verdicts), []
-    words = wholes.set_index(["solver", "case"]).verdict
     for name, *cells in _grid(wholes, "solver", "case", _cell).itertuples():
         rows.append((named(name), *map(Markup, cells)))
         if name == LAW_IN_TIME and MODEL in results.solvers:
-            pairs = [(words[MODEL, case.key], words[name, case.key]) for case in CASES]
+            pairs = zip(*(wholes[wholes.solver == one].verdict for one in (MODEL, name)), strict=True)
             rows.append(("the pair is one by", *(Markup(_MECHANISM.get(pair, "-")) for pair in pairs)))
     caption = (
         f"Verdict, points at which it is reached, and the contrast from which D stays within {percent(CLOSE)}, median; "
@@ -151,9 +142,9 @@ def _draw(results: Results, folder: Path) -> None:
         for ax, case in zip(axes.flat, CASES, strict=True):
             for place, name in enumerate(results.solvers):
                 here = usable[(usable["case"] == case.key) & (usable.solver == name)]
-                by_contrast = here.groupby("contrast").distance.agg(["median", "size"])
-                known = (by_contrast["size"] > here.point.nunique() / 2) & (by_contrast["median"] >= _FLOOR)
-                median, style = by_contrast["median"].where(known), look(name, place)
+                found = here.groupby("contrast").distance.agg(["median", "size"])
+                known = (found["size"] > here.point.nunique() / 2) & (found["median"] >= _FLOOR)
+                median, style = found["median"].where(known), look(name, place)
                 how: dict[str, Any] = {"linestyle": style.dash}
                 if is_engine(name):
                     how = {"linestyle": "none", "marker": style.marker, "markerfacecolor": "none"}
@@ -186,21 +177,19 @@ def over_places(results: Results) -> Iterator[tuple[str, ...]]:
     """Count columns, a row a solver and whether the bodies of the pair meet at first; none without columns."""
     if results.columns.empty:
         return
-    how = dict.fromkeys(["points", "n_supported", "n_refuted"], "sum")
-    how |= {"least_rate": "min", "largest_rate": "max", "offset_least": "min", "offset_largest": "max"}
-    found = _wholes(results.columns).groupby(["solver", "meets"], sort=False).agg(how).reset_index()
-    for row in found.itertuples():
-        counts = (f"{n} of {row.points}" for n in (row.n_supported, row.n_refuted))
-        rates = span((row.least_rate, row.largest_rate), ".2f") if row.n_supported else "-"
-        away = span((row.offset_least, row.offset_largest)) if row.n_refuted else "-"
-        yield row.solver, "meet" if row.meets else "one velocity", *counts, rates, away
+    for (solver, meets), found in _wholes(results.columns).groupby(["solver", "meets"], sort=False):
+        sums = found[["n_supported", "n_refuted", "points"]].sum()
+        counts = (f"{n} of {sums.points}" for n in (sums.n_supported, sums.n_refuted))
+        rates = span((found.least_rate.min(), found.largest_rate.max()), ".2f") if sums.n_supported else "-"
+        away = span((found.offset_least.min(), found.offset_largest.max())) if sums.n_refuted else "-"
+        yield solver, "meet" if meets else "one velocity", *counts, rates, away
 
 
 def _method(results: Results) -> Section:
     """Say what the limits are, what is left out, and how near engines are to the exact solver of their law."""
     outcomes = results.outcomes
     caption = "The limits, m1 = 1 and |v0| = 1. 1/e^2: an end of compression multiplies a stiffness by that"
-    limits = Table(("limit", "contrast", "regime"), CASES, caption, text=3)
+    limits = Table(("limit", "contrast", "regime"), [case[:3] for case in CASES], caption, text=3)
     lost = outcomes[~outcomes.status.isin(RESULT_STATUSES)].groupby(["solver", "status"], sort=False).size()
     words = listed(f"{n} of {named(solver)} ({status})" for (solver, status), n in lost.items())
     said = [

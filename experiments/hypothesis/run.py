@@ -1,7 +1,6 @@
-"""The run: every limit as two lists of cells, which the sweep solves, and what the solvers give there.
+"""The run: the limits as two lists of cells, for exact solvers and engines, which the sweep solves.
 
-Exact solvers go to contrasts of 1e8; engines, whose steps grow as its root, as far as one can wait. Each list is a run
-of its own in the folder of the test (``exact``, ``engines``), and is continued, or read again, as any run is.
+Each is a run of its own in the folder of the test (``exact``, ``engines``), and is continued, or read again, as any is.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from impact_xval.compliant_baselines.registry import engine_free_names
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
-from impact_xval.experiments.hypothesis.cases import BY_KEY, CASES, GRAZING, Frame, design, distance
+from impact_xval.experiments.hypothesis.cases import CASES, GRAZING, Frame, design, distance
 from impact_xval.experiments.hypothesis.columns import column_outcomes
-from impact_xval.experiments.hypothesis.config import HypothesisConfig
+from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
 from impact_xval.experiments.hypothesis.judging import judged, verdicts
 from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.sweep.run import run_sweep
@@ -36,10 +35,9 @@ CONFIGURATION, EXACT, ENGINES = "hypothesis.toml", "exact", "engines"
 #: Rounding of an exact solver's velocities, per abs(v0).
 ROUNDING = 1e-13
 
-#: What is read of a run.
-_VELOCITIES, _LIMITS, _ERRORS = ["v1", "v2"], ["v1_limit", "v2_limit"], ["limit_error", "velocity_error"]
-_COLUMNS = ["cell", "solver", "status", "reason", *_VELOCITIES, *_LIMITS, *_ERRORS]
-_COLUMNS += ["limit_distance", "grazing_margin"]
+#: What is read of a run, and kept; and what of the design.
+_READ = ["v1", "v2", "v1_limit", "v2_limit", "limit_error", "velocity_error"]
+_KEPT = ["solver", "status", "reason", "limit_distance", "grazing_margin"]
 _CLOSED = ["closed_form_v1", "closed_form_v2"]
 
 
@@ -100,10 +98,10 @@ def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
 def _experiment(config: HypothesisConfig, name: str, solvers: list[str], cells: Path) -> Config:
     """Return a run as an experiment; beside engines stand the exact solvers of their laws."""
     laws = {exact_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
-    given = config.model_dump(include={"step_fraction", "cell_timeout"})
-    given |= {"name": f"hypothesis, {name}", "scenario": "impact", "measures": "velocities"}
-    given |= {"solvers": [*solvers, *sorted(laws)], "cells": str(cells), "max_steps": 50_000_000}
-    given |= {"convergence": config.model_dump(include={"tolerance", "halvings"}), "m1": 1.0, "k1": 1.0}
+    given = {"name": f"hypothesis, {name}", "scenario": "impact", "measures": "velocities"}
+    given |= {"solvers": [*solvers, *sorted(laws)], "cells": str(cells), "cell_timeout": config.cell_timeout}
+    given |= {"step_fraction": 5e-3, "max_steps": 50_000_000, "m1": 1.0, "k1": 1.0}
+    given |= {"convergence": {"tolerance": 3e-4, "halvings": 3}}
     # A cut-off would insert the closed form that is tested.
     return parse_config(given | {"stiffness_ratio_cutoff": math.inf})
 
@@ -114,10 +112,17 @@ def listed(config: HypothesisConfig, run: str) -> Frame:
     Contrasts vary more slowly than points: neighbours take about as many steps.
     """
     points = design(config.points, config.seed)
+    ranges = {
+        (EXACT, False): spaced(config.contrast, config.per_decade),
+        (EXACT, True): spaced(config.plastic_contrast, max(4, config.per_decade // 2)),
+        # Steps grow as the root of the contrast: as far as one can wait.
+        (ENGINES, False): spaced((10**0.5, 10**3.5), 2),
+        (ENGINES, True): spaced((1e2, 1e5), 2),
+    }
     cells = [
         points[points["case"] == case.key].assign(contrast=x, **case.at(x))
         for case in CASES
-        for x in config.contrasts(case, engines=run == ENGINES)
+        for x in ranges[run, case.plastic]
     ]
     return pd.concat(cells, ignore_index=True)
 
@@ -127,15 +132,14 @@ def results(config: HypothesisConfig, root: Path) -> Results:
     found, versions = [], {}
     for name, solvers in _runs(config).items():
         folder = finished(root / name)
-        rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=_COLUMNS)
+        rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=["cell", *_KEPT, *_READ])
         rows = rows[rows.solver.isin(solvers) & (rows.status != "unavailable")]
-        outcomes = _outcomes(rows.merge(listed(config, name), left_on="cell", right_index=True))
-        decades = config.engine_fit_decades if name == ENGINES else config.fit_decades
-        found.append(outcomes.assign(decades=decades))
+        rows = rows.merge(listed(config, name), left_on="cell", right_index=True)
+        found.append(rows.assign(decades=2.0 if name == ENGINES else config.fit_decades))
         if name == ENGINES:
             versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}
-    order = [*BY_KEY, *in_order_of_laws(config.solvers)]
-    outcomes = pd.concat(found).sort_values(
+    order = [*(case.key for case in CASES), *in_order_of_laws(config.solvers)]
+    outcomes = _outcomes(pd.concat(found)).sort_values(
         ["case", "solver", "point", "contrast"],
         key=lambda column: column.map(order.index) if column.name in ("case", "solver") else column,
         ignore_index=True,
@@ -151,18 +155,18 @@ def results(config: HypothesisConfig, root: Path) -> Results:
 
 def _outcomes(found: Frame) -> Frame:
     """Make the table of outcomes: engines by their limit dt -> 0, and which of all can be used."""
-    at_no_step = found[_LIMITS].notna().all(axis=1)
+    limits, velocities = (found[names].to_numpy() for names in (["v1_limit", "v2_limit"], ["v1", "v2"]))
+    at_no_step = ~np.isnan(limits).any(axis=1)
     there = found.status.isin(RESULT_STATUSES) | (at_no_step & (found.status == "unconverged"))
-    v = np.where(at_no_step.to_numpy()[:, None], found[_LIMITS], found[_VELOCITIES])
-    v = np.where(there.to_numpy()[:, None], v, np.nan)
+    v = np.where(there.to_numpy()[:, None], np.where(at_no_step[:, None], limits, velocities), np.nan)
     form, weights = found[_CLOSED].to_numpy(), np.column_stack([np.ones(len(found)), found.mass_ratio])
     root = np.where(found["case"].str.startswith("plastic"), 1.0, np.sqrt(found.contrast))
     grazing = there & (found.grazing_margin.fillna(np.inf) * root < GRAZING)
-    return found.drop(columns=["cell", *_ERRORS, *_VELOCITIES, *_LIMITS]).assign(
+    return found.drop(columns=["cell", *_READ]).assign(
         velocities=v.tolist(),
         closed_form=form.tolist(),
         weights=weights.tolist(),
-        error=np.maximum(found[_ERRORS].max(axis=1).fillna(0.0), ROUNDING),
+        error=found[["limit_error", "velocity_error"]].max(axis=1).fillna(0.0).clip(lower=ROUNDING),
         distance=distance(weights, v - form),
         used=there & ~grazing,
         grazing=grazing,

@@ -42,6 +42,7 @@ ENGINES = ("mujoco", "pybullet")
 
 #: Columns of the tables by their name in the golden values: what they are called now, or None where they were dropped.
 COLUMNS = dict.fromkeys(("verdict_redrawn", "share_supported_redrawn", "share_refuted_redrawn"))
+COLUMNS |= dict.fromkeys(("offset_median", "limit_error_largest", "window_from", "window_to"))
 
 _STATES = {"S1": "1+2", "S2": "2", "S3": "1", "S4": "-"}
 _LONGEST = 40  # states that are written out

@@ -74,6 +74,7 @@ SERIES = {
     "engine elsewhere": (lambda x, i: 0.3 + 1 / x, ENGINE | {"error": 1e-4}, "refuted", ""),
     # An engine that is 1e-3 off whatever the contrast, and says so, refutes nothing.
     "error of an engine": (lambda x, i: 1e-3 + 0.5 / x, ENGINE | {"error": 1e-3}, "undecided", "own error"),
+    "at the closed form": (lambda x, i: 0 * x, {}, "undecided", "own error"),
     # One class refuted refutes the whole.
     "one class": (lambda x, i: (0.1 if i % 3 == 0 else 0.0) + 0.1 / x, {}, "refuted", ""),
 }
@@ -87,5 +88,5 @@ def test_a_verdict_is_given_where_the_series_carries_one(name):
     assert whole.verdict == verdict
     assert reason in whole.reason
     assert name != "rings, and fades" or whole.rate == pytest.approx(1, abs=0.1)  # that of its envelope
-    assert whole.within_error == (name == "error of an engine")
+    assert whole.within_error == (reason == "own error")
     assert name != "one class" or [*rows.verdict[[*CLASSES]]] == ["refuted", "supported", "supported"]
