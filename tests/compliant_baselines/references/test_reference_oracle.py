@@ -98,3 +98,15 @@ def test_frozen_is_free_where_no_contact_returns(law):
     assert once.sum() > 300
     assert apart[once].max() < 1e-12
     assert np.mean(apart[~once] > 1e-3) > 0.5
+
+
+def test_the_lower_ball_comes_to_rest_while_its_dashpot_carries_nothing():
+    cell, number = (1.036, 5.21, 0.8159, 0.308), 0.01818
+    batch = BATCHES["kelvin-voigt"](*cell, number)
+    (b,) = dampings("kelvin-voigt", *([x] for x in cell)).T
+    answer = integrate(
+        Collision.from_ratios(*cell), "kelvin-voigt", b, gravity=number * math.sqrt(1 + 1 / cell[1])
+    )
+    assert (answer.end, end_of(batch)) == ("rest", "rest")
+    assert (batch.v1, batch.v2) == pytest.approx(answer.velocities, abs=1e-9)
+    assert batch.diagnostics["duration"] == pytest.approx(answer.duration, abs=1e-7)
