@@ -206,7 +206,7 @@ def table(name):
 
 
 #: Columns that tell a row.
-KEYS = ("cell", "solver", "case", "class", "cells", "axis", "value", "measure")
+KEYS = ("cell", "solver", "case", "class", "measure")
 #: Columns of words for a reader, of which only is compared whether there are any.
 PROSE = ("reason", "marked", "sentence", "without_result")
 #: Tolerance of numbers of tables, those of engines 1e-9.
@@ -230,21 +230,18 @@ def table_misses(where, found):
     golden = table(where)
     misses, rows = [], len(next(iter(golden.values())))
     for name, expected in golden.items():
-        now = adapter.COLUMNS.get(name, name)
-        if now is None:
+        if name in adapter.DROPPED:
             continue
-        if now not in found or len(found[now]) != rows:
+        if name not in found or len(found[name]) != rows:
             misses.append(
-                f"{where}: {name}: {'another number of rows' if now in found else 'no such column'}"
+                f"{where}: {name}: {'another number of rows' if name in found else 'no such column'}"
             )
             continue
-        for i, (x, y) in enumerate(zip(expected, found[now], strict=True)):
+        for i, (x, y) in enumerate(zip(expected, found[name], strict=True)):
             if name in PROSE:
                 x, y = str(bool(x)), str(bool(y))
             if x != y:
-                row = " ".join(
-                    golden[key][i] for key in golden if key in ("cell", "solver", "case", "class", "measure")
-                )
+                row = " ".join(golden[key][i] for key in golden if key in KEYS)
                 misses += field_misses(
                     f"{where}, row {i} ({row})", name, x, y, golden.get("solver", [""] * rows)[i]
                 )

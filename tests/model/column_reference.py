@@ -1,7 +1,9 @@
-"""An independent solution of columns: plain event-driven integration in time with scipy.
+"""An independent solution of columns by any law: plain event-driven integration in time with scipy.
 
 Shares nothing with the package but the parameters. The unknowns are velocities of balls and deformations of contacts,
-the integrator is DOP853, events are found by sign changes on its dense output.
+each from its contact's present surface: of a contact that a hundred ends of compression made 1e9 times as stiff, a
+height above the first touch would keep no digit of the force. The integrator is DOP853, events are found by sign
+changes on its dense output, between steps too short to hold two.
 """
 
 import math
@@ -12,117 +14,190 @@ from scipy.integrate import solve_ivp
 
 #: A contact that is stiffer than its neighbours by this factor, and pressed by them, is taken for rigid.
 RIGID = 1e11
+#: Rates and energies this little above zero are zero, by rounding.
+ZERO = 1e-14
+
+JME, LZB = "jia-mason-erdmann", "liu-zhao-brogliato"
+OPEN, LOADED, SLACK, COMPRESSION, RESTITUTION = "", "loaded", "slack", "compression", "restitution"
 
 
 class Answer(NamedTuple):
     velocities: tuple[float, ...]
     states: tuple[tuple[int, ...], ...]
-    limit: bool
+    limit: bool  # whether a contact became rigid
+    end: str  # "free", or in a drop "rest" of the lower ball or "stuck"
+    duration: float
 
 
 class _Run:
-    """A column under way: bodies (groups of balls, the table as one of infinite mass) and contacts between them."""
+    """A column under way: bodies (groups of balls, the table as one of infinite mass) and contacts between them.
 
-    def __init__(self, column, exponent, stiffens):
-        self.p, self.stiffens = exponent, stiffens
+    Where positions are frozen a contact without force begins anew, from no depth, where its bodies approach.
+    """
+
+    def __init__(self, column, law, b, gravity, frozen):
+        self.law, self.p, self.g, self.t = law, column.exponent, gravity, 0.0
+        self.frozen = frozen or law in (JME, LZB)
+        self.dashpots = law in ("kelvin-voigt", "hunt-crossley")
         self.inverse = [1 / m for m in column.masses] + [0.0] * column.table
         self.v = [*column.velocities] + [0.0] * column.table
-        self.k, self.k0, self.e = (
-            list(column.stiffnesses),
-            list(column.stiffnesses),
-            list(column.restitutions),
-        )
+        self.k, self.k0 = list(column.stiffnesses), list(column.stiffnesses)
+        self.e = list(column.restitutions)
+        self.b = list(b if self.dashpots else [0.0] * len(self.k))
+        self.delta = [-gap for gap in column.gaps]
+        if gravity:  # the lower ball has settled
+            self.delta[-1] = column.masses[-1] * gravity / self.k[-1]
         self.number = list(range(1, len(self.k) + 1))
         self.body = list(range(len(column.masses)))
-        self.delta = [0.0] * len(self.k)
         self.rigid = set()
-        self.phase = ["c" if self.rate(i) > 0 else "" for i in range(len(self.k))]
-        for order in (range(1, len(self.k)), range(len(self.k) - 2, -1, -1)):
+        self.phase = [OPEN] * len(self.k)
+        begins = LOADED if self.dashpots else COMPRESSION
+        for order in (range(len(self.k)), range(len(self.k) - 1, -1, -1)):
             for i in order:
-                beside = i - 1 if order.step > 0 else i + 1
-                if self.rate(i) == 0 and self.phase[beside]:
-                    self.phase[i] = "c"
+                beside = i - order.step
+                pressed = 0 <= beside < len(self.k) and self.phase[beside]
+                if self.delta[i] >= 0 and (self.rate(i) > 0 or (self.rate(i) == 0 and pressed)):
+                    self.phase[i] = begins
 
     def rate(self, i):
         return self.v[i + 1] - self.v[i]
 
+    def acts(self, i):
+        return self.phase[i] not in (OPEN, SLACK)
+
     def force(self, i):
-        if not (0 <= i < len(self.k) and self.phase[i]):
-            return 0.0
-        return self.k[i] * max(self.delta[i], 0.0) ** self.p
+        """Of a spring; dashpots are never asked."""
+        inside = 0 <= i < len(self.k) and self.acts(i)
+        return self.k[i] * max(self.delta[i], 0.0) ** self.p if inside else 0.0
 
     def acting(self):
-        return tuple(sorted({self.number[i] for i, phase in enumerate(self.phase) if phase} | self.rigid))
+        return tuple(sorted({self.number[i] for i in range(len(self.k)) if self.acts(i)} | self.rigid))
 
     def rhs(self):
-        n = len(self.k)
-        k = np.array([self.k[i] if self.phase[i] else 0.0 for i in range(n)])
-        on = np.array([1.0 if phase else 0.0 for phase in self.phase])
-        inverse, p = np.array(self.inverse), self.p
-        forces = np.zeros(n + 2)
+        n, p = len(self.k), self.p
+        on = np.array([float(self.acts(i)) for i in range(n)])
+        k, b, moves = on * self.k, on * self.b, on if self.frozen else np.ones(n)
+        inverse = np.array(self.inverse)
+        falls, forces = -self.g * (inverse > 0), np.zeros(n + 2)
 
         def f(_, y):
-            forces[1:-1] = k * np.maximum(y[n + 1 :], 0.0) ** p if p != 1 else k * y[n + 1 :]
-            return np.concatenate([inverse * (forces[1:] - forces[:-1]), on * (y[1 : n + 1] - y[:n])])
+            delta, rate = y[n + 1 :], y[1 : n + 1] - y[:n]
+            depth = np.maximum(delta, 0.0) if p != 1 else delta
+            forces[1:-1] = k * depth**p
+            if self.law == "kelvin-voigt":
+                forces[1:-1] += b * depth ** (0.5 * (p - 1)) * rate
+            elif self.law == "hunt-crossley":
+                forces[1:-1] *= 1 + b * rate
+            return np.concatenate([inverse * (forces[1:] - forces[:-1]) + falls, moves * rate])
 
         return f
 
+    def pushes(self, i, depth, rate):
+        """A number of the sign of a dashpot's force."""
+        if self.law == "hunt-crossley":
+            return 1 + self.b[i] * rate
+        return self.k[i] * max(depth, 0.0) ** (0.5 * (self.p + 1)) + self.b[i] * rate if self.b[i] else depth
+
+    def ends(self, i):
+        """What ends the phase of a contact: functions of depth and rate that fall through zero, the phase after."""
+        spent, returns = (lambda d, w: d, OPEN), (lambda d, w: -w if self.frozen else -d)
+        phase = self.phase[i]
+        if phase == OPEN:
+            return [(returns, LOADED if self.dashpots else COMPRESSION)]
+        if phase == LOADED:
+            ends = [(lambda d, w: self.pushes(i, d, w), SLACK)]
+            return [*ends, spent] if self.law == "hunt-crossley" else ends
+        if phase == SLACK:
+            return [(lambda d, w: -self.pushes(i, d, w), LOADED), spent]
+        return (
+            [(lambda d, w: w, RESTITUTION)]
+            if phase == COMPRESSION
+            else [(lambda d, w: -w, COMPRESSION), spent]
+        )
+
     def watched(self):
-        n = len(self.k)
-        found = []
+        """Functions of time and y that fall through zero, each with the contact and the phase that it changes to."""
+        n, found = len(self.k), []
         for i, phase in enumerate(self.phase):
-            sign = 1.0 if phase == "c" else -1.0
-            # A contact that its neighbours have hardly loaded yet has a rate of either sign, by rounding.
-            unloaded = 1e-14 * self.largest(i) if phase == "c" else -math.inf
-            found.append(
-                (
-                    i,
-                    "rate",
-                    lambda t, y, i=i, sign=sign, unloaded=unloaded: (
-                        sign * (y[i + 1] - y[i]) + 1e-13 * (y[n + 1 + i] < unloaded)
-                    ),
-                )
-            )
-            if phase == "r":
-                found.append((i, "spent", lambda t, y, i=i: y[n + 1 + i]))
-        for _, _, f in found:
-            f.terminal, f.direction = True, -1
+            # A contact that its neighbours have hardly loaded yet has a rate and a force of either sign, by rounding.
+            unloaded = 1e-14 * self.largest(i) if phase in (LOADED, COMPRESSION) else -math.inf
+            for f, after in self.ends(i):
+
+                def event(_, y, i=i, f=f, unloaded=unloaded):
+                    return f(y[n + 1 + i], y[i + 1] - y[i]) + 1e-13 * (y[n + 1 + i] < unloaded)
+
+                found.append((event, i, after))
+        if self.g and not self.acts(0) and self.acts(n - 1) and self.rate(0) < -1e-13:
+            # The table lifts the lower ball: the rate at which the balls part only falls.
+            found.append((lambda _, y: y[0] - y[1], 0, "level"))
+        for j in range(0 if all(map(self.acts, range(n))) else 1, n) if self.g else ():
+            if self.energy_to_unload(j, np.array([*self.v, *self.delta])) > ZERO:
+                found.append((lambda _, y, j=j: self.energy_to_unload(j, y), j, "rest"))
+        for event, _, _ in found:
+            event.terminal, event.direction = True, -1
         return found
 
+    def energy_to_unload(self, j, y):
+        """Twice the energy of bodies j and below beyond the least that can unload a contact of theirs."""
+        n = len(self.k)
+        m, k = 1 / np.array(self.inverse[j:n]), np.array(self.k[j:])
+        carried = self.g * np.cumsum(m) / k
+        energies = m * y[j:n] ** 2 + k * (y[n + 1 + j :] - carried) ** 2
+        return energies.sum() - (k * carried**2).min()
+
+    def over(self):
+        n, y = len(self.k), np.array([*self.v, *self.delta])
+        clear = [not self.acts(i) and (self.g == 0 or self.delta[i] <= ZERO) for i in range(n)]
+        if all(clear) and all(self.rate(i) <= ZERO for i in range(n)):
+            return "free"
+        for j in range(n) if self.g else ():
+            if j == 0:
+                alone = all(map(self.acts, range(n)))
+            else:
+                alone = all(clear[:j]) and all(self.rate(i) <= ZERO for i in range(j)) and self.v[0] >= 0
+            if alone and self.energy_to_unload(j, y) <= ZERO:
+                self.v[j:] = [0.0] * (n + 1 - j)
+                return "rest" if j else "stuck"
+        return ""
+
     def frequency(self):
-        most = max(
+        """Highest frequency of the contacts that push, or may soon."""
+        squares = [
             (self.inverse[i] + self.inverse[i + 1])
             * self.k[i]
             * (self.p * max(self.delta[i], self.largest(i)) ** (self.p - 1) if self.p != 1 else 1)
             for i in range(len(self.k))
             if self.phase[i]
-        )
-        return 1.5 * math.sqrt(most)
+        ]
+        return 1.5 * math.sqrt(max(squares, default=0.0))
 
     def largest(self, i):
         """Deformation that all the energy of a relative motion at unit speed would give, roughly."""
         inverse = self.inverse[i] + self.inverse[i + 1]
         return ((self.p + 1) / (2 * inverse * self.k[i])) ** (1 / (self.p + 1))
 
-    def apply(self, i, kind):
+    def apply(self, i, after):
         """Apply the law; whether the bodies were united."""
-        e, p = self.e[i], self.p
-        if kind == "spent":
-            self.phase[i], self.delta[i] = "", 0.0
+        e, p, before = self.e[i], self.p, self.phase[i]
+        if after == "rest":
             return False
-        self.v[i] = self.v[i + 1] = self.mean(i)
-        if not self.phase[i]:
-            self.phase[i], self.delta[i] = "c", 0.0
-            self.k[i] = self.k[i] if self.stiffens else self.k0[i]
-        elif self.phase[i] == "r":
-            self.phase[i] = "c"
-            if not self.stiffens:
-                self.k[i], self.delta[i] = self.k0[i], self.delta[i] / e**2
-        else:
+        if after in ("level", COMPRESSION, RESTITUTION) and (before or self.frozen or after == "level"):
+            self.v[i] = self.v[i + 1] = self.mean(i)
+        if after == "level":
+            return False
+        if after == SLACK and (self.frozen or self.delta[i] <= 1e-12):
+            after = OPEN
+        self.phase[i] = after
+        if OPEN in (before, after):
+            self.delta[i] = 0.0
+        if before == RESTITUTION and after == COMPRESSION and self.law == LZB:
+            self.delta[i] /= e**2
+        if after == COMPRESSION and self.law == LZB:
+            self.k[i] = self.k0[i]
+        if after == RESTITUTION:
             if e > 0:
-                self.phase[i] = "r"
                 self.k[i], self.delta[i] = self.k[i] / e ** (2 * p), self.delta[i] * e**2
-            if e == 0 or (self.stiffens and e < 1 and self.is_rigid(i)):
+            if e == 0 or (self.law != LZB and e < 1 and self.is_rigid(i)):
                 self.unite(i)
                 return True
         return False
@@ -136,8 +211,12 @@ class _Run:
 
     def is_rigid(self, i):
         a, b = self.inverse[i], self.inverse[i + 1]
-        static = (a * self.force(i - 1) + b * self.force(i + 1)) / (a + b)
-        beside = [self.stiffness(j) for j in (i - 1, i + 1) if self.force(j) > 0]
+        static = (a * self.force(i - 1) + b * self.force(i + 1) + self.g * (b == 0)) / (a + b)
+        beside = [
+            self.stiffness(j)
+            for j in (i - 1, i + 1)
+            if 0 <= j < len(self.k) and (self.force(j) > 0 or self.g)
+        ]
         return bool(beside) and self.force(i) < 3 * static and self.stiffness(i) > RIGID * max(beside)
 
     def unite(self, i):
@@ -146,40 +225,47 @@ class _Run:
         self.v[i + 1] = self.mean(i)
         self.inverse[i + 1] = 1 / (1 / a + 1 / b) if a and b else 0.0
         del self.v[i], self.inverse[i]
-        for values in (self.k, self.k0, self.e, self.delta, self.phase, self.number):
+        for values in (self.k, self.k0, self.e, self.b, self.delta, self.phase, self.number):
             del values[i]
         self.body = [body - (body > i) for body in self.body]
 
 
-def integrate(column, exponent=1.0, stiffens=True, resolution=0.1, most=5000, least=0.0):
-    """Final velocities and acting contacts of a column whose rates are about 1, or once all are below `least`."""
-    run = _Run(column, exponent, stiffens)
+def integrate(
+    column, law=JME, b=(), *, gravity=0.0, frozen=False, resolution=0.1, rtol=1e-12, most=5000, least=0.0
+):
+    """Follow a column whose rates are about 1 to its end, or until all are below `least`.
+
+    `b` holds c or a of each contact, in SI units. Gravity is for two balls on a table, in units m1 = k1 = |v0| = 1.
+    """
+    run = _Run(column, law, b, gravity, frozen)
     states, limit = [run.acting()], False
     for _ in range(most):
-        if not any(run.phase) or np.abs([*run.v, *run.delta]).max() < least:
-            ended = states if not states[-1] else [*states, ()]
-            return Answer(tuple(run.v[b] for b in run.body), tuple(ended), limit)
+        end = run.over()
+        if end or np.abs([*run.v, *run.delta]).max() < least:
+            ended = [*states, ()] if end == "free" and states[-1] else states
+            return Answer(tuple(run.v[b] for b in run.body), tuple(ended), limit, end, run.t)
         n = len(run.k)
-        watched = run.watched()
-        step = resolution / run.frequency()
-        scale = [1.0] * (n + 1) + [run.largest(i) for i in range(n)]
+        if run.g and not any(map(run.acts, range(n))) and max(run.delta) <= ZERO:
+            run.g = 0.0  # the first flight: from here on the bodies no longer fall
+        watched, fastest = run.watched(), run.frequency()
+        step = resolution / fastest if fastest else 0.3 if run.g else 1.0
         done = solve_ivp(
             run.rhs(),
             (0, 1e4 * step),
             np.array([*run.v, *run.delta]),
             method="DOP853",
-            rtol=1e-12,
-            atol=1e-15 * np.array(scale),
-            events=[f for _, _, f in watched],
-            max_step=step,
+            rtol=rtol,
+            atol=1e-15 * np.array([1.0] * (n + 1) + [run.largest(i) for i in range(n)]),
+            events=[event for event, _, _ in watched],
+            max_step=step if fastest or run.g else np.inf,
             first_step=1e-3 * step,
         )
         assert done.success, done.message
         run.v, run.delta = list(done.y[: n + 1, -1]), list(done.y[n + 1 :, -1])
-        hit = [(t[0], w) for t, w in zip(done.t_events, watched, strict=True) if t.size]
+        run.t += done.t[-1]
+        hit = [(t[0], *which) for t, (_, *which) in zip(done.t_events, watched, strict=True) if t.size]
         if hit:
-            _, (i, kind, _) = min(hit, key=lambda x: x[0])
-            limit |= run.apply(i, kind)
+            limit |= run.apply(*min(hit)[1:])
         if run.acting() != states[-1]:
             states.append(run.acting())
     raise AssertionError(f"not over after {most} events")

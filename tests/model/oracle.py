@@ -86,17 +86,12 @@ class Answer(NamedTuple):
 def solve_oracle(
     c: Collision, *, stiffness_ratio_cutoff: float = SUPPLEMENT_CUTOFF, first_step: float | None = None
 ) -> Answer:
-    r"""Integrate one collision in impulse space: finite, positive k2/k1 within the cut-off; e1, e2 > 0.
+    """Integrate one collision in impulse space: finite, positive k2/k1 within the cut-off; e1, e2 > 0.
 
-    Parameters
-    ----------
-    c : Collision
-    stiffness_ratio_cutoff : float
-        In S1, once the running k2/k1 exceeds this or falls below its inverse, the supplement's closed form (3.4)
-        finishes the collision, as it is printed: status ``limit``. `model.solve` first lets a stiff contact that still
-        holds energy part its bodies, which for e below about 0.03 shows at the order of 1/stiffness_ratio_cutoff.
-    first_step : float, optional
-        The paper's finite first step instead of the series: the impulse I1 after it, per m1 \|v0\|.
+    In S1, once the running k2/k1 exceeds the cut-off or falls below its inverse, the supplement's closed form (3.4)
+    finishes the collision, as it is printed: status `limit`. `model.solve` first lets a stiff contact that still holds
+    energy part its bodies, which for e below about 0.03 shows at the order of 1/stiffness_ratio_cutoff. `first_step`
+    is the impulse after the paper's finite first step, in place of the series.
     """
     run = _Run(c.stiffness_ratio, c.mass_ratio, (c.e1, c.e2))
     run.start(first_step)
@@ -272,20 +267,10 @@ def straight_first_step(kappa: float, mu: float, I1: float) -> tuple[float, floa
 
 
 def first_fall(values: NDArray[np.float64], fresh: bool) -> tuple[float, int]:
-    """First root, as a fraction of the step, at which one of the watched polynomials falls through zero.
+    """First root, as a fraction of the step, at which a polynomial falls through zero, and its row (-1 if none does).
 
-    Parameters
-    ----------
-    values : ndarray, shape (n, 8)
-        Of the polynomials at `NODES`.
-    fresh : bool
-        Whether this is the first step after an event: whatever triggered that one starts at zero and rises.
-
-    Returns
-    -------
-    fraction : float
-    which : int
-        Row of `values`, or -1 if none falls.
+    `values` (n, 8) are those of the polynomials at `NODES`; `fresh` says that this is the first step after an event:
+    whatever triggered that one starts at zero and rises.
     """
     first, which = math.inf, -1
     for row, coefficients in enumerate(values @ _TO_BERNSTEIN.T):

@@ -12,9 +12,9 @@ from impact_xval.experiments.config.cells import Block
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures.ladder import contributions_of
 from impact_xval.experiments.measures.ladder_rows import NO_LIMIT
-from tests.compliant_baselines.column_in_time import integrate
 from tests.compliant_baselines.reference_cells import coefficients_of
 from tests.experiments.ladders import ladder_rows
+from tests.model.column_reference import integrate
 from tests.model.columns import solved
 
 NAMES = [c.name for c in contributions_of(gravity=False)]
@@ -92,7 +92,7 @@ def test_corners_are_those_of_an_integration_in_time():
             ("frozen_asked", "kelvin-voigt", True),
             ("free_energetic", "bistiffness", False),
         ):
-            expected = integrate(column, law, 1, coefficients_of(column, law, 1), frozen=frozen)
+            expected = integrate(column, law, coefficients_of(column, law, 1), frozen=frozen).velocities
             assert of_balls(row, corner + "_v{}", each.balls) == pytest.approx(expected, abs=1e-8), corner
 
 
