@@ -63,39 +63,24 @@ class TooManyImpactsError(RuntimeError):
 
 @dataclass
 class Line:
-    """Balls in a line, between impacts.
+    """Balls in a line, between impacts."""
 
-    Attributes
-    ----------
-    mass, v : ndarray, shape (N,)
-        In kg and m/s.
-    e, gaps, impulse : ndarray, shape (C,)
-        Restitutions, gaps in m, impulses so far in N s.
-    touching : ndarray of bool, shape (C,)
-        Contacts whose gap is closed.
-    tiny : float
-        Relative velocity in m/s that counts as none.
-    time : float
-        In s.
-    impacts, left : int
-        Impacts so far, and how many more are followed.
-    fresh : bool
-        Whether no impact has been at this instant.
-    slowest : float
-        Lowest rate of approach of an impact so far, in m/s.
-    points : list
-        Time, velocities, impulses and acting contacts at the start and after each impact.
-    """
-
+    #: In kg, and m/s; shape (N,).
     mass: Floats
-    e: Floats
     v: Floats
+    #: Restitutions, and gaps in m; shape (C,).
+    e: Floats
     gaps: Floats
+    #: Relative velocity in m/s that counts as none.
     tiny: float
+    #: How many more impacts are followed.
     left: int
     table: bool
+    #: Contacts whose gap is closed, shape (C,).
     touching: Bools = field(init=False)
+    #: In s.
     time: float = 0.0
+    #: How many so far, whether there has been none at this instant, and their lowest rate of approach in m/s.
     impacts: int = 0
     fresh: bool = True
     slowest: float = np.inf
@@ -106,6 +91,7 @@ class Line:
         self.touching, self.impulse = self.gaps <= self.smallest, np.zeros(contacts)
         below = np.append(1 / self.mass, 0.0)
         self.diagonal, self.off = (below[:-1] + below[1:])[:contacts], -below[1:contacts]
+        # Time, velocities, impulses in N s and acting contacts at the start and after each impact.
         self.points = [(0.0, self.v.copy(), self.impulse.copy(), self.touching.copy())]
 
     @property
@@ -245,26 +231,8 @@ LAWS: dict[str, Callable[[Line], None]] = {
 def follow(collision: Collision, law: str, most: int = 100_000) -> Line:
     """Follow balls by a rigid law until no contact approaches; stiffnesses play no part.
 
-    Parameters
-    ----------
-    collision : Collision
-        With its gaps, if any.
-    law : str
-        One of `LAWS`.
-    most : int
-        Impacts after which it is given up.
-
-    Returns
-    -------
-    Line
-        The balls at the end, velocities and impulses exact to rounding.
-
-    Raises
-    ------
-    ValueError
-        For an unknown law, or unequal restitutions where it has one for all contacts.
-    TooManyImpactsError
-        If it was not over after that many impacts.
+    Velocities and impulses at the end are exact to rounding. A ValueError says that the law is unknown, or has one
+    restitution for all contacts and is given several; a TooManyImpactsError that it was not over after `most` impacts.
     """
     c = collision
     if law not in LAWS:
@@ -272,7 +240,7 @@ def follow(collision: Collision, law: str, most: int = 100_000) -> Line:
     if law == "generalised-reflection" and len(set(c.restitutions)) > 1:
         raise ValueError(f"restitutions = {c.restitutions}: {law} has one e for all contacts")
     fastest = max(map(abs, c.velocities))
-    arrays = (np.array(each) for each in (c.masses, c.restitutions, c.velocities, c.gaps))
+    arrays = (np.array(each) for each in (c.masses, c.velocities, c.restitutions, c.gaps))
     line = Line(*arrays, tiny=TINY * fastest, left=most, table=c.table)
     while True:
         while line.approaching().any():

@@ -14,7 +14,7 @@ _ENDLESS = "bodies come to rest together after infinitely many impacts"
 
 
 class RigidLaw(OneByOne):
-    """A law of `rigid.laws`; stiffnesses, exponents and steps do not concern it.
+    """A law of `rigid.laws`, by its name; stiffnesses, exponents and steps do not concern it.
 
     Impacts take no time: the states are the contacts that touch at first, and none. `n_events` is the number of
     impacts, ``duration`` the time of the last one in s; status ``limit`` where a sequence of infinitely many impacts
@@ -60,39 +60,3 @@ def path_of(points: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]], end:
     time, velocities, impulses, acting = (np.array(each) for each in zip(*points, strict=True))
     velocities[-1], acting[-1] = end, False
     return Path(time, velocities, impulses, np.zeros_like(impulses), acting)
-
-
-class NewtonRestitution(RigidLaw):
-    """Newton's restitution at all touching contacts at once."""
-
-    name = law = "newton-restitution"
-
-
-class PoissonRestitution(RigidLaw):
-    """Poisson's restitution: compression at all touching contacts, then e times its impulses."""
-
-    name = law = "poisson-restitution"
-
-
-class SequentialTop(RigidLaw):
-    """Single impacts, of those that approach the topmost first."""
-
-    name = law = "sequential-top"
-
-
-class SequentialBottom(RigidLaw):
-    """Single impacts, of those that approach the lowest first."""
-
-    name = law = "sequential-bottom"
-
-
-class GeneralisedReflection(RigidLaw):
-    """The generalised reflections of Smith et al. (2012); one e for all contacts."""
-
-    name = law = "generalised-reflection"
-
-
-class PlasticThenRestitution(RigidLaw):
-    """The plastic impact of all touching contacts, then a sweep of restitution over those that approached."""
-
-    name = law = "plastic-then-restitution"
