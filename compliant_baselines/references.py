@@ -265,12 +265,15 @@ class ReferenceSolver(ExactSolver):
 class StateTransitionSolver(ExactSolver):
     """The state-transition model; of the settings it knows the cut-off, the threshold of marks and the path only.
 
-    It has no gravity and no step: `impact` and `drop` are the same collision to it.
+    It has no gravity and no step: `impact` and `drop` are the same collision to it. Under the name of their law it is
+    that of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the same diagram: bistiffness with energetic
+    restitution, positions frozen, as in the primary model; but every compression runs at the original stiffness
+    (`pair.law`). It equals the primary model exactly until a contact compresses a second time, and is `limit` also
+    where the bodies come to rest together after infinitely many events.
     """
 
     name = law = "state-transition"
     kind = "model"
-    impact_law = "jia-mason-erdmann"
 
     def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
         """Answer collisions of one kind; gaps are ``unrepresentable``."""
@@ -279,20 +282,9 @@ class StateTransitionSolver(ExactSolver):
             return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
         outcomes = solving.solve_many(
             collisions,
-            law=self.impact_law,
+            law="jia-mason-erdmann" if self.name == "state-transition" else self.name,
             stiffness_ratio_cutoff=settings.stiffness_ratio_cutoff,
             grazing_threshold=settings.grazing_threshold,
             paths=settings.record_path,
         )
         return replace(outcomes, solver=self.name)
-
-
-class LiuZhaoBrogliatoSolver(StateTransitionSolver):
-    """The impact law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the same diagram.
-
-    Bistiffness with energetic restitution, positions frozen, as in the primary model; but every compression runs at the
-    original stiffness (`pair.law`). It equals the primary model exactly until a contact compresses a second time.
-    `limit` also where the bodies come to rest together after infinitely many events.
-    """
-
-    name = law = impact_law = "liu-zhao-brogliato"

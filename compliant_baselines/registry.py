@@ -44,16 +44,12 @@ _USUAL = ("state-transition", "bistiffness", KELVIN_VOIGT, "mujoco", "pybullet",
 #: Engines whose scene can be written down, to be run without this package or to be examined.
 _EXPORTABLE = ("mujoco", "pybullet")
 
-#: Engines of which a step costs ten times that of the others.
-_COSTLY = ("drake",)
-
 #: Steps of practice, over the shorter contact period, at which MuJoCo and PyBullet are solvers of their own.
 STEPS = (0.01, 0.03, 0.1)
 
 #: Exact solvers, by class: the name of each is that of its law.
 _EXACT: dict[tuple[str, Kind], tuple[str, ...]] = {
-    ("references:StateTransitionSolver", "model"): ("state-transition",),
-    ("references:LiuZhaoBrogliatoSolver", "model"): ("liu-zhao-brogliato",),
+    ("references:StateTransitionSolver", "model"): ("state-transition", "liu-zhao-brogliato"),
     ("references:ReferenceSolver", "reference"): (
         "bistiffness",
         KELVIN_VOIGT,
@@ -62,7 +58,7 @@ _EXACT: dict[tuple[str, Kind], tuple[str, ...]] = {
         "compression-dashpot",
         "hunt-crossley",
     ),
-    ("rigid.solvers:RigidLaw", "reference"): (
+    ("rigid.laws:RigidLaw", "reference"): (
         "newton-restitution",
         "poisson-restitution",
         "sequential-top",
@@ -173,11 +169,6 @@ def is_engine(name: str) -> bool:
 def law_of(name: str) -> str | None:
     """Name of the exact solver of the law a solver has or is asked for; None if there is none."""
     return _known(name).law
-
-
-def is_costly(name: str) -> bool:
-    """Whether a step costs ten times that of other engines; not known, and so not, outside this project."""
-    return name in _COSTLY
 
 
 def is_mapped(name: str) -> bool:

@@ -11,7 +11,7 @@ from platform import python_version
 from types import MappingProxyType
 from typing import Any
 
-from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
+from impact_xval.compliant_baselines.engines.convergence import estimate_limits
 from impact_xval.compliant_baselines.engines.packages import import_quietly, version_of
 from impact_xval.compliant_baselines.engines.scene import (
     BEYOND,
@@ -145,9 +145,13 @@ class Engine(Solver):
         )
         ends = {}
         for i, (limit, reason) in zip(over, limits, strict=True):
-            outcomes[i] = with_limit(outcomes[i], limit, reason)
+            outcome = outcomes[i]
+            if reason and outcome.status == "ok":
+                outcome = replace(outcome, status="unconverged", reason=reason)
             if limit is not None:
+                outcome = replace(outcome, diagnostics={**outcome.diagnostics, **limit.stated})
                 ends[i] = limit.flight, limit.rest
+            outcomes[i] = outcome
         return ends
 
 
@@ -191,12 +195,3 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
         requested=c.requested,
         effective=run.effective,
     )
-
-
-def with_limit(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
-    """Add to an outcome the limit dt -> 0, and why it is not converged, if it is not; its own numbers stay."""
-    if reason and outcome.status == "ok":
-        outcome = replace(outcome, status="unconverged", reason=reason)
-    if limit is None:
-        return outcome
-    return replace(outcome, diagnostics={**outcome.diagnostics, **limit.stated})

@@ -97,20 +97,21 @@ class Pybullet(Engine):
         largest = scene.fastest * sum(scene.masses)
         if largest > LARGEST_IMPULSE:
             return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
-        if 2 * math.sqrt(3) * _radius(scene) <= LARGEST_BODY:
+        radius = self.radius(scene)
+        if 2 * math.sqrt(3) * radius <= LARGEST_BODY:
             return None
         return (
-            f"penetrations ask for balls of radius {_radius(scene):.3g} m: "
+            f"penetrations ask for balls of radius {radius:.3g} m: "
             f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; scale stiffnesses, masses or v0 (Theorem 5)"
         )
 
     def radius(self, scene: Scene) -> float:
         """As `Engine.radius`."""
-        return _radius(scene)
+        return radius_of(scene.depth([pair.stiffness for pair in _pairs(scene)]))
 
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""
-        return PybulletWorld(self._client, scene)
+        return PybulletWorld(self._client, scene, self.radius(scene))
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -124,10 +125,10 @@ class PybulletWorld(World):
 
     longest_leap = STRIDE
 
-    def __init__(self, client: int, scene: Scene) -> None:
+    def __init__(self, client: int, scene: Scene, radius: float) -> None:
         p = self._p = import_quietly("pybullet")
         self._client, self._step, self._stride, self._falls = client, scene.step, 0, scene.gravity > 0
-        pairs, on, radius = _pairs(scene), {"physicsClientId": client}, _radius(scene)
+        pairs, on = _pairs(scene), {"physicsClientId": client}
         self._places = scene.places(radius)
         self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness if scene.settled else 0.0
         self.heights = self._x = scene.start(radius, self.rest)
@@ -254,10 +255,6 @@ def _pairs(scene: Scene) -> list[Side]:
         return carried
     bodies = shared_out(carried[0], carried[1], scene.mapping)
     return [above.against(below) for above, below in pairwise(bodies)]
-
-
-def _radius(scene: Scene) -> float:
-    return radius_of(scene.depth([pair.stiffness for pair in _pairs(scene)]))
 
 
 def _iterations(scene: Scene, pairs: list[Side]) -> int:

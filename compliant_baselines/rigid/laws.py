@@ -37,12 +37,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from impact_xval.model.collision import Collision, Floats
+from impact_xval.compliant_baselines.solver import OneByOne, Settings
+from impact_xval.model.collision import Collision, Floats, Outcome, Path, name_of_set
 
 Bools = NDArray[np.bool_]
 
@@ -55,6 +58,9 @@ TINY_GAP = 1e-12
 #: Rate of approach over the largest speed from which on a sequence of impacts counts as one without end: single impacts
 #: of a finite sequence are not that slow.
 ENDLESS = 1e-9
+
+
+_ENDLESS = "bodies come to rest together after infinitely many impacts"
 
 
 class TooManyImpactsError(RuntimeError):
@@ -201,28 +207,19 @@ def plastic_first(line: Line) -> None:
     line.strike(impulse)
 
 
-def _single(line: Line, place: int) -> None:
+def single(line: Line, place: int) -> None:
+    """Apply the single impact of a contact that approaches, the topmost (place 0) or the lowest (-1) of them."""
     i = np.flatnonzero(line.approaching())[place]
     impulse = np.zeros(line.e.size)
     impulse[i] = -(1 + line.e[i]) * line.u[i] / line.diagonal[i]
     line.strike(impulse)
 
 
-def topmost(line: Line) -> None:
-    """Apply the single impact of the topmost contact that approaches."""
-    _single(line, 0)
-
-
-def lowest(line: Line) -> None:
-    """Apply the single impact of the lowest contact that approaches."""
-    _single(line, -1)
-
-
 LAWS: dict[str, Callable[[Line], None]] = {
     "newton-restitution": newton,
     "poisson-restitution": poisson,
-    "sequential-top": topmost,
-    "sequential-bottom": lowest,
+    "sequential-top": partial(single, place=0),
+    "sequential-bottom": partial(single, place=-1),
     "generalised-reflection": reflection,
     "plastic-then-restitution": plastic_first,
 }
@@ -251,3 +248,52 @@ def follow(collision: Collision, law: str, most: int = 100_000) -> Line:
     # Impulses of the balance of momentum, so that they go with the velocities to the last bit.
     line.impulse = np.cumsum(line.mass * (line.v - c.velocities))[: line.e.size]
     return line
+
+
+class RigidLaw(OneByOne):
+    """One of `LAWS` as a solver, by its name: to rigid engines what Kelvin-Voigt contacts are to compliant ones.
+
+    Stiffnesses, exponents and steps do not concern it. Impacts take no time: the states are the contacts that touch at
+    first, and none. `n_events` is the number of impacts, ``duration`` the time of the last one in s; status ``limit``
+    where a sequence of infinitely many impacts was ended (`ENDLESS`).
+    """
+
+    kind = "reference"
+
+    def version(self) -> str:
+        """Version of this project: what is exact is its own."""
+        return version("impact-xval")
+
+    def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
+        """Answer one collision."""
+        c = collision
+        if settings.scenario != "impact":
+            reason = f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
+            return Outcome.failure(self.name, c, "unrepresentable", reason)
+        try:
+            line = follow(c, self.name, min(settings.max_steps, 100_000))
+        except TooManyImpactsError as error:
+            return Outcome.failure(self.name, c, "timeout", str(error))
+        except ValueError as error:
+            return Outcome.failure(self.name, c, "unrepresentable", str(error))
+        endless = line.slowest < ENDLESS / TINY * line.tiny
+        touching = sum(1 << int(i) for i in np.flatnonzero(line.points[0][3]))
+        paper = c.table and len(c.masses) == 2
+        return Outcome(
+            self.name,
+            tuple(line.v.tolist()),
+            tuple(line.impulse.tolist()),
+            (name_of_set(touching, paper), name_of_set(0, paper))[not touching :],
+            "limit" if endless else "ok",
+            _ENDLESS if endless else "",
+            n_events=line.impacts,
+            diagnostics={"duration": line.time},
+            path=path_of(line.points, line.v) if settings.record_path else None,
+        )
+
+
+def path_of(points: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]], end: np.ndarray) -> Path:
+    """Give the path through the points of a line; velocities at the end as they are reported."""
+    time, velocities, impulses, acting = (np.array(each) for each in zip(*points, strict=True))
+    velocities[-1], acting[-1] = end, False
+    return Path(time, velocities, impulses, np.zeros_like(impulses), acting)

@@ -52,7 +52,7 @@ def test_solvers_are_told_of_without_importing_them_and_made_without_importing_e
         "engines = ('mujoco', 'pydrake', 'pybullet')\n"
         "def there(*parts): return [m for m in sys.modules if m.startswith(engines) or any(p in m for p in parts)]\n"
         "names = r.solver_names(on_request=True); r.exportable_names()\n"
-        "told = [(r.kind_of(n), r.law_of(n), r.is_costly(n)) for n in names]; print(there('baselines.engines.'))\n"
+        "told = [(r.kind_of(n), r.law_of(n)) for n in names]; print(there('baselines.engines.'))\n"
         "made = [r.get_solver(n) for n in names]; print(there())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
