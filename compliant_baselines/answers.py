@@ -21,18 +21,9 @@ _HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 
 
 def answer(solver: Solver, collisions: Sequence[Collision], settings: Settings) -> Sequence[Outcome]:
-    """Call a solver; an exception or a wrong number of outcomes is ``crashed`` for the collision at fault alone.
+    """Call a solver: one outcome a collision, in order, `Outcomes` as its own solvers give them.
 
-    Parameters
-    ----------
-    solver : Solver
-    collisions : sequence of Collision
-    settings : Settings
-
-    Returns
-    -------
-    sequence of Outcome
-        One for each collision, in order; `Outcomes` as its own solvers give them.
+    An exception or a wrong number of outcomes is ``crashed`` for the collision at fault alone.
     """
     reason = why_unavailable(solver)
     if reason is not None:

@@ -1,14 +1,7 @@
 """Whether a solver keeps the contract: checks that its author can run, each named by what it demands.
 
-From the command line, for a solver that is installed: ``impact-xval solvers NAME``. In the author's own tests:
-
-    import pytest
-    from impact_xval.compliant_baselines.conformance import checks
-    from my_package.adapter import MyEngine
-
-    @pytest.mark.parametrize("check", checks(MyEngine.law), ids=lambda check: check.__name__)
-    def test_contract(check):
-        check(MyEngine())
+From the command line, for a solver that is installed: ``impact-xval solvers NAME``; in the author's own tests `checks`,
+one test each (docs/adding-a-solver.md).
 
 A check raises `NonConformingError`, whose message says what was found and what the contract demands (rule numbers are
 those of `solver`). Numbers are held against the exact solvers of this package, never against the solver's own.

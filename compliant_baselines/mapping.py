@@ -44,13 +44,7 @@ class Contact:
     def from_restitution(
         cls, k: float, e: float, mass: float, mapping: MappingName = "calibrated"
     ) -> Contact:
-        """Make the contact of stiffness k that gives restitution e to a pair of this reduced mass, alone.
-
-        Raises
-        ------
-        ValueError
-            For e outside (0, 1].
-        """
+        """Make the contact of stiffness k that gives restitution e in (0, 1] to a pair of this reduced mass, alone."""
         zeta = textbook_damping_ratio(e) if mapping == "naive" else damping_ratio(e)
         return cls(k, 2 * zeta * math.sqrt(k) * math.sqrt(mass), mass)
 
@@ -144,17 +138,11 @@ def mujoco_contact(
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """What a body, or a side of it, carries in an engine that combines those of two bodies.
+    """What a body, or a side of it, carries in an engine that combines those of two bodies."""
 
-    Attributes
-    ----------
-    stiffness : float
-        In N/m: PyBullet's `contactStiffness`, Drake's "point_contact_stiffness".
-    dissipation : float
-        PyBullet's `contactDamping` c in N s/m; "relaxation_time" c/k in s under Drake's `kSap`.
-    """
-
+    #: In N/m: PyBullet's `contactStiffness`, Drake's "point_contact_stiffness".
     stiffness: float
+    #: PyBullet's `contactDamping` c in N s/m; "relaxation_time" c/k in s under Drake's `kSap`.
     dissipation: float
 
     def against(self, other: Side) -> Side:

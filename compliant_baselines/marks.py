@@ -83,15 +83,9 @@ def marks_of(
 ) -> NDArray[np.object_]:
     """Say of each collision, shape (n,), why its outcome means little, in one sentence; empty where it does not.
 
-    Parameters
-    ----------
-    law, name
-        The exact law of a solver, or that it was asked for, and its name.
-    collisions, exact, gravity
-        With their outcomes by that law, and gravity in m/s^2, shape (n,).
-    ends : dict, optional
-        Of drops by their position whether the engine's run that decides on them had a first flight, and whether B2 came
-        to rest on the table.
+    The law, and its name, is that of a solver, or that it was asked for; `exact` are its outcomes, gravity is in m/s^2,
+    shape (n,). Of drops `ends` says by their position whether the engine's run that decides on them had a first flight,
+    and whether B2 came to rest on the table.
     """
     says = np.full(len(collisions), "", dtype=object)
     if not len(collisions):
@@ -125,13 +119,8 @@ def jumps(
     (`_suspects`), and by screens, which change all parameters at once (`_SCREENS`). The thresholds are measured:
     `benchmarks/limits.py screens` counts the marks that are lost.
 
-    Returns
-    -------
-    excess : ndarray, shape (n,)
-        The largest change of a velocity over what `JUMPS` says: above 1 it is a jump. Infinite if a change leaves no
-        result, NaN where the collision itself has none, 0 where no change was tried.
-    which : ndarray of int, shape (n,)
-        Which of `TRIED` gives it.
+    Gives the largest change of a velocity over what `JUMPS` says, shape (n,), and which of `TRIED` makes it: above 1 it
+    is a jump. Infinite if a change leaves no result, NaN where the collision itself has none, 0 where none was tried.
     """
     solved = exact.has_result  # one that was given up may have taken a second, and would at every try
     once, twice, near = (solved & flags for flags in _suspects(collisions, exact, gravity))

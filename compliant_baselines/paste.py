@@ -110,14 +110,8 @@ for i, (v, there) in enumerate(zip({read}, TABLE), 1):
 def paste(engine: str, contact: Contact, step: float) -> tuple[Mapping[str, Any], str]:
     """Give an engine's parameters of a contact and the text to paste.
 
-    The parameters are under the engine's own names, in SI units; the text is MJCF or Python, with the time step in s.
-
-    Raises
-    ------
-    SolverError
-        If the engine cannot take the numbers.
-    ValueError
-        If no such engine is known here.
+    The parameters are under the engine's own names, in SI units; the text is MJCF or Python, with the time step in s. A
+    SolverError says that the engine cannot take the numbers, a ValueError that no such engine is known here.
     """
     if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")

@@ -81,31 +81,18 @@ def solve(
     paths: bool = False,
     max_steps: int = MAX_PIECES,
 ) -> Outcomes:
-    """Solve collisions by a law in time.
+    """Solve collisions by a law in time, one of `LAWS`, with their gaps, if any.
 
-    Parameters
-    ----------
-    collisions, law
-        With their gaps, if any; one of `LAWS`.
-    frozen : bool
-        Whether positions are frozen, as in the model: a contact that has opened returns where its bodies begin to
-        approach. Such collisions have no gaps.
-    gravity : array_like, shape (n,) or ()
-        In m/s^2; above 0 is a drop, of two balls on a table, the lower one settled (`chain.rest`).
-    states, paths : bool
-        Whether outcomes carry their states and paths.
-    max_steps : int
-        Pieces of segments after which a collision is given up.
+    Where positions are `frozen`, as in the model, a contact that has opened returns where its bodies begin to approach;
+    such collisions have no gaps. `gravity` is in m/s^2, shape (n,) or (): above 0 is a drop, of two balls on a table,
+    the lower one settled (`chain.rest`). A collision is given up after `max_steps` pieces of segments.
 
-    Returns
-    -------
-    Outcomes
-        Status ``ok``, ``limit`` (bistiffness: bodies were united or brought to rest by a closed form), ``timeout``
-        after `max_steps`, or ``unrepresentable`` for e_i = 0, stiffnesses of 0 or infinity, masses or stiffnesses too
-        far apart. Exact to rounding where the forces are linear; else ``velocity_error`` estimates the error of
-        velocities in m/s, by how much a run at 100 times the tolerance differs. Of drops, ``first_flight`` is when
-        gravity ended, in s, and ``rest_speed`` the velocity in m/s that a B2 at rest on the table still had; it and
-        impulses count as without. ``duration`` is in s.
+    Statuses are ``ok``, ``limit`` (bistiffness: bodies were united or brought to rest by a closed form), ``timeout``,
+    or ``unrepresentable`` for e_i = 0, stiffnesses of 0 or infinity, masses or stiffnesses too far apart. Exact to
+    rounding where the forces are linear; else ``velocity_error`` estimates the error of velocities in m/s, by how much
+    a run at 100 times the tolerance differs. Of drops, ``first_flight`` is when gravity ended, in s, and ``rest_speed``
+    the velocity in m/s that a B2 at rest on the table still had; it and impulses count as without. ``duration`` is in
+    s.
     """
     if law not in LAWS:
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
@@ -252,7 +239,7 @@ class ExactSolver(Solver):
 
 
 class ReferenceSolver(ExactSolver):
-    """A law in time as a solver; `step_fraction`, `shortest_state` and `mapping` do not concern it."""
+    """A law in time as a solver, by the name of the law; `step_fraction`, `shortest_state`, `mapping` do not matter."""
 
     kind = "reference"
 
@@ -275,51 +262,18 @@ class ReferenceSolver(ExactSolver):
         return outcomes.with_marks(marks.marks_of(law, self.name, collisions, outcomes, gravity))
 
 
-class BistiffnessSolver(ReferenceSolver):
-    """The bistiffness law."""
-
-    name = law = "bistiffness"
-
-
-class KelvinVoigtSolver(ReferenceSolver):
-    """Kelvin-Voigt contacts, c_i from the reduced mass of the pair."""
-
-    name = law = "kelvin-voigt"
-
-
-class AnchoredKelvinVoigtSolver(ReferenceSolver):
-    """Kelvin-Voigt contacts, c_1 from the mass of the upper ball alone."""
-
-    name = law = "kelvin-voigt-anchored"
-
-
-class TextbookKelvinVoigtSolver(ReferenceSolver):
-    """Kelvin-Voigt contacts, c_i from the textbook's zeta, which is that of a contact that may pull."""
-
-    name = law = "kelvin-voigt-textbook"
-
-
-class CompressionDashpotSolver(ReferenceSolver):
-    """Springs, and dashpots that act in compression only."""
-
-    name = law = "compression-dashpot"
-
-
-class HuntCrossleySolver(ReferenceSolver):
-    """Hunt-Crossley contacts, F = max(0, k delta^p (1 + a delta'))."""
-
-    name = law = "hunt-crossley"
-
-
 class StateTransitionSolver(ExactSolver):
     """The state-transition model; of the settings it knows the cut-off, the threshold of marks and the path only.
 
-    It has no gravity and no step: `impact` and `drop` are the same collision to it.
+    It has no gravity and no step: `impact` and `drop` are the same collision to it. Under the name of their law it is
+    that of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the same diagram: bistiffness with energetic
+    restitution, positions frozen, as in the primary model; but every compression runs at the original stiffness
+    (`pair.law`). It equals the primary model exactly until a contact compresses a second time, and is `limit` also
+    where the bodies come to rest together after infinitely many events.
     """
 
     name = law = "state-transition"
     kind = "model"
-    impact_law = "jia-mason-erdmann"
 
     def solve_alike(self, collisions: Collisions, settings: Settings) -> Outcomes:
         """Answer collisions of one kind; gaps are ``unrepresentable``."""
@@ -328,20 +282,9 @@ class StateTransitionSolver(ExactSolver):
             return Outcomes.failures(self.name, collisions, "unrepresentable", reason)
         outcomes = solving.solve_many(
             collisions,
-            law=self.impact_law,
+            law="jia-mason-erdmann" if self.name == "state-transition" else self.name,
             stiffness_ratio_cutoff=settings.stiffness_ratio_cutoff,
             grazing_threshold=settings.grazing_threshold,
             paths=settings.record_path,
         )
         return replace(outcomes, solver=self.name)
-
-
-class LiuZhaoBrogliatoSolver(StateTransitionSolver):
-    """The impact law of Liu, Zhao and Brogliato (Proc. R. Soc. A 464:3193, 2008) on the same diagram.
-
-    Bistiffness with energetic restitution, positions frozen, as in the primary model; but every compression runs at the
-    original stiffness (`pair.law`). It equals the primary model exactly until a contact compresses a second time.
-    `limit` also where the bodies come to rest together after infinitely many events.
-    """
-
-    name = law = impact_law = "liu-zhao-brogliato"

@@ -27,99 +27,75 @@ from impact_xval.model.collision import Collision, Outcome
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A solver, as far as it can be told without importing it.
+    """A solver, as far as it can be told without importing it."""
 
-    Attributes
-    ----------
-    module, cls : str
-        Where its class is; the module below `compliant_baselines`.
-    kind, law : str
-        As of `Solver`.
-    on_request : bool
-        Whether it runs only where it is asked for by name.
-    costly : bool
-        Whether a step of it costs ten times that of the other engines.
-    exportable : bool
-        Whether the scene it runs can be written down, to be run without this package or to be examined.
-    as_set : mapping
-        Settings that are its own, whatever is configured: of an engine as people use it.
-    """
-
-    module: str
-    cls: str
+    #: Module below `compliant_baselines` and class.
+    where: str
+    #: As of `Solver`.
     kind: Kind = "compliant"
     law: str | None = KELVIN_VOIGT
-    on_request: bool = False
-    costly: bool = False
-    exportable: bool = False
+    #: Settings that are its own, whatever is configured: of an engine as people use it.
     as_set: Mapping[str, Any] = field(default_factory=dict)
 
+
+#: Solvers that run unless others are asked for by name.
+_USUAL = ("state-transition", "bistiffness", KELVIN_VOIGT, "mujoco", "pybullet", "drake")
+
+#: Engines whose scene can be written down, to be run without this package or to be examined.
+_EXPORTABLE = ("mujoco", "pybullet")
 
 #: Steps of practice, over the shorter contact period, at which MuJoCo and PyBullet are solvers of their own.
 STEPS = (0.01, 0.03, 0.1)
 
-_SHIPPED = {"mapping": "shipped", "convergence": None}
-_EXACT, _HUNT = "references", "hunt-crossley"
-_ANCHORED, _TEXTBOOK, _LIU = "kelvin-voigt-anchored", "kelvin-voigt-textbook", "liu-zhao-brogliato"
-_COMPRESSION = "compression-dashpot"
-_MUJOCO, _PYBULLET, _DRAKE = (f"engines.{name}" for name in ("mujoco", "pybullet", "drake"))
-_RIGID_LAWS = {
-    "newton-restitution": "NewtonRestitution",
-    "poisson-restitution": "PoissonRestitution",
-    "sequential-top": "SequentialTop",
-    "sequential-bottom": "SequentialBottom",
-    "generalised-reflection": "GeneralisedReflection",
-    "plastic-then-restitution": "PlasticThenRestitution",
-}
-
-#: Rigid engines, by name: module below `compliant_baselines.rigid`, and class.
-_RIGID_ENGINES = {
-    "pymunk": ("pymunk", "Pymunk"),
-    "dart": ("dart", "Dart"),
-    "rapier": ("rapier", "Rapier"),
-    "pybullet-restitution": ("bullet", "PybulletRestitution"),
-    "sapien": ("sapien", "Sapien"),
-}
-
-# In the order in which tables list the solvers; those on request after all others.
-_ENTRIES: dict[str, Entry] = {
-    "state-transition": Entry(_EXACT, "StateTransitionSolver", "model", "state-transition"),
-    "bistiffness": Entry(_EXACT, "BistiffnessSolver", "reference", "bistiffness"),
-    KELVIN_VOIGT: Entry(_EXACT, "KelvinVoigtSolver", "reference"),
-    "mujoco": Entry(_MUJOCO, "Mujoco", exportable=True),
-    "pybullet": Entry(_PYBULLET, "Pybullet", exportable=True),
-    "drake": Entry(_DRAKE, "Drake", costly=True),
-    _ANCHORED: Entry(_EXACT, "AnchoredKelvinVoigtSolver", "reference", _ANCHORED, on_request=True),
-    _TEXTBOOK: Entry(_EXACT, "TextbookKelvinVoigtSolver", "reference", _TEXTBOOK, on_request=True),
-    _COMPRESSION: Entry(_EXACT, "CompressionDashpotSolver", "reference", _COMPRESSION, on_request=True),
-    _HUNT: Entry(_EXACT, "HuntCrossleySolver", "reference", _HUNT, on_request=True),
-    _LIU: Entry(_EXACT, "LiuZhaoBrogliatoSolver", "model", _LIU, on_request=True),
-    **{
-        name: Entry("rigid.solvers", cls, "reference", name, on_request=True)
-        for name, cls in _RIGID_LAWS.items()
-    },
-    **{
-        name: Entry(f"rigid.{module}", cls, "rigid", None, on_request=True)
-        for name, (module, cls) in _RIGID_ENGINES.items()
-    },
-    "mujoco-naive": Entry(_MUJOCO, "Mujoco", on_request=True, as_set={"mapping": "naive"}),
-    "pybullet-naive": Entry(_PYBULLET, "Pybullet", on_request=True, as_set={"mapping": "naive"}),
-    "mujoco:documented": Entry(_MUJOCO, "Mujoco", on_request=True, as_set={"mapping": "documented"}),
-    "mujoco:default": Entry(_MUJOCO, "Mujoco", "compliant", None, on_request=True, as_set=_SHIPPED),
-    "pybullet:default": Entry(
-        "rigid.bullet", "PybulletRestitution", "rigid", None, on_request=True, as_set=_SHIPPED
+#: Exact solvers, by class: the name of each is that of its law.
+_EXACT: dict[tuple[str, Kind], tuple[str, ...]] = {
+    ("references:StateTransitionSolver", "model"): ("state-transition", "liu-zhao-brogliato"),
+    ("references:ReferenceSolver", "reference"): (
+        "bistiffness",
+        KELVIN_VOIGT,
+        "kelvin-voigt-anchored",
+        "kelvin-voigt-textbook",
+        "compression-dashpot",
+        "hunt-crossley",
     ),
+    ("rigid.laws:RigidLaw", "reference"): (
+        "newton-restitution",
+        "poisson-restitution",
+        "sequential-top",
+        "sequential-bottom",
+        "generalised-reflection",
+        "plastic-then-restitution",
+    ),
+}
+_MUJOCO, _PYBULLET = "engines.mujoco:Mujoco", "engines.pybullet:Pybullet"
+_RIGID_BULLET = "rigid.bullet:PybulletRestitution"
+_NAIVE, _SHIPPED = {"mapping": "naive"}, {"mapping": "shipped", "convergence": None}
+
+_ENTRIES: dict[str, Entry] = {
+    **{name: Entry(where, kind, name) for (where, kind), names in _EXACT.items() for name in names},
+    "mujoco": Entry(_MUJOCO),
+    "pybullet": Entry(_PYBULLET),
+    "drake": Entry("engines.drake:Drake"),
+    "drake-hunt-crossley": Entry("engines.drake:DrakeHuntCrossley", law="hunt-crossley"),
+    "newton": Entry("engines.newton:Newton", law="compression-dashpot"),
+    "pymunk": Entry("rigid.pymunk:Pymunk", "rigid", None),
+    "dart": Entry("rigid.dart:Dart", "rigid", None),
+    "rapier": Entry("rigid.rapier:Rapier", "rigid", None),
+    "sapien": Entry("rigid.sapien:Sapien", "rigid", None),
+    "pybullet-restitution": Entry(_RIGID_BULLET, "rigid", None),
+    "mujoco-naive": Entry(_MUJOCO, as_set=_NAIVE),
+    "pybullet-naive": Entry(_PYBULLET, as_set=_NAIVE),
+    "mujoco:documented": Entry(_MUJOCO, as_set={"mapping": "documented"}),
+    "mujoco:default": Entry(_MUJOCO, law=None, as_set=_SHIPPED),
+    "pybullet:default": Entry(_RIGID_BULLET, "rigid", None, _SHIPPED),
     **{
-        f"{name}:step-{step:g}": Entry(
-            module, cls, on_request=True, as_set={"step_fraction": step, "convergence": None}
-        )
-        for name, module, cls in (("mujoco", _MUJOCO, "Mujoco"), ("pybullet", _PYBULLET, "Pybullet"))
+        f"{name}:step-{step:g}": Entry(where, as_set={"step_fraction": step, "convergence": None})
+        for name, where in (("mujoco", _MUJOCO), ("pybullet", _PYBULLET))
         for step in STEPS
     },
-    "drake-hunt-crossley": Entry(_DRAKE, "DrakeHuntCrossley", law=_HUNT, on_request=True),
-    "newton": Entry("engines.newton", "Newton", law=_COMPRESSION, on_request=True),
 }
 
+# In the order in which tables list the solvers; the usual ones before all others.
 _DESCRIPTIONS = {
     "state-transition": "the state-transition model, exact: impulses alone, positions stand still",
     "bistiffness": "the model's law in time, exact: springs of two stiffnesses, positions that move",
@@ -127,11 +103,11 @@ _DESCRIPTIONS = {
     "mujoco": "MuJoCo, its contacts mapped to spring and dashpot",
     "pybullet": "PyBullet, its contacts mapped to spring and dashpot",
     "drake": "Drake in discrete time, its contacts mapped to spring and dashpot",
-    _ANCHORED: "spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
-    _TEXTBOOK: "spring and dashpot, exact, damped as a contact that may pull",
-    _COMPRESSION: "spring, and dashpot in compression only, exact",
-    _HUNT: "Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
-    _LIU: "the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
+    "kelvin-voigt-anchored": "spring and dashpot, exact, ball on ball damped for the mass of the upper ball",
+    "kelvin-voigt-textbook": "spring and dashpot, exact, damped as a contact that may pull",
+    "compression-dashpot": "spring, and dashpot in compression only, exact",
+    "hunt-crossley": "Hunt and Crossley's contacts on linear springs, damping in proportion to the depth",
+    "liu-zhao-brogliato": "the impact law of Liu, Zhao and Brogliato (2008) on the diagram of the model",
     "newton-restitution": "rigid, exact: Newton's restitution at all touching contacts at once",
     "poisson-restitution": "rigid, exact: compression at all contacts at once, then e times its impulses",
     "sequential-top": "rigid, exact: single impacts one after the other, the topmost first",
@@ -141,8 +117,8 @@ _DESCRIPTIONS = {
     "pymunk": "Pymunk (2-D): rigid contacts, iterated impulses",
     "dart": "DART: rigid contacts, one complementarity problem a step",
     "rapier": "Rapier: rigid contacts, without restitution in sub-steps, then restitution once",
-    "sapien": "SAPIEN (PhysX 5): rigid contacts, by its TGS solver",
     "pybullet-restitution": "PyBullet with coefficients of restitution: sequential impulses",
+    "sapien": "SAPIEN (PhysX 5): rigid contacts, by its TGS solver",
     "mujoco-naive": "MuJoCo with stiffness and damping written into its solref as they are",
     "pybullet-naive": "PyBullet as documented: one stiffness and damping on both balls",
     "mujoco:documented": "MuJoCo with time constant and damping ratio of the contacts asked for, solimp as it ships",
@@ -159,33 +135,20 @@ _DESCRIPTIONS = {
 
 
 def solver_names(*, on_request: bool = False) -> tuple[str, ...]:
-    """Names of the known solvers, installed or not, in the order in which tables list them.
-
-    Parameters
-    ----------
-    on_request : bool
-        Whether to add those that are no comparison's default.
-    """
-    usual = (name for name, entry in _ENTRIES.items() if not entry.on_request)
+    """Names of the known solvers, in the order in which tables list them; `on_request` adds those run by name only."""
     others = (name for name in _plug_ins() if name not in _ENTRIES)
-    rest = (name for name, entry in _ENTRIES.items() if entry.on_request and on_request)
-    return (*usual, *others, *rest)
-
-
-def engine_names(*, on_request: bool = False) -> tuple[str, ...]:
-    """Names of the engines that have an adapter here; with or without those that are no comparison's default."""
-    ours = _ENTRIES.items()
-    return tuple(name for name, entry in ours if is_engine(name) and (on_request or not entry.on_request))
+    rest = (name for name in _DESCRIPTIONS if on_request and name not in _USUAL)
+    return (*_USUAL, *others, *rest)
 
 
 def engine_free_names() -> tuple[str, ...]:
     """Names of all models and references of this project, those on request among them."""
-    return tuple(name for name in _ENTRIES if not is_engine(name))
+    return tuple(name for name in _DESCRIPTIONS if not is_engine(name))
 
 
 def exportable_names() -> tuple[str, ...]:
     """Names of the engines whose scene can be written down (`paste`)."""
-    return tuple(name for name, entry in _ENTRIES.items() if entry.exportable)
+    return _EXPORTABLE
 
 
 def is_ours(name: str) -> bool:
@@ -208,11 +171,6 @@ def law_of(name: str) -> str | None:
     return _known(name).law
 
 
-def is_costly(name: str) -> bool:
-    """Whether a step costs ten times that of other engines; not known, and so not, outside this project."""
-    return name in _ENTRIES and _ENTRIES[name].costly
-
-
 def is_mapped(name: str) -> bool:
     """Whether a solver has a mapping of its own, whatever is configured, and so not the contacts asked for."""
     return name in _ENTRIES and "mapping" in _ENTRIES[name].as_set
@@ -227,18 +185,13 @@ def description_of(name: str) -> str:
 
 
 def get_solver(name: str) -> Solver:
-    """Construct a solver by its name.
-
-    Raises
-    ------
-    ValueError
-        If no solver has that name; the message lists those that exist.
-    """
+    """Construct a solver by its name; a ValueError that lists the known ones if no solver has it."""
     if name in _ENTRIES:
         entry = _ENTRIES[name]
-        cls = getattr(import_module(f"impact_xval.compliant_baselines.{entry.module}"), entry.cls)
-        own = {"name": name, "law": entry.law, "as_set": entry.as_set}
-        return type(cls.__name__, (cls,), own)() if entry.as_set else cls()
+        module, _, of = entry.where.partition(":")
+        cls = getattr(import_module(f"impact_xval.compliant_baselines.{module}"), of)
+        own = {"name": name, "law": entry.law, "as_set": entry.as_set, "__module__": cls.__module__}
+        return type(of, (cls,), own)()
     points = _plug_ins().get(name)
     if points is None:
         raise ValueError(f"solver {name!r} is unknown; known: {', '.join(solver_names(on_request=True))}")
@@ -246,13 +199,7 @@ def get_solver(name: str) -> Solver:
 
 
 def origins() -> dict[str, str]:
-    """Where every known solver comes from; entry points that have no effect are told apart.
-
-    Returns
-    -------
-    dict
-        By name: ``"impact-xval"``, or the distributions that provide it.
-    """
+    """Where every known solver comes from, by name: ``"impact-xval"``, or the distributions that provide it."""
     where = dict.fromkeys(solver_names(on_request=True), "impact-xval")
     for name, points in _plug_ins().items():
         provided = " and ".join(map(_origin, points))
@@ -285,7 +232,7 @@ def _known(name: str) -> Entry | Solver:
     if name in _ENTRIES:
         return _ENTRIES[name]
     points = _plug_ins().get(name)
-    return _loaded(name, points) if points else Entry("", "")
+    return _loaded(name, points) if points else Entry("")
 
 
 def _plug_ins() -> dict[str, list[EntryPoint]]:

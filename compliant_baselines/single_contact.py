@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
@@ -154,11 +154,7 @@ class Drops:
 
 
 def drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
-    """Let an engine do the contact once for every place of the touch within a step.
-
-    The step is in s; places are from 0, the start of the step, to 1. A SolverError says that the engine refuses, or a
-    contact does not end.
-    """
+    """Let an engine do the contact once for every place of the touch within a step, from 0, its start, to 1."""
     some = scenes(pair, step, places)
     refused = engine.refusal(some[0])
     if refused is not None:
@@ -214,9 +210,8 @@ def _measured(name: str, pair: Pair, run: Run) -> tuple[float, float]:
 def largest_step(engine: Engine, pair: Pair, tolerance: float = 0.01) -> Drops:
     """Find the largest of some steps at which the contact is the one asked for, and at shorter ones tried as well.
 
-    Nothing about the engine's integrator is assumed: all of it is the engine's own answers. The tolerance, in (0, 0.5],
-    is the allowed relative error of restitution and duration. A SolverError says that the engine is missing or refuses
-    the contact, or no step does it.
+    The tolerance, in (0, 0.5], is the allowed relative error of restitution and duration. A SolverError says that the
+    engine is missing or refuses the contact, or no step does it.
     """
     if not 0 < tolerance <= 0.5:
         raise ValueError(f"tolerance = {tolerance!r}; legal: greater than 0, at most 0.5")
@@ -260,17 +255,3 @@ def _downwards(longest: float, shortest: float) -> Iterator[float]:
     for exponent in range(first, last - 1, -1):
         steps = (float(f"{digits}e{exponent - 1}") for digits in reversed(DIGITS))
         yield from (step for step in steps if shortest <= step <= longest)
-
-
-def durations_taken(engine: Engine, pair: Pair) -> tuple[float, float] | None:
-    """Give the shortest and longest duration in s that an engine takes of a pair, to a tenth of a decade, if any."""
-
-    def taken(duration: float) -> bool:
-        try:
-            asked = replace(pair, stiffness=None, duration=duration)
-            return engine.refusal(scenes(asked, 1e-3 * duration, [0.0])[0]) is None
-        except (ValueError, ArithmeticError):  # beyond double precision
-            return False
-
-    found = [duration for duration in (10.0 ** np.arange(-100, 100, 0.1)).tolist() if taken(duration)]
-    return (found[0], found[-1]) if found else None

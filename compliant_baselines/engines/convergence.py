@@ -99,11 +99,6 @@ def parted(velocities: Sequence[float], weights: Sequence[float], table: bool = 
     return tuple(max(v, 0.0) if table else v for v, _, n in pools for _ in range(n))
 
 
-def extrapolated(values: Floats) -> Floats:
-    """Extrapolate values at steps each half of the one before, shape (n, ...), from every two neighbours to zero."""
-    return 2 * values[1:] - values[:-1]
-
-
 def limit_of(
     velocities: Floats,
     starts: float,
@@ -122,7 +117,7 @@ def limit_of(
     `alike` says that the last two runs pass through the same states to the same end.
     """
     differences = np.abs(np.diff(velocities, axis=0))
-    limits = extrapolated(velocities)
+    limits = 2 * velocities[1:] - velocities[:-1]
     smooth = np.maximum(np.abs(limits[-1] - limits[-2]), DOUBT * differences[-1])
     bodies = np.pad(velocities, ((0, 0), (0, 1))) if table else velocities
     rates = np.diff(bodies, axis=1)
@@ -136,15 +131,10 @@ def limit_of(
         gravity_doubt,
     )
     inside = parted(limits[-1].tolist(), weights, table)
-    return Limit(inside, error, regularisation, fitted_order(differences.max(axis=1)), step)
-
-
-def fitted_order(errors: Floats) -> float:
-    """Order of errors (or differences) at steps each half of the one before; NaN if any of them is zero."""
-    if not np.all(errors > 0):
-        return math.nan
-    slope = np.polyfit(np.arange(len(errors)), np.log2(errors), 1)[0]
-    return float(-slope)
+    moves, order = differences.max(axis=1), math.nan
+    if np.all(moves > 0):
+        order = -float(np.polyfit(np.arange(len(moves)), np.log2(moves), 1)[0])
+    return Limit(inside, error, regularisation, order, step)
 
 
 @dataclass(slots=True)
@@ -163,18 +153,16 @@ class _Case:
     #: At the step h, and the steps that the run took there: those that one at a longer step may take.
     scene: Scene = field(init=False)
     longest: int = field(init=False)
+    #: Largest error, in m/s.
+    tolerance: float = field(init=False)
 
     def __post_init__(self) -> None:
         self.scene, self.longest = self.runs[-1].scene, self.runs[-1].n_steps
+        self.tolerance = self.convergence.tolerance * self.scene.speed
 
     def at(self, times: float, regularisation: float = 1.0) -> Scene:
         """Return the scene at a multiple of the step h."""
         return replace(self.scene, step=self.scene.step * times, regularisation=regularisation)
-
-    @property
-    def tolerance(self) -> float:
-        """Largest error, in m/s."""
-        return self.convergence.tolerance * self.scene.speed
 
     @property
     def shortest(self) -> float:
@@ -287,24 +275,11 @@ def estimate_limits(
     convergence: Convergence,
     max_steps: int,
 ) -> list[tuple[Limit | None, str]]:
-    """Find the limits of scenes that have been run at the longest step.
+    """Find the limits of scenes that have been run at the step h that a user takes, all of them over.
 
-    Parameters
-    ----------
-    run, probe
-        `run` and `regularisation_probe` of the engine (`engines.engine.Engine`).
-    runs : sequence of Run
-        At the step h that a user takes, all of them over.
-    convergence : Convergence
-        What is wanted.
-    max_steps : int
-        Steps a run at the step h, or a longer one, may take; at shorter ones as many times more, and no more than
-        `PATIENCE` times what the run at h took.
-
-    Returns
-    -------
-    list of (Limit or None, str)
-        None where shorter steps did not come to an end; and why the limit is not converged, empty if it is.
+    `run` and `probe` are the engine's `run` and `regularisation_probe`. A run at the step h, or a longer one, may take
+    `max_steps`; at shorter ones as many times more, and no more than `PATIENCE` times what the run at h took. A limit
+    is None where shorter steps did not come to an end; the text says why it is not converged, and is empty if it is.
     """
 
     def factor(scene: Scene) -> float:

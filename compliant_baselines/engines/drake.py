@@ -24,8 +24,7 @@ from typing import Any
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, radius_of
-from impact_xval.compliant_baselines.engines.world import World
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of
 from impact_xval.compliant_baselines.mapping import RIGID, Side, drake_side, shared_out
 from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 

@@ -11,17 +11,17 @@ from platform import python_version
 from types import MappingProxyType
 from typing import Any
 
-from impact_xval.compliant_baselines.engines.convergence import Limit, estimate_limits
+from impact_xval.compliant_baselines.engines.convergence import estimate_limits
 from impact_xval.compliant_baselines.engines.packages import import_quietly, version_of
 from impact_xval.compliant_baselines.engines.scene import (
     BEYOND,
     Scene,
+    World,
     radius_of,
     reduced_masses,
     unrepresentable,
 )
 from impact_xval.compliant_baselines.engines.stepping import Run, follow
-from impact_xval.compliant_baselines.engines.world import World
 from impact_xval.compliant_baselines.references import marked
 from impact_xval.compliant_baselines.solver import Settings, Solver
 from impact_xval.model.chain.rest import REST, STUCK
@@ -38,11 +38,11 @@ class Engine(Solver):
     """
 
     #: The engine as its makers spell it, the name of its package as distributed, the module that is imported, and what
-    #: to run where that fails.
+    #: to run where that fails; empty: to install the extra of its name.
     title: str
     distribution: str
     module: str
-    way_out: str
+    way_out: str = ""
 
     #: How many times as much regularisation of contacts shows what that of the engine does; None: it has none.
     regularisation_probe: float | None = None
@@ -57,14 +57,15 @@ class Engine(Solver):
 
     def unavailable(self) -> str | None:
         """Why the engine cannot run here and the way out; None if it can."""
+        way_out = self.way_out or f"run pip install 'impact-xval[{self.name}]'"
         try:
             import_quietly(self.module)
         except Exception as error:  # of a package that is there but broken, any
             if isinstance(error, ModuleNotFoundError) and "." not in (error.name or ""):
-                return f"{self.title} is not installed: {self.way_out}"
+                return f"{self.title} is not installed: {way_out}"
             said = " ".join(str(error).split()) or type(error).__name__
             here = f"Python {python_version()} and NumPy {version_of('numpy')}"
-            return f"{self.title} {self.version()} cannot be imported by {here} ({said}): {self.way_out}"
+            return f"{self.title} {self.version()} cannot be imported by {here} ({said}): {way_out}"
         return None
 
     def refusal(self, scene: Scene) -> str | None:
@@ -144,9 +145,13 @@ class Engine(Solver):
         )
         ends = {}
         for i, (limit, reason) in zip(over, limits, strict=True):
-            outcomes[i] = with_limit(outcomes[i], limit, reason)
+            outcome = outcomes[i]
+            if reason and outcome.status == "ok":
+                outcome = replace(outcome, status="unconverged", reason=reason)
             if limit is not None:
+                outcome = replace(outcome, diagnostics={**outcome.diagnostics, **limit.stated})
                 ends[i] = limit.flight, limit.rest
+            outcomes[i] = outcome
         return ends
 
 
@@ -190,12 +195,3 @@ def outcome_of(solver: str, collision: Collision, run: Run, settings: Settings) 
         requested=c.requested,
         effective=run.effective,
     )
-
-
-def with_limit(outcome: Outcome, limit: Limit | None, reason: str) -> Outcome:
-    """Add to an outcome the limit dt -> 0, and why it is not converged, if it is not; its own numbers stay."""
-    if reason and outcome.status == "ok":
-        outcome = replace(outcome, status="unconverged", reason=reason)
-    if limit is None:
-        return outcome
-    return replace(outcome, diagnostics={**outcome.diagnostics, **limit.stated})

@@ -17,8 +17,7 @@ import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.packages import import_quietly, standard_error_without
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, radius_of, reduced_masses
-from impact_xval.compliant_baselines.engines.world import World
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
 from impact_xval.compliant_baselines.mapping import Contact
 
 #: Steps of a recording, an even number, as states are written to two places in turn; and the smallest depth over the
@@ -105,7 +104,7 @@ class Newton(Engine):
     """Newton, SemiImplicit."""
 
     name, distribution, module, title, law = "newton", "newton", "newton", "Newton", "compression-dashpot"
-    way_out, rounding = "run pip install 'impact-xval[newton]'", 1e-6
+    rounding = 1e-6
 
     def refusal(self, scene: Scene) -> str | None:
         """Why Newton cannot take a scene: another mapping, depths too far apart for single precision."""

@@ -64,15 +64,9 @@ def rests(v, x, masses, weight, times):  # pragma: no cover (compiled)
 @numba.njit(cache=True, error_model="numpy")
 def sticks(v, x, masses, weight, times):  # pragma: no cover (compiled)
     """Whether the energy of both balls about equilibrium is at most so many times what it takes to unload a contact."""
-    m1, m2, g, k1, k2, rest1, rest12 = (
-        masses[0],
-        masses[1],
-        weight[0],
-        weight[1],
-        weight[2],
-        weight[4],
-        weight[5],
-    )
+    m1, m2 = masses[0], masses[1]
+    g, k1, k2 = weight[0], weight[1], weight[2]
+    rest1, rest12 = weight[4], weight[5]
     energy = m1 * v[0] * v[0] + m2 * v[1] * v[1]
     energy += k1 * (x[1] - x[0] - rest1) ** 2 + k2 * (x[1] + rest12) ** 2
     return energy <= times * g * g * min(m1**2 / k1, (m1 + m2) ** 2 / k2)
@@ -93,18 +87,9 @@ def quiet_steps(code, v, x, masses, law, weight, h):  # pragma: no cover (compil
     One, because the step after the time may begin within it; another, because an engine may look at a force
     at the end of the step and at a gap at its beginning.
 
-    Parameters
-    ----------
-    code : int
-        The contacts that carried force in the last step, as bits; negative if there was none: nothing is known then.
-    v, x, masses : ndarray, shape (N,)
-        Velocities in m/s and heights in m after it, and masses in kg.
-    law : ndarray, shape (3, C)
-        k in N/m and c in N s/m as the engine has them, and the reduced mass M in kg.
-    weight : ndarray, shape (6,)
-        As `stepping.scan`.
-    h : float
-        Length of a step in s.
+    The state after the last step is `v` in m/s and `x` in m; `code` are the contacts that carried force in it, as bits,
+    negative if there was none. `law`, shape (3, C), holds k and c as the engine has them, and the reduced masses;
+    `weight` is as of `stepping.scan`.
     """
     if code < 0:
         return 0

@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from impact_xval.compliant_baselines.engines.quiet import between, quiet_steps, rests, sticks
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, reduced_masses
-from impact_xval.compliant_baselines.engines.world import World
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, reduced_masses
 from impact_xval.compliant_baselines.states import Runs, merge_runs
 from impact_xval.model.chain.rest import FREE, GOING, REST, STUCK
 from impact_xval.model.collision import Path, Status
@@ -104,32 +103,14 @@ def _end_of_drop(code, v, x, masses, weight):  # pragma: no cover (compiled)
 def scan(
     v, x, before, masses, contacts, weight, rounding, h, left, codes, memory
 ):  # pragma: no cover (compiled)
-    """Go through a window of steps until the collision is over.
+    """Go through a window of steps until the collision is over: how many steps, and how it ended after the last.
 
-    Parameters
-    ----------
-    v, x : ndarray, shape (n, N)
-        Velocities in m/s and heights in m after each step.
-    before, masses : ndarray, shape (N,)
-        Velocities before the first step, and masses in kg.
-    contacts : int
-        N with a table, N - 1 without.
-    weight : ndarray, shape (6,)
-        Of a drop g in m/s^2, k1 and k2 in N/m, and in m how deep B2 rests alone, B1 in B2, and B2 with B1 on it; else
-        zeros.
-    rounding : float
-        As of `World`.
-    h, left : float, int
-        Length of a step in s, and number of steps that may still be taken after these.
-    codes : ndarray of int64, shape (n,)
-        Filled with the state of each step, as bits.
-    memory : ndarray of `MEMORY`, shape (1,)
-
-    Returns
-    -------
-    steps, end : int
-        Number of steps gone through, and how it ended after the last of them: `GOING`, `FREE`, `REST`, `STUCK`, `ALOFT`
-        (given up), `FLIGHT` (from here on without gravity), or `BROKEN` (a number that is not finite).
+    `v` in m/s and `x` in m, shape (n, N), are the state after each step, `before` the velocities before the first;
+    `left` is the number of steps that may still be taken after these. `contacts` is N with a table, N - 1 without;
+    `rounding` is as of `World`. `weight` holds of a drop g in m/s^2, k1 and k2 in N/m, and in m how deep B2 rests
+    alone, B1 in B2, and B2 with B1 on it; else zeros. `codes`, shape (n,), is filled with the state of each step, as
+    bits. The end is `GOING`, `FREE`, `REST`, `STUCK`, `ALOFT` (given up), `FLIGHT` (from here on without gravity), or
+    `BROKEN` (a number that is not finite).
     """
     seen, balls, g = memory[0], masses.size, weight[0]
     for i in range(v.shape[0]):
@@ -275,9 +256,8 @@ class Run:
     def too_much_energy(self) -> str:
         """Why the result is not converged, if it gained so much energy; else empty."""
         gain = self.energy_gain()
-        if gain <= ENERGY_GAIN_ALLOWED:
-            return ""
-        return f"it ended with {gain:.1%} more energy than it began with: the step is too long"
+        says = f"it ended with {gain:.1%} more energy than it began with: the step is too long"
+        return says if gain > ENERGY_GAIN_ALLOWED else ""
 
     def path(self, runs: Runs) -> Path:
         """Give the recorded path under a (merged) state sequence."""
@@ -305,8 +285,7 @@ class Record:
     def __init__(self, scene: Scene, world: World, max_steps: int, record_path: bool) -> None:
         self.scene, self._max_steps, self.end, self.n_steps = scene, max_steps, GOING, 0
         self.velocities, self.heights = np.array(scene.velocities, float), np.array(world.heights, float)
-        self._masses, self._start = np.array(scene.masses), self.heights
-        self._effective, self._rounding = dict(world.effective), world.rounding
+        self._masses, self._start, self._world = np.array(scene.masses), self.heights, world
         self._weight = np.zeros(6)
         if scene.gravity:
             (m1, m2), (k1, k2), g, rest = scene.masses, scene.stiffnesses, scene.gravity, world.rest
@@ -315,7 +294,7 @@ class Record:
             together = (m1 * g / k1, rest + m1 * g / k2) if rest else (0.0, 0.0)
             self._weight[:] = g, k1, k2, rest, *together
         if world.longest_leap:
-            law = self._effective["stiffness"], self._effective["damping"], reduced_masses(scene)
+            law = world.effective["stiffness"], world.effective["damping"], reduced_masses(scene)
             self._law = np.array(law)
         self._code, self._fall = -1, None
         self._memory = np.zeros(1, MEMORY)
@@ -336,7 +315,16 @@ class Record:
         """
         codes = np.empty(len(v), np.int64)
         left, contacts = self._max_steps - self.n_steps - len(v), len(self.scene.stiffnesses)
-        how = self._masses, contacts, self._weight, self._rounding, self.scene.step, left, codes, self._memory
+        how = (
+            self._masses,
+            contacts,
+            self._weight,
+            self._world.rounding,
+            self.scene.step,
+            left,
+            codes,
+            self._memory,
+        )
         n, self.end = scan(v, x, self.velocities, *how)
         if n:
             changes = np.flatnonzero(codes[:n] != np.append(self._code, codes[: n - 1]))
@@ -408,7 +396,7 @@ class Record:
             self._start,
             Runs(np.concatenate(self._starts), np.concatenate(self._states), self.n_steps),
             self._points[0] if self._points else None,
-            self._effective,
+            dict(self._world.effective),
             failure,
             float(memory["again"]),
             self._max_steps,
@@ -418,10 +406,7 @@ class Record:
 
 
 def follow(scene: Scene, world: World, max_steps: int, record_path: bool = False) -> Run:
-    """Run a scene until its collision is over or `max_steps` steps are taken.
-
-    What an engine raises as RuntimeError ends the run and is its failure.
-    """
+    """Run a scene until its collision is over or `max_steps` steps are taken; a RuntimeError of the engine ends it."""
     record = Record(scene, world, max_steps, record_path)
     longest = min(world.longest_leap, PATH_LEAP) if record_path else world.longest_leap
     window = SHORT_WINDOW if longest else WINDOW

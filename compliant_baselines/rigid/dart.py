@@ -83,7 +83,7 @@ class Dart(RigidEngine):
     """DART."""
 
     name, distribution, module, title = "dart", "dartpy", "dartpy", "DART"
-    way_out = "run pip install 'impact-xval[dart]'"
+    made = DartWorld
 
     def refusal(self, scene: Scene) -> str | None:
         """Why DART cannot take a scene: where it would drop or cut the restitution of a first impact."""
@@ -93,7 +93,3 @@ class Dart(RigidEngine):
             if e * rate > FASTEST:
                 return f"contact {i} would rebound at {e * rate:.3g} m/s: DART has none faster than {FASTEST} m/s"
         return super().refusal(scene)
-
-    def world(self, scene: Scene) -> DartWorld:
-        """Set a scene up."""
-        return DartWorld(scene)

@@ -37,12 +37,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from impact_xval.model.collision import Collision, Floats
+from impact_xval.compliant_baselines.solver import OneByOne, Settings
+from impact_xval.model.collision import Collision, Floats, Outcome, Path, name_of_set
 
 Bools = NDArray[np.bool_]
 
@@ -57,45 +60,33 @@ TINY_GAP = 1e-12
 ENDLESS = 1e-9
 
 
+_ENDLESS = "bodies come to rest together after infinitely many impacts"
+
+
 class TooManyImpactsError(RuntimeError):
     """A collision was given up; the message says after how many impacts."""
 
 
 @dataclass
 class Line:
-    """Balls in a line, between impacts.
+    """Balls in a line, between impacts."""
 
-    Attributes
-    ----------
-    mass, v : ndarray, shape (N,)
-        In kg and m/s.
-    e, gaps, impulse : ndarray, shape (C,)
-        Restitutions, gaps in m, impulses so far in N s.
-    touching : ndarray of bool, shape (C,)
-        Contacts whose gap is closed.
-    tiny : float
-        Relative velocity in m/s that counts as none.
-    time : float
-        In s.
-    impacts, left : int
-        Impacts so far, and how many more are followed.
-    fresh : bool
-        Whether no impact has been at this instant.
-    slowest : float
-        Lowest rate of approach of an impact so far, in m/s.
-    points : list
-        Time, velocities, impulses and acting contacts at the start and after each impact.
-    """
-
+    #: In kg, and m/s; shape (N,).
     mass: Floats
-    e: Floats
     v: Floats
+    #: Restitutions, and gaps in m; shape (C,).
+    e: Floats
     gaps: Floats
+    #: Relative velocity in m/s that counts as none.
     tiny: float
+    #: How many more impacts are followed.
     left: int
     table: bool
+    #: Contacts whose gap is closed, shape (C,).
     touching: Bools = field(init=False)
+    #: In s.
     time: float = 0.0
+    #: How many so far, whether there has been none at this instant, and their lowest rate of approach in m/s.
     impacts: int = 0
     fresh: bool = True
     slowest: float = np.inf
@@ -106,6 +97,7 @@ class Line:
         self.touching, self.impulse = self.gaps <= self.smallest, np.zeros(contacts)
         below = np.append(1 / self.mass, 0.0)
         self.diagonal, self.off = (below[:-1] + below[1:])[:contacts], -below[1:contacts]
+        # Time, velocities, impulses in N s and acting contacts at the start and after each impact.
         self.points = [(0.0, self.v.copy(), self.impulse.copy(), self.touching.copy())]
 
     @property
@@ -215,28 +207,19 @@ def plastic_first(line: Line) -> None:
     line.strike(impulse)
 
 
-def _single(line: Line, place: int) -> None:
+def single(line: Line, place: int) -> None:
+    """Apply the single impact of a contact that approaches, the topmost (place 0) or the lowest (-1) of them."""
     i = np.flatnonzero(line.approaching())[place]
     impulse = np.zeros(line.e.size)
     impulse[i] = -(1 + line.e[i]) * line.u[i] / line.diagonal[i]
     line.strike(impulse)
 
 
-def topmost(line: Line) -> None:
-    """Apply the single impact of the topmost contact that approaches."""
-    _single(line, 0)
-
-
-def lowest(line: Line) -> None:
-    """Apply the single impact of the lowest contact that approaches."""
-    _single(line, -1)
-
-
 LAWS: dict[str, Callable[[Line], None]] = {
     "newton-restitution": newton,
     "poisson-restitution": poisson,
-    "sequential-top": topmost,
-    "sequential-bottom": lowest,
+    "sequential-top": partial(single, place=0),
+    "sequential-bottom": partial(single, place=-1),
     "generalised-reflection": reflection,
     "plastic-then-restitution": plastic_first,
 }
@@ -245,26 +228,8 @@ LAWS: dict[str, Callable[[Line], None]] = {
 def follow(collision: Collision, law: str, most: int = 100_000) -> Line:
     """Follow balls by a rigid law until no contact approaches; stiffnesses play no part.
 
-    Parameters
-    ----------
-    collision : Collision
-        With its gaps, if any.
-    law : str
-        One of `LAWS`.
-    most : int
-        Impacts after which it is given up.
-
-    Returns
-    -------
-    Line
-        The balls at the end, velocities and impulses exact to rounding.
-
-    Raises
-    ------
-    ValueError
-        For an unknown law, or unequal restitutions where it has one for all contacts.
-    TooManyImpactsError
-        If it was not over after that many impacts.
+    Velocities and impulses at the end are exact to rounding. A ValueError says that the law is unknown, or has one
+    restitution for all contacts and is given several; a TooManyImpactsError that it was not over after `most` impacts.
     """
     c = collision
     if law not in LAWS:
@@ -272,7 +237,7 @@ def follow(collision: Collision, law: str, most: int = 100_000) -> Line:
     if law == "generalised-reflection" and len(set(c.restitutions)) > 1:
         raise ValueError(f"restitutions = {c.restitutions}: {law} has one e for all contacts")
     fastest = max(map(abs, c.velocities))
-    arrays = (np.array(each) for each in (c.masses, c.restitutions, c.velocities, c.gaps))
+    arrays = (np.array(each) for each in (c.masses, c.velocities, c.restitutions, c.gaps))
     line = Line(*arrays, tiny=TINY * fastest, left=most, table=c.table)
     while True:
         while line.approaching().any():
@@ -283,3 +248,52 @@ def follow(collision: Collision, law: str, most: int = 100_000) -> Line:
     # Impulses of the balance of momentum, so that they go with the velocities to the last bit.
     line.impulse = np.cumsum(line.mass * (line.v - c.velocities))[: line.e.size]
     return line
+
+
+class RigidLaw(OneByOne):
+    """One of `LAWS` as a solver, by its name: to rigid engines what Kelvin-Voigt contacts are to compliant ones.
+
+    Stiffnesses, exponents and steps do not concern it. Impacts take no time: the states are the contacts that touch at
+    first, and none. `n_events` is the number of impacts, ``duration`` the time of the last one in s; status ``limit``
+    where a sequence of infinitely many impacts was ended (`ENDLESS`).
+    """
+
+    kind = "reference"
+
+    def version(self) -> str:
+        """Version of this project: what is exact is its own."""
+        return version("impact-xval")
+
+    def solve_one(self, collision: Collision, settings: Settings) -> Outcome:
+        """Answer one collision."""
+        c = collision
+        if settings.scenario != "impact":
+            reason = f"scenario = {settings.scenario!r}: rigid laws are without gravity; legal: 'impact'"
+            return Outcome.failure(self.name, c, "unrepresentable", reason)
+        try:
+            line = follow(c, self.name, min(settings.max_steps, 100_000))
+        except TooManyImpactsError as error:
+            return Outcome.failure(self.name, c, "timeout", str(error))
+        except ValueError as error:
+            return Outcome.failure(self.name, c, "unrepresentable", str(error))
+        endless = line.slowest < ENDLESS / TINY * line.tiny
+        touching = sum(1 << int(i) for i in np.flatnonzero(line.points[0][3]))
+        paper = c.table and len(c.masses) == 2
+        return Outcome(
+            self.name,
+            tuple(line.v.tolist()),
+            tuple(line.impulse.tolist()),
+            (name_of_set(touching, paper), name_of_set(0, paper))[not touching :],
+            "limit" if endless else "ok",
+            _ENDLESS if endless else "",
+            n_events=line.impacts,
+            diagnostics={"duration": line.time},
+            path=path_of(line.points, line.v) if settings.record_path else None,
+        )
+
+
+def path_of(points: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]], end: np.ndarray) -> Path:
+    """Give the path through the points of a line; velocities at the end as they are reported."""
+    time, velocities, impulses, acting = (np.array(each) for each in zip(*points, strict=True))
+    velocities[-1], acting[-1] = end, False
+    return Path(time, velocities, impulses, np.zeros_like(impulses), acting)

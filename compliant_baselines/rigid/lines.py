@@ -21,8 +21,7 @@ from abc import abstractmethod
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.scene import Floats, Scene, radius_of, reduced_masses
-from impact_xval.compliant_baselines.engines.world import World
+from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
 
 #: Overlap of touching bodies over the radius: 60 units in the last place of a single-precision height of four radii, a
 #: fiftieth of the way in a step of a thousandth of a period. A power of two: exact in double precision.
@@ -43,16 +42,9 @@ def radius_in(scene: Scene) -> float:
 class RigidWorld(World):
     """Spheres in a line, ball 1 on top; the table's surface is at height 0.
 
-    Attributes
-    ----------
-    radius : float
-        Of the balls, in m.
-    places : ndarray, shape (N,)
-        Centres of balls that only just touch, in m; `places + heights` are those at t = 0.
-    resolution : float
-        Relative velocity, over the largest speed at the start, that is told from none.
-    partner : float
-        Coefficient of restitution above a ball and on the table, with which e combines.
+    `places`, in m, are the centres of balls that only just touch, and `places + heights` those at t = 0. Relative
+    velocities up to `resolution` of the largest speed at the start are none. `partner` is the coefficient of
+    restitution above a ball and on the table, with which e combines.
     """
 
     resolution, partner = DOUBLE, 1.0
@@ -92,12 +84,19 @@ class RigidEngine(Engine):
 
     kind, law = "rigid", None
 
+    #: What it makes of a scene.
+    made: type[RigidWorld]
+
     #: Largest number that its precision has; the inverse is the smallest.
     largest = 1e30
 
     def radius(self, scene: Scene) -> float:
         """As `Engine.radius`."""
         return radius_in(scene)
+
+    def world(self, scene: Scene) -> RigidWorld:
+        """Set a scene up."""
+        return self.made(scene)
 
     def refusal(self, scene: Scene) -> str | None:
         """Why it cannot take a scene: drops, and what single precision has no numbers for."""

@@ -51,8 +51,4 @@ class Pymunk(RigidEngine):
 
     name = distribution = module = "pymunk"
     title = "Pymunk"
-    way_out = "run pip install 'impact-xval[pymunk]'"
-
-    def world(self, scene: Scene) -> PymunkWorld:
-        """Set a scene up."""
-        return PymunkWorld(scene)
+    made = PymunkWorld

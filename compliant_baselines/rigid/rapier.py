@@ -65,8 +65,4 @@ class Rapier(RigidEngine):
     """Rapier."""
 
     name, distribution, module, title = "rapier", "rapier3d", "rapier3d", "Rapier"
-    way_out = "run pip install 'impact-xval[rapier]'"
-
-    def world(self, scene: Scene) -> RapierWorld:
-        """Set a scene up."""
-        return RapierWorld(scene)
+    made = RapierWorld

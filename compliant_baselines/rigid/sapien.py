@@ -91,7 +91,7 @@ class Sapien(RigidEngine):
 
     name = distribution = module = "sapien"
     title = "SAPIEN"
-    way_out = "run pip install 'impact-xval[sapien]'"
+    made = SapienWorld
 
     def unavailable(self) -> str | None:
         """Why it cannot run."""
@@ -111,7 +111,3 @@ class Sapien(RigidEngine):
         finally:
             before.bounce_threshold = threshold
             physx.set_scene_config(before)
-
-    def world(self, scene: Scene) -> SapienWorld:
-        """Set a scene up."""
-        return SapienWorld(scene)

@@ -11,7 +11,6 @@ from impact_xval.experiments.commands.options import Json, number
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
-    from impact_xval.compliant_baselines import SolverError
     from impact_xval.compliant_baselines.engines.engine import Engine
     from impact_xval.compliant_baselines.single_contact import Drops, Pair
     from impact_xval.experiments.presentation.document import Table
@@ -84,7 +83,7 @@ def contact(
             parameters, text = paste(engine, pair.contact, found.step)
             fine = drops(solver, pair, found.step / 10, [0.0])
     except SolverError as error:
-        raise UserError(_why(solver, pair, error)) from None
+        raise UserError(f"--engine {engine}: {error.status}: {error.reason}") from None
     if json:
         pasted = {"parameters": parameters, "paste": text, "tolerance": allowed}
         verified = _verified(found, fine)
@@ -160,25 +159,6 @@ def _checked(numbers: dict[str, Any]) -> Pair:
         return Pair(**numbers)
     except ValueError as error:
         raise UserError(f"--{error}") from None
-
-
-def _why(solver: Engine, pair: Pair, error: SolverError) -> str:
-    """Say why an engine does not do a pair; a duration out of its range with the range."""
-    from impact_xval.compliant_baselines.single_contact import durations_taken
-
-    problem = f"--engine {solver.name}: {error.status}: {error.reason}"
-    if error.status != "unrepresentable":
-        return problem
-    taken = durations_taken(solver, pair)
-    name, value, _ = pair.given
-    if taken is None:
-        return f"--{name} = {value!r}: {problem}"
-    short = pair.contact.duration < taken[0]
-    limit = f"at least {taken[0]:.3g}" if short else f"at most {taken[1]:.3g}"
-    return (
-        f"--{name} = {value!r}: a contact of {pair.contact.duration:.3g} s: {problem}; legal for these masses, "
-        f"restitution and speed: a duration of {limit} s"
-    )
 
 
 def _request(solver: Engine, pair: Pair) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import pytest
 from impact_xval.compliant_baselines import SolverError, get_solver
 from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
 from impact_xval.compliant_baselines.paste import ENGINES, paste
-from impact_xval.compliant_baselines.single_contact import Pair, durations_taken, largest_step
+from impact_xval.compliant_baselines.single_contact import Pair, largest_step
 from tests.compliant_baselines import hand_scenes
 
 
@@ -126,15 +126,12 @@ def test_what_cannot_be_is_refused():
             Pair(**({"masses": (1.0, 1.0), "restitution": 0.5, "stiffness": 1.0} | arguments))
 
 
-def test_a_duration_no_stiffness_gives_in_an_engine_is_refused_and_its_range_known():
+def test_a_duration_no_stiffness_gives_in_an_engine_is_refused():
     for engine, duration in (("mujoco", 1e-12), ("pybullet", 1e-16)):
         solver = solver_of(engine)
         pair = Pair((1.0, math.inf), 0.5, duration=duration)
         with pytest.raises(SolverError, match=f"{engine}: unrepresentable"):
             largest_step(solver, pair)
-        shortest, longest = durations_taken(solver, pair) or (0, 0)
-        assert duration < shortest < longest
-        largest_step(solver, Pair((1.0, math.inf), 0.5, duration=2 * shortest))  # and it is done
 
 
 def test_no_step_that_does_it_is_said():

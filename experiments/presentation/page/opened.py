@@ -23,7 +23,6 @@ from impact_xval.compliant_baselines.registry import (
     engine_free_names,
     exportable_names,
     get_solver,
-    is_costly,
 )
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
@@ -139,7 +138,7 @@ def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]
 def _curves(config: Config, collisions: Sequence[Collision]) -> list[dict[str, list[list[float]]]]:
     """Solve collisions by the exact solvers of a run: impulses per m1 |v0| by solver, as few points as a line needs."""
     settings = replace(settings_of(config), record_path=True, mark=False)
-    exact = [name for name in config.solvers if name in engine_free_names() and not is_costly(name)]
+    exact = [name for name in config.solvers if name in engine_free_names()]
     solved = {name: get_solver(name).solve_many(collisions, settings) for name in exact}
     return [
         {name: curve for name, each in solved.items() if (curve := curve_of(collision, each[i])) is not None}

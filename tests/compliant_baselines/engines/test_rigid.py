@@ -3,7 +3,7 @@
 import numpy as np
 
 from impact_xval.compliant_baselines.engines.engine import Engine
-from impact_xval.compliant_baselines.engines.world import World
+from impact_xval.compliant_baselines.engines.scene import World
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.model.collision import Collision
 
