@@ -160,11 +160,11 @@ class Compared:
                 "law": law_of(name) or "-",
                 "status": outcome.status,
                 **{f"v{i}": f"{round(v, 6) + 0.0:.6f}" for i, v in enumerate(velocities, 1)},
-                "D": number(measured.velocity_divergence, 2),
-                "limit": number(measured.limit_distance, 2),
-                "error": number(measured.limit_error, 2),
-                "E/E0": f"{measured.retained_energy:.6f}",
-                "p/p0": f"{measured.retained_momentum:.6f}",
+                "D": number(measured["velocity_divergence"], 2),
+                "limit": number(measured["limit_distance"], 2),
+                "error": number(measured["limit_error"], 2),
+                "E/E0": f"{measured['retained_energy']:.6f}",
+                "p/p0": f"{measured['retained_momentum']:.6f}",
                 "states": str(len(outcome.states)),
             }
         rows = [(fact, *(each[fact] for each in facts.values())) for fact in next(iter(facts.values()), ())]

@@ -29,7 +29,6 @@ from impact_xval.experiments.config.errors import InterruptedRunError, UserError
 if TYPE_CHECKING:
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.experiments.measures.summary import Summary
-    from impact_xval.experiments.presentation.terminal import MedianRows
     from impact_xval.experiments.sweep.run import Progress
     from impact_xval.experiments.tables.folder import RunFolder
 
@@ -67,13 +66,12 @@ def run(
     # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import run_sweep
-    from impact_xval.experiments.sweep.status import Medians
 
     name = experiment.name if config is None or "name" in experiment.model_fields_set else config.stem
     root = out if out is not None else Path("runs") / _slug(name)
     words: list[Any] = ["run", *(["--quick"] if quick else []), *([config] if config else []), "--out", root]
     words += [*(["--scheduler", scheduler] if scheduler else []), *(["--shard", shard] if shard else [])]
-    console, medians = make_console(), Medians(experiment.solvers)
+    console = make_console()
     summaries: list[Summary] = []
 
     def presented(folder: RunFolder) -> None:
@@ -82,7 +80,7 @@ def run(
 
         summaries.append(present(folder))
 
-    with _writing(words, console, medians.rows, _size(experiment)) as progress:
+    with _writing(words, console, _size(experiment)) as progress:
         folder = run_sweep(
             experiment,
             root,
@@ -90,7 +88,6 @@ def run(
             scheduler=scheduler,
             shard=share,
             progress=progress,
-            on_rows=medians.add,
             present=presented,
         )
     if summaries:  # else parts are left to other shards
@@ -264,7 +261,7 @@ def hypothesis(
     root = out if out is not None else Path("runs") / "hypothesis"
     words, console = ["hypothesis", *([config] if config else []), "--out", root], make_console()
     for name, solve in stages(design, root):
-        with _writing(words, console, lambda: [], name) as progress:
+        with _writing(words, console, name) as progress:
             solve(workers=workers, progress=progress)
     found = results(design, root)
     page = write_all(found, root)
@@ -324,7 +321,7 @@ def _slug(name: str) -> str:
 
 
 @contextlib.contextmanager
-def _writing(words: list[Any], console: Any, medians: MedianRows, before: str) -> Iterator[Progress]:
+def _writing(words: list[Any], console: Any, before: str) -> Iterator[Progress]:
     """Show the progress of what writes a folder; where it is stopped the error says how to go on.
 
     Parameters
@@ -332,15 +329,13 @@ def _writing(words: list[Any], console: Any, medians: MedianRows, before: str) -
     words : list
         Of the command that continues it.
     console : Console
-    medians : callable
-        As for `terminal.show_progress`.
     before : str
         What is said before anything is computed.
     """
     from impact_xval.experiments.presentation.terminal import show_progress
 
     try:
-        with show_progress(console, medians=medians) as progress:
+        with show_progress(console) as progress:
             yield _noticed(progress, before)
     except InterruptedRunError as stopped:
         command = shlex.join(["impact-xval", *map(str, words)])

@@ -241,35 +241,26 @@ def edit_distance(a: Sequence[str], b: Sequence[str]) -> int:
     return row[-1]
 
 
-@dataclass(frozen=True, slots=True)
-class Measures:
-    """Of the outcome of one solver, as in `schema`; None where there is nothing to measure."""
-
-    velocity_divergence: float | None = None
-    limit_distance: float | None = None
-    limit_error: float | None = None
-    retained_energy: float | None = None
-    retained_momentum: float | None = None
-
-
 def measures_of(
     column: Collision, outcomes: Mapping[str, Outcome], mapping: MappingName = "calibrated"
-) -> dict[str, Measures]:
-    """Measure the outcomes of a column by several solvers; nothing of those without a result."""
+) -> dict[str, dict[str, float | None]]:
+    """Measure the outcomes of a column by several solvers, as in `schema`; None where there is nothing to measure.
+
+    A solver without a result has no measures.
+    """
     results = {name: each for name, each in outcomes.items() if each.status in RESULT_STATUSES}
-    model, speed = results.get(REFERENCE), max(map(abs, column.velocities))
-    measured = dict.fromkeys(outcomes, Measures())
+    model, speed, measured = results.get(REFERENCE), max(map(abs, column.velocities)), {}
     for name, outcome in results.items():
-        exact, stated = results.get(exact_for(name, mapping)), outcome.diagnostics
+        exact, stated = results.get(exact_for(name, mapping)), scaled_diagnostics(outcome, speed)
         limit = np.array([stated.get(f"v{i}_limit", np.nan) for i in range(1, 1 + len(outcome.velocities))])
-        distance, error = None, stated.get("limit_error")
+        distance = None
         if exact is not None and not np.isnan(limit).any():
-            distance = float(np.abs(limit - exact.velocities).max()) / speed
-        measured[name] = Measures(
-            None if model is None else velocity_divergence(column, model, outcome),
-            distance,
-            None if error is None else error / speed,
-            outcome.retained_energy(column),
-            outcome.retained_momentum(column),
-        )
+            distance = float(np.abs(limit - np.divide(exact.velocities, speed)).max())
+        measured[name] = {
+            "velocity_divergence": None if model is None else velocity_divergence(column, model, outcome),
+            "limit_distance": distance,
+            "limit_error": stated.get("limit_error"),
+            "retained_energy": outcome.retained_energy(column),
+            "retained_momentum": outcome.retained_momentum(column),
+        }
     return measured

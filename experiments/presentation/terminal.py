@@ -26,15 +26,9 @@ from rich.text import Text
 from impact_xval.compliant_baselines.answers import visible
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.looks import BLACK, FIXED
-from impact_xval.experiments.tables.numbers import number
 
 #: What is said before kernels are compiled.
 COMPILING = "compiling the kernels, once for each installation: half a minute or more"
-
-MEDIANS = ("law", "solver", "cells", "median D")
-
-#: Gives law, solver, number of cells and median D of solvers.
-MedianRows = Callable[[], list[tuple[str, str, int, float]]]
 
 #: Columns of a page that is not a terminal.
 _WIDTH = 150
@@ -89,27 +83,23 @@ def _table(block: Table) -> RichTable:
 
 
 @contextmanager
-def show_progress(
-    console: Console, medians: MedianRows = lambda: []
-) -> Iterator[Callable[[int, int, str], None]]:
-    """Show progress: a bar and the medians so far on a terminal, otherwise a line for every tenth.
+def show_progress(console: Console) -> Iterator[Callable[[int, int, str], None]]:
+    """Show progress: a bar on a terminal, otherwise a line for every tenth.
 
     Yields what is to be given how many are done, of how many, and a line worth saying; from any thread.
     """
     if console.is_terminal and not console.is_dumb_terminal:
-        with _Bar(console, medians) as bar:
+        with _Bar(console) as bar:
             yield bar.report
             bar.live.transient = True  # what follows says it better
     else:
-        yield _Log(console, medians).report
+        yield _Log(console).report
 
 
 class _Bar(Progress):
-    """A bar, and above it the medians so far."""
+    """A bar, and above it the lines worth saying."""
 
-    def __init__(self, console: Console, medians: MedianRows) -> None:
-        self._medians = medians
-        self._rows: list[tuple[str, str, int, float]] = []
+    def __init__(self, console: Console) -> None:
         super().__init__(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -121,27 +111,19 @@ class _Bar(Progress):
         )
         self._task = self.add_task("cells", total=None)
 
-    def get_renderables(self) -> Iterator[Any]:
-        """Lay out the table above the bar; called by rich."""
-        rows = [(*names, number(median)) for *names, median in self._rows]
-        page = _renderables([Table(MEDIANS, rows, "Divergence from the model so far", text=2)])
-        yield from (Text(each) if isinstance(each, str) else each for each in page)
-        yield self.make_tasks_table(self.tasks)
-
     def report(self, done: int, total: int, line: str) -> None:
         if line:
             self.console.print(visible(line), markup=False, highlight=False)
         if total:
-            self._rows = self._medians()
             description = "writing" if done == total else "cells"
             self.update(self._task, completed=done, total=total, description=description)
 
 
 class _Log:
-    """A line for the first report and for every tenth, with the medians so far."""
+    """A line for the first report and for every tenth."""
 
-    def __init__(self, console: Console, medians: MedianRows) -> None:
-        self._console, self._medians = console, medians
+    def __init__(self, console: Console) -> None:
+        self._console = console
         self._start, self._said, self._lock = time.perf_counter(), -1, threading.Lock()
         self._first: tuple[float, int] | None = None
 
@@ -159,8 +141,7 @@ class _Log:
         if before < done < total:
             left = timedelta(seconds=round((total - done) * (now - since) / (done - before)))
             line += f", {left} left at this rate"
-        medians = ", ".join(f"{solver} {number(median)} (of {n})" for _, solver, n, median in self._medians())
-        return f"{line}; median D so far: {medians}" if medians else line
+        return line
 
 
 class _Console(Console):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shlex
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import pyarrow.parquet as pq
@@ -144,8 +143,9 @@ def show_changes(console: Console, a: str, b: str, found: Comparison) -> None:
     def shown(change: float) -> str:
         return "one only" if math.isinf(change) else number(change, 2)
 
+    counts = ("compared", "moved", "statuses")
     solvers = [
-        (name, each.compared, each.moved, each.statuses, number(each.velocity, 2), number(each.divergence, 2))
+        (name, *(each[key] for key in counts), *(number(each[key], 2) for key in ("velocity", "divergence")))
         for name, each in found.solvers.items()
     ]
     worst = [
@@ -175,7 +175,7 @@ def changes_object(found: Comparison) -> dict[str, Any]:
     return {
         "tolerance": found.tolerance,
         "moved": found.moved,
-        "solvers": {name: asdict(each) for name, each in found.solvers.items()},
+        "solvers": found.solvers,
         "worst": [
             {
                 "cell": row.cell,

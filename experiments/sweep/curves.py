@@ -13,7 +13,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from impact_xval.compliant_baselines.answers import answer
-from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.cells import collision_of
 from impact_xval.experiments.config.experiment import Config
 from impact_xval.experiments.measures.hausdorff import LARGEST
@@ -23,38 +22,23 @@ from impact_xval.experiments.sweep.rows import Experiment, settings_of
 from impact_xval.experiments.sweep.warmup import warm
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.parquet import replacing
-from impact_xval.experiments.tables.schema import PAIR, WHO, columns, schema
+from impact_xval.experiments.tables.schema import WHO, columns, schema
 from impact_xval.model.collision import RESULT_STATUSES
 
-FIGURE_CELL = "figure-cell"
 CURVES = "curves.parquet"
 
 #: How far a force may be from the straight lines it is drawn by, over the largest one: less than a pen is wide.
 _STRAIGHT = 1e-3
 
-
+#: A row a solver.
 CURVES_SCHEMA = schema(
-    {"curve": ("text", "-", "which collision")}
-    | {name: PAIR[name] for name in AXES}
-    | {"solver": WHO["solver"]}
-    | columns(
-        """
-        time      float  -  since first touch, per sqrt(m1/k1); of the model how long its forces take
-        impulse1  float  -  ball-ball impulse so far, per m1 |v0|
-        impulse2  float  -  ball-table impulse so far, per m1 |v0|
-        state     int    -  1 to 4 for S1 to S4
-        """
-    )
-)
-
-#: Of a run of columns: a row a solver.
-COLUMN_CURVES_SCHEMA = schema(
     {name: WHO[name] for name in ("solver", "status", "reason")}
     | columns(
         """
         velocities  floats  -  final velocities per |v0|, ball 1 first
-        time        floats  -  since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))
-        forces      lists   -  of each contact, per m1 |v0| and that time
+        impulses    lists   -  of each contact so far, per m1 |v0|; of two balls
+        time        floats  -  of forces since first touch, in its unit, (m1/k1 |v0|^(1 - p))^(1/(p + 1))
+        forces      lists   -  of each contact, per m1 |v0| and that time; of columns of N balls
         """
     )
 )
@@ -62,45 +46,44 @@ COLUMN_CURVES_SCHEMA = schema(
 
 def write_curves(config: Config, folder: RunFolder, pool: Any) -> None:
     """Solve the cell, or the column, of the figures by every solver, and keep its curves."""
-    pair = config.column is None
-    solve = _curve if pair else _column_curve
-    calls = [pool.submit(_solved, solve, name, config.cell_timeout, pair) for name in config.solvers]
-    curves = pa.concat_tables(call.result() for call in calls)
+    calls = [pool.submit(_solved, name, config.cell_timeout) for name in config.solvers]
+    curves = pa.Table.from_pylist([call.result() for call in calls], CURVES_SCHEMA)
     with replacing(folder.root / CURVES) as temporary:
         pq.write_table(curves, temporary, compression="zstd")
 
 
-def _solved(slot: Slot, solve: Any, name: str, timeout: float, pair: bool) -> pa.Table:
-    """Have the curves of a solver computed in its process; of one that fails a column's row says so."""
+def _solved(slot: Slot, name: str, timeout: float) -> dict[str, Any]:
+    """Have the curves of a solver computed in its process; the row of one that fails says so."""
 
-    def call(_: slice) -> pa.Table:
-        slot.prepare(name, warm, slot.context.resolve, name, pair)
-        return slot.call(name, solve, name, timeout=timeout)
+    def call(_: slice) -> dict[str, Any]:
+        slot.prepare(name, warm, slot.context.resolve, name, slot.context.layout.pair)
+        return slot.call(name, _curves, name, timeout=timeout)
 
-    def lost(_: slice, fault: FaultError) -> pa.Table:
-        row = {"solver": name, "status": fault.status, "reason": fault.reason}
-        return CURVES_SCHEMA.empty_table() if pair else pa.Table.from_pylist([row], COLUMN_CURVES_SCHEMA)
+    def lost(_: slice, fault: FaultError) -> dict[str, Any]:
+        return {"solver": name, "status": fault.status, "reason": fault.reason}
 
     return in_halves(call, 1, lost)[0]
 
 
-def _column_curve(experiment: Experiment, name: str) -> pa.Table:
-    """Solve the column of the figures and keep its velocities and, of who has a path, its forces."""
-    config, arranged = experiment.config, experiment.config.figure_column
-    outcome = answer(experiment.resolve(name), [arranged.column()], settings_of(config))[0]
-    row = {"solver": name, "status": outcome.status, "reason": outcome.reason or None}
-    if outcome.status in RESULT_STATUSES:
-        speed = abs(arranged.v0)
-        row["velocities"] = [v / speed for v in outcome.velocities]
-        if (path := outcome.path) is not None:
-            m, k, p = arranged.m, arranged.k, arranged.exponent
-            time = (m / k * speed ** (1 - p)) ** (1 / (p + 1))
-            kept = needed(path.time, path.forces)
-            row |= {
-                "time": (path.time[kept] / time).tolist(),
-                "forces": (path.forces[kept].T / (m * speed / time)).tolist(),
-            }
-    return pa.Table.from_pylist([row], COLUMN_CURVES_SCHEMA)
+def _curves(experiment: Experiment, name: str) -> dict[str, Any]:
+    """Solve the cell or the column of the figures: its velocities and, of who has a path, impulses or forces."""
+    config, pair = experiment.config, experiment.layout.pair
+    collision = collision_of(config, config.figure_cell) if pair else config.figure_column.column()
+    outcome = answer(experiment.resolve(name), [collision], settings_of(config))[0]
+    row: dict[str, Any] = {"solver": name, "status": outcome.status, "reason": outcome.reason or None}
+    if outcome.status not in RESULT_STATUSES:
+        return row
+    path, (time, speed, impulse) = outcome.path, collision.units
+    row["velocities"] = [v / speed for v in outcome.velocities]
+    if path is not None and pair:
+        impulses = path.impulses.T / impulse
+        # Where one is larger, the curve has no measure either.
+        row["impulses"] = impulses.tolist() if np.abs(impulses).max() <= LARGEST else None
+    elif path is not None:
+        kept = needed(path.time, path.forces)
+        row["time"] = (path.time[kept] / time).tolist()
+        row["forces"] = (path.forces[kept].T / (impulse / time)).tolist()
+    return row
 
 
 def needed(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
@@ -125,21 +108,3 @@ def needed(time: np.ndarray, forces: np.ndarray) -> np.ndarray:
             kept[between] = True
             spans += [(a, between), (between, b)]
     return np.flatnonzero(kept)
-
-
-def _curve(experiment: Experiment, name: str) -> pa.Table:
-    """Solve the cell of the figures and keep its curve, if it has one."""
-    cell = experiment.config.figure_cell
-    collision = collision_of(experiment.config, cell)
-    outcome = answer(experiment.resolve(name), [collision], settings_of(experiment.config))[0]
-    path = outcome.path
-    if outcome.status not in RESULT_STATUSES or path is None:
-        return CURVES_SCHEMA.empty_table()
-    unit = collision.m1 * abs(collision.v0)
-    i1, i2 = path.impulse1 / unit, path.impulse2 / unit
-    if not max(np.abs(i1).max(), np.abs(i2).max()) <= LARGEST:  # nor has it a measure
-        return CURVES_SCHEMA.empty_table()
-    same = {"curve": FIGURE_CELL, **cell.model_dump(), "solver": name}
-    found: dict[str, Any] = {key: [value] * len(i1) for key, value in same.items()}
-    found |= {"time": path.time / collision.units.time, "impulse1": i1, "impulse2": i2, "state": path.state}
-    return pa.table(found, schema=CURVES_SCHEMA)

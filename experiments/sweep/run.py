@@ -15,9 +15,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.experiments.config.cells import Cells, experiment_cells
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
@@ -34,7 +31,6 @@ from impact_xval.experiments.sweep.curves import write_curves
 from impact_xval.experiments.sweep.pool import Slot, available_cores, open_pool
 from impact_xval.experiments.sweep.process import ClosedError
 from impact_xval.experiments.sweep.rows import Experiment, Resolve
-from impact_xval.experiments.sweep.status import MEDIAN_COLUMNS
 from impact_xval.experiments.tables.folder import (
     FORMAT,
     MANIFEST,
@@ -48,7 +44,6 @@ from impact_xval.experiments.tables.folder import (
 
 #: Given how many cells are done, of how many, and a line worth saying ("" if none).
 Progress = Callable[[int, int, str], None]
-OnRows = Callable[[pa.Table], None]
 
 #: Number of a shard, from 1, and how many there are.
 Shard = tuple[int, int]
@@ -66,7 +61,6 @@ def run_sweep(
     shard: Shard = (1, 1),
     isolate: bool = True,
     progress: Progress = lambda done, total, line: None,
-    on_rows: OnRows = lambda rows: None,
     resolve: Resolve = get_solver,
     present: Callable[[RunFolder], None] = lambda folder: None,
 ) -> RunFolder:
@@ -87,8 +81,6 @@ def run_sweep(
         False runs the solvers in this process: one that crashes ends the run.
     progress : callable
         Called after every chunk.
-    on_rows : callable
-        Given the `MEDIAN_COLUMNS` of the rows of a chunk as soon as they are there.
     resolve : callable
         Finds a solver by its name; at the top level of a module.
     present : callable
@@ -104,7 +96,7 @@ def run_sweep(
     experiment, cells = Experiment(config, resolve), experiment_cells(config)
     workers, say = workers or config.workers or available_cores(), functools.partial(progress, 0, 0)
     with _one_line(root), writing(root, config, shard) as (folder, continued):
-        run = _Run(experiment, cells, folder, shard, progress, on_rows)
+        run = _Run(experiment, cells, folder, shard, progress)
         how = {"scheduler": scheduler, "isolate": isolate, "say": say, "log": folder.root / LOG}
         with open_pool(experiment, min(workers, cells.chunks()), **how) as pool:
             run.begin(pool.here(Slot.once, solver_versions), continued)
@@ -139,10 +131,9 @@ class _Run:
         folder: RunFolder,
         shard: Shard,
         progress: Progress,
-        on_rows: OnRows,
     ) -> None:
         self._experiment, self._cells, self._folder, self._shard = experiment, cells, folder, shard
-        self._progress, self._on_rows = progress, on_rows
+        self._progress = progress
         self._mine = [n for n in van_der_corput(cells.chunks()) if n % shard[1] == shard[0] - 1]
         self._total = sum(len(cells.chunk(number)) for number in self._mine)
         self._done = self._reused = self._faults = 0
@@ -161,7 +152,7 @@ class _Run:
         there = set()
         for number, path in folder.named_parts(self._mine, self._identity).items():
             try:
-                self._on_rows(read_part(path, self._experiment.layout).select(MEDIAN_COLUMNS))
+                read_part(path, self._experiment.layout)
                 there.add(number)
             except UserError:
                 self._progress(0, 0, f"part {number} is damaged: computed again")
@@ -177,7 +168,6 @@ class _Run:
         cells = self._cells
         for report in solve_chunks(pool, ((n, cells.block(cells.chunk(n))) for n in self._mine)):
             self._keep(report)
-            self._on_rows(pq.read_table(pa.BufferReader(report.data), columns=MEDIAN_COLUMNS))
             self._done += len(cells.chunk(report.number))
             self._progress(self._done, self._total, "")
         self._stage("solve")
@@ -274,7 +264,7 @@ class _Run:
 
 
 def van_der_corput(count: int) -> Iterator[int]:
-    """Give the numbers below a count such that the first few lie all over the range, as medians and time left need.
+    """Give the numbers below a count such that the first few lie all over the range, as a guess of the time left needs.
 
     It is van der Corput's sequence (1935), the binary digits of 0, 1, 2 ... in the opposite order.
     """

@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import math
-import threading
-from array import array
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from impact_xval.compliant_baselines.registry import law_of
-from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.measures.summary import reasons_of
 from impact_xval.experiments.tables.folder import Tally, run_folder, running, statuses_of, tally
-
-#: Columns of a row that `Medians` are made of.
-MEDIAN_COLUMNS = ["solver", "velocity_divergence", "marked"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,30 +50,3 @@ def status_of(root: Path) -> RunStatus:
     counts = cells, done, chunks, len(parts) - damaged, damaged
     state = "running" if writing else "stopped"
     return RunStatus(state, *counts, statuses_of(outcomes), reasons_of(outcomes))
-
-
-class Medians:
-    """Median D of every solver over the rows that have come so far, marked rows left out as in every table."""
-
-    def __init__(self, solvers: Iterable[str]) -> None:
-        names = (name for name in in_order_of_laws(solvers) if name != REFERENCE)
-        self._found = {name: array("d") for name in names}
-        self._medians = {name: (0, math.nan) for name in self._found}
-        self._lock = threading.Lock()
-
-    def add(self, rows: pa.Table) -> None:
-        """Add rows with the columns `MEDIAN_COLUMNS`; safe from any thread."""
-        rows = rows.filter(pc.field("marked").is_null() & pc.field("velocity_divergence").is_valid())
-        for name, found in self._found.items():
-            some = rows.filter(pc.field("solver") == name).column("velocity_divergence").to_numpy()
-            with self._lock:
-                found.frombytes(some.tobytes())
-
-    def rows(self) -> list[tuple[str, str, int, float]]:
-        """Law, solver, number of cells and median D of those solvers that have any; solvers of one law together."""
-        for name, found in self._found.items():
-            if len(found) > self._medians[name][0]:
-                with self._lock:
-                    values = np.array(found)
-                self._medians[name] = len(values), float(np.median(values, overwrite_input=True))
-        return [(law_of(name) or "-", name, n, median) for name, (n, median) in self._medians.items() if n]

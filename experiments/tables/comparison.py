@@ -25,25 +25,14 @@ LISTED = 10
 
 
 @dataclass(slots=True)
-class SolverChanges:
-    """How many rows of one solver were compared, moved, and have another status; its largest changes.
-
-    Changes are of a velocity per abs(v0), and of D, where both runs have a number.
-    """
-
-    compared: int
-    moved: int
-    statuses: int
-    velocity: float
-    divergence: float
-
-
-@dataclass(slots=True)
 class Comparison:
     """What moved between two runs: changes above a tolerance, by solver in the order of the first run.
 
     Attributes
     ----------
+    solvers : dict of dict
+        By solver ``compared, moved, statuses``, numbers of rows that were compared, moved, have another status, and
+        ``velocity, divergence``, the largest changes where both runs have a number.
     worst : list of named tuples
         The worst rows, the worst first, at most `LISTED`: ``cell, solver, status_a, status_b, velocity, divergence``;
         changes are infinite where one run alone has a number, 0 where neither has.
@@ -54,7 +43,7 @@ class Comparison:
     """
 
     tolerance: float
-    solvers: dict[str, SolverChanges]
+    solvers: dict[str, dict[str, Any]]
     worst: list[Any]
     alone: list[str]
     settings: dict[str, tuple[str, str]]
@@ -63,7 +52,7 @@ class Comparison:
     @property
     def moved(self) -> int:
         """Number of rows that moved."""
-        return sum(each.moved for each in self.solvers.values())
+        return sum(each["moved"] for each in self.solvers.values())
 
 
 def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
@@ -86,19 +75,24 @@ def compare(a: RunFolder, b: RunFolder, tolerance: float) -> Comparison:
     rows["divergence"] = _change(rows, "velocity_divergence")
     rows["other"] = rows.status_a != rows.status_b
     rows["moved"] = rows.other | (rows.velocity > tolerance) | (rows.divergence > tolerance)
-    finite = rows[["solver", "velocity", "divergence"]].replace(np.inf, 0.0)
-    counts = rows.groupby("solver")[["moved", "other"]].sum().join(finite.groupby("solver").max())
-    counts["n"] = rows.groupby("solver").size()
+    changes = (
+        rows.replace({"velocity": np.inf, "divergence": np.inf}, 0.0)
+        .groupby("solver")
+        .agg(
+            compared=("cell", "size"),
+            moved=("moved", "sum"),
+            statuses=("other", "sum"),
+            velocity=("velocity", "max"),
+            divergence=("divergence", "max"),
+        )
+    )
     worst = rows[rows.moved].sort_values(
         ["other", "velocity", "divergence", "cell"], ascending=[False, False, False, True], kind="stable"
     )
     shown = ["cell", "solver", "status_a", "status_b", "velocity", "divergence"]
     return Comparison(
         tolerance,
-        {
-            name: SolverChanges(int(c.n), int(c.moved), int(c.other), float(c.velocity), float(c.divergence))
-            for name, c in counts.loc[both].iterrows()
-        },
+        changes.loc[both].to_dict("index"),
         worst=list(worst[shown].head(LISTED).itertuples(index=False)),
         alone=sorted(here ^ there),
         settings=_differing(own, plain[1]),

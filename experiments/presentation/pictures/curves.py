@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from impact_xval.experiments.config.axes import AXES
-from impact_xval.experiments.config.experiment import REFERENCE
+from impact_xval.experiments.config.experiment import REFERENCE, Config
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.hausdorff import LARGEST
 from impact_xval.experiments.measures.laws import in_order_of_laws
@@ -20,22 +20,21 @@ from impact_xval.experiments.tables.numbers import number
 from impact_xval.model.collision import RESULT_STATUSES, Collision, Outcome, Path
 
 
-def draw_cell_curves(curves: Frame, names: Iterable[str]) -> Iterator[Drawn]:
+def draw_cell_curves(curves: Frame, config: Config) -> Iterator[Drawn]:
     """Draw the curves of the cell of a run's figures by every solver, if there are any."""
-    if curves.empty:
+    followed = curves[curves.impulses.notna()].set_index("solver").impulses
+    if followed.empty:
         return
-    solvers = [name for name in in_order_of_laws(names) if name in set(curves.solver)]
-    cell = ", ".join(f"{label} = {number(curves[axis].iloc[0])}" for axis, label in AXES.items())
-    points = {
-        name: curves.loc[curves.solver == name, ["impulse1", "impulse2"]].to_numpy() for name in solvers
-    }
+    cell, solvers = config.figure_cell, in_order_of_laws(followed.index)
+    points = {name: np.column_stack(followed[name]) for name in solvers}
+    values = ", ".join(f"{label} = {number(getattr(cell, axis))}" for axis, label in AXES.items())
     said = (
-        f"Impulse curves of one collision ({cell}): ball-table impulse I2 over ball-ball impulse "
+        f"Impulse curves of one collision ({values}): ball-table impulse I2 over ball-ball impulse "
         "I1, both per m1 |v0|. Grey lines: compression line l1 (equal velocities, v1 = v2) and l2 "
         "(lower ball at rest, I1 = I2). Markers: where each curve ends; the right panel enlarges "
         "the ends."
     )
-    yield "impulse-curves", _whole_and_ends(points, float(curves.mass_ratio.iloc[0])), said
+    yield "impulse-curves", _whole_and_ends(points, cell.mass_ratio), said
 
 
 def _whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figure:

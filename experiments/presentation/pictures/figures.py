@@ -25,7 +25,7 @@ from impact_xval.experiments.presentation.style import (
     save_all,
 )
 from impact_xval.experiments.presentation.words import named, one_vote
-from impact_xval.experiments.sweep.curves import CURVES, FIGURE_CELL
+from impact_xval.experiments.sweep.curves import CURVES
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
 
@@ -89,7 +89,7 @@ def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     yield from draw_trust(trust_of(folder, summary.config))
     yield from draw_ladders(summary.ladder)
     yield from draw_steps(summary)
-    yield from draw_cell_curves(curves[curves.curve == FIGURE_CELL], summary.config.solvers)
+    yield from draw_cell_curves(curves, summary.config)
 
 
 def draw_columns(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:

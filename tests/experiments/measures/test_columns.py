@@ -14,10 +14,10 @@ def test_the_limit_of_an_engine_is_held_against_its_law():
     chain = Collision((1.0,) * 3, (1e8,) * 2, (0.9,) * 2, (-2.0, 0.0, 0.0))
     outcomes = _by(("kelvin-voigt", "mujoco"), chain, Settings(convergence=Convergence()))
     found = measures_of(chain, outcomes)["mujoco"]
-    assert 0 < found.limit_distance < 3 * found.limit_error < 3e-3
-    assert found.limit_error == outcomes["mujoco"].diagnostics["limit_error"] / 2
-    assert found.velocity_divergence is None  # the model is not among them
+    assert 0 < found["limit_distance"] < 3 * found["limit_error"] < 3e-3
+    assert found["limit_error"] == outcomes["mujoco"].diagnostics["limit_error"] / 2
+    assert found["velocity_divergence"] is None  # the model is not among them
     alone = measures_of(chain, {"mujoco": outcomes["mujoco"]})["mujoco"]
     naive = measures_of(chain, outcomes, "naive")["mujoco"]
-    assert alone.limit_distance is naive.limit_distance is None
-    assert alone.limit_error == naive.limit_error == found.limit_error
+    assert alone["limit_distance"] is naive["limit_distance"] is None
+    assert alone["limit_error"] == naive["limit_error"] == found["limit_error"]

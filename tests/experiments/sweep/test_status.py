@@ -9,10 +9,9 @@ import pytest
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.config.errors import InterruptedRunError
 from impact_xval.experiments.config.experiment import parse_config
-from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep import run as sweep
 from impact_xval.experiments.sweep.run import run_sweep
-from impact_xval.experiments.sweep.status import Medians, status_of
+from impact_xval.experiments.sweep.status import status_of
 from tests.experiments import fakes
 from tests.experiments.conftest import SMALL
 
@@ -63,15 +62,3 @@ def test_a_stopped_run_counts_what_is_damaged_and_its_command_to_continue_can_be
     assert main(words) == 0
     assert status_of(root).state == "complete"
     assert kept.stat().st_mtime_ns == before
-
-
-def test_medians_of_a_run_that_goes_on_end_as_those_of_its_summary(tmp_path):
-    config = parse_config(SMALL | {"solvers": ["bistiffness", "mujoco", "pybullet"]})
-    medians = Medians(config.solvers)
-    folder = run_sweep(config, tmp_path / "a", isolate=False, resolve=fakes.shifted, on_rows=medians.add)
-    summary = summarise(folder)
-    rows = {name: (n, median) for _, name, n, median in medians.rows()}
-    assert set(rows) == {"bistiffness", "mujoco"}  # no cell has a result of pybullet's
-    for name, found in rows.items():
-        row = summary.get(name, "velocity_divergence")
-        assert found == (row.n, row["median"])

@@ -64,16 +64,16 @@ def test_the_changes_are_those_of_the_tables(runs, tolerance, moved):
     found = compare(*runs, tolerance)
     assert list(found.solvers) == SOLVERS
     mujoco = found.solvers["mujoco"]
-    assert (found.moved, mujoco.moved, mujoco.statuses) == (moved, moved, 2)
+    assert (found.moved, mujoco["moved"], mujoco["statuses"]) == (moved, moved, 2)
     for name, each in found.solvers.items():
         mine = cells[cells.solver == name]
-        assert each.compared == len(mine) == 12
+        assert each["compared"] == len(mine) == 12
         changes = np.abs(mine[["v1_a", "v2_a"]].to_numpy() - mine[["v1_b", "v2_b"]].to_numpy())
-        assert each.velocity == np.nanmax(changes / np.abs(mine[["v0_a"]].to_numpy()))
+        assert each["velocity"] == np.nanmax(changes / np.abs(mine[["v0_a"]].to_numpy()))
         d = away[away.solver == name]
         change = (d.velocity_divergence_a - d.velocity_divergence_b).abs().max()
-        assert each.divergence == (0 if name == "state-transition" else change)
-    assert mujoco.velocity == pytest.approx(1e-6, rel=1e-6)
+        assert each["divergence"] == (0 if name == "state-transition" else change)
+    assert mujoco["velocity"] == pytest.approx(1e-6, rel=1e-6)
 
 
 def test_the_worst_are_those_of_another_status_and_then_the_largest_changes(runs):
@@ -130,6 +130,6 @@ def test_columns_of_n_balls_are_compared_ball_by_ball(tmp_path, capsys, runs, ke
     )
     assert compare(a, b, 0).moved == 0
     found = compare(a, c, 1e-9)
-    assert [each.moved for each in found.solvers.values()] == [0, 0, 4]
+    assert [each["moved"] for each in found.solvers.values()] == [0, 0, 4]
     assert main(["compare", str(a.root), str(runs[0].root)]) == 2
     assert "a run of columns of N balls, " in capsys.readouterr().err
