@@ -22,7 +22,7 @@ from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.config.arrangements import Arranged, ColumnTable, arranged
 from impact_xval.experiments.config.axes import AXES, LEGAL, MAX_CELLS, Sample
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.experiment import Cell, Config
+from impact_xval.experiments.config.experiment import Cell, Config, untied
 from impact_xval.model.collision import Collision, Collisions
 
 #: Cells of a chunk where an engine is among the solvers, a few seconds of work with their estimates: of two balls, of
@@ -111,7 +111,8 @@ def experiment_cells(config: Config) -> Cells:
         if found:
             raise UserError(f"{config.cells}: row {found[0] + 1}: {found[1]}")
         return listed(config, values)
-    return Cells(config, config.grid.count(), _of_grid(config.grid.axes()))
+    of_grid = _of_grid(config.grid.varied())
+    return Cells(config, config.grid.count(), lambda indices: untied(of_grid(indices)))
 
 
 def listed(config: Config, values: NDArray[np.float64]) -> Cells:

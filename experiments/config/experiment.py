@@ -63,16 +63,39 @@ class Cell(Strict):
 
 
 class Grid(Axes):
-    """Axes of the grid."""
+    """Axes of the grid; with `e` both restitutions are equal, and vary together."""
 
     stiffness_ratio: Axis = Field(default={"log": [1e-3, 1e3, 13]})
     mass_ratio: Axis = Field(default=[0.5, 2 / math.sqrt(3), 2.0])
     e1: Axis = Field(default=[0.5, 0.7, 0.9, 1.0])
     e2: Axis = Field(default=[0.5, 0.7, 0.9, 1.0])
+    e: Axis | None = Field(None)
+
+    @model_validator(mode="after")
+    def _tied(self) -> Grid:
+        for name in ("e1", "e2"):
+            if self.e is not None and name in self.model_fields_set:
+                raise ValueError(f"e is given with {name}; legal: e for both, or e1 and e2")
+        return self
+
+    def varied(self) -> dict[str, list[float]]:
+        """Values of every axis that varies by itself; the last one varies fastest."""
+        names = ("stiffness_ratio", "mass_ratio", *(("e1", "e2") if self.e is None else ("e",)))
+        return {name: expand_axis(getattr(self, name)) for name in names}
 
     def axes(self) -> dict[str, list[float]]:
-        """Values of every parameter; the last one varies fastest."""
-        return {name: expand_axis(axis) for name, axis in self}
+        """Values of every parameter."""
+        return untied(self.varied())
+
+    def lengths(self) -> dict[str, int]:
+        """Count the values of every axis that varies by itself."""
+        return {name: len(values) for name, values in self.varied().items()}
+
+
+def untied(values: dict[str, Any]) -> dict[str, Any]:
+    """Give both restitutions their values, where they vary together."""
+    others = {name: each for name, each in values.items() if name != "e"}
+    return others | ({"e1": values["e"], "e2": values["e"]} if "e" in values else {})
 
 
 class ConvergenceTable(Strict):
@@ -219,12 +242,13 @@ class Config(Strict):
 
     def _stated(self) -> dict[str, Any]:
         """Return the configuration as a file holds it."""
+        tied: dict[str, Any] = {} if self.grid.e is None else {"grid": {"e1", "e2"}}
         of_others = {"figure_column"} if self.column is None else {"grid", "figure_cell", "gravity"}
         if self.sample is not None or self.cells is not None:
             of_others.add("grid")
         if self.scenario == "impact":
             of_others.add("gravity")
-        return self.model_dump(exclude=of_others, exclude_none=True)
+        return self.model_dump(exclude=tied | dict.fromkeys(of_others, True), exclude_none=True)
 
     def canonical(self) -> dict[str, Any]:
         """Return the configuration as plain JSON values; an infinity is the text ``"inf"``."""
@@ -241,7 +265,7 @@ class Config(Strict):
         """Hash of everything the cells' results depend on; not of names, figures or the number of workers."""
         plain = {key: value for key, value in self.canonical().items() if key not in COSMETIC}
         if "grid" in plain:
-            plain["grid"] = _plain(self.grid.axes())
+            plain["grid"] = _plain(self.grid.varied())
         if self.column is not None:
             plain["column"] = [[name, self.column.axes(name)] for name in self.column.arrangement]
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()

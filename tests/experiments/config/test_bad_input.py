@@ -61,6 +61,7 @@ CONFIGS: dict[str, list[tuple[str, list[str]]]] = {
         ("scenario = 'throw'", ["scenario", "'throw'", "'impact' or 'drop'"]),
         ("step_fraction = 0.5", ["step_fraction = 0.5", "at most 0.1"]),
         ("scenario = 'impact'\ngravity = 9.81", ["gravity is given with scenario = 'impact'", "with 'drop'"]),
+        ("[grid]\ne = [0.5]\ne1 = [0.5]", ["grid", "e is given with e1", "e for both"]),
         ("max_steps = 0", ["max_steps = 0", "a whole number >= 1"]),
         ("shortest_state = 0.5", ["shortest_state = 0.5", "from 0 to 0.1 (of the shorter"]),
         ("mapping = 'none'", ["mapping = 'none'", "'calibrated' or 'naive'"]),

@@ -59,6 +59,16 @@ def test_cells_carry_the_physical_scale():
     assert (stiff.m1, stiff.m2, stiff.v0) == (2.0, 1.0, -3.0)
 
 
+def test_restitutions_that_are_tied_are_equal_in_every_cell():
+    axes = {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0]}
+    config = parse_config({"grid": axes | {"e": [0.5, 0.9]}})
+    cells = experiment_cells(config).block(range(4)).parameters
+    assert set(cells) & {"e1", "e2", "e"} == {"e1", "e2"}
+    assert cells["e1"].tolist() == cells["e2"].tolist() == [0.5, 0.9, 0.5, 0.9]
+    assert parse_config(tomllib.loads(config.toml())).identity() == config.identity()
+    assert config.identity() != parse_config({"grid": axes | {"e1": [0.5, 0.9], "e2": [0.5, 0.9]}}).identity()
+
+
 def test_columns_are_an_arrangement_after_the_other_with_e_fastest():
     columns = experiment_cells(parse_config({"column": COLUMNS}))
     assert len(columns) == 2 * 2 * 2 * 3 + 2 * 2 * 3
