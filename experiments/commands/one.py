@@ -4,28 +4,28 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from impact_xval.experiments.commands.options import (
     OF_COLUMN,
-    ONE,
     Json,
     Solvers,
     asked,
     asked_by_address,
-    file_to_write,
     folder_to_write,
     known_solvers,
     of_one_collision,
     path,
+    print_json,
     whole,
 )
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
+    from impact_xval.compliant_baselines.engines.stepping import Run
     from impact_xval.experiments.cells.compared import Compared
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.experiments.tables.folder import RunFolder
@@ -37,7 +37,18 @@ _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
 _POINTS = 4000
 
 #: Difference, per |v0|, above which a tabulated velocity is not the one that was run again.
-SAME = 1e-12
+_SAME = 1e-12
+
+
+def _drawable(text: str) -> Path:
+    """Read the path of a picture or film, which is known to be legal before anything is computed."""
+    file = path("--plot")(text)
+    if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
+        legal = f"a file that ends in {', '.join((*_PICTURES, *_FILMS))}"
+        raise UserError(f"--plot {file}; legal: {legal}")
+    if not file.parent.is_dir():
+        raise UserError(f"--plot {file}: no folder {file.parent}; legal: a file in a folder that is there")
+    return file
 
 
 @of_one_collision()
@@ -48,7 +59,7 @@ def solve(
         Path | None,
         typer.Option(
             metavar="FILE",
-            parser=path("--plot"),
+            parser=_drawable,
             help="Draw curves (.png, .svg, .pdf), or slow motion beside the model (.gif, .html).",
         ),
     ] = None,
@@ -62,13 +73,9 @@ def solve(
 
     Example: impact-xval solve --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
     """
-    from json import dumps
-
-    from impact_xval.experiments.presentation.terminal import say_waiting
+    from impact_xval.experiments.presentation.terminal import error_line, make_console, say_waiting, show
     from impact_xval.experiments.sweep.one import solvers_apart
 
-    if plot is not None:
-        file_to_write("--plot", plot, (*_PICTURES, *_FILMS))
     film = plot is not None and plot.suffix in _FILMS
     columns = typed["arrangement"] is not None or typed["balls"] is not None
     with solvers_apart(solver or (), columns=columns) as apart:
@@ -83,14 +90,10 @@ def solve(
 
     compared = Compared(collision, outcomes, arranged)
     if json:
-        print(dumps(compared.objects(), indent=2, allow_nan=False))
+        print_json(compared.objects())
     else:
-        from impact_xval.experiments.presentation.terminal import make_console, show
-
         show(make_console(), compared.blocks())
     if plot is not None:
-        from impact_xval.experiments.presentation.terminal import error_line
-
         error_line(f"{plot}: {(_film if film else _picture)(plot, compared, config)}")
 
 
@@ -147,9 +150,7 @@ def _film(file: Path, compared: Compared, config: Config) -> str:
 def explore(
     port: Annotated[
         int,
-        typer.Option(
-            metavar="N", parser=whole("--port", 0, 65535), help="Port to listen at; 0: any free one."
-        ),
+        typer.Option(metavar="N", parser=whole(0, 65535), help="Port to listen at; 0: any free one."),
     ] = 5006,
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
@@ -182,7 +183,10 @@ def scene(
             metavar="[DIR]", parser=path("DIR"), help="Folder of a finished run, or a collision as solve."
         ),
     ] = None,
-    cell: Annotated[str | None, typer.Argument(metavar="[N]", help="Number of a cell of that run.")] = None,
+    cell: Annotated[
+        int | None,
+        typer.Argument(metavar="[N]", parser=whole(0, 10**7), help="Number of a cell of that run."),
+    ] = None,
     *,
     solver: Annotated[
         list[str] | None,
@@ -202,7 +206,7 @@ def scene(
     from impact_xval.experiments.tables.folder import cells_of_run, finished_collisions
 
     if folder is None:
-        collision, _, config = asked(dict.fromkeys(ONE) | typed)
+        collision, _, config = asked(typed)
         names, table, where = _exportable(solver), None, "collision"
     else:
         if cell is None or any(typed.values()):
@@ -210,10 +214,10 @@ def scene(
         run = finished_collisions(folder)
         config = run.config()
         cells = cells_of_run(run, config)
-        index = whole("N", 0, len(cells) - 1)(cell)
-        names = _exportable(solver, config.solvers)
-        collision, table = cells[index], _tabulated(run, index)
-        where = f"{folder.resolve().name}-cell-{index}"
+        if cell >= len(cells):
+            raise UserError(f"N = {cell}; legal: a whole number from 0 to {len(cells) - 1}")
+        names, where = _exportable(solver, config.solvers), f"{folder.resolve().name}-cell-{cell}"
+        collision, table = cells[cell], _tabulated(run, cell)
     _write_scenes(collision, settings_of(config), names, out or Path("scenes") / where, table)
 
 
@@ -241,10 +245,7 @@ def _write_scenes(
 ) -> None:
     """Run a collision by every engine named, and only then write a folder for each.
 
-    Parameters
-    ----------
-    tabulated : dict, optional
-        v1 and v2 in m/s of a run's table, by solver.
+    Velocities of a run's table are v1 and v2 in m/s, by solver.
     """
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.tables.folder import write_text
@@ -271,24 +272,22 @@ def _write_scenes(
         print_line(console, line)
 
 
-def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Any, Outcome, dict[str, str]]:
+def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Run, Outcome, dict[str, str]]:
     """Run a collision by an engine: the run, its outcome, and the files to run it without this package."""
+    from dataclasses import replace
+
     from impact_xval.compliant_baselines import get_solver
-    from impact_xval.compliant_baselines.engines.engine import Engine, outcome_of
+    from impact_xval.compliant_baselines.engines.engine import Engine
+    from impact_xval.compliant_baselines.engines.scene import Scene
     from impact_xval.compliant_baselines.paste import scene_files
 
     solver = get_solver(name)
     assert isinstance(solver, Engine)
-    reason = solver.unavailable()
-    if reason is not None:
-        raise UserError(f"{name}: unavailable: {reason}")
+    (outcome,) = solver.solve_many([collision], replace(settings, convergence=None, mark=False))
     scene = solver.scene_or_refusal(collision, settings)
-    if isinstance(scene, str):
-        raise UserError(f"{name}: unrepresentable: {scene}")
-    run, files = scene_files(solver, scene, settings.max_steps)
-    outcome = outcome_of(name, collision, run, settings)
-    if math.isnan(outcome.v1):
+    if math.isnan(outcome.v1) or not isinstance(scene, Scene):
         raise UserError(f"{name}: {outcome.status}: {outcome.reason}")
+    run, files = scene_files(solver, scene, settings.max_steps)
     return run, outcome, files
 
 
@@ -296,7 +295,7 @@ def _against(table: tuple[float, float] | None, outcome: Outcome, speed: float) 
     if table is None:
         return "the table holds no result of it"
     apart = max(abs(outcome.v1 - table[0]), abs(outcome.v2 - table[1])) / speed
-    if apart <= SAME:
+    if apart <= _SAME:
         return f"as in the table (difference {apart:.1e} |v0|)"
     return (
         f"NOT as in the table: {table[0]!r}, {table[1]!r} (difference {apart:.1e} |v0|); "
@@ -305,8 +304,7 @@ def _against(table: tuple[float, float] | None, outcome: Outcome, speed: float) 
 
 
 def _tabulated(root: RunFolder, index: int) -> dict[str, tuple[float, float]]:
-    import pyarrow.parquet as pq
+    from impact_xval.experiments.presentation.views import rows_of_cell
 
-    file = root.table_path("cells.parquet")
-    rows = pq.read_table(file, columns=["solver", "v1", "v2"], filters=[("cell", "==", index)]).to_pylist()
+    rows = rows_of_cell(root, index)
     return {row["solver"]: (row["v1"], row["v2"]) for row in rows if row["v1"] is not None}

@@ -7,7 +7,7 @@ import math
 import re
 import shlex
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,8 +20,9 @@ from impact_xval.experiments.commands.options import (
     config_file,
     folder_to_write,
     number,
-    part_of,
     path,
+    print_json,
+    share,
     whole,
 )
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
@@ -42,8 +43,10 @@ def run(
         str | None, typer.Option(metavar="ADDRESS", help="Compute on a Dask cluster, by its scheduler.")
     ] = None,
     shard: Annotated[
-        str | None,
-        typer.Option(metavar="I/N", help="Compute every N-th part, from the I-th, in a folder of all N."),
+        Any,
+        typer.Option(
+            metavar="I/N", parser=share, help="Compute every N-th part, from the I-th, in a folder of all N."
+        ),
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="A first taste: 40 cells of the built-in grid, in seconds.")
@@ -57,13 +60,7 @@ def run(
     Example: impact-xval run my.toml --out my-run
     """
     start = time.perf_counter()
-    if quick and config is not None:
-        raise UserError(f"--quick with {config}: it is for the built-in grid; legal: one of both")
-    share = part_of(shard)
-    kept = _kept(out) if config is None and out is not None else None
-    if quick and kept is not None and kept.identity() != _quick().identity():
-        raise UserError(f"--quick with --out {out}: holds another run; legal: --out {out}")
-    experiment = kept or (_quick() if quick else _experiment(config))
+    experiment = _experiment(config, out, quick)
     # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import run_sweep
@@ -72,7 +69,8 @@ def run(
     name = experiment.name if config is None or "name" in experiment.model_fields_set else config.stem
     root = out if out is not None else Path("runs") / _slug(name)
     words: list[Any] = ["run", *(["--quick"] if quick else []), *([config] if config else []), "--out", root]
-    words += [*(["--scheduler", scheduler] if scheduler else []), *(["--shard", shard] if shard else [])]
+    words += ["--scheduler", scheduler] if scheduler else []
+    words += ["--shard", "{}/{}".format(*shard)] if shard else []
     console, medians = make_console(), Medians(experiment.solvers)
     summaries: list[Summary] = []
 
@@ -88,7 +86,7 @@ def run(
             root,
             workers=workers,
             scheduler=scheduler,
-            shard=share,
+            shard=shard or (1, 1),
             progress=progress,
             on_rows=medians.add,
             present=presented,
@@ -107,9 +105,7 @@ def show(
     folder: Folder,
     cell: Annotated[
         int | None,
-        typer.Option(
-            metavar="N", parser=whole("--cell", 0, 10**7), help="One cell: outcomes, and why they differ."
-        ),
+        typer.Option(metavar="N", parser=whole(0, 10**7), help="One cell: outcomes, and why they differ."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -120,25 +116,24 @@ def show(
     Example: impact-xval show runs/default --cell 17
     """
     from dataclasses import asdict
-    from json import dumps
 
     from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.status import status_of
     from impact_xval.experiments.tables.folder import RunFolder, finished
 
+    console = make_console()
     if cell is not None:
         rows = views.rows_of_cell(finished(folder), cell)
         if json:
-            typer.echo(dumps(rows, indent=2, allow_nan=False))
+            print_json(rows)
         else:
-            views.show_cell(make_console(), cell, rows)
+            views.show_cell(console, cell, rows)
         return
     found = status_of(folder)
     if json:
-        typer.echo(dumps(asdict(found), indent=2, allow_nan=False))
+        print_json(asdict(found))
         return
-    console = make_console()
     views.show_status(console, str(folder), found)
     if found.state == "complete":
         from impact_xval.experiments.measures.summary import summarise
@@ -210,9 +205,13 @@ def compare(
     run_a: Annotated[Path, typer.Argument(metavar="A", parser=path("A"), help="A finished run.")],
     run_b: Annotated[Path, typer.Argument(metavar="B", parser=path("B"), help="One of the same cells.")],
     tolerance: Annotated[
-        str,
-        typer.Option(metavar="T", help="Change of a velocity per |v0|, and of D, that is none; 0: no bit."),
-    ] = "1e-9",
+        float,
+        typer.Option(
+            metavar="T",
+            parser=number,
+            help="Change of a velocity per |v0|, and of D, that is none; 0: no bit.",
+        ),
+    ] = 1e-9,
     json: Json = False,
 ) -> None:
     """Show what moved between two runs.
@@ -221,20 +220,17 @@ def compare(
 
     Example: impact-xval compare before after --tolerance 1e-6
     """
-    from json import dumps
-
     from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import at_work, make_console
     from impact_xval.experiments.tables.comparison import compare as compared
     from impact_xval.experiments.tables.folder import finished
 
-    allowed = number("--tolerance", tolerance)
-    if not 0 <= allowed < math.inf:
-        raise UserError(f"--tolerance = {tolerance!r:.60}; legal: a finite number >= 0 (of |v0|)")
+    if not 0 <= tolerance < math.inf:
+        raise UserError(f"--tolerance = {tolerance!r}; legal: a finite number >= 0 (of |v0|)")
     with at_work("comparing the runs"):
-        found = compared(finished(run_a), finished(run_b), allowed)
+        found = compared(finished(run_a), finished(run_b), tolerance)
     if json:
-        typer.echo(dumps(views.changes_object(found), indent=2, allow_nan=False))
+        print_json(views.changes_object(found))
     else:
         views.show_changes(make_console(), str(run_a), str(run_b), found)
     if found.moved:
@@ -272,31 +268,26 @@ def hypothesis(
     print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {page}")
 
 
-def _experiment(file: Path | None) -> Config:
+def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
+    """Read an experiment from a file, or else from the folder of a run; without either it is the built-in one."""
     from impact_xval.experiments.config.experiment import load_config, parse_config
-
-    if file is None:
-        return parse_config({}, "built-in experiment")
-    config = load_config(file)
-    if config.cells is not None and not Path(config.cells).is_file():
-        raise UserError(f"{file}: cells = {config.cells!r}: no such file; legal: a CSV or Parquet file")
-    return config
-
-
-def _quick() -> Config:
-    """Return the built-in experiment on a few of its cells: five stiffness ratios, and the ends of the other axes."""
-    from impact_xval.experiments.config.experiment import parse_config
-
-    steps = {"stiffness_ratio": 3, "mass_ratio": 2, "e1": 3, "e2": 3}
-    axes = {name: values[:: steps[name]] for name, values in parse_config({}).grid.axes().items()}
-    return parse_config({"name": "quick", "grid": axes}, "built-in experiment")
-
-
-def _kept(root: Path) -> Config | None:
-    """Read the experiment of the run in a folder, if there is one."""
     from impact_xval.experiments.tables.folder import CONFIGURATION, RunFolder
 
-    return RunFolder(root).config() if (root / CONFIGURATION).exists() else None
+    if file is not None:
+        if quick:
+            raise UserError(f"--quick with {file}: it is for the built-in grid; legal: one of both")
+        return load_config(file)
+    built_in = parse_config({}, "built-in experiment")
+    if quick:  # five stiffness ratios, and the ends of the other axes
+        steps = {"stiffness_ratio": 3, "mass_ratio": 2, "e1": 3, "e2": 3}
+        axes = {name: values[:: steps[name]] for name, values in built_in.grid.axes().items()}
+        built_in = parse_config({"name": "quick", "grid": axes}, "built-in experiment")
+    if root is None or not (root / CONFIGURATION).exists():
+        return built_in
+    kept = RunFolder(root).config()
+    if quick and kept.identity() != built_in.identity():
+        raise UserError(f"--quick with --out {root}: holds another run; legal: --out {root}")
+    return kept
 
 
 def _size(experiment: Config) -> str:
@@ -325,40 +316,25 @@ def _slug(name: str) -> str:
 
 @contextlib.contextmanager
 def _writing(words: list[Any], console: Any, medians: MedianRows, before: str) -> Iterator[Progress]:
-    """Show the progress of what writes a folder; where it is stopped the error says how to go on.
+    """Show the progress of what writes a folder; where it is stopped the error says which words continue it.
 
-    Parameters
-    ----------
-    words : list
-        Of the command that continues it.
-    console : Console
-    medians : callable
-        As for `terminal.show_progress`.
-    before : str
-        What is said before anything is computed.
+    What is said `before` anything is computed comes with the first report: by then the input is known to be legal.
     """
-    from impact_xval.experiments.presentation.terminal import show_progress
-
-    try:
-        with show_progress(console, medians=medians) as progress:
-            yield _noticed(progress, before)
-    except InterruptedRunError as stopped:
-        command = shlex.join(["impact-xval", *map(str, words)])
-        line = f"{stopped}; finished parts are kept; to continue: {command}"
-        raise InterruptedRunError(line) from None
-
-
-def _noticed(progress: Callable[[int, int, str], None], before: str) -> Progress:
-    """Add a line and the notice of compilation to the first report: by then the input is known to be legal."""
-    from impact_xval.experiments.presentation.terminal import COMPILING
+    from impact_xval.experiments.presentation.terminal import COMPILING, show_progress
     from impact_xval.model.compiled import is_compiled
     from impact_xval.model.pair.kernel import collide_all
 
     notices = [before, "" if is_compiled(collide_all) else COMPILING]
+    try:
+        with show_progress(console, medians=medians) as progress:
 
-    def report(done: int, total: int, line: str) -> None:
-        while notices:
-            progress(0, 0, notices.pop(0))
-        progress(done, total, line)
+            def report(done: int, total: int, line: str) -> None:
+                while notices:
+                    progress(0, 0, notices.pop(0))
+                progress(done, total, line)
 
-    return report
+            yield report
+    except InterruptedRunError as stopped:
+        command = shlex.join(["impact-xval", *map(str, words)])
+        line = f"{stopped}; finished parts are kept; to continue: {command}"
+        raise InterruptedRunError(line) from None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands.options import Json, number, path
+from impact_xval.experiments.commands.options import Json, number, path, print_json
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
@@ -105,7 +105,9 @@ def inspect(
     scene: Annotated[
         Path, typer.Argument(metavar="SCENE.xml", parser=path("SCENE"), help="An MJCF file, or .mjb.")
     ],
-    speed: Annotated[str, typer.Option(metavar="M/S", help="At which bodies are dropped.")] = "1",
+    speed: Annotated[
+        float, typer.Option(metavar="M/S", parser=number, help="At which bodies are dropped.")
+    ] = 1.0,
     json: Json = False,
 ) -> None:
     """Measure the contacts of a MuJoCo scene, and look for traps in them.
@@ -117,30 +119,28 @@ def inspect(
     Example: impact-xval inspect robot.xml
     """
     from dataclasses import asdict
-    from json import dumps
 
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line, show
 
-    approach = number("--speed", speed)
-    if not 0 < approach < math.inf:
-        raise UserError(f"--speed = {speed!r:.60}; legal: a finite number > 0 (m/s)")
+    if not 0 < speed < math.inf:
+        raise UserError(f"--speed = {speed!r}; legal: a finite number > 0 (m/s)")
     if not scene.is_file() or scene.suffix not in (".xml", ".mjb"):
         raise UserError(f"{scene}: no such file of MuJoCo; legal: a file that ends in .xml or .mjb")
     reason = get_solver("mujoco").unavailable()
     if reason is not None:
         raise UserError(f"{scene}: mujoco is unavailable: {reason}")
     with at_work(f"dropping the contacts of {scene}"):
-        contacts, findings = _examined(scene, approach)
+        contacts, findings = _examined(scene, speed)
     if json:
         # JSON knows no infinity.
         rows = [
             asdict(row) | {"masses": [m if m < math.inf else "inf" for m in row.masses]} for row in contacts
         ]
-        print(dumps({"contacts": rows, "traps": [asdict(finding) for finding in findings]}, indent=2))
+        print_json({"contacts": rows, "traps": [asdict(finding) for finding in findings]})
     else:
         console = make_console()
-        show(console, _contacts_shown(contacts, approach))
+        show(console, _contacts_shown(contacts, speed))
         for finding in findings:
             print_line(console, str(finding))
         print_line(console, f"{scene}: {len(findings) or 'no'} trap{'s' if len(findings) != 1 else ''} found")

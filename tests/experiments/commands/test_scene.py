@@ -90,8 +90,7 @@ def test_a_cell_of_a_run_gives_what_its_table_holds(tmp_path, capsys):
     # what cannot be exported is said, and nothing is written
     for arguments, says in (
         (["1"], "unrepresentable: e2 = 0: no finite damping"),
-        (["4"], "N = '4'; legal: a whole number from 0 to 3"),
-        ([], "a cell of a run is named by its number"),
+        (["4"], "N = 4; legal: a whole number from 0 to 3"),
         (["1", "--solver", "kelvin-voigt"], "--solver = 'kelvin-voigt'; legal: mujoco, pybullet"),
     ):
         out = tmp_path / "nothing"
