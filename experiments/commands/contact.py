@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from impact_xval.experiments.commands.options import number
+from impact_xval.experiments.commands.options import number, option
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
@@ -22,41 +20,20 @@ _TOLERANCE = 0.01
 
 
 def contact(
-    engine: Annotated[str, typer.Option(metavar="NAME", help="'mujoco', 'pybullet' or 'drake'.")],
-    masses: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            metavar="KG KG", parser=number, help="Of the two bodies, 1e-15 to 1e15; inf for a fixed one."
-        ),
-    ] = None,
-    restitution: Annotated[
-        float | None,
-        typer.Option(metavar="E", parser=number, help="From 1e-4 to 1; by default that of the materials."),
-    ] = None,
-    stiffness: Annotated[
-        float | None, typer.Option(metavar="N/M", parser=number, help="Of the contact.")
-    ] = None,
-    duration: Annotated[
-        float | None, typer.Option(metavar="S", parser=number, help="Of the contact; instead of a stiffness.")
-    ] = None,
-    material: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Instead of masses and stiffness: steel, glass, brass, rubber or ping-pong; twice for two.",
-        ),
-    ] = None,
-    radius: Annotated[
-        list[float] | None,
-        typer.Option(
-            metavar="M",
-            parser=number,
-            help="Of a ball of the material; twice for two balls, else the other is a flat.",
-        ),
-    ] = None,
-    speed: Annotated[
-        float, typer.Option(metavar="M/S", parser=number, help="Speed of approach, 1e-9 to 1e9.")
-    ] = 1.0,
+    engine: str = option("NAME", "'mujoco', 'pybullet' or 'drake'.", default=...),
+    masses: tuple[float, float] | None = option(
+        "KG KG", "Of the two bodies, 1e-15 to 1e15; inf for a fixed one.", number
+    ),
+    restitution: float | None = option("E", "From 1e-4 to 1; by default that of the materials.", number),
+    stiffness: float | None = option("N/M", "Of the contact.", number),
+    duration: float | None = option("S", "Of the contact; instead of a stiffness.", number),
+    material: list[str] | None = option(
+        "NAME", "Instead of masses and stiffness: steel, glass, brass, rubber or ping-pong; twice for two."
+    ),
+    radius: list[float] | None = option(
+        "M", "Of a ball of the material; twice for two balls, else the other is a flat.", number
+    ),
+    speed: float = option("M/S", "Speed of approach, 1e-9 to 1e9.", number, 1.0),
 ) -> None:
     """Print what to paste into a scene for a contact.
 

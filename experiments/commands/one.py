@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,6 +17,7 @@ from impact_xval.experiments.commands.options import (
     folder_to_write,
     known_solvers,
     of_one_collision,
+    option,
     path,
     print_json,
     whole,
@@ -28,16 +29,12 @@ if TYPE_CHECKING:
     from impact_xval.compliant_baselines.engines.stepping import Run
     from impact_xval.experiments.cells.compared import Compared
     from impact_xval.experiments.config.experiment import Config
-    from impact_xval.experiments.tables.folder import RunFolder
     from impact_xval.model import Collision, Outcome
 
 #: What is drawn, and what moves, by the suffix of the file.
 _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
 #: Points of the path of a column that moves: of many balls it is large to be sent.
 _POINTS = 4000
-
-#: Difference, per |v0|, above which a tabulated velocity is not the one that was run again.
-_SAME = 1e-12
 
 
 def _drawable(text: str) -> Path:
@@ -55,14 +52,9 @@ def _drawable(text: str) -> Path:
 def solve(
     *,
     solver: Solvers = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            parser=_drawable,
-            help="Draw curves (.png, .svg, .pdf), or slow motion beside the model (.gif, .html).",
-        ),
-    ] = None,
+    plot: Path | None = option(
+        "FILE", "Draw curves (.png, .svg, .pdf), or slow motion beside the model (.gif, .html).", _drawable
+    ),
     json: Json = False,
     **typed: str | None,
 ) -> None:
@@ -148,10 +140,7 @@ def _film(file: Path, compared: Compared, config: Config) -> str:
 
 
 def explore(
-    port: Annotated[
-        int,
-        typer.Option(metavar="N", parser=whole(0, 65535), help="Port to listen at; 0: any free one."),
-    ] = 5006,
+    port: int = option("N", "Port to listen at; 0: any free one.", whole(0, 65535), 5006),
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
     ] = True,
@@ -188,10 +177,7 @@ def scene(
         typer.Argument(metavar="[N]", parser=whole(0, 10**7), help="Number of a cell of that run."),
     ] = None,
     *,
-    solver: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="'mujoco' or 'pybullet'; may be repeated, by default both."),
-    ] = None,
+    solver: list[str] | None = option("NAME", "'mujoco' or 'pybullet'; may be repeated, by default both."),
     out: Annotated[Path | None, folder_to_write("by default in scenes/")] = None,
     **typed: str | None,
 ) -> None:
@@ -202,12 +188,13 @@ def scene(
 
     Example: impact-xval scene runs/default 17
     """
+    from impact_xval.experiments.presentation.views import rows_of_cell
     from impact_xval.experiments.sweep.rows import settings_of
     from impact_xval.experiments.tables.folder import cells_of_run, finished_collisions
 
     if folder is None:
         collision, _, config = asked(typed)
-        names, table, where = _exportable(solver), None, "collision"
+        table, where = {}, "collision"
     else:
         if cell is None or any(typed.values()):
             raise UserError(f"{folder}: a cell of a run is named by its number; legal: DIR N")
@@ -216,37 +203,30 @@ def scene(
         cells = cells_of_run(run, config)
         if cell >= len(cells):
             raise UserError(f"N = {cell}; legal: a whole number from 0 to {len(cells) - 1}")
-        names, where = _exportable(solver, config.solvers), f"{folder.resolve().name}-cell-{cell}"
-        collision, table = cells[cell], _tabulated(run, cell)
-    _write_scenes(collision, settings_of(config), names, out or Path("scenes") / where, table)
+        collision, where = cells[cell], f"{folder.resolve().name}-cell-{cell}"
+        table = {row["solver"]: row for row in rows_of_cell(run, cell)}
+    _write_scenes(collision, settings_of(config), _exportable(solver), out or Path("scenes") / where, table)
 
 
-def _exportable(solvers: list[str] | None, of_run: list[str] | None = None) -> list[str]:
-    """Check the names of engines; without any, those of a run or else those that are installed."""
+def _exportable(solvers: list[str] | None) -> list[str]:
+    """Check the names of engines; without any, those that are installed."""
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.compliant_baselines.registry import exportable_names
 
     legal = exportable_names()
-    there = [n for n in legal if (get_solver(n).unavailable() is None if of_run is None else n in of_run)]
     for name in solvers or ():
         if name not in legal:
             raise UserError(f"--solver = {name!r}; legal: {', '.join(legal)}")
-    if not (solvers or there):
+    names = solvers or [name for name in legal if get_solver(name).unavailable() is None]
+    if not names:
         raise UserError(f"--solver: none of {', '.join(legal)} is there to export")
-    return list(dict.fromkeys(solvers or there))
+    return list(dict.fromkeys(names))
 
 
 def _write_scenes(
-    collision: Collision,
-    settings: Settings,
-    names: list[str],
-    out: Path,
-    tabulated: dict[str, tuple[float, float]] | None,
+    collision: Collision, settings: Settings, names: list[str], out: Path, table: dict[str, dict[str, Any]]
 ) -> None:
-    """Run a collision by every engine named, and only then write a folder for each.
-
-    Velocities of a run's table are v1 and v2 in m/s, by solver.
-    """
+    """Run a collision by every engine named, and only then write a folder for each; rows of a table are by solver."""
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.tables.folder import write_text
 
@@ -258,8 +238,11 @@ def _write_scenes(
         if outcome.velocities != tuple(v := run.velocities.tolist()):
             given = ", ".join(map(repr, v))
             lines.append(f"  at rest on the table when the collision was over: the script gives {given}")
-        if tabulated is not None:
-            lines.append("  " + _against(tabulated.get(name), outcome, abs(collision.v0)))
+        row = table.get(name)
+        if row is not None and row["v1"] is not None:
+            apart = max(abs(outcome.v1 - row["v1"]), abs(outcome.v2 - row["v2"])) / abs(collision.v0)
+            known = f"v1 = {row['v1']!r} m/s, v2 = {row['v2']!r} m/s"
+            lines.append(f"  in the table of the run: {known} (difference {apart:.1e} |v0|)")
         texts |= {out / name / file: text for file, text in files.items()}
     for file, text in texts.items():
         try:
@@ -289,22 +272,3 @@ def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Run
         raise UserError(f"{name}: {outcome.status}: {outcome.reason}")
     run, files = scene_files(solver, scene, settings.max_steps)
     return run, outcome, files
-
-
-def _against(table: tuple[float, float] | None, outcome: Outcome, speed: float) -> str:
-    if table is None:
-        return "the table holds no result of it"
-    apart = max(abs(outcome.v1 - table[0]), abs(outcome.v2 - table[1])) / speed
-    if apart <= _SAME:
-        return f"as in the table (difference {apart:.1e} |v0|)"
-    return (
-        f"NOT as in the table: {table[0]!r}, {table[1]!r} (difference {apart:.1e} |v0|); "
-        "the engine's version may be another one, see manifest.json"
-    )
-
-
-def _tabulated(root: RunFolder, index: int) -> dict[str, tuple[float, float]]:
-    from impact_xval.experiments.presentation.views import rows_of_cell
-
-    rows = rows_of_cell(root, index)
-    return {row["solver"]: (row["v1"], row["v2"]) for row in rows if row["v1"] is not None}

@@ -173,6 +173,16 @@ def _option(key: str) -> str:
     return "--" + key.replace("_", "-")
 
 
+def option(metavar: str, what: str, parser: Callable[[str], Any] | None = None, default: Any = None) -> Any:
+    """Return an option with a value; `...` as its default makes it required."""
+    return typer.Option(default, metavar=metavar, help=what, parser=parser)
+
+
+def flag(name: str, what: str) -> Any:
+    """Return an option without a value."""
+    return typer.Option(False, name, help=what)
+
+
 def config_file(what: str) -> Any:
     """Return the argument that names a file of TOML."""
     return typer.Argument(metavar="[FILE.toml]", parser=path("FILE"), help=what)

@@ -18,8 +18,10 @@ from impact_xval.experiments.commands.options import (
     Json,
     Workers,
     config_file,
+    flag,
     folder_to_write,
     number,
+    option,
     path,
     print_json,
     share,
@@ -39,18 +41,9 @@ def run(
     config: Annotated[Path | None, config_file("The experiment; without it, the built-in grid.")] = None,
     out: Annotated[Path | None, folder_to_write("by default runs/NAME")] = None,
     workers: Workers = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Compute on a Dask cluster, by its scheduler.")
-    ] = None,
-    shard: Annotated[
-        Any,
-        typer.Option(
-            metavar="I/N", parser=share, help="Compute every N-th part, from the I-th, in a folder of all N."
-        ),
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="A first taste: 40 cells of the built-in grid, in seconds.")
-    ] = False,
+    scheduler: str | None = option("ADDRESS", "Compute on a Dask cluster, by its scheduler."),
+    shard: Any = option("I/N", "Compute every N-th part, from the I-th, in a folder of all N.", share),
+    quick: bool = flag("--quick", "A first taste: 40 cells of the built-in grid, in seconds."),
 ) -> None:
     """Run an experiment: tables, figures, a page.
 
@@ -103,10 +96,7 @@ def run(
 
 def show(
     folder: Folder,
-    cell: Annotated[
-        int | None,
-        typer.Option(metavar="N", parser=whole(0, 10**7), help="One cell: outcomes, and why they differ."),
-    ] = None,
+    cell: int | None = option("N", "One cell: outcomes, and why they differ.", whole(0, 10**7)),
     json: Json = False,
 ) -> None:
     """Show how far a run is, and what it found.
@@ -145,7 +135,7 @@ def show(
 
 def _only(what: str) -> str:
     if what not in ("page", "tables", "figures"):
-        raise UserError(f"--only = {what!r:.60}; legal: 'page', 'tables' or 'figures'")
+        raise typer.BadParameter(f"{what!r:.60}; legal: 'page', 'tables' or 'figures'")
     return what
 
 
@@ -154,17 +144,11 @@ def report(
         Path,
         typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a finished run, or a new one."),
     ],
-    only: Annotated[
-        str | None,
-        typer.Option(metavar="WHAT", parser=_only, help="'page', 'tables' or 'figures': write that alone."),
-    ] = None,
-    latex: Annotated[
-        bool, typer.Option("--latex", help="Write the table of divergence as summary.tex too.")
-    ] = False,
-    supplement: Annotated[
-        bool,
-        typer.Option("--supplement", help="Draw the six panels of the model's supplement into a new folder."),
-    ] = False,
+    only: str | None = option("WHAT", "'page', 'tables' or 'figures': write that alone.", _only),
+    latex: bool = flag("--latex", "Write the table of divergence as summary.tex too."),
+    supplement: bool = flag(
+        "--supplement", "Draw the six panels of the model's supplement into a new folder."
+    ),
 ) -> None:
     """Write the page of a finished run again.
 
@@ -204,14 +188,9 @@ def report(
 def compare(
     run_a: Annotated[Path, typer.Argument(metavar="A", parser=path("A"), help="A finished run.")],
     run_b: Annotated[Path, typer.Argument(metavar="B", parser=path("B"), help="One of the same cells.")],
-    tolerance: Annotated[
-        float,
-        typer.Option(
-            metavar="T",
-            parser=number,
-            help="Change of a velocity per |v0|, and of D, that is none; 0: no bit.",
-        ),
-    ] = 1e-9,
+    tolerance: float = option(
+        "T", "Change of a velocity per |v0|, and of D, that is none; 0: no bit.", number, 1e-9
+    ),
     json: Json = False,
 ) -> None:
     """Show what moved between two runs.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from impact_xval.experiments.commands.options import Json, number, path, print_json
+from impact_xval.experiments.commands.options import Json, number, option, path, print_json
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
@@ -24,9 +24,7 @@ def solvers(
     name: Annotated[
         str | None, typer.Argument(metavar="[NAME]", help="Check whether this one keeps the contract.")
     ] = None,
-    law: Annotated[
-        str, typer.Option(metavar="LAW", help="The exact solver whose law NAME has, or 'none'.")
-    ] = "",
+    law: str = option("LAW", "The exact solver whose law NAME has, or 'none'.", default=""),
 ) -> None:
     """List the solvers, or check one.
 
@@ -105,9 +103,7 @@ def inspect(
     scene: Annotated[
         Path, typer.Argument(metavar="SCENE.xml", parser=path("SCENE"), help="An MJCF file, or .mjb.")
     ],
-    speed: Annotated[
-        float, typer.Option(metavar="M/S", parser=number, help="At which bodies are dropped.")
-    ] = 1.0,
+    speed: float = option("M/S", "At which bodies are dropped.", number, 1.0),
     json: Json = False,
 ) -> None:
     """Measure the contacts of a MuJoCo scene, and look for traps in them.
