@@ -12,6 +12,7 @@ from impact_xval.experiments.commands.options import (
     OF_COLUMN,
     Json,
     Solvers,
+    argument,
     asked,
     asked_by_address,
     folder_to_write,
@@ -166,16 +167,10 @@ def explore(
 
 @of_one_collision("arrangement", *OF_COLUMN, "cell_timeout")
 def scene(
-    folder: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[DIR]", parser=path("DIR"), help="Folder of a finished run, or a collision as solve."
-        ),
-    ] = None,
-    cell: Annotated[
-        int | None,
-        typer.Argument(metavar="[N]", parser=whole(0, 10**7), help="Number of a cell of that run."),
-    ] = None,
+    folder: Path | None = argument(
+        "[DIR]", "Folder of a finished run, or a collision as solve.", path("DIR"), None
+    ),
+    cell: int | None = argument("[N]", "Number of a cell of that run.", whole(0, 10**7), None),
     *,
     solver: list[str] | None = option("NAME", "'mujoco' or 'pybullet'; may be repeated, by default both."),
     out: Annotated[Path | None, folder_to_write("by default in scenes/")] = None,

@@ -178,6 +178,11 @@ def option(metavar: str, what: str, parser: Callable[[str], Any] | None = None, 
     return typer.Option(default, metavar=metavar, help=what, parser=parser)
 
 
+def argument(metavar: str, what: str, parser: Callable[[str], Any] | None = None, default: Any = ...) -> Any:
+    """Return an argument, required without a default."""
+    return typer.Argument(default, metavar=metavar, help=what, parser=parser)
+
+
 def flag(name: str, what: str) -> Any:
     """Return an option without a value."""
     return typer.Option(False, name, help=what)
@@ -193,7 +198,6 @@ def folder_to_write(which: str) -> Any:
     return typer.Option(metavar="DIR", parser=path("--out"), help=f"Folder to write; {which}.")
 
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a run.")]
 Workers = Annotated[
     int | None,
     typer.Option(metavar="N", parser=whole(1, 4096), help="Processes; by default one a core."),

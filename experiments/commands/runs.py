@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from impact_xval.experiments.commands.options import (
-    Folder,
     Json,
     Workers,
+    argument,
     config_file,
     flag,
     folder_to_write,
@@ -95,7 +95,7 @@ def run(
 
 
 def show(
-    folder: Folder,
+    folder: Path = argument("DIR", "Folder of a run.", path("DIR")),
     cell: int | None = option("N", "One cell: outcomes, and why they differ.", whole(0, 10**7)),
     json: Json = False,
 ) -> None:
@@ -140,10 +140,7 @@ def _only(what: str) -> str:
 
 
 def report(
-    folder: Annotated[
-        Path,
-        typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a finished run, or a new one."),
-    ],
+    folder: Path = argument("DIR", "Folder of a finished run, or with --supplement a new one.", path("DIR")),
     only: str | None = option("WHAT", "'page', 'tables' or 'figures': write that alone.", _only),
     latex: bool = flag("--latex", "Write the table of divergence as summary.tex too."),
     supplement: bool = flag(
@@ -186,8 +183,8 @@ def report(
 
 
 def compare(
-    run_a: Annotated[Path, typer.Argument(metavar="A", parser=path("A"), help="A finished run.")],
-    run_b: Annotated[Path, typer.Argument(metavar="B", parser=path("B"), help="One of the same cells.")],
+    run_a: Path = argument("A", "A finished run.", path("A")),
+    run_b: Path = argument("B", "One of the same cells.", path("B")),
     tolerance: float = option(
         "T", "Change of a velocity per |v0|, and of D, that is none; 0: no bit.", number, 1e-9
     ),

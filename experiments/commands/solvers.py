@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from impact_xval.experiments.commands.options import Json, number, option, path, print_json
+from impact_xval.experiments.commands.options import Json, argument, number, option, path, print_json
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
@@ -21,9 +21,7 @@ _TO_CHECK, _TO_INSPECT = 300.0, 120.0
 
 
 def solvers(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="Check whether this one keeps the contract.")
-    ] = None,
+    name: str | None = argument("[NAME]", "Check whether this one keeps the contract.", default=None),
     law: str = option("LAW", "The exact solver whose law NAME has, or 'none'.", default=""),
 ) -> None:
     """List the solvers, or check one.
@@ -100,9 +98,7 @@ def _found(context: tuple[str, str], number: int) -> str:
 
 
 def inspect(
-    scene: Annotated[
-        Path, typer.Argument(metavar="SCENE.xml", parser=path("SCENE"), help="An MJCF file, or .mjb.")
-    ],
+    scene: Path = argument("SCENE.xml", "An MJCF file, or .mjb.", path("SCENE")),
     speed: float = option("M/S", "At which bodies are dropped.", number, 1.0),
     json: Json = False,
 ) -> None:
