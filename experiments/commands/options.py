@@ -65,10 +65,10 @@ def path(name: str) -> Callable[[str], Path]:
 
 
 def share(text: str) -> tuple[int, int]:
-    """Read ``I/N``: number of a shard, from 1, and how many there are."""
+    """Read ``I/N`` of --shard: number of a shard, from 1, and how many there are."""
     found = re.fullmatch(r"(\d{1,5})/(\d{1,5})", text)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
-        raise typer.BadParameter(f"{text!r:.60}; legal: I/N, I from 1 to N, such as 1/4")
+        raise UserError(f"--shard = {text!r:.60}; legal: I/N, I from 1 to N, such as 1/4")
     return int(found[1]), int(found[2])
 
 

@@ -42,7 +42,9 @@ def run(
     out: Annotated[Path | None, folder_to_write("by default runs/NAME")] = None,
     workers: Workers = None,
     scheduler: str | None = option("ADDRESS", "Compute on a Dask cluster, by its scheduler."),
-    shard: Any = option("I/N", "Compute every N-th part, from the I-th, in a folder of all N.", share),
+    shard: str = option(
+        "I/N", "Compute every N-th part, from the I-th, in a folder of all N.", default="1/1"
+    ),
     quick: bool = flag("--quick", "A first taste: 40 cells of the built-in grid, in seconds."),
 ) -> None:
     """Run an experiment: tables, figures, a page.
@@ -53,6 +55,7 @@ def run(
     Example: impact-xval run my.toml --out my-run
     """
     start = time.perf_counter()
+    part = share(shard)
     experiment = _experiment(config, out, quick)
     # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
@@ -60,10 +63,11 @@ def run(
     from impact_xval.experiments.sweep.status import Medians
 
     name = experiment.name if config is None or "name" in experiment.model_fields_set else config.stem
-    root = out if out is not None else Path("runs") / _slug(name)
+    # A name in which nothing can leave the folder or hide.
+    root = out or Path("runs") / (re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run")
     words: list[Any] = ["run", *(["--quick"] if quick else []), *([config] if config else []), "--out", root]
     words += ["--scheduler", scheduler] if scheduler else []
-    words += ["--shard", "{}/{}".format(*shard)] if shard else []
+    words += ["--shard", shard] if part != (1, 1) else []
     console, medians = make_console(), Medians(experiment.solvers)
     summaries: list[Summary] = []
 
@@ -79,7 +83,7 @@ def run(
             root,
             workers=workers,
             scheduler=scheduler,
-            shard=shard or (1, 1),
+            shard=part,
             progress=progress,
             on_rows=medians.add,
             present=presented,
@@ -233,7 +237,7 @@ def hypothesis(
     from impact_xval.experiments.hypothesis.run import results, stages
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
-    root = out if out is not None else Path("runs") / "hypothesis"
+    root = out or Path("runs") / "hypothesis"
     words, console = ["hypothesis", *([config] if config else []), "--out", root], make_console()
     for name, solve in stages(design, root):
         with _writing(words, console, lambda: [], name) as progress:
@@ -283,11 +287,6 @@ def _compared(summary: Summary) -> bool:
     """Whether any cell has a D."""
     found = summary.statistics
     return bool((found.n[(found.measure == "velocity_divergence") & (found.axis == "all")] > 0).any())
-
-
-def _slug(name: str) -> str:
-    """Make a folder name of an experiment's name: it can neither leave the folder nor hide."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run"
 
 
 @contextlib.contextmanager

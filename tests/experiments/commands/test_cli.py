@@ -39,20 +39,8 @@ def test_solve_json_keeps_the_contract(capsys):
 
 def test_si_units_and_ratios_are_one_collision(capsys):
     ratios = _json(capsys, *CELL, "--v0", "-3", "--solver", "kelvin-voigt")
-    units = [
-        "--m1",
-        "0.5",
-        "--m2",
-        str(1 / math.sqrt(3)),
-        "--k1",
-        "1e6",
-        "--k2",
-        "4e7",
-        *CELL[4:],
-        "--v0",
-        "-3",
-    ]
-    for each, other in zip(ratios, _json(capsys, *units, "--solver", "kelvin-voigt"), strict=True):
+    units = f"--m1 0.5 --m2 {1 / math.sqrt(3)} --k1 1e6 --k2 4e7 --v0 -3".split()
+    for each, other in zip(ratios, _json(capsys, *units, *CELL[4:], "--solver", "kelvin-voigt"), strict=True):
         assert other["velocities"] == pytest.approx(each["velocities"], rel=1e-12, abs=1e-12)
 
 
