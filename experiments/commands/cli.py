@@ -7,13 +7,13 @@ anything else. Everything heavy is imported inside the commands, so that help an
 from __future__ import annotations
 
 import io
+import re
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
-import typer.core
 
 from impact_xval.experiments.commands import contact, one, runs, scoreboard, solvers
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
@@ -49,18 +49,6 @@ FORMER = {
 _UsageError: Any = typer.BadParameter.__base__
 
 
-class _Command(typer.core.TyperCommand):
-    """A command that is named by every usage error."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse what was typed."""
-        try:
-            return super().parse_args(ctx, args)
-        except _UsageError as error:
-            error.ctx = error.ctx or ctx  # click leaves it out where an option has no value
-            raise
-
-
 @app.callback(invoke_without_command=True)
 def _root(
     context: typer.Context,
@@ -87,25 +75,14 @@ for command in (
     solvers.solvers,
     solvers.inspect,
 ):
-    app.command(cls=_Command)(command)
+    app.command()(command)
 
 #: What typer makes of Ctrl-C in a command.
 _CTRL_C = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        By default those of the process.
-
-    Returns
-    -------
-    int
-        The exit code.
-    """
+    """Run the command line on these arguments, by default those of the process; return the exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that a terminal cannot show ends no run
     typed = list(sys.argv[1:] if arguments is None else arguments)
@@ -114,9 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         result = typer.main.get_command(app).main(typed, prog_name=PROGRAM, standalone_mode=False)
     except _UsageError as error:
-        where = error.ctx.command_path if error.ctx is not None else PROGRAM
-        message = error.format_message().removeprefix("Invalid value: ").rstrip(".")
-        return _fail(f"{message}. Try '{where} --help'.", 2)
+        # There is no context where an option of a command has no value.
+        where = error.ctx.command_path if error.ctx is not None else f"{PROGRAM} {typed[0]}"
+        message = re.sub(r"^Invalid value for '\[?(.+?)\]?': ", r"\1 = ", error.format_message())
+        return _fail(f"{message.rstrip('.')}. Try '{where} --help'.", 2)
     except UserError as error:
         return _fail(str(error), 2)
     except InterruptedRunError as error:

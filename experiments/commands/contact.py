@@ -3,51 +3,36 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from impact_xval.experiments.commands.options import Json, number
+from impact_xval.experiments.commands.options import number, option
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines.engines.engine import Engine
     from impact_xval.compliant_baselines.single_contact import Drops, Pair
-    from impact_xval.experiments.presentation.document import Table
+    from impact_xval.experiments.presentation.document import Block
     from impact_xval.model.materials import Touch
+
+#: Allowed relative error of restitution and duration.
+_TOLERANCE = 0.01
 
 
 def contact(
-    engine: Annotated[str, typer.Option(metavar="NAME", help="'mujoco', 'pybullet' or 'drake'.")],
-    masses: Annotated[
-        tuple[str, str] | None,
-        typer.Option(metavar="KG KG", help="Of the two bodies, 1e-15 to 1e15; inf for a fixed one."),
-    ] = None,
-    restitution: Annotated[
-        str | None, typer.Option(metavar="E", help="From 1e-4 to 1; by default that of the materials.")
-    ] = None,
-    stiffness: Annotated[str | None, typer.Option(metavar="N/M", help="Of the contact.")] = None,
-    duration: Annotated[
-        str | None, typer.Option(metavar="S", help="Of the contact; instead of a stiffness.")
-    ] = None,
-    material: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Instead of masses and stiffness: steel, glass, brass, rubber or ping-pong; twice for two.",
-        ),
-    ] = None,
-    radius: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="M", help="Of a ball of the material; twice for two balls, else the other is a flat."
-        ),
-    ] = None,
-    speed: Annotated[str, typer.Option(metavar="M/S", help="Speed of approach, 1e-9 to 1e9.")] = "1",
-    tolerance: Annotated[
-        str, typer.Option(metavar="X", help="Allowed relative error of restitution and duration.")
-    ] = "0.01",
-    json: Json = False,
+    engine: str = option("NAME", "'mujoco', 'pybullet' or 'drake'.", default=...),
+    masses: tuple[float, float] | None = option(
+        "KG KG", "Of the two bodies, 1e-15 to 1e15; inf for a fixed one.", number
+    ),
+    restitution: float | None = option("E", "From 1e-4 to 1; by default that of the materials.", number),
+    stiffness: float | None = option("N/M", "Of the contact.", number),
+    duration: float | None = option("S", "Of the contact; instead of a stiffness.", number),
+    material: list[str] | None = option(
+        "NAME", "Instead of masses and stiffness: steel, glass, brass, rubber or ping-pong; twice for two."
+    ),
+    radius: list[float] | None = option(
+        "M", "Of a ball of the material; twice for two balls, else the other is a flat.", number
+    ),
+    speed: float = option("M/S", "Speed of approach, 1e-9 to 1e9.", number, 1.0),
 ) -> None:
     """Print what to paste into a scene for a contact.
 
@@ -57,156 +42,99 @@ def contact(
 
     Or, a steel ball on a steel flat: impact-xval contact --engine mujoco --material steel --radius 0.02 --speed 1
     """
-    from json import dumps
-
     from impact_xval.compliant_baselines import SolverError, get_solver
     from impact_xval.compliant_baselines.engines.engine import Engine
     from impact_xval.compliant_baselines.paste import ENGINES, paste
     from impact_xval.compliant_baselines.single_contact import drops, largest_step
-    from impact_xval.experiments.presentation.terminal import at_work, error_line
+    from impact_xval.experiments.presentation.terminal import at_work, error_line, make_console, show
 
     if engine not in ENGINES:
         raise UserError(f"--engine = {engine!r:.60}; legal: {', '.join(ENGINES)}")
-    allowed = number("--tolerance", tolerance)
-    if not 0 < allowed <= 0.5:
-        raise UserError(f"--tolerance = {tolerance!r:.60}; legal: greater than 0, at most 0.5")
-    given = {"restitution": restitution, "stiffness": stiffness, "duration": duration, "speed": speed}
-    touch = _touch(material or [], radius or [])
-    pair = _pair(masses, given) if touch is None else _pair_of(touch, masses, given)
+    given = {
+        "masses": masses,
+        "restitution": restitution,
+        "stiffness": stiffness,
+        "duration": duration,
+        "speed": speed,
+    }
+    given = {name: value for name, value in given.items() if value is not None}
+    try:
+        touch = _touch(material, radius) if material or radius else None
+        pair = _pair(given) if touch is None else _pair_of(touch, given)
+    except ValueError as error:
+        raise UserError(f"--{error}") from None
     solver = get_solver(engine)
     assert isinstance(solver, Engine)
-    if not json:
-        error_line(f"trying steps in {engine} ...")
+    error_line(f"trying steps in {engine} ...")
     try:
         with at_work(f"trying steps in {engine}"):
-            found = largest_step(solver, pair, allowed)
-            parameters, text = paste(engine, pair.contact, found.step)
+            found = largest_step(solver, pair, _TOLERANCE)
+            _, text = paste(engine, pair.contact, found.step)
             fine = drops(solver, pair, found.step / 10, [0.0])
     except SolverError as error:
         raise UserError(f"--engine {engine}: {error.status}: {error.reason}") from None
-    if json:
-        pasted = {"parameters": parameters, "paste": text, "tolerance": allowed}
-        verified = _verified(found, fine)
-        made_of = {} if touch is None else {"hertz": _hertz(touch, pair.speed)}
-        print(dumps(_request(solver, pair) | made_of | pasted | verified, indent=2, allow_nan=False))
-    else:
-        _show(solver, pair, touch, allowed, text, found, fine)
+    show(make_console(), _blocks(solver, pair, touch, text, found, fine))
 
 
-def _touch(materials: list[str], radii: list[str]) -> Touch | None:
-    """Read the bodies asked for by material, if any; one name is that of both, a radius left out is a flat's."""
+def _touch(materials: list[str] | None, radii: list[float] | None) -> Touch:
+    """Make the contact of two materials; one name is that of both bodies, a radius left out is a flat's."""
     from impact_xval.model.materials import MATERIALS, Body, Touch
 
-    if not materials and not radii:
-        return None
-    for option, given in (("--material", materials), ("--radius", radii)):
+    materials, radii = materials or [], radii or []
+    for name, given in (("material", materials), ("radius", radii)):
         if not 1 <= len(given) <= 2:
-            raise UserError(
-                f"{option}: given {len(given)} times; legal: once or twice, beside the other of the two"
-            )
+            legal = "once or twice, beside the other of the two"
+            raise ValueError(f"{name}: given {len(given)} times; legal: {legal}")
     for name in materials:
         if name not in MATERIALS:
-            raise UserError(f"--material = {name!r:.60}; legal: {', '.join(MATERIALS)}")
-    lengths = [number("--radius", text) for text in radii]
-    try:
-        upper = Body(MATERIALS[materials[0]], lengths[0])
-        return Touch(upper, Body(MATERIALS[materials[-1]], *lengths[1:]))
-    except ValueError as error:
-        raise UserError(f"--{error}") from None
+            raise ValueError(f"material = {name!r:.60}; legal: {', '.join(MATERIALS)}")
+    upper = Body(MATERIALS[materials[0]], radii[0])
+    return Touch(upper, Body(MATERIALS[materials[-1]], *radii[1:]))
 
 
-def _pair_of(touch: Touch, masses: tuple[str, str] | None, given: dict[str, str | None]) -> Pair:
-    """Make a contact of two materials, linearised at the speed; nothing but the restitution may be given as well."""
-    for name, text in {"masses": masses, **given}.items():
-        if name in ("masses", "stiffness", "duration") and text is not None:
-            raise UserError(f"--{name}: given beside --material, which decides it; legal: one of the two")
-    numbers = {name: number(f"--{name}", text) for name, text in given.items() if text is not None}
-    try:
-        own = {"masses": (touch.one.mass, touch.two.mass), "stiffness": touch.linear(numbers["speed"])}
-        if "restitution" not in numbers:
-            own["restitution"] = touch.restitution
-    except ValueError as error:
-        raise UserError(f"--{error}") from None
-    return _checked(numbers | own)
-
-
-def _hertz(touch: Touch, speed: float) -> dict[str, float]:
-    """Tell which contact is linearised, and what that changes."""
-    compression, duration = touch.compression(speed), touch.duration(speed)
-    return {
-        "exponent": touch.exponent,
-        "stiffness": touch.stiffness,
-        "compression": compression,
-        "duration": duration,
-        "linear_over_hertz_duration": math.pi * compression / speed / duration,
-        "linear_over_hertz_force": 2 / (touch.exponent + 1),
-    }
-
-
-def _pair(masses: tuple[str, str] | None, given: dict[str, str | None]) -> Pair:
-    for name, asked in (("masses", masses), ("restitution", given["restitution"])):
-        if asked is None:
-            raise UserError(f"--{name}: not given; legal: a value, or --material and --radius instead")
-    numbers: dict[str, Any] = {"masses": tuple(number("--masses", text) for text in masses or ())}
-    numbers |= {name: number(f"--{name}", text) for name, text in given.items() if text is not None}
-    return _checked(numbers)
-
-
-def _checked(numbers: dict[str, Any]) -> Pair:
+def _pair(given: dict[str, Any]) -> Pair:
     from impact_xval.compliant_baselines.single_contact import Pair
 
-    try:
-        return Pair(**numbers)
-    except ValueError as error:
-        raise UserError(f"--{error}") from None
+    for name in ("masses", "restitution"):
+        if name not in given:
+            raise ValueError(f"{name}: not given; legal: a value, or --material and --radius instead")
+    return Pair(**given)
 
 
-def _request(solver: Engine, pair: Pair) -> dict[str, Any]:
-    c = pair.contact
-    return {
-        "engine": solver.name,
-        "version": solver.version(),
-        "request": {
-            # JSON knows no infinity.
-            "masses": ["inf" if math.isinf(m) else m for m in pair.masses],
-            **{name: getattr(pair, name) for name in ("restitution", "stiffness", "duration", "speed")},
-        },
-        "contact": {
-            "reduced_mass": c.mass,
-            "stiffness": c.k,
-            "damping": c.c,
-            "damping_ratio": c.c / (2 * c.mass * c.omega),
-            "restitution": pair.restitution,
-            "duration": c.duration,
-            "penetration": pair.penetration,
-        },
-    }
+def _pair_of(touch: Touch, given: dict[str, Any]) -> Pair:
+    """Linearise a contact of two materials at the speed; nothing but the restitution may be given as well."""
+    for name in ("masses", "stiffness", "duration"):
+        if name in given:
+            raise ValueError(f"{name}: given beside --material, which decides it; legal: one of the two")
+    made = {"masses": (touch.one.mass, touch.two.mass), "stiffness": touch.linear(given["speed"])}
+    if "restitution" not in given:  # else it need not be known of the materials
+        made["restitution"] = touch.restitution
+    return _pair(given | made)
 
 
-def _verified(found: Drops, fine: Drops) -> dict[str, Any]:
-    range_ = {"restitution": list(found.restitution), "duration": list(found.duration), "drops": found.n}
-    at_a_tenth = {"restitution": fine.restitution[0], "duration": fine.duration[0]}
-    return {"largest_step": found.step, "verified": range_, "verified_at_a_tenth": at_a_tenth}
-
-
-def _show(
-    solver: Engine, pair: Pair, touch: Touch | None, tolerance: float, text: str, found: Drops, fine: Drops
-) -> None:
-    from impact_xval.experiments.presentation.terminal import make_console, show
+def _blocks(
+    solver: Engine, pair: Pair, touch: Touch | None, text: str, found: Drops, fine: Drops
+) -> list[Block]:
+    """Lay out what was asked for, what to paste, and what verifying drops gave at a step and at a tenth of it."""
+    from impact_xval.experiments.presentation.document import Table
 
     c, name = pair.contact, solver.name
-    zeta = c.c / (2 * c.mass * c.omega)
-    blocks = [
-        f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {zeta:.4g}) between bodies of reduced mass {c.mass:.6g} kg",
+    rows = []
+    for what, unit, asked in (("restitution", "", pair.restitution), ("duration", " s", c.duration)):
+        low, high = getattr(found, what)
+        at_tenth = f"{getattr(fine, what)[0]:.6g}{unit}"
+        rows.append((what, f"{asked:.6g}{unit}", f"{low:.6g} to {high:.6g}{unit}", at_tenth))
+    header = ("", "asked", f"at {found.step:.6g} s", f"at {found.step / 10:.6g} s")
+    return [
+        f"k = {c.k:.6g} N/m, c = {c.c:.6g} N s/m (zeta = {c.zeta:.4g}) between bodies of reduced mass {c.mass:.6g} kg",
         f"at {pair.speed:.6g} m/s the penetration is {pair.penetration:.3g} m: the bodies must be much larger",
         *([] if touch is None else [_linearised(touch, pair.speed)]),
         f"\n{text.rstrip()}",
-        _drops(name, pair, found, fine),
+        Table(header, rows, f"Drops in {name}, by its time step"),
         f"{found.step:.6g} s is the largest step tried (ten a decade) at which {name} {solver.version()} keeps both "
-        f"within {tolerance:.3g} of the request, wherever within a step the bodies touch ({found.n} drops), and at the "
+        f"within {_TOLERANCE:g} of the request, wherever within a step the bodies touch ({found.n} drops), and at the "
         f"four shorter steps too: {c.duration / found.step:.0f} steps in a contact",
     ]
-    show(make_console(), blocks)
 
 
 def _linearised(touch: Touch, speed: float) -> str:
@@ -216,25 +144,10 @@ def _linearised(touch: Touch, speed: float) -> str:
         + ("flat" if math.isinf(body.radius) else f"ball of {body.radius:g} m radius")
         for body in (touch.one, touch.two)
     )
-    hertz = _hertz(touch, speed)
+    p, duration = touch.exponent, touch.duration(speed)
+    longer = math.pi * touch.compression(speed) / speed / duration - 1
     return (
-        f"in place of {hertz['stiffness']:.4g} delta^{touch.exponent:g} N, {names}, elastic: of the same greatest "
-        f"compression and energy at this speed; it lasts {hertz['linear_over_hertz_duration'] - 1:.1%} longer than "
-        f"{hertz['duration']:.4g} s, its peak force is {hertz['linear_over_hertz_force'] - 1:+.0%}"
+        f"in place of {touch.stiffness:.4g} delta^{p:g} N, {names}, elastic: of the same greatest compression and "
+        f"energy at this speed; it lasts {longer:.1%} longer than {duration:.4g} s, its peak force is "
+        f"{2 / (p + 1) - 1:+.0%}"
     )
-
-
-def _drops(name: str, pair: Pair, found: Drops, fine: Drops) -> Table:
-    """Table of what was asked for and what verifying drops gave."""
-    from impact_xval.experiments.presentation.document import Table
-
-    rows = []
-    for what, unit, asked in (
-        ("restitution", "", pair.restitution),
-        ("duration", " s", pair.contact.duration),
-    ):
-        low, high = getattr(found, what)
-        rest = f"{getattr(fine, what)[0]:.6g}{unit}"
-        rows.append((what, f"{asked:.6g}{unit}", f"{low:.6g} to {high:.6g}{unit}", rest))
-    header = ("", "asked", f"at {found.step:.6g} s", f"at {found.step / 10:.6g} s")
-    return Table(header, rows, f"Drops in {name}, by its time step")

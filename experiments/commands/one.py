@@ -10,25 +10,26 @@ import typer
 
 from impact_xval.experiments.commands.options import (
     OF_COLUMN,
-    ONE,
     Json,
     Solvers,
+    argument,
     asked,
     asked_by_address,
-    file_to_write,
     folder_to_write,
     known_solvers,
     of_one_collision,
+    option,
     path,
+    print_json,
     whole,
 )
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
     from impact_xval.compliant_baselines import Settings
+    from impact_xval.compliant_baselines.engines.stepping import Run
     from impact_xval.experiments.cells.compared import Compared
     from impact_xval.experiments.config.experiment import Config
-    from impact_xval.experiments.tables.folder import RunFolder
     from impact_xval.model import Collision, Outcome
 
 #: What is drawn, and what moves, by the suffix of the file.
@@ -36,22 +37,25 @@ _PICTURES, _FILMS = (".png", ".svg", ".pdf"), (".gif", ".html")
 #: Points of the path of a column that moves: of many balls it is large to be sent.
 _POINTS = 4000
 
-#: Difference, per |v0|, above which a tabulated velocity is not the one that was run again.
-SAME = 1e-12
+
+def _drawable(text: str) -> Path:
+    """Read the path of a picture or film, which is known to be legal before anything is computed."""
+    file = path("--plot")(text)
+    if file.suffix not in (*_PICTURES, *_FILMS) or file.is_dir():
+        legal = f"a file that ends in {', '.join((*_PICTURES, *_FILMS))}"
+        raise UserError(f"--plot {file}; legal: {legal}")
+    if not file.parent.is_dir():
+        raise UserError(f"--plot {file}: no folder {file.parent}; legal: a file in a folder that is there")
+    return file
 
 
 @of_one_collision()
 def solve(
     *,
     solver: Solvers = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            parser=path("--plot"),
-            help="Draw curves (.png, .svg, .pdf), or slow motion beside the model (.gif, .html).",
-        ),
-    ] = None,
+    plot: Path | None = option(
+        "FILE", "Draw curves (.png, .svg, .pdf), or slow motion beside the model (.gif, .html).", _drawable
+    ),
     json: Json = False,
     **typed: str | None,
 ) -> None:
@@ -62,13 +66,9 @@ def solve(
 
     Example: impact-xval solve --stiffness-ratio 40 --mass-ratio 1.15 --e1 0.9 --e2 0.7
     """
-    from json import dumps
-
-    from impact_xval.experiments.presentation.terminal import say_waiting
+    from impact_xval.experiments.presentation.terminal import error_line, make_console, say_waiting, show
     from impact_xval.experiments.sweep.one import solvers_apart
 
-    if plot is not None:
-        file_to_write("--plot", plot, (*_PICTURES, *_FILMS))
     film = plot is not None and plot.suffix in _FILMS
     columns = typed["arrangement"] is not None or typed["balls"] is not None
     with solvers_apart(solver or (), columns=columns) as apart:
@@ -83,14 +83,10 @@ def solve(
 
     compared = Compared(collision, outcomes, arranged)
     if json:
-        print(dumps(compared.objects(), indent=2, allow_nan=False))
+        print_json(compared.objects())
     else:
-        from impact_xval.experiments.presentation.terminal import make_console, show
-
         show(make_console(), compared.blocks())
     if plot is not None:
-        from impact_xval.experiments.presentation.terminal import error_line
-
         error_line(f"{plot}: {(_film if film else _picture)(plot, compared, config)}")
 
 
@@ -145,12 +141,7 @@ def _film(file: Path, compared: Compared, config: Config) -> str:
 
 
 def explore(
-    port: Annotated[
-        int,
-        typer.Option(
-            metavar="N", parser=whole("--port", 0, 65535), help="Port to listen at; 0: any free one."
-        ),
-    ] = 5006,
+    port: int = option("N", "Port to listen at; 0: any free one.", whole(0, 65535), 5006),
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")
     ] = True,
@@ -176,18 +167,12 @@ def explore(
 
 @of_one_collision("arrangement", *OF_COLUMN, "cell_timeout")
 def scene(
-    folder: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[DIR]", parser=path("DIR"), help="Folder of a finished run, or a collision as solve."
-        ),
-    ] = None,
-    cell: Annotated[str | None, typer.Argument(metavar="[N]", help="Number of a cell of that run.")] = None,
+    folder: Path | None = argument(
+        "[DIR]", "Folder of a finished run, or a collision as solve.", path("DIR"), None
+    ),
+    cell: int | None = argument("[N]", "Number of a cell of that run.", whole(0, 10**7), None),
     *,
-    solver: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="'mujoco' or 'pybullet'; may be repeated, by default both."),
-    ] = None,
+    solver: list[str] | None = option("NAME", "'mujoco' or 'pybullet'; may be repeated, by default both."),
     out: Annotated[Path | None, folder_to_write("by default in scenes/")] = None,
     **typed: str | None,
 ) -> None:
@@ -198,54 +183,45 @@ def scene(
 
     Example: impact-xval scene runs/default 17
     """
+    from impact_xval.experiments.presentation.views import rows_of_cell
     from impact_xval.experiments.sweep.rows import settings_of
     from impact_xval.experiments.tables.folder import cells_of_run, finished_collisions
 
     if folder is None:
-        collision, _, config = asked(dict.fromkeys(ONE) | typed)
-        names, table, where = _exportable(solver), None, "collision"
+        collision, _, config = asked(typed)
+        table, where = {}, "collision"
     else:
         if cell is None or any(typed.values()):
             raise UserError(f"{folder}: a cell of a run is named by its number; legal: DIR N")
         run = finished_collisions(folder)
         config = run.config()
         cells = cells_of_run(run, config)
-        index = whole("N", 0, len(cells) - 1)(cell)
-        names = _exportable(solver, config.solvers)
-        collision, table = cells[index], _tabulated(run, index)
-        where = f"{folder.resolve().name}-cell-{index}"
-    _write_scenes(collision, settings_of(config), names, out or Path("scenes") / where, table)
+        if cell >= len(cells):
+            raise UserError(f"N = {cell}; legal: a whole number from 0 to {len(cells) - 1}")
+        collision, where = cells[cell], f"{folder.resolve().name}-cell-{cell}"
+        table = {row["solver"]: row for row in rows_of_cell(run, cell)}
+    _write_scenes(collision, settings_of(config), _exportable(solver), out or Path("scenes") / where, table)
 
 
-def _exportable(solvers: list[str] | None, of_run: list[str] | None = None) -> list[str]:
-    """Check the names of engines; without any, those of a run or else those that are installed."""
+def _exportable(solvers: list[str] | None) -> list[str]:
+    """Check the names of engines; without any, those that are installed."""
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.compliant_baselines.registry import exportable_names
 
     legal = exportable_names()
-    there = [n for n in legal if (get_solver(n).unavailable() is None if of_run is None else n in of_run)]
     for name in solvers or ():
         if name not in legal:
             raise UserError(f"--solver = {name!r}; legal: {', '.join(legal)}")
-    if not (solvers or there):
+    names = solvers or [name for name in legal if get_solver(name).unavailable() is None]
+    if not names:
         raise UserError(f"--solver: none of {', '.join(legal)} is there to export")
-    return list(dict.fromkeys(solvers or there))
+    return list(dict.fromkeys(names))
 
 
 def _write_scenes(
-    collision: Collision,
-    settings: Settings,
-    names: list[str],
-    out: Path,
-    tabulated: dict[str, tuple[float, float]] | None,
+    collision: Collision, settings: Settings, names: list[str], out: Path, table: dict[str, dict[str, Any]]
 ) -> None:
-    """Run a collision by every engine named, and only then write a folder for each.
-
-    Parameters
-    ----------
-    tabulated : dict, optional
-        v1 and v2 in m/s of a run's table, by solver.
-    """
+    """Run a collision by every engine named, and only then write a folder for each; rows of a table are by solver."""
     from impact_xval.experiments.presentation.terminal import make_console, print_line
     from impact_xval.experiments.tables.folder import write_text
 
@@ -257,8 +233,11 @@ def _write_scenes(
         if outcome.velocities != tuple(v := run.velocities.tolist()):
             given = ", ".join(map(repr, v))
             lines.append(f"  at rest on the table when the collision was over: the script gives {given}")
-        if tabulated is not None:
-            lines.append("  " + _against(tabulated.get(name), outcome, abs(collision.v0)))
+        row = table.get(name)
+        if row is not None and row["v1"] is not None:
+            apart = max(abs(outcome.v1 - row["v1"]), abs(outcome.v2 - row["v2"])) / abs(collision.v0)
+            known = f"v1 = {row['v1']!r} m/s, v2 = {row['v2']!r} m/s"
+            lines.append(f"  in the table of the run: {known} (difference {apart:.1e} |v0|)")
         texts |= {out / name / file: text for file, text in files.items()}
     for file, text in texts.items():
         try:
@@ -271,42 +250,20 @@ def _write_scenes(
         print_line(console, line)
 
 
-def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Any, Outcome, dict[str, str]]:
+def _run_alone(name: str, collision: Collision, settings: Settings) -> tuple[Run, Outcome, dict[str, str]]:
     """Run a collision by an engine: the run, its outcome, and the files to run it without this package."""
+    from dataclasses import replace
+
     from impact_xval.compliant_baselines import get_solver
-    from impact_xval.compliant_baselines.engines.engine import Engine, outcome_of
+    from impact_xval.compliant_baselines.engines.engine import Engine
+    from impact_xval.compliant_baselines.engines.scene import Scene
     from impact_xval.compliant_baselines.paste import scene_files
 
     solver = get_solver(name)
     assert isinstance(solver, Engine)
-    reason = solver.unavailable()
-    if reason is not None:
-        raise UserError(f"{name}: unavailable: {reason}")
+    (outcome,) = solver.solve_many([collision], replace(settings, convergence=None, mark=False))
     scene = solver.scene_or_refusal(collision, settings)
-    if isinstance(scene, str):
-        raise UserError(f"{name}: unrepresentable: {scene}")
-    run, files = scene_files(solver, scene, settings.max_steps)
-    outcome = outcome_of(name, collision, run, settings)
-    if math.isnan(outcome.v1):
+    if math.isnan(outcome.v1) or not isinstance(scene, Scene):
         raise UserError(f"{name}: {outcome.status}: {outcome.reason}")
+    run, files = scene_files(solver, scene, settings.max_steps)
     return run, outcome, files
-
-
-def _against(table: tuple[float, float] | None, outcome: Outcome, speed: float) -> str:
-    if table is None:
-        return "the table holds no result of it"
-    apart = max(abs(outcome.v1 - table[0]), abs(outcome.v2 - table[1])) / speed
-    if apart <= SAME:
-        return f"as in the table (difference {apart:.1e} |v0|)"
-    return (
-        f"NOT as in the table: {table[0]!r}, {table[1]!r} (difference {apart:.1e} |v0|); "
-        "the engine's version may be another one, see manifest.json"
-    )
-
-
-def _tabulated(root: RunFolder, index: int) -> dict[str, tuple[float, float]]:
-    import pyarrow.parquet as pq
-
-    file = root.table_path("cells.parquet")
-    rows = pq.read_table(file, columns=["solver", "v1", "v2"], filters=[("cell", "==", index)]).to_pylist()
-    return {row["solver"]: (row["v1"], row["v2"]) for row in rows if row["v1"] is not None}

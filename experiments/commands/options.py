@@ -1,12 +1,13 @@
 """Options that several commands share, and the reading of what is typed for any of them.
 
-A number stays text until a configuration judges it, or is read here: either way an error is one line that names the
-option, the value and the legal range. Nothing heavy is imported, so that help comes at once.
+An error is one line that names the option, the value and the legal range: of a collision a configuration judges them,
+of other options a parser. Nothing heavy is imported, so that help comes at once.
 """
 
 from __future__ import annotations
 
 import inspect
+import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -22,46 +23,30 @@ if TYPE_CHECKING:
     from impact_xval.experiments.config.experiment import Config
     from impact_xval.model import Collision
 
-#: What decides an impact, and what a collision has beside.
+#: What decides an impact.
 RATIOS = ("stiffness_ratio", "mass_ratio", "e1", "e2")
-_SCALES = ("m1", "k1", "v0")
 #: Of a ratio the quantity in SI units that may be given instead, and that which it is divided by.
 _IN_SI = {"stiffness_ratio": ("k2", "k1"), "mass_ratio": ("m2", "m1")}
-#: How a collision is solved.
-_SOLVING = ("scenario", "gravity", "step_fraction", "cell_timeout")
 #: What a column of N balls has beside its arrangement; its first mass and stiffness are m1 and k1.
 _COUNTS = "balls", "strike"
 OF_COLUMN = (*_COUNTS, "e", "exponent", "gap", "mass_taper", "stiffness_taper")
+_OF_TWO = (*RATIOS, "m2", "k2", "gravity")
 
 
-def number_or_text(text: str) -> float | str:
-    """Read a number; a text that is none stays as it is, for a configuration to refuse."""
+def number(text: str) -> float:
+    """Read a number; infinities and NaN are judged where it is used."""
     try:
         return float(text)
     except ValueError:
-        return text
+        raise typer.BadParameter(f"{text!r:.60}; legal: a number") from None
 
 
-def number(option: str, text: str) -> float:
-    """Read a number, infinity included.
-
-    Raises
-    ------
-    UserError
-        If it is none.
-    """
-    value = number_or_text(text)
-    if isinstance(value, str) or math.isnan(value):
-        raise UserError(f"{option} = {text!r:.60}; legal: a number")
-    return value
-
-
-def whole(option: str, low: int, high: int) -> Callable[[str], int]:
+def whole(low: int, high: int) -> Callable[[str], int]:
     """Return a parser of whole numbers in a range."""
 
     def read(text: str) -> int:
         if not re.fullmatch(r"-?\d{1,18}", text) or not low <= int(text) <= high:
-            raise UserError(f"{option} = {text!r:.60}; legal: a whole number from {low} to {high}")
+            raise typer.BadParameter(f"{text!r:.60}; legal: a whole number from {low} to {high}")
         return int(text)
 
     return read
@@ -79,28 +64,17 @@ def path(name: str) -> Callable[[str], Path]:
     return read
 
 
-def part_of(shard: str | None) -> tuple[int, int]:
-    """Read ``I/N``: number of a shard, from 1, and how many there are; one of one without any."""
-    if shard is None:
-        return 1, 1
-    found = re.fullmatch(r"(\d{1,5})/(\d{1,5})", shard)
+def share(text: str) -> tuple[int, int]:
+    """Read ``I/N`` of --shard: number of a shard, from 1, and how many there are."""
+    found = re.fullmatch(r"(\d{1,5})/(\d{1,5})", text)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
-        raise UserError(f"--shard = {shard!r:.60}; legal: I/N, I from 1 to N, such as 1/4")
+        raise UserError(f"--shard = {text!r:.60}; legal: I/N, I from 1 to N, such as 1/4")
     return int(found[1]), int(found[2])
 
 
-def file_to_write(option: str, file: Path, suffixes: Sequence[str]) -> None:
-    """Check that a file may be written, before anything is computed.
-
-    Raises
-    ------
-    UserError
-        If its suffix is none of these, it is a folder, or its folder is not there.
-    """
-    if file.suffix not in suffixes or file.is_dir():
-        raise UserError(f"{option} {file}; legal: a file that ends in {', '.join(suffixes)}")
-    if not file.parent.is_dir():
-        raise UserError(f"{option} {file}: no folder {file.parent}; legal: a file in a folder that is there")
+def print_json(value: Any) -> None:
+    """Print strict JSON."""
+    typer.echo(json.dumps(value, indent=2, allow_nan=False))
 
 
 def known_solvers(solvers: list[str] | None) -> list[str]:
@@ -121,33 +95,16 @@ def known_solvers(solvers: list[str] | None) -> list[str]:
 def asked(parameters: Mapping[str, Any]) -> tuple[Collision, Arranged | None, Config]:
     """Make a collision of what is typed for one: two balls by ratios or in SI units, or a column of N.
 
-    Parameters
-    ----------
-    parameters : mapping
-        Of a command with the options below, as typer has read them; None where nothing was typed.
-
-    Returns
-    -------
-    collision : Collision
-    arranged : Arranged or None
-        How a column is set up.
-    config : Config
-        How it is solved.
-
-    Raises
-    ------
-    UserError
-        If anything is illegal; it names the option.
+    Parameters are those of `ONE`, None where nothing was typed. The configuration says how the collision is solved. A
+    `UserError` names the option that is illegal.
     """
     given = {key: value for key, value in parameters.items() if value is not None}
-    column = given.get("arrangement") is not None or "balls" in given
-    here = (*OF_COLUMN, "arrangement") if column else (*RATIOS, "m2", "k2")
-    there = (*RATIOS, "m2", "k2", "gravity") if column else OF_COLUMN
-    for key in there:
+    column = "arrangement" in given or "balls" in given
+    for key in _OF_TWO if column else OF_COLUMN:
         if key in given:
             why = "of two balls on a table" if column else "of N balls, with --arrangement"
             raise UserError(f"{_option(key)} = {given[key]!r:.60}; legal: none here, it is {why}")
-    plain = {key: number_or_text(given[key]) for key in (*here, *_SCALES, *_SOLVING) if key in given}
+    plain = {key: _number_or_text(value) for key, value in given.items()}
     return _column(plain) if column else _two_balls(plain)
 
 
@@ -169,62 +126,66 @@ def _two_balls(plain: dict[str, Any]) -> tuple[Collision, None, Config]:
                 raise UserError(f"{_option(ratio)} and --{upper} are given; legal: one of both")
             if lower not in plain:
                 raise UserError(f"--{upper} without --{lower}; legal: both, or {_option(ratio)}")
-            plain[ratio] = _quotient(f"--{upper}", plain.pop(upper), f"--{lower}", plain[lower])
+            over, under = plain.pop(upper), plain[lower]
+            for key, value, limits in ((upper, over, (0, math.inf)), (lower, under, ())):
+                if isinstance(value, str) or not (0 < value < math.inf or value in limits):
+                    raise UserError(f"--{key} = {value!r:.60}; legal: a number > 0")
+            plain[ratio] = over / under
     missing = [_option(key) for key in RATIOS if key not in plain]
     if missing:
         raise UserError(
             f"{', '.join(missing)} missing; legal: k2/k1 and m2/m1, or --m1 --m2 --k1 --k2, with --e1 and --e2"
         )
     cell = {key: plain.pop(key) for key in RATIOS}
-    plain = {"scenario": "impact"} | plain
-    if "gravity" in plain and plain["scenario"] == "impact":
-        value = plain["gravity"]
-        raise UserError(
-            f"--gravity = {value!r:.60}: an impact has no gravity; legal: > 0, with --scenario drop"
-        )
-    data = plain | {"name": "collision", "figure_cell": cell, "grid": {key: [1.0] for key in cell}}
+    # The built-in grid may leave double precision where the cell does not.
+    data = {"scenario": "impact", "figure_cell": cell, "grid": {key: [1.0] for key in cell}} | plain
     config = parse_config(data, where="", name=_named)
     return collision_of(config, config.figure_cell), None, config
 
 
-def _quotient(upper: str, over: Any, lower: str, under: Any) -> float:
-    for option, value in ((upper, over), (lower, under)):
-        if isinstance(value, str) or not (
-            0 < value < math.inf or (option == upper and value in (0, math.inf))
-        ):
-            raise UserError(f"{option} = {value!r:.60}; legal: a number > 0")
-    return over / under
-
-
 def _column(plain: dict[str, Any]) -> tuple[Collision, Arranged, Config]:
-    from impact_xval.experiments.config.arrangements import Arranged
-    from impact_xval.experiments.config.errors import validated
     from impact_xval.experiments.config.experiment import parse_config
 
-    if plain.get("scenario", "impact") != "impact":
-        raise UserError(
-            f"--scenario = {plain['scenario']!r}; legal: 'impact' for a column, which has no gravity"
-        )
-    numbers = {key: plain[key] for key in (*OF_COLUMN, "v0", "arrangement") if key in plain}
-    numbers |= {key[0]: plain[key] for key in ("m1", "k1") if key in plain}
-    numbers |= {key: _integral(numbers[key]) for key in _COUNTS if key in numbers}
-    arranged = validated(Arranged, numbers, "", _named)
-    solving = {key: plain[key] for key in ("v0", "step_fraction", "cell_timeout") if key in plain}
-    return arranged.column(), arranged, parse_config({"scenario": "impact"} | solving, where="", name=_named)
+    setup = {key: plain.pop(key) for key in (*OF_COLUMN, "arrangement", "v0") if key in plain}
+    setup |= {key[0]: plain.pop(key) for key in ("m1", "k1") if key in plain}
+    for key in _COUNTS:
+        if isinstance(value := setup.get(key), float) and value.is_integer():
+            setup[key] = int(value)
+    config = parse_config({"column": {}, "figure_column": setup} | plain, where="", name=_named)
+    return config.figure_column.column(), config.figure_column, config
 
 
-def _integral(value: Any) -> Any:
-    return int(value) if isinstance(value, float) and value.is_integer() else value
+def _number_or_text(text: str) -> float | str:
+    """Read a number; a text that is none stays as it is, for the configuration to refuse."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _named(location: Sequence[str | int]) -> str:
     """Name the option of a key; values that are not legal together are named by what is said of them."""
-    key = str(location[-1]) if location else ""
-    return _option({"m": "m1", "k": "k1"}.get(key, key)) if key else ""
+    key = str(location[-1]) if location else "figure_column"
+    return "" if key == "figure_column" else _option({"m": "m1", "k": "k1"}.get(key, key))
 
 
 def _option(key: str) -> str:
     return "--" + key.replace("_", "-")
+
+
+def option(metavar: str, what: str, parser: Callable[[str], Any] | None = None, default: Any = None) -> Any:
+    """Return an option with a value; `...` as its default makes it required."""
+    return typer.Option(default, metavar=metavar, help=what, parser=parser)
+
+
+def argument(metavar: str, what: str, parser: Callable[[str], Any] | None = None, default: Any = ...) -> Any:
+    """Return an argument, required without a default."""
+    return typer.Argument(default, metavar=metavar, help=what, parser=parser)
+
+
+def flag(name: str, what: str) -> Any:
+    """Return an option without a value."""
+    return typer.Option(False, name, help=what)
 
 
 def config_file(what: str) -> Any:
@@ -237,10 +198,9 @@ def folder_to_write(which: str) -> Any:
     return typer.Option(metavar="DIR", parser=path("--out"), help=f"Folder to write; {which}.")
 
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a run.")]
 Workers = Annotated[
     int | None,
-    typer.Option(metavar="N", parser=whole("--workers", 1, 4096), help="Processes; by default one a core."),
+    typer.Option(metavar="N", parser=whole(1, 4096), help="Processes; by default one a core."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
@@ -281,20 +241,16 @@ def of_one_collision(*without: str) -> Callable[[Callable[..., None]], Callable[
     """Give a command the options `ONE`, before its own, in the place of its keywords."""
 
     def add(command: Callable[..., None]) -> Callable[..., None]:
-        signature, options = (
-            inspect.signature(command, eval_str=True),
-            {k: v for k, v in ONE.items() if k not in without},
-        )
+        signature = inspect.signature(command, eval_str=True)
+        own = [each for each in signature.parameters.values() if each.kind != each.VAR_KEYWORD]
         shared = [
             inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
-            for name, annotation in options.items()
+            for name, annotation in ONE.items()
+            if name not in without
         ]
-        own = [each for each in signature.parameters.values() if each.kind != each.VAR_KEYWORD]
-        leading = [each for each in own if each.kind != each.KEYWORD_ONLY]
-        command.__signature__ = signature.replace(  # type: ignore[attr-defined]
-            parameters=[*leading, *shared, *own[len(leading) :]]
-        )
-        command.__annotations__ |= options
+        parameters = sorted([*shared, *own], key=lambda each: each.kind)  # arguments come before options
+        command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        command.__annotations__ |= {each.name: each.annotation for each in shared}
         return command
 
     return add

@@ -7,21 +7,24 @@ import math
 import re
 import shlex
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from impact_xval.experiments.commands.options import (
-    Folder,
     Json,
     Workers,
+    argument,
     config_file,
+    flag,
     folder_to_write,
     number,
-    part_of,
+    option,
     path,
+    print_json,
+    share,
     whole,
 )
 from impact_xval.experiments.config.errors import InterruptedRunError, UserError
@@ -37,16 +40,11 @@ def run(
     config: Annotated[Path | None, config_file("The experiment; without it, the built-in grid.")] = None,
     out: Annotated[Path | None, folder_to_write("by default runs/NAME")] = None,
     workers: Workers = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Compute on a Dask cluster, by its scheduler.")
-    ] = None,
-    shard: Annotated[
-        str | None,
-        typer.Option(metavar="I/N", help="Compute every N-th part, from the I-th, in a folder of all N."),
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="A first taste: 40 cells of the built-in grid, in seconds.")
-    ] = False,
+    scheduler: str | None = option("ADDRESS", "Compute on a Dask cluster, by its scheduler."),
+    shard: str = option(
+        "I/N", "Compute every N-th part, from the I-th, in a folder of all N.", default="1/1"
+    ),
+    quick: bool = flag("--quick", "A first taste: 40 cells of the built-in grid, in seconds."),
 ) -> None:
     """Run an experiment: tables, figures, a page.
 
@@ -56,21 +54,18 @@ def run(
     Example: impact-xval run my.toml --out my-run
     """
     start = time.perf_counter()
-    if quick and config is not None:
-        raise UserError(f"--quick with {config}: it is for the built-in grid; legal: one of both")
-    share = part_of(shard)
-    kept = _kept(out) if config is None and out is not None else None
-    if quick and kept is not None and kept.identity() != _quick().identity():
-        raise UserError(f"--quick with --out {out}: holds another run; legal: --out {out}")
-    experiment = kept or (_quick() if quick else _experiment(config))
+    part = share(shard)
+    experiment = _experiment(config, out, quick)
     # Imported when the configuration is known to be legal: what solves takes a second.
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import run_sweep
 
     name = experiment.name if config is None or "name" in experiment.model_fields_set else config.stem
-    root = out if out is not None else Path("runs") / _slug(name)
+    # A name in which nothing can leave the folder or hide.
+    root = out or Path("runs") / (re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run")
     words: list[Any] = ["run", *(["--quick"] if quick else []), *([config] if config else []), "--out", root]
-    words += [*(["--scheduler", scheduler] if scheduler else []), *(["--shard", shard] if shard else [])]
+    words += ["--scheduler", scheduler] if scheduler else []
+    words += ["--shard", shard] if part != (1, 1) else []
     console = make_console()
     summaries: list[Summary] = []
 
@@ -86,7 +81,7 @@ def run(
             root,
             workers=workers,
             scheduler=scheduler,
-            shard=share,
+            shard=part,
             progress=progress,
             present=presented,
         )
@@ -101,13 +96,8 @@ def run(
 
 
 def show(
-    folder: Folder,
-    cell: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", parser=whole("--cell", 0, 10**7), help="One cell: outcomes, and why they differ."
-        ),
-    ] = None,
+    folder: Path = argument("DIR", "Folder of a run.", path("DIR")),
+    cell: int | None = option("N", "One cell: outcomes, and why they differ.", whole(0, 10**7)),
     json: Json = False,
 ) -> None:
     """Show how far a run is, and what it found.
@@ -117,25 +107,24 @@ def show(
     Example: impact-xval show runs/default --cell 17
     """
     from dataclasses import asdict
-    from json import dumps
 
     from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.status import status_of
     from impact_xval.experiments.tables.folder import RunFolder, finished
 
+    console = make_console()
     if cell is not None:
         rows = views.rows_of_cell(finished(folder), cell)
         if json:
-            typer.echo(dumps(rows, indent=2, allow_nan=False))
+            print_json(rows)
         else:
-            views.show_cell(make_console(), cell, rows)
+            views.show_cell(console, cell, rows)
         return
     found = status_of(folder)
     if json:
-        typer.echo(dumps(asdict(found), indent=2, allow_nan=False))
+        print_json(asdict(found))
         return
-    console = make_console()
     views.show_status(console, str(folder), found)
     if found.state == "complete":
         from impact_xval.experiments.measures.summary import summarise
@@ -147,26 +136,17 @@ def show(
 
 def _only(what: str) -> str:
     if what not in ("page", "tables", "figures"):
-        raise UserError(f"--only = {what!r:.60}; legal: 'page', 'tables' or 'figures'")
+        raise typer.BadParameter(f"{what!r:.60}; legal: 'page', 'tables' or 'figures'")
     return what
 
 
 def report(
-    folder: Annotated[
-        Path,
-        typer.Argument(metavar="DIR", parser=path("DIR"), help="Folder of a finished run, or a new one."),
-    ],
-    only: Annotated[
-        str | None,
-        typer.Option(metavar="WHAT", parser=_only, help="'page', 'tables' or 'figures': write that alone."),
-    ] = None,
-    latex: Annotated[
-        bool, typer.Option("--latex", help="Write the table of divergence as summary.tex too.")
-    ] = False,
-    supplement: Annotated[
-        bool,
-        typer.Option("--supplement", help="Draw the six panels of the model's supplement into a new folder."),
-    ] = False,
+    folder: Path = argument("DIR", "Folder of a finished run, or with --supplement a new one.", path("DIR")),
+    only: str | None = option("WHAT", "'page', 'tables' or 'figures': write that alone.", _only),
+    latex: bool = flag("--latex", "Write the table of divergence as summary.tex too."),
+    supplement: bool = flag(
+        "--supplement", "Draw the six panels of the model's supplement into a new folder."
+    ),
 ) -> None:
     """Write the page of a finished run again.
 
@@ -204,12 +184,11 @@ def report(
 
 
 def compare(
-    run_a: Annotated[Path, typer.Argument(metavar="A", parser=path("A"), help="A finished run.")],
-    run_b: Annotated[Path, typer.Argument(metavar="B", parser=path("B"), help="One of the same cells.")],
-    tolerance: Annotated[
-        str,
-        typer.Option(metavar="T", help="Change of a velocity per |v0|, and of D, that is none; 0: no bit."),
-    ] = "1e-9",
+    run_a: Path = argument("A", "A finished run.", path("A")),
+    run_b: Path = argument("B", "One of the same cells.", path("B")),
+    tolerance: float = option(
+        "T", "Change of a velocity per |v0|, and of D, that is none; 0: no bit.", number, 1e-9
+    ),
     json: Json = False,
 ) -> None:
     """Show what moved between two runs.
@@ -218,20 +197,17 @@ def compare(
 
     Example: impact-xval compare before after --tolerance 1e-6
     """
-    from json import dumps
-
     from impact_xval.experiments.presentation import views
     from impact_xval.experiments.presentation.terminal import at_work, make_console
     from impact_xval.experiments.tables.comparison import compare as compared
     from impact_xval.experiments.tables.folder import finished
 
-    allowed = number("--tolerance", tolerance)
-    if not 0 <= allowed < math.inf:
-        raise UserError(f"--tolerance = {tolerance!r:.60}; legal: a finite number >= 0 (of |v0|)")
+    if not 0 <= tolerance < math.inf:
+        raise UserError(f"--tolerance = {tolerance!r}; legal: a finite number >= 0 (of |v0|)")
     with at_work("comparing the runs"):
-        found = compared(finished(run_a), finished(run_b), allowed)
+        found = compared(finished(run_a), finished(run_b), tolerance)
     if json:
-        typer.echo(dumps(views.changes_object(found), indent=2, allow_nan=False))
+        print_json(views.changes_object(found))
     else:
         views.show_changes(make_console(), str(run_a), str(run_b), found)
     if found.moved:
@@ -258,7 +234,7 @@ def hypothesis(
     from impact_xval.experiments.hypothesis.run import results, stages
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
-    root = out if out is not None else Path("runs") / "hypothesis"
+    root = out or Path("runs") / "hypothesis"
     words, console = ["hypothesis", *([config] if config else []), "--out", root], make_console()
     for name, solve in stages(design, root):
         with _writing(words, console, name) as progress:
@@ -269,31 +245,26 @@ def hypothesis(
     print_line(console, f"{time.perf_counter() - start:.0f} s; the page is {page}")
 
 
-def _experiment(file: Path | None) -> Config:
+def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
+    """Read an experiment from a file, or else from the folder of a run; without either it is the built-in one."""
     from impact_xval.experiments.config.experiment import load_config, parse_config
-
-    if file is None:
-        return parse_config({}, "built-in experiment")
-    config = load_config(file)
-    if config.cells is not None and not Path(config.cells).is_file():
-        raise UserError(f"{file}: cells = {config.cells!r}: no such file; legal: a CSV or Parquet file")
-    return config
-
-
-def _quick() -> Config:
-    """Return the built-in experiment on a few of its cells: five stiffness ratios, and the ends of the other axes."""
-    from impact_xval.experiments.config.experiment import parse_config
-
-    steps = {"stiffness_ratio": 3, "mass_ratio": 2, "e1": 3, "e2": 3}
-    axes = {name: values[:: steps[name]] for name, values in parse_config({}).grid.axes().items()}
-    return parse_config({"name": "quick", "grid": axes}, "built-in experiment")
-
-
-def _kept(root: Path) -> Config | None:
-    """Read the experiment of the run in a folder, if there is one."""
     from impact_xval.experiments.tables.folder import CONFIGURATION, RunFolder
 
-    return RunFolder(root).config() if (root / CONFIGURATION).exists() else None
+    if file is not None:
+        if quick:
+            raise UserError(f"--quick with {file}: it is for the built-in grid; legal: one of both")
+        return load_config(file)
+    built_in = parse_config({}, "built-in experiment")
+    if quick:  # five stiffness ratios, and the ends of the other axes
+        steps = {"stiffness_ratio": 3, "mass_ratio": 2, "e1": 3, "e2": 3}
+        axes = {name: values[:: steps[name]] for name, values in built_in.grid.axes().items()}
+        built_in = parse_config({"name": "quick", "grid": axes}, "built-in experiment")
+    if root is None or not (root / CONFIGURATION).exists():
+        return built_in
+    kept = RunFolder(root).config()
+    if quick and kept.identity() != built_in.identity():
+        raise UserError(f"--quick with --out {root}: holds another run; legal: --out {root}")
+    return kept
 
 
 def _size(experiment: Config) -> str:
@@ -315,45 +286,27 @@ def _compared(summary: Summary) -> bool:
     return bool((found.n[(found.measure == "velocity_divergence") & (found.axis == "all")] > 0).any())
 
 
-def _slug(name: str) -> str:
-    """Make a folder name of an experiment's name: it can neither leave the folder nor hide."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run"
-
-
 @contextlib.contextmanager
 def _writing(words: list[Any], console: Any, before: str) -> Iterator[Progress]:
-    """Show the progress of what writes a folder; where it is stopped the error says how to go on.
+    """Show the progress of what writes a folder; where it is stopped the error says which words continue it.
 
-    Parameters
-    ----------
-    words : list
-        Of the command that continues it.
-    console : Console
-    before : str
-        What is said before anything is computed.
+    What is said `before` anything is computed comes with the first report: by then the input is known to be legal.
     """
-    from impact_xval.experiments.presentation.terminal import show_progress
-
-    try:
-        with show_progress(console) as progress:
-            yield _noticed(progress, before)
-    except InterruptedRunError as stopped:
-        command = shlex.join(["impact-xval", *map(str, words)])
-        line = f"{stopped}; finished parts are kept; to continue: {command}"
-        raise InterruptedRunError(line) from None
-
-
-def _noticed(progress: Callable[[int, int, str], None], before: str) -> Progress:
-    """Add a line and the notice of compilation to the first report: by then the input is known to be legal."""
-    from impact_xval.experiments.presentation.terminal import COMPILING
+    from impact_xval.experiments.presentation.terminal import COMPILING, show_progress
     from impact_xval.model.compiled import is_compiled
     from impact_xval.model.pair.kernel import collide_all
 
     notices = [before, "" if is_compiled(collide_all) else COMPILING]
+    try:
+        with show_progress(console) as progress:
 
-    def report(done: int, total: int, line: str) -> None:
-        while notices:
-            progress(0, 0, notices.pop(0))
-        progress(done, total, line)
+            def report(done: int, total: int, line: str) -> None:
+                while notices:
+                    progress(0, 0, notices.pop(0))
+                progress(done, total, line)
 
-    return report
+            yield report
+    except InterruptedRunError as stopped:
+        command = shlex.join(["impact-xval", *map(str, words)])
+        line = f"{stopped}; finished parts are kept; to continue: {command}"
+        raise InterruptedRunError(line) from None

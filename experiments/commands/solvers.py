@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from impact_xval.experiments.commands.options import Json, number, path
+from impact_xval.experiments.commands.options import Json, argument, number, option, path, print_json
 from impact_xval.experiments.config.errors import UserError
 
 if TYPE_CHECKING:
@@ -21,12 +21,8 @@ _TO_CHECK, _TO_INSPECT = 300.0, 120.0
 
 
 def solvers(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="Check whether this one keeps the contract.")
-    ] = None,
-    law: Annotated[
-        str, typer.Option(metavar="LAW", help="The exact solver whose law NAME has, or 'none'.")
-    ] = "",
+    name: str | None = argument("[NAME]", "Check whether this one keeps the contract.", default=None),
+    law: str = option("LAW", "The exact solver whose law NAME has, or 'none'.", default=""),
 ) -> None:
     """List the solvers, or check one.
 
@@ -102,10 +98,8 @@ def _found(context: tuple[str, str], number: int) -> str:
 
 
 def inspect(
-    scene: Annotated[
-        Path, typer.Argument(metavar="SCENE.xml", parser=path("SCENE"), help="An MJCF file, or .mjb.")
-    ],
-    speed: Annotated[str, typer.Option(metavar="M/S", help="At which bodies are dropped.")] = "1",
+    scene: Path = argument("SCENE.xml", "An MJCF file, or .mjb.", path("SCENE")),
+    speed: float = option("M/S", "At which bodies are dropped.", number, 1.0),
     json: Json = False,
 ) -> None:
     """Measure the contacts of a MuJoCo scene, and look for traps in them.
@@ -117,30 +111,28 @@ def inspect(
     Example: impact-xval inspect robot.xml
     """
     from dataclasses import asdict
-    from json import dumps
 
     from impact_xval.compliant_baselines import get_solver
     from impact_xval.experiments.presentation.terminal import at_work, make_console, print_line, show
 
-    approach = number("--speed", speed)
-    if not 0 < approach < math.inf:
-        raise UserError(f"--speed = {speed!r:.60}; legal: a finite number > 0 (m/s)")
+    if not 0 < speed < math.inf:
+        raise UserError(f"--speed = {speed!r}; legal: a finite number > 0 (m/s)")
     if not scene.is_file() or scene.suffix not in (".xml", ".mjb"):
         raise UserError(f"{scene}: no such file of MuJoCo; legal: a file that ends in .xml or .mjb")
     reason = get_solver("mujoco").unavailable()
     if reason is not None:
         raise UserError(f"{scene}: mujoco is unavailable: {reason}")
     with at_work(f"dropping the contacts of {scene}"):
-        contacts, findings = _examined(scene, approach)
+        contacts, findings = _examined(scene, speed)
     if json:
         # JSON knows no infinity.
         rows = [
             asdict(row) | {"masses": [m if m < math.inf else "inf" for m in row.masses]} for row in contacts
         ]
-        print(dumps({"contacts": rows, "traps": [asdict(finding) for finding in findings]}, indent=2))
+        print_json({"contacts": rows, "traps": [asdict(finding) for finding in findings]})
     else:
         console = make_console()
-        show(console, _contacts_shown(contacts, approach))
+        show(console, _contacts_shown(contacts, speed))
         for finding in findings:
             print_line(console, str(finding))
         print_line(console, f"{scene}: {len(findings) or 'no'} trap{'s' if len(findings) != 1 else ''} found")

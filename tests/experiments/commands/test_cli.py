@@ -39,20 +39,8 @@ def test_solve_json_keeps_the_contract(capsys):
 
 def test_si_units_and_ratios_are_one_collision(capsys):
     ratios = _json(capsys, *CELL, "--v0", "-3", "--solver", "kelvin-voigt")
-    units = [
-        "--m1",
-        "0.5",
-        "--m2",
-        str(1 / math.sqrt(3)),
-        "--k1",
-        "1e6",
-        "--k2",
-        "4e7",
-        *CELL[4:],
-        "--v0",
-        "-3",
-    ]
-    for each, other in zip(ratios, _json(capsys, *units, "--solver", "kelvin-voigt"), strict=True):
+    units = f"--m1 0.5 --m2 {1 / math.sqrt(3)} --k1 1e6 --k2 4e7 --v0 -3".split()
+    for each, other in zip(ratios, _json(capsys, *units, *CELL[4:], "--solver", "kelvin-voigt"), strict=True):
         assert other["velocities"] == pytest.approx(each["velocities"], rel=1e-12, abs=1e-12)
 
 
@@ -164,20 +152,19 @@ def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
     assert capsys.readouterr().err == "impact-xval: interrupted\n"
 
 
-def test_a_solver_that_takes_too_long_is_ended_and_the_others_are_shown(capsys, monkeypatch):
+@pytest.mark.parametrize(
+    ("e1", "status", "reason"),
+    [
+        (faulty.HANG, "timeout", "no answer within 5 s; its process was ended"),
+        (faulty.ABORT, "crashed", "its process died: SIGABRT"),
+    ],
+)
+def test_a_solver_that_hangs_or_dies_costs_its_own_row(e1, status, reason, capsys, monkeypatch):
     monkeypatch.setattr(registry, "get_solver", faulty.faulty)
-    cell = [*CELL[:4], "--e1", str(faulty.HANG), "--e2", "0.7", "--cell-timeout", "5"]
+    cell = [*CELL[:4], "--e1", str(e1), "--e2", "0.7", "--cell-timeout", "5"]
     found = _json(capsys, *cell, "--solver", "mujoco", "--solver", "state-transition")
-    assert [each["status"] for each in found] == ["timeout", "ok"]
-    assert found[0]["reason"] == "no answer within 5 s; its process was ended"
-
-
-def test_a_solver_that_dies_costs_solve_its_own_row(capsys, monkeypatch):
-    monkeypatch.setattr(registry, "get_solver", faulty.faulty)
-    cell = [*CELL[:4], "--e1", str(faulty.ABORT), "--e2", "0.7"]
-    found = _json(capsys, *cell, "--solver", "mujoco", "--solver", "state-transition")
-    assert [each["status"] for each in found] == ["crashed", "ok"]
-    assert found[0]["reason"] == "its process died: SIGABRT"
+    assert [each["status"] for each in found] == [status, "ok"]
+    assert found[0]["reason"] == reason
 
 
 @pytest.mark.nightly

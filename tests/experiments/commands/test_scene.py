@@ -80,7 +80,7 @@ def test_a_cell_of_a_run_gives_what_its_table_holds(tmp_path, capsys):
     grid = {"stiffness_ratio": [0.1, 10.0], "mass_ratio": [1.0], "e1": [0.7], "e2": [0.7, 0.0]}
     run_sweep(parse_config({"solvers": ENGINES, "step_fraction": 5e-3, "grid": grid}), run, isolate=False)
     assert main(["scene", str(run), "2", "--out", str(tmp_path / "scene")]) == 0
-    assert capsys.readouterr().out.count("as in the table (difference 0.0e+00 |v0|)") == len(ENGINES)
+    assert capsys.readouterr().out.count(" m/s (difference 0.0e+00 |v0|)") == len(ENGINES)
     rows = pq.read_table(run / "cells.parquet").to_pylist()
     for engine in ENGINES:
         (row,) = (r for r in rows if r["cell"] == 2 and r["solver"] == engine)
@@ -90,8 +90,7 @@ def test_a_cell_of_a_run_gives_what_its_table_holds(tmp_path, capsys):
     # what cannot be exported is said, and nothing is written
     for arguments, says in (
         (["1"], "unrepresentable: e2 = 0: no finite damping"),
-        (["4"], "N = '4'; legal: a whole number from 0 to 3"),
-        ([], "a cell of a run is named by its number"),
+        (["4"], "N = 4; legal: a whole number from 0 to 3"),
         (["1", "--solver", "kelvin-voigt"], "--solver = 'kelvin-voigt'; legal: mujoco, pybullet"),
     ):
         out = tmp_path / "nothing"
