@@ -63,9 +63,7 @@ def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[B
     elif compared(summary):
         blocks.append(Section("All against all", [_matrix(summary)]))
     blocks += [
-        evidence.causes(
-            summary, _figures(captions, "ladder-by-restitution", "ladder-by-column", "ladder-norms")
-        ),
+        evidence.causes(summary, _figures(captions, "ladder-by-restitution", "ladder-by-column")),
         evidence.sureness(summary),
         *([_hypothesis()] if pair else []),
         evidence.effective(folder),
@@ -299,9 +297,9 @@ def _hypothesis() -> Section:
 
 def _by_axis(summary: Summary, captions: Captions) -> Section:
     """Tabulate D along every axis that has several values, and show the figures for print."""
-    names = ("divergence-map", "divergence-by-restitution", "energy-by-stiffness", "energy-by-balls")
+    energies = _figures(captions, "energy-by-stiffness", "energy-by-balls")
     tables: list[Block] = [findings.along_axis(summary, axis) for axis in summary.axes]
     if "stiffness_ratio" in summary.axes:
         tables.append(findings.along_axis(summary, "stiffness_ratio", FULL_PATHS))
     said = "All measures by all axes are in summary.csv."
-    return Section("By axis", [said, *tables, *_figures(captions, *names)], folded=True)
+    return Section("By axis", [said, *tables, *energies], folded=True)

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, Frame
 from impact_xval.experiments.measures.summary import Summary, load_divergence
 from impact_xval.experiments.presentation.looks import look
@@ -77,15 +76,6 @@ def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
         ):
             figure = _over(rows, solvers, "stiffness_ratio", measure, levels["stiffness_ratio"])
             yield name, figure, _caption(measure, "the stiffness ratio k2/k1", solvers)
-        for name, across, up in (
-            ("divergence-map", "stiffness_ratio", "mass_ratio"),
-            ("divergence-by-restitution", "e1", "e2"),
-        ):
-            figure = _median_maps(rows, solvers, levels, across, up)
-            rest = " and ".join(label for axis, label in AXES.items() if axis not in (across, up))
-            said = f"Median over {rest} of the velocity divergence D from the model, by {AXES[across]} and {AXES[up]}"
-            said += f", a panel a solver. White: nothing to compare. {LEFT_OUT}"
-            yield name, figure, said
     yield from draw_trust(trust_of(folder, summary.config))
     yield from draw_ladders(summary.ladder)
     yield from draw_steps(summary)
@@ -153,34 +143,4 @@ def _over(
         else:
             axes[0].set_ylim(-0.03, 1.03)
         axes[-1].legend(**BESIDE)
-    return figure
-
-
-def _median_maps(
-    rows: Frame,
-    solvers: Sequence[str],
-    levels: dict[str, list[float]],
-    across: str,
-    up: str,
-) -> Figure:
-    """Draw the median D over two axes, a panel a solver; small maps hold their numbers."""
-    columns, lines = levels[across], levels[up]
-    size = 2.4 * len(solvers) + 1.2, 1.9 + 0.28 * min(len(lines), 20)
-    medians = rows.groupby(["solver", up, across], observed=True)[_D].median()
-    highest = float(medians.max())
-    with drawing(*size) as figure:
-        axes = figure.subplots(1, len(solvers), sharey=True, squeeze=False)[0]
-        for ax, name in zip(axes, solvers, strict=True):
-            table = medians[name].unstack().reindex(index=lines, columns=columns).to_numpy(float)
-            ax.imshow(table, origin="lower", aspect="auto", cmap="viridis", vmin=0, vmax=highest)
-            for (row, column), value in np.ndenumerate(table) if table.size <= 36 else ():
-                shade = "black" if value > 0.6 * highest else "white"
-                ax.text(column, row, number(value, 2), ha="center", va="center", fontsize=7, color=shade)
-            label_places(ax.xaxis, columns, 5)
-            label_places(ax.yaxis, lines, 12)
-            ax.set_xlabel(AXES[across])
-            ax.set_title(named(name))
-            ax.grid(False)
-        axes[0].set_ylabel(AXES[up])
-        figure.colorbar(axes[0].images[0], ax=list(axes), label="median D (-)")
     return figure
