@@ -297,10 +297,3 @@ def brief(summary: Summary) -> list[Block]:
     blocks += as_asked(summary)
     blocks += [causes(summary, name, 3) for name in summary.ladder.solvers]
     return [*blocks, *unsolved(summary), counted(summary), LAWS_WITH_LAWS]
-
-
-def why(summary: Summary) -> list[Block]:
-    """Tabulate on a terminal why the engines of a run diverge."""
-    if not summary.ladder.solvers:
-        return ["no engine of this run has a result: there is nothing to split"]
-    return [region_table(summary.ladder)]
