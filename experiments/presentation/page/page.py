@@ -90,7 +90,7 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
     """Give up to three numbers to remember: how far, how near to what was asked for, and why."""
     unit = unit_of(summary)
     for name in subjects(summary)[:1]:
-        n = int(findings.count_of(summary, name).value)
+        n = int(value_of(summary, name, "n").value)
         yield value_of(summary, name), f"is the median D of {named(name)} from the model, of {n} {unit}"
     for name, law, median, _ in list(findings.asked(summary))[:1]:
         what = "D" if summary.config.column is None else "distance of the limit dt -> 0, per |v0|,"
@@ -269,8 +269,6 @@ def _hypothesis() -> Section:
 def _by_axis(summary: Summary, captions: Captions) -> Section:
     """Tabulate D along every axis that has several values, and show the figures for print."""
     energies = _figures(captions, "energy-by-stiffness", "energy-by-balls")
-    tables: list[Block] = [findings.along_axis(summary, axis) for axis in summary.axes]
-    if "stiffness_ratio" in summary.axes:
-        tables.append(findings.along_axis(summary, "stiffness_ratio", FULL_PATHS))
+    tables = [findings.along_axis(summary, axis) for axis in summary.axes]
     said = "All measures by all axes are in summary.csv."
     return Section("By axis", [said, *tables, *energies], folded=True)
