@@ -40,8 +40,8 @@ def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None, scr
 
 def fragment(blocks: Sequence[Block]) -> Markup:
     """Write blocks as a piece of a page; figures of a folder are for a page alone."""
-    show = _environment().get_template("blocks.html.j2").make_module({"picture": None}).show  # type: ignore[attr-defined]
-    return Markup("").join(map(show, blocks))
+    module: Any = _environment().get_template("blocks.html.j2").make_module({"picture": None})
+    return Markup("").join(map(module.show, blocks))
 
 
 def render(name: str, /, **facts: Any) -> Markup:
