@@ -129,9 +129,7 @@ def show(
     if found.state == "complete":
         from impact_xval.experiments.measures.summary import summarise
 
-        summary = summarise(RunFolder(folder))
-        views.show_summary(console, summary)
-        views.show_causes(console, summary)
+        views.show_summary(console, summarise(RunFolder(folder)))
 
 
 def _only(what: str) -> str:

@@ -10,7 +10,6 @@ from impact_xval.compliant_baselines.registry import is_engine, law_of
 from impact_xval.experiments.config.arrangements import COLUMN_AXES
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.experiment import REFERENCE
-from impact_xval.experiments.measures.aggregates import FULL_PATHS
 from impact_xval.experiments.measures.ladder import CONTRIBUTIONS, cancelling
 from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.measures.laws import exact_for
@@ -51,11 +50,6 @@ def value_of(
     return Value(float(row[statistic]), key, digits)
 
 
-def count_of(summary: Summary, solver: str) -> Value:
-    """Return over how many cells the statistics of a solver are."""
-    return value_of(summary, solver, "n")
-
-
 def spread(values: Sequence[Any]) -> Sequence[Any]:
     """Those values of an axis that a table shows: all, or evenly chosen ones of many."""
     return values[:: -(-len(values) // _ROWS)] if values else values
@@ -94,7 +88,7 @@ def how_far(summary: Summary) -> Text:
             unit=unit_of(summary),
             solver=named(name),
             median=value_of(summary, name),
-            n=count_of(summary, name),
+            n=value_of(summary, name, "n"),
             most=value_of(summary, name, "max"),
             where=where(summary, worst_of(summary, name)),
         )
@@ -216,20 +210,16 @@ def counted(summary: Summary) -> str:
     return said
 
 
-def along_axis(summary: Summary, axis: str, measure: str = D) -> Table:
-    """Tabulate along an axis, a row a value, D over the other axes, or the share of equal state paths."""
+def along_axis(summary: Summary, axis: str) -> Table:
+    """Tabulate D along an axis, a row a value."""
     levels, label = summary.levels[axis], (AXES | COLUMN_AXES)[axis]
     shown = levels.values if axis == "arrangement" else spread(levels.values)
 
     def cell(name: str, value: Any) -> str:
-        row = summary.get(name, measure, axis, value)
-        if measure == FULL_PATHS:
-            return percent(row["mean"])
+        row = summary.get(name, D, axis, value)
         return " / ".join(number(row[cut], 2) for cut in CUTS) if row["n"] else "-"
 
     caption = f"D by {label}: median / 95th percentile / maximum over the other axes"
-    if measure == FULL_PATHS:
-        caption = f"Cells with the model's state path by {label}, where it needed no limiting case"
     if len(shown) < len(levels.values):
         caption += f" ({len(shown)} of {len(levels.values)} values; all are in summary.csv)"
     if levels.edges is not None:
@@ -297,10 +287,3 @@ def brief(summary: Summary) -> list[Block]:
     blocks += as_asked(summary)
     blocks += [causes(summary, name, 3) for name in summary.ladder.solvers]
     return [*blocks, *unsolved(summary), counted(summary), LAWS_WITH_LAWS]
-
-
-def why(summary: Summary) -> list[Block]:
-    """Tabulate on a terminal why the engines of a run diverge."""
-    if not summary.ladder.solvers:
-        return ["no engine of this run has a result: there is nothing to split"]
-    return [region_table(summary.ladder)]

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from impact_xval.experiments.presentation.document import Block, Section
@@ -40,18 +40,13 @@ def page_of(title: str, blocks: Sequence[Block], folder: Path | None = None, scr
 
 def fragment(blocks: Sequence[Block]) -> Markup:
     """Write blocks as a piece of a page; figures of a folder are for a page alone."""
-    show = template("blocks.html.j2").make_module({"picture": None}).show  # type: ignore[attr-defined]
-    return Markup("").join(map(show, blocks))
+    module: Any = _environment().get_template("blocks.html.j2").make_module({"picture": None})
+    return Markup("").join(map(module.show, blocks))
 
 
 def render(name: str, /, **facts: Any) -> Markup:
     """Fill a template of HTML, which escapes what it is given."""
-    return Markup(template(name).render(facts))
-
-
-def template(name: str) -> Template:
-    """Return a template of HTML."""
-    return _environment().get_template(name)
+    return Markup(_environment().get_template(name).render(facts))
 
 
 @cache

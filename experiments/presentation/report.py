@@ -45,9 +45,8 @@ def write_latex(folder: RunFolder, summary: Summary) -> Path:
     return path
 
 
-def write_report(folder: RunFolder, summary: Summary | None = None) -> Path:
+def write_report(folder: RunFolder, summary: Summary) -> Path:
     """Write ``report.html`` of a finished run, and return its path; figures are drawn if they are not there."""
-    summary = summarise(folder) if summary is None else summary
     figures = folder.root / "figures"
     known = figures / CAPTIONS
     captions: dict[str, str] = json.loads(known.read_text(encoding="utf-8")) if known.is_file() else {}

@@ -27,24 +27,18 @@ _SHOWN = 8
 
 
 def show_summary(console: Console, summary: Summary) -> None:
-    """Print what a run found."""
-    from impact_xval.experiments.presentation.findings import brief
+    """Print what a run found, and why its engines diverge."""
+    from impact_xval.experiments.presentation.findings import brief, region_table
 
-    show(console, brief(summary))
+    show(console, [*brief(summary), region_table(summary.ladder)])
 
 
 def show_end(console: Console, summary: Summary, seconds: float, root: str) -> None:
     """Print what a run found, and where it is."""
-    show_summary(console, summary)
-    line = f"{seconds:.0f} s; report.html is the page to read; everything is in {root}"
-    print_line(console, line)
+    from impact_xval.experiments.presentation.findings import brief
 
-
-def show_causes(console: Console, summary: Summary) -> None:
-    """Print why the engines of a run diverge."""
-    from impact_xval.experiments.presentation.findings import why
-
-    show(console, why(summary))
+    show(console, brief(summary))
+    print_line(console, f"{seconds:.0f} s; report.html is the page to read; everything is in {root}")
 
 
 def show_status(console: Console, root: str, status: RunStatus) -> None:

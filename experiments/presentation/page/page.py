@@ -27,10 +27,10 @@ from impact_xval.experiments.presentation.document import (
 )
 from impact_xval.experiments.presentation.findings import D, compared, subjects, unit_of, value_of
 from impact_xval.experiments.presentation.html import render
-from impact_xval.experiments.presentation.page import evidence, method
-from impact_xval.experiments.presentation.page.charts import cells_piece, tiles_of
+from impact_xval.experiments.presentation.page import evidence
+from impact_xval.experiments.presentation.page.charts import LABELS, cells_piece, tiles_of
 from impact_xval.experiments.presentation.page.opened import packed_cells
-from impact_xval.experiments.presentation.pictures.steps import ACCEPTED, recommended
+from impact_xval.experiments.presentation.pictures.figures import ACCEPTED, recommended
 from impact_xval.experiments.presentation.words import WHAT_D_IS, named, one_vote
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import number
@@ -47,7 +47,7 @@ def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[B
     pair, unit = summary.config.column is None, unit_of(summary)[:-1]
     blocks: list[Block] = [render("sketch.html.j2")] if pair else []
     blocks += [
-        method.question(summary),
+        evidence.question(summary),
         WHAT_D_IS,
         render("numbers.html.j2", numbers=list(_numbers(summary))),
     ]
@@ -63,15 +63,13 @@ def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[B
     elif compared(summary):
         blocks.append(Section("All against all", [_matrix(summary)]))
     blocks += [
-        evidence.causes(
-            summary, _figures(captions, "ladder-by-restitution", "ladder-by-column", "ladder-norms")
-        ),
+        evidence.causes(summary, _figures(captions, "ladder-by-restitution", "ladder-by-column")),
         evidence.sureness(summary),
         *([_hypothesis()] if pair else []),
         evidence.effective(folder),
         _by_axis(summary, captions),
         evidence.unsolved(summary),
-        method.section(folder, summary),
+        evidence.method(folder, summary),
         evidence.glossary(summary),
         evidence.provenance(folder),
     ]
@@ -92,7 +90,7 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
     """Give up to three numbers to remember: how far, how near to what was asked for, and why."""
     unit = unit_of(summary)
     for name in subjects(summary)[:1]:
-        n = int(findings.count_of(summary, name).value)
+        n = int(value_of(summary, name, "n").value)
         yield value_of(summary, name), f"is the median D of {named(name)} from the model, of {n} {unit}"
     for name, law, median, _ in list(findings.asked(summary))[:1]:
         what = "D" if summary.config.column is None else "distance of the limit dt -> 0, per |v0|,"
@@ -150,41 +148,28 @@ def _step(summary: Summary, name: str, step: float) -> Text:
 
 
 def _found(summary: Summary, captions: Captions) -> list[Block]:
-    """Return the findings, each with its picture, then pictures without a finding."""
+    """Return the findings, each with its picture."""
     sections: list[Block] = []
-    rest: list[Block] = []
-    for title, sentences, name in (
-        _of_pair(summary) if summary.config.column is None else _of_columns(summary)
-    ):
+    for title, sentences, name in _findings(summary):
         said, picture = [each for each in sentences if str(each)], _figures(captions, name)
-        if said:
-            sections.append(Section(title, [*said, *picture], beside=bool(picture)))
-        else:
-            rest += picture
-    return [*sections, *rest]
+        if said or picture:
+            sections.append(Section(title, [*said, *picture], beside=bool(said and picture)))
+    return sections
 
 
-def _of_pair(summary: Summary) -> Iterator[Finding]:
-    there = subjects(summary)
+def _findings(summary: Summary) -> Iterator[Finding]:
+    pair, there = summary.config.column is None, subjects(summary)
+    axis, over = ("stiffness_ratio", "stiffness") if pair else ("balls", "balls")
     far = [findings.how_far(summary), one_vote(summary.solvers)]
-    yield "How far are they from the model?", far, "divergence-by-stiffness"
-    yield "Do engines do what they were asked for?", findings.as_asked(summary), "impulse-curves"
-    yield "Then why do they diverge?", _why(summary), "ladder-by-stiffness"
-    yield "Where does it matter?", [_extremes(summary, name) for name in there], "trust-map"
-    yield (
-        "Do contacts open and close in the same order?",
-        [_order(summary, name) for name in there],
-        "state-paths",
-    )
-
-
-def _of_columns(summary: Summary) -> Iterator[Finding]:
-    several = subjects(summary) if len(summary.levels["balls"].values) > 1 else []
-    far = [findings.how_far(summary), one_vote(summary.solvers)]
-    yield "How far are they from the model?", far, "divergence-by-balls"
-    yield "What do more balls change?", [_balls(summary, name) for name in several], "velocities"
-    yield "Do engines do what they were asked for?", findings.as_asked(summary), "wave"
-    yield "Then why do they diverge?", _why(summary), "ladder-by-balls"
+    yield "How far are they from the model?", far, f"divergence-by-{over}"
+    asked_for = "Do engines do what they were asked for?"
+    yield asked_for, findings.as_asked(summary), "impulse-curves" if pair else "wave"
+    yield "Then why do they diverge?", _why(summary), f"ladder-by-{over}"
+    extremes = [_extremes(summary, name, axis) for name in there]
+    yield "Where does it matter?", extremes, "trust-map" if pair else "velocities"
+    if pair:
+        orders = [_order(summary, name) for name in there]
+        yield "Do contacts open and close in the same order?", orders, "state-paths"
 
 
 def _why(summary: Summary) -> list[Text]:
@@ -193,16 +178,16 @@ def _why(summary: Summary) -> list[Text]:
     return [findings.causes(summary, name, explain=name == there[0]) for name in there]
 
 
-def _extremes(summary: Summary, name: str) -> Text | str:
-    """Say at which k2/k1 the median D is largest and smallest."""
-    levels = summary.levels["stiffness_ratio"].values
-    values = [(at, value_of(summary, name, axis="stiffness_ratio", at=at)) for at in levels]
+def _extremes(summary: Summary, name: str, axis: str) -> Text | str:
+    """Say where along an axis the median D is largest and smallest."""
+    values = [(at, value_of(summary, name, axis=axis, at=at)) for at in summary.levels[axis].values]
     known = sorted((each for each in values if not math.isnan(each[1].value)), key=lambda each: each[1].value)
     (low, least), (high, most) = known[0], known[-1]
     if least.value == most.value:
         return ""
     return say(
-        "By k2/k1 the median D of {solver} is largest, {most}, at {high}, and smallest, {least}, at {low}.",
+        "By {axis} the median D of {solver} is largest, {most}, at {high}, and smallest, {least}, at {low}.",
+        axis=LABELS[axis],
         solver=named(name),
         most=most,
         high=number(high),
@@ -226,42 +211,26 @@ def _order(summary: Summary, name: str) -> Text:
     return Text((said, say(", and through those of the exact law it was asked for in {own}.", own=own)))
 
 
-def _balls(summary: Summary, name: str) -> Text:
-    """Say what the median D is for the fewest and for the most balls."""
-    values = summary.levels["balls"].values
-    few, many = (value_of(summary, name, axis="balls", at=at) for at in (values[0], values[-1]))
-    return say(
-        "The median D of {solver} is {few} at {low} balls and {many} at {high}.",
-        **{"solver": named(name), "few": few, "many": many, "low": int(values[0]), "high": int(values[-1])},
-    )
-
-
 def _cells(folder: RunFolder, summary: Summary) -> list[Block]:
     """Lay out the map whose cells open, and the cells with the largest D."""
     tiles = tiles_of(load_divergence(folder, summary.config))
     opens = tiles.places.cell.tolist()
     piece = cells_piece(tiles, packed_cells(folder, opens), summary.config.solvers)
     button = Markup('<button type="button" data-cell="{0}">{0}</button>')
-    if summary.config.column is None:
-        words = {"model_states_compared": "model's path", "states_compared": "solver's path"}
-        columns = AXES | {D: "D", "dv1": "dv1/|v0|", "dv2": "dv2/|v0|"}
-    else:
-        words = {"arrangement": "arrangement"}
-        columns = COLUMN_AXES | {D: "D", "largest_dv": "largest dv/|v0|"}
-    columns = {key: label for key, label in columns.items() if key not in words}
+    axes = AXES if summary.config.column is None else COLUMN_AXES
     order = summary.worst.solver.map(summary.solvers.index).sort_values(kind="stable").index
     rows = [
         (
             named(row["solver"]),
-            *(row[key] or "-" for key in words),
             button.format(row["cell"]) if row["cell"] in opens else row["cell"],
-            *(number(row[key]) for key in columns),
+            *(row[axis] if isinstance(row[axis], str) else number(row[axis]) for axis in axes),
+            number(row[D]),
         )
         for row in summary.worst.loc[order].to_dict("records")
     ]
     unit = unit_of(summary)
-    header = ["solver", *words.values(), unit[:-1], *columns.values()]
-    worst = Table(header, rows, f"The {unit} with the largest D of every solver", text=2 + len(words))
+    header = ["solver", unit[:-1], *axes.values(), "D"]
+    worst = Table(header, rows, f"The {unit} with the largest D of every solver", text=2)
     return [piece, Section("Largest divergences", [worst], folded=True)]
 
 
@@ -299,9 +268,7 @@ def _hypothesis() -> Section:
 
 def _by_axis(summary: Summary, captions: Captions) -> Section:
     """Tabulate D along every axis that has several values, and show the figures for print."""
-    names = ("divergence-map", "divergence-by-restitution", "energy-by-stiffness", "energy-by-balls")
-    tables: list[Block] = [findings.along_axis(summary, axis) for axis in summary.axes]
-    if "stiffness_ratio" in summary.axes:
-        tables.append(findings.along_axis(summary, "stiffness_ratio", FULL_PATHS))
+    energies = _figures(captions, "energy-by-stiffness", "energy-by-balls")
+    tables = [findings.along_axis(summary, axis) for axis in summary.axes]
     said = "All measures by all axes are in summary.csv."
-    return Section("By axis", [said, *tables, *_figures(captions, *names)], folded=True)
+    return Section("By axis", [said, *tables, *energies], folded=True)

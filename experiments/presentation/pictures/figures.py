@@ -7,14 +7,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from impact_xval.experiments.config.axes import AXES
+from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.measures.aggregates import FULL_PATHS, Frame
 from impact_xval.experiments.measures.summary import Summary, load_divergence
 from impact_xval.experiments.presentation.looks import look
 from impact_xval.experiments.presentation.pictures.columns import draw_velocities, draw_wave
 from impact_xval.experiments.presentation.pictures.curves import draw_cell_curves
 from impact_xval.experiments.presentation.pictures.ladders import draw_ladders
-from impact_xval.experiments.presentation.pictures.steps import draw_steps
 from impact_xval.experiments.presentation.pictures.trust import draw_trust, trust_of
 from impact_xval.experiments.presentation.style import (
     BESIDE,
@@ -31,6 +30,9 @@ from impact_xval.experiments.tables.numbers import number
 
 #: D below this is drawn at this height on logarithmic axes: about the rounding of the solvers.
 _FLOOR = 1e-6
+
+#: The error, per |v0|, that steps are recommended for.
+ACCEPTED = 0.01
 
 _D, _ENERGY = "velocity_divergence", "dretained_energy"
 _LABELS = {
@@ -77,15 +79,6 @@ def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
         ):
             figure = _over(rows, solvers, "stiffness_ratio", measure, levels["stiffness_ratio"])
             yield name, figure, _caption(measure, "the stiffness ratio k2/k1", solvers)
-        for name, across, up in (
-            ("divergence-map", "stiffness_ratio", "mass_ratio"),
-            ("divergence-by-restitution", "e1", "e2"),
-        ):
-            figure = _median_maps(rows, solvers, levels, across, up)
-            rest = " and ".join(label for axis, label in AXES.items() if axis not in (across, up))
-            said = f"Median over {rest} of the velocity divergence D from the model, by {AXES[across]} and {AXES[up]}"
-            said += f", a panel a solver. White: nothing to compare. {LEFT_OUT}"
-            yield name, figure, said
     yield from draw_trust(trust_of(folder, summary.config))
     yield from draw_ladders(summary.ladder)
     yield from draw_steps(summary)
@@ -156,31 +149,44 @@ def _over(
     return figure
 
 
-def _median_maps(
-    rows: Frame,
-    solvers: Sequence[str],
-    levels: dict[str, list[float]],
-    across: str,
-    up: str,
-) -> Figure:
-    """Draw the median D over two axes, a panel a solver; small maps hold their numbers."""
-    columns, lines = levels[across], levels[up]
-    size = 2.4 * len(solvers) + 1.2, 1.9 + 0.28 * min(len(lines), 20)
-    medians = rows.groupby(["solver", up, across], observed=True)[_D].median()
-    highest = float(medians.max())
-    with drawing(*size) as figure:
-        axes = figure.subplots(1, len(solvers), sharey=True, squeeze=False)[0]
-        for ax, name in zip(axes, solvers, strict=True):
-            table = medians[name].unstack().reindex(index=lines, columns=columns).to_numpy(float)
-            ax.imshow(table, origin="lower", aspect="auto", cmap="viridis", vmin=0, vmax=highest)
-            for (row, column), value in np.ndenumerate(table) if table.size <= 36 else ():
-                shade = "black" if value > 0.6 * highest else "white"
-                ax.text(column, row, number(value, 2), ha="center", va="center", fontsize=7, color=shade)
-            label_places(ax.xaxis, columns, 5)
-            label_places(ax.yaxis, lines, 12)
-            ax.set_xlabel(AXES[across])
-            ax.set_title(named(name))
-            ax.grid(False)
-        axes[0].set_ylabel(AXES[up])
-        figure.colorbar(axes[0].images[0], ax=list(axes), label="median D (-)")
-    return figure
+def recommended(summary: Summary) -> dict[str, float]:
+    """Return, by engine, the step, over the faster contact period, with an error of `ACCEPTED` in 95 % of the cells.
+
+    It is extrapolated from the step of the run by the order that was measured.
+    """
+    rows = summary.estimates.to_dict("records") if summary.config.column is None else []
+    return {
+        row["solver"]: summary.config.step_fraction * (ACCEPTED / row["step_p95"]) ** (1 / row["order"])
+        for row in rows
+        if is_engine(row["solver"]) and row["step_p95"] > 0 and row["order"] > 0
+    }
+
+
+def draw_steps(summary: Summary) -> Iterator[Drawn]:
+    """Draw the error over the step; nothing where no engine has a limit."""
+    steps, f = recommended(summary), summary.config.step_fraction
+    if not steps:
+        return
+    known = summary.estimates.set_index("solver")
+    with drawing(6.2, 3.2) as figure:
+        ax = figure.subplots()
+        for position, (name, step) in enumerate(steps.items()):
+            style, h = look(name, position), np.geomspace(f, max(4 * f, min(0.1, 1.5 * step)), 20)
+            for cut, width, label in (("median", 0.9, None), ("p95", 1.8, named(name))):
+                error = known[f"step_{cut}"][name]
+                ax.plot(f, error, color=style.color, marker=style.marker)
+                line = {"color": style.color, "linestyle": "--", "linewidth": width, "label": label}
+                ax.plot(h, error * (h / f) ** known.order[name], **line)
+        ax.axhline(ACCEPTED, color="0.4", linewidth=1)
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+        ax.set_xlabel("step / period of the faster contact (-)")
+        ax.set_ylabel("error of a velocity / |v0| (-)")
+        ax.legend(**BESIDE)
+    yield (
+        "error-by-step",
+        figure,
+        "Error that an engine's step makes in a final velocity, per |v0|, over the step. Markers: median (thin) "
+        "and 95th percentile (thick) over the cells at the step of this run; dashed: extrapolated by the order "
+        f"measured in this run. Grey: {100 * ACCEPTED:.0f} %.",
+    )

@@ -1,8 +1,8 @@
-"""Figures of the ladders: what the mean D is made of, over k2/k1 and over the restitutions, and how large each is."""
+"""Figures of the ladders: what the mean D is made of, over k2/k1 and over the restitutions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,6 @@ from impact_xval.experiments.measures.ladder import CAUSES
 from impact_xval.experiments.measures.ladder_summary import LadderSummary
 from impact_xval.experiments.presentation.style import LEFT_OUT, Drawn, drawing, label_places
 from impact_xval.experiments.presentation.words import named
-from impact_xval.experiments.tables.numbers import number
 
 #: What is drawn over which axes, of two balls and of columns; and how an axis is labelled.
 _STACKS = {
@@ -23,7 +22,6 @@ _STACKS = {
     "ladder-by-balls": ("balls",),
     "ladder-by-column": ("arrangement", "e"),
 }
-_NORMS = ("stiffness_ratio", "balls")
 _LABELS = {
     "stiffness_ratio": "stiffness ratio k2/k1 (-)",
     "e1": "e1, ball on ball (-)",
@@ -32,9 +30,6 @@ _LABELS = {
     "arrangement": "arrangement",
     "e": "e of every contact (-)",
 }
-
-#: Norms below this are drawn at this height on logarithmic axes.
-_FLOOR = 1e-7
 
 #: Where in a bar the whisker of each cause stands: side by side, those of neighbours would lie on each other.
 _WHISKERS = (-0.24, -0.08, 0.08, 0.24)
@@ -46,23 +41,10 @@ def draw_ladders(ladder: LadderSummary) -> Iterator[Drawn]:
         there = [axis for axis in axes if axis in ladder.axes]
         if there:
             over = " and ".join(_LABELS[axis] for axis in there)
-            yield (
-                name,
-                _panels(ladder, there, _stack, "component of mean D (-)"),
-                _said_of_stacks(over, ladder),
-            )
-    for axis in _NORMS:
-        if axis in ladder.axes:
-            said = (
-                "How large each cause of divergence is by itself, whatever its direction: kinetic norm "
-                f"of its difference of velocities, per |v0|, over {_LABELS[axis]}. Line with markers: "
-                "median over all other axes; dotted: 95th percentile. Causes may oppose each other, so "
-                f"norms do not add up to D. Values below {number(_FLOOR)} are drawn there. {LEFT_OUT}"
-            )
-            yield "ladder-norms", _panels(ladder, [axis], _norms, "kinetic norm of the cause (-)"), said
+            yield name, _panels(ladder, there), _caption(over, ladder)
 
 
-def _said_of_stacks(over: str, ladder: LadderSummary) -> str:
+def _caption(over: str, ladder: LadderSummary) -> str:
     causes = "dissipation law and gravity" if ladder.orders == "six" else "and dissipation law"
     return (
         f"What the mean velocity divergence D of each engine consists of, over {over}. Line: mean D; bars "
@@ -76,7 +58,7 @@ def _said_of_stacks(over: str, ladder: LadderSummary) -> str:
     )
 
 
-def _panels(ladder: LadderSummary, axes: Sequence[str], draw: Callable[..., None], label: str) -> Figure:
+def _panels(ladder: LadderSummary, axes: Sequence[str]) -> Figure:
     """Draw a panel an axis and engine."""
     solvers = ladder.solvers
     with drawing(max(6.4, 3.6 * len(solvers)), 0.9 + 2.6 * len(axes)) as figure:
@@ -88,10 +70,10 @@ def _panels(ladder: LadderSummary, axes: Sequence[str], draw: Callable[..., None
                 wide = some.pivot(index="value", columns="contribution")
                 label_places(ax.xaxis, wide.index.tolist(), 8)
                 ax.tick_params(axis="x", labelsize=8)
-                draw(ax, ladder, wide)
+                _stack(ax, ladder, wide)
                 ax.set_xlabel(_LABELS[axis])
                 ax.set_title(named(solver))
-            row[0].set_ylabel(label)
+            row[0].set_ylabel("component of mean D (-)")
         handles = [Patch(color=c.color, label=c.label) for c in ladder.present]
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     return figure
@@ -117,14 +99,3 @@ def _stack(ax: Any, ladder: LadderSummary, wide: Frame) -> None:
     between = "none" if isinstance(wide.index[0], str) else "-"
     ax.plot(x, total, color="black", marker="_", markersize=9, linewidth=1, linestyle=between)
     ax.axhline(0, color="0.3", linewidth=0.8)
-
-
-def _norms(ax: Any, ladder: LadderSummary, wide: Frame) -> None:
-    """Draw how large every cause of one engine is."""
-    for c in ladder.present:
-        if c.name in wide["median"]:
-            line = wide["median"][c.name].clip(lower=_FLOOR).to_numpy()
-            ax.plot(line, color=c.color, marker="o")
-            high = wide.p95[c.name].clip(lower=_FLOOR).to_numpy()
-            ax.plot(high, color=c.color, linewidth=0.9, linestyle=":")
-    ax.set_yscale("log")
