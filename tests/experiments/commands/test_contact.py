@@ -36,11 +36,10 @@ def test_a_material_and_a_radius_are_a_contact(capsys):
     assert drops["duration"][0] / hertz == pytest.approx(1.067, rel=0.05)
 
 
-def test_what_an_engine_refuses_is_one_line_with_the_range(capsys):
+def test_what_an_engine_refuses_is_one_line(capsys):
     asked = "--engine mujoco --masses 1 0.5 --restitution 0.7 --duration 1e-12"
     assert main(["contact", *asked.split()]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     *_, line = err.splitlines()
-    assert "--duration = 1e-12: a contact of 1e-12 s: --engine mujoco: unrepresentable: " in line
-    assert "legal for these masses, restitution and speed: a duration of at least " in line
+    assert line.startswith("impact-xval: --engine mujoco: unrepresentable: accelerations about ")
