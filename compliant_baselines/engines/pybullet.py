@@ -18,6 +18,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ import numpy as np
 from impact_xval.compliant_baselines.engines.engine import Engine
 from impact_xval.compliant_baselines.engines.packages import import_quietly
 from impact_xval.compliant_baselines.engines.scene import Floats, Scene, World, radius_of, reduced_masses
+from impact_xval.compliant_baselines.engines.stepping import Run
 from impact_xval.compliant_baselines.mapping import RIGID, Side, pybullet_side, shared_out
 
 #: Most sub-steps of one call.
@@ -97,26 +99,32 @@ class Pybullet(Engine):
         largest = scene.fastest * sum(scene.masses)
         if largest > LARGEST_IMPULSE:
             return f"m |v0| = {largest:.3g} N s: PyBullet caps a contact at {LARGEST_IMPULSE:.0e} N s a step"
-        radius = self.radius(scene)
-        if 2 * math.sqrt(3) * radius <= LARGEST_BODY:
+        if 2 * math.sqrt(3) * _radius(scene) <= LARGEST_BODY:
             return None
         return (
-            f"penetrations ask for balls of radius {radius:.3g} m: "
+            f"penetrations ask for balls of radius {_radius(scene):.3g} m: "
             f"PyBullet drops bodies larger than {LARGEST_BODY:.0e} m; scale stiffnesses, masses or v0 (Theorem 5)"
         )
 
     def radius(self, scene: Scene) -> float:
         """As `Engine.radius`."""
-        return radius_of(scene.depth([pair.stiffness for pair in _pairs(scene)]))
+        return _radius(scene)
 
     def world(self, scene: Scene) -> PybulletWorld:
         """Set a scene up."""
-        return PybulletWorld(self._client, scene, self.radius(scene))
+        return PybulletWorld(self._client, scene, self._made)
+
+    def run(self, scenes: Sequence[Scene], max_steps: int, record_path: bool = False) -> list[Run]:
+        """As `Engine.run`; balls of one size one after the other, for only another size takes new bodies."""
+        order = sorted(range(len(scenes)), key=lambda i: _radius(scenes[i]))
+        runs = super().run([scenes[i] for i in order], max_steps, record_path)
+        return [run for _, run in sorted(zip(order, runs, strict=True), key=itemgetter(0))]
 
     @contextmanager
     def running(self) -> Iterator[None]:
         """Connect a client."""
         with connected() as self._client:
+            self._made = {}
             yield
 
 
@@ -125,14 +133,18 @@ class PybulletWorld(World):
 
     longest_leap = STRIDE
 
-    def __init__(self, client: int, scene: Scene, radius: float) -> None:
+    def __init__(self, client: int, scene: Scene, made: dict[Any, list[Sides]]) -> None:
         p = self._p = import_quietly("pybullet")
         self._client, self._step, self._stride, self._falls = client, scene.step, 0, scene.gravity > 0
-        pairs, on = _pairs(scene), {"physicsClientId": client}
+        pairs, on, radius = _pairs(scene), {"physicsClientId": client}, _radius(scene)
         self._places = scene.places(radius)
         self.rest = scene.masses[-1] * scene.gravity / pairs[-1].stiffness if scene.settled else 0.0
         self.heights = self._x = scene.start(radius, self.rest)
-        sides = self._make(scene, radius)
+        kind = len(scene.masses), scene.table, radius
+        if kind not in made:
+            made.clear()
+            made[kind] = self._make(scene, radius)
+        sides = made[kind]
         self.balls = [below[0] for below, _ in sides[: len(scene.masses)]]
         p.setPhysicsEngineParameter(
             fixedTimeStep=scene.step, numSubSteps=0, numSolverIterations=_iterations(scene, pairs), **on
@@ -141,7 +153,7 @@ class PybulletWorld(World):
             p.changeDynamics(ball, BASE, mass=mass, **on)
         for side, own in _properties(scene, sides).items():
             p.changeDynamics(*side, contactStiffness=own.stiffness, contactDamping=own.dissipation, **on)
-        # Made apart and moved after a step: balls that touch as they are made give lines other last bits.
+        # Apart for a step, in which the engine forgets contact points and what it warm-starts from.
         p.setGravity(0, 0, 0, **on)
         self._place(10 * self._places, [0.0] * len(self.balls))
         p.stepSimulation(client)
@@ -255,6 +267,10 @@ def _pairs(scene: Scene) -> list[Side]:
         return carried
     bodies = shared_out(carried[0], carried[1], scene.mapping)
     return [above.against(below) for above, below in pairwise(bodies)]
+
+
+def _radius(scene: Scene) -> float:
+    return radius_of(scene.depth([pair.stiffness for pair in _pairs(scene)]))
 
 
 def _iterations(scene: Scene, pairs: list[Side]) -> int:
