@@ -1,6 +1,7 @@
 """Folders of runs: one writer each, nothing lost that is damaged, and one line for what is no run."""
 
 import json
+import math
 import signal
 import subprocess
 import sys
@@ -77,21 +78,23 @@ def test_what_is_no_run_is_one_line_and_is_left_as_it_is(tmp_path, capsys):
     assert _entries(tmp_path) == before
 
 
-def test_the_experiment_in_the_folder_is_that_which_was_asked_for(run, tmp_path):
-    """Of any kind, infinities and values that are not given included."""
-    for place, data in enumerate(
-        (
-            {},
-            {"stiffness_ratio_cutoff": float("inf"), "grid": {"stiffness_ratio": [0, 1, float("inf")]}},
-            {"sample": {"n": 7, "seed": 3, "stiffness_ratio": float("inf")}, "workers": 2},
-            {"column": {"arrangement": "cradle", "balls": [3], "strike": [1, 2]}},
-        )
-    ):
-        config = parse_config(data)
-        with writing(tmp_path / str(place), config) as (folder, _):
-            folder.write_config(config)
-            assert folder.config().identity() == config.identity()
-            assert folder.config() == load_config(folder.root / "experiment.toml")
+@pytest.mark.parametrize(
+    "data",
+    [
+        {},
+        {"stiffness_ratio_cutoff": math.inf, "grid": {"stiffness_ratio": [0, math.inf]}, "name": "inf"},
+        {"grid": {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0], "e": [0.5, 0.9]}},
+        {"sample": {"n": 7, "seed": 3, "stiffness_ratio": math.inf}, "workers": 2},
+        {"column": {"arrangement": "cradle", "balls": [3], "strike": [1, 2], "e": {"linear": [0.5, 1.0, 3]}}},
+    ],
+    ids=["default", "grid", "tied", "sample", "columns"],
+)
+def test_the_experiment_in_the_folder_is_that_which_was_asked_for(data, tmp_path):
+    config = parse_config(data)
+    with writing(tmp_path / "a", config) as (folder, _):
+        folder.write_config(config)
+        assert folder.config() == load_config(folder.root / "experiment.toml") == config
+        assert folder.config().identity() == config.identity()
 
 
 def test_another_experiment_is_refused_with_what_differs(small, run):
