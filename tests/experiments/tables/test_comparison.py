@@ -27,18 +27,14 @@ class Upgraded(fakes.Shifted):
     def version(self):
         return "shifted 2"
 
-    def solve_many(self, collisions, settings):
-        outcomes = []
-        for c, o in zip(collisions, super().solve_many(collisions, settings), strict=True):
-            if c.e1 != 0.9:
-                outcomes.append(o)
-            elif c.stiffness_ratio == 0.5:
-                outcomes.append(Outcome.failure(self.name, c, "crashed", "upgraded"))
-            else:
-                outcomes.append(
-                    dataclasses.replace(o, velocities=(o.v1 + FASTER[c.stiffness_ratio] * abs(c.v0), o.v2))
-                )
-        return outcomes
+    def moved(self, collision, settings):
+        before = super().moved(collision, settings)
+        if collision.e1 != 0.9:
+            return before
+        if collision.stiffness_ratio == 0.5:
+            return Outcome.failure(self.name, collision, "crashed", "upgraded")
+        faster = FASTER[collision.stiffness_ratio] * abs(collision.v0)
+        return dataclasses.replace(before, velocities=(before.v1 + faster, before.v2))
 
 
 def _run(root, resolve=fakes.shifted, **changes):

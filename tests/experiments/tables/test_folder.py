@@ -2,9 +2,10 @@
 
 import json
 import math
-import signal
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -13,26 +14,12 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import load_config, parse_config
 from impact_xval.experiments.tables.folder import running, writing
 from tests.experiments.conftest import SMALL, resumed, tables_of
-
-_HOLD = (
-    "import sys, time; from pathlib import Path\n"
-    "from impact_xval.experiments.config.experiment import parse_config\n"
-    "from impact_xval.experiments.tables.folder import writing\n"
-    "with writing(Path(sys.argv[1]), parse_config({})):\n    print('held', flush=True); time.sleep(600)"
-)
+from tests.waiting import wait_until
 
 
-@pytest.fixture
-def other(tmp_path):
-    """Another process that holds the folder."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", _HOLD, str(tmp_path / "a")], stdout=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "held\n"
-    yield process
-    process.kill()
-    process.communicate()
+def hold(root):
+    with writing(Path(root), parse_config({})):
+        time.sleep(60)
 
 
 def _entries(root):
@@ -44,13 +31,15 @@ def _entries(root):
 
 
 @pytest.mark.smoke
-def test_the_second_run_refuses_and_a_killed_one_blocks_nobody(tmp_path, other, capsys):
-    assert running(tmp_path / "a")
+def test_the_second_run_refuses_and_a_killed_one_blocks_nobody(tmp_path, capsys):
+    script = f"from {__name__} import hold; hold({str(tmp_path / 'a')!r})"
+    other = subprocess.Popen([sys.executable, "-c", script])
+    wait_until(lambda: running(tmp_path / "a"))
     assert main(["run", "--out", str(tmp_path / "a")]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert f"--out {tmp_path / 'a'}: another run writes there" in error
-    other.send_signal(signal.SIGKILL)
+    other.kill()
     other.wait()
     assert not running(tmp_path / "a")
     with writing(tmp_path / "a", parse_config({})) as (folder, continued):
