@@ -61,12 +61,6 @@ def test_a_pair_keeps_its_momentum_and_what_e_leaves_of_its_energy():
         assert measures["velocity_divergence"] == pytest.approx(0, abs=1e-12)
 
 
-def test_a_failure_has_no_measures():
-    failure = Outcome.failure("x", C, "timeout", "gave up")
-    for pair in ((failure, OTHER), (MODEL, failure)):
-        assert all(value is None or math.isnan(value) for value in measured(C, *pair).values())
-
-
 def test_where_state_paths_part_and_by_how_many_edits():
     for a, b, position, edits in (
         ("", "", None, 0),
