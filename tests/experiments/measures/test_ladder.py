@@ -162,24 +162,23 @@ def velocities(batch):
     return np.column_stack([batch.v1, batch.v2])
 
 
-def test_published_numbers():
-    cells = [np.array([x]) for x in (1.0, MU, 0.9, 0.7)]
+def of_an_engine_that_is_off(by, *cells):
+    """The ladder of cells without gravity and without limits."""
     model = velocities(solve_batch(*cells))
-    between = corners(model, cells, np.zeros(1))
-    ladder = split(weights_of_two(cells[1]), between, np.full((1, 2), np.nan), model)
+    between = corners(model, cells, np.zeros(len(model)))
+    return split(weights_of_two(cells[1]), between, np.full_like(model, np.nan), model + by)
+
+
+def test_published_numbers():
+    ladder = of_an_engine_that_is_off((0.0, 0.0), *np.array([[1.0], [MU], [0.9], [0.7]]))
     first_two = ladder.vectors[0] + ladder.vectors[1]
     expected = (0.65159996 - 0.61394941925041, 0.31646952 - 0.20971952034697)
     np.testing.assert_allclose(first_two[0], expected, atol=6e-9)
 
 
 def test_elastic_without_return_leaves_the_engine_alone():
-    ratios = np.array([4.0, 5, 10, 40, 100])
-    cells = [ratios, *(np.full(5, x) for x in (MU, 1.0, 1.0))]
-    model = velocities(solve_batch(*cells))
-    between = corners(model, cells, np.zeros(5))
-    ladder = split(
-        weights_of_two(cells[1]), between, np.full((5, 2), np.nan), model + np.array([[0.02, -0.01]])
-    )
+    cells = [np.array([4.0, 5, 10, 40, 100]), *(np.full(5, x) for x in (MU, 1.0, 1.0))]
+    ladder = of_an_engine_that_is_off((0.02, -0.01), *cells)
     assert ladder.norms[:3].max() < 1e-11
     assert {ladder.contributions[i].name for i in ladder.dominant()} == {"engine"}
     np.testing.assert_allclose(ladder.shares[-1], 1, atol=1e-9)
@@ -212,15 +211,9 @@ def test_a_cell_in_which_the_order_matters():
         return positions + law + 2 * positions * law + 2 * positions * gravity
 
     cube = np.zeros((2, 2, 2, 1, 2))
-    for index in np.ndindex(2, 2, 2):
-        cube[index][0, 0] = v1(*index)
-    engine = cube[1, 1, 1] + np.array([0.5, 0.0])
-    ladder = split(
-        weights_of_two(np.ones(1)),
-        Corners(cube, np.array([""]), np.array([""])),
-        np.full((1, 2), np.nan),
-        engine,
-    )
+    cube[..., 0, 0] = v1(*np.indices((2, 2, 2)))
+    engine, nothing = cube[1, 1, 1] + np.array([0.5, 0.0]), np.array([""])
+    ladder = split(np.ones((1, 2)), Corners(cube, nothing, nothing), np.full((1, 2), np.nan), engine)
     # 2 positions law is shared by positions and law, 2 positions gravity by positions and gravity
     np.testing.assert_allclose(ladder.vectors[:3, 0, 0], [1 + 1 + 1, 1 + 1, 1], atol=1e-15)
     assert ladder.vectors[-1, 0, 0] == 0.5
