@@ -89,15 +89,14 @@ def test_contributions_sum_to_the_divergence_that_the_run_measured(run):
     np.testing.assert_allclose(shares, 1, atol=1e-9)
 
 
-def solved(c, law, settings=None):
+def solved(c, name, frozen, settings):
     """v1 and v2 of one collision; laws with frozen positions have no solver."""
-    name, _, frozen = law.partition(", ")
     if not frozen:
-        o = get_solver(name).solve(c, settings) if settings else get_solver(name).solve(c)
+        o = get_solver(name).solve(c, settings)
         assert o.status in ("ok", "limit")
         return np.array([o.v1, o.v2])
     number = 0.0
-    if settings and settings.scenario == "drop":
+    if settings.scenario == "drop":
         number = settings.gravity / (abs(c.v0) * math.sqrt(c.k1 * (1 / c.m1 + 1 / c.m2)))
     cell = c.stiffness_ratio, c.mass_ratio, c.e1, c.e2, number
     o = BATCHES[name](*cell, frozen=True)
@@ -109,11 +108,11 @@ def cube_of(c, config, law):
     still, scenario = Settings(), Settings(scenario=config.scenario, gravity=config.gravity)
     cube = np.array(
         [
-            [[solved(c, f"{name}{frozen}", s) for s in (still, scenario)] for name in ("bistiffness", law)]
-            for frozen in (", frozen", "")
+            [[solved(c, name, frozen, s) for s in (still, scenario)] for name in ("bistiffness", law)]
+            for frozen in (True, False)
         ]
     )
-    cube[0, 0, 0] = solved(c, "state-transition")
+    cube[0, 0, 0] = solved(c, "state-transition", False, still)
     if config.scenario == "impact":
         cube[0, 0, 1] = cube[0, 0, 0]
     return cube
@@ -122,13 +121,10 @@ def cube_of(c, config, law):
 def shapley(cube, cause):
     """The textbook's sum over sets of the other causes, with weights |S|! (2 - |S|)!/3!."""
     value = 0.0
+    without, with_it = np.moveaxis(cube, cause, 0)
     for others in itertools.product((0, 1), repeat=2):
-        at = list(others)
-        at.insert(cause, 0)
-        on = [*at]
-        on[cause] = 1
         weight = {0: 1 / 3, 1: 1 / 6, 2: 1 / 3}[sum(others)]
-        value = value + weight * (cube[tuple(on)] - cube[tuple(at)])
+        value = value + weight * (with_it[others] - without[others])
     return value
 
 
