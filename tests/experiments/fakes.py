@@ -33,19 +33,17 @@ class Shifted(Solver):
 class Perfect(Shifted):
     """The model's answer, to the bit, also in the limit dt -> 0."""
 
-    def solve_many(self, collisions, settings):
-        found = []
-        for o in (solve(c, path=settings.record_path) for c in collisions):
-            limit = {"v1_limit": o.v1, "v2_limit": o.v2, "limit_error": 0.0, "regularisation": 0.0}
-            found.append(dataclasses.replace(o, solver=self.name, diagnostics=limit))
-        return found
+    def moved(self, collision, settings):
+        o = solve(collision, path=settings.record_path)
+        limit = {"v1_limit": o.v1, "v2_limit": o.v2, "limit_error": 0.0, "regularisation": 0.0}
+        return dataclasses.replace(o, solver=self.name, diagnostics=limit)
 
 
 class Refusing(Shifted):
     """Has no result, wherever."""
 
-    def solve_many(self, collisions, settings):
-        return [Outcome.failure(self.name, c, "unrepresentable", "not today") for c in collisions]
+    def moved(self, collision, settings):
+        return Outcome.failure(self.name, collision, "unrepresentable", "not today")
 
 
 class RefusingModel(Refusing):
@@ -101,25 +99,18 @@ GRADES = {
 class Graded(Shifted):
     """The model's answer, B1 faster by k2/k1 and e1."""
 
-    def solve_many(self, collisions, settings):
-        outcomes = [solve(c, path=settings.record_path) for c in collisions]
-        return [
-            dataclasses.replace(
-                o, solver=self.name, velocities=(o.v1 + GRADES[c.stiffness_ratio, c.e1] * -c.v0, o.v2)
-            )
-            for c, o in zip(collisions, outcomes, strict=True)
-        ]
+    def moved(self, collision, settings):
+        o = solve(collision, path=settings.record_path)
+        faster = GRADES[collision.stiffness_ratio, collision.e1] * -collision.v0
+        return dataclasses.replace(o, solver=self.name, velocities=(o.v1 + faster, o.v2))
 
 
 class Columns(Shifted):
     """The model's columns, every ball 0.01 m/s faster."""
 
-    def solve_many(self, collisions, settings):
-        outcomes = map(solve, collisions)
-        return [
-            dataclasses.replace(o, solver=self.name, velocities=tuple(v + 0.01 for v in o.velocities))
-            for o in outcomes
-        ]
+    def moved(self, collision, settings):
+        o = solve(collision)
+        return dataclasses.replace(o, solver=self.name, velocities=tuple(v + 0.01 for v in o.velocities))
 
 
 def refusing_all(name):

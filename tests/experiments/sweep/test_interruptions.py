@@ -69,18 +69,6 @@ def test_a_run_is_complete_only_with_its_report(tmp_path, monkeypatch, capsys):
     assert status_of(root).state == "complete"
 
 
-def _begin(*command):
-    """Start Python with some words, in a group of processes of its own."""
-    return subprocess.Popen(
-        [sys.executable, *map(str, command)],
-        cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-
 def _parts(root):
     return list((root / "parts").glob("0*"))
 
@@ -114,7 +102,9 @@ def test_a_signal_while_a_solver_hangs_keeps_what_is_done_and_says_how_to_go_on(
     """As sent by a scheduler of jobs or a closed terminal; sent twice, to all of a group and to the run alone."""
     (tmp_path / "c.toml").write_text(CONFIG % [0.9, faulty.HANG])
     root = tmp_path / "a"
-    process = _begin("-c", HANGING, "run", tmp_path / "c.toml", "--out", root, "--workers", "2")
+    command = [sys.executable, "-c", HANGING, "run", tmp_path / "c.toml", "--out", root, "--workers", "2"]
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(command, cwd=ROOT, start_new_session=True, **pipes)
     wait_until(lambda: process.poll() is not None or _parts(root))
     started = psutil.Process(process.pid).children(recursive=True)
     assert started

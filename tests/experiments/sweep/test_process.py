@@ -33,10 +33,8 @@ def sleep(context, seconds):
     time.sleep(seconds)
 
 
-def die(context, how):
-    if how == "leave":
-        os._exit(3)
-    os.kill(os.getpid(), how)
+def die(context):
+    os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(600)
 
 
@@ -55,7 +53,7 @@ def make_ready(context, first):
     """Make this process ready, and be killed the first time."""
     if not first.exists():
         first.touch()
-        die(context, signal.SIGKILL)
+        die(context)
     _ready.append("now")
 
 
@@ -82,9 +80,7 @@ def test_it_answers_from_one_process_with_its_context_and_says_what_is_raised(wo
 @pytest.mark.parametrize(
     ("work", "timeout", "status", "reason"),
     [
-        ((die, signal.SIGSEGV), 60, "crashed", "its process died: SIGSEGV"),
-        ((die, signal.SIGKILL), 60, "crashed", "its process died: SIGKILL (out of memory, or killed)"),
-        ((die, "leave"), 60, "crashed", "its process died: exit code 3"),
+        ((die,), 60, "crashed", "its process died: SIGKILL (out of memory, or killed)"),
         ((sleep, 600), 0.5, "timeout", "no answer within 0.5 s; its process was ended"),
     ],
 )
@@ -108,7 +104,7 @@ def test_every_process_is_made_ready_once_before_it_is_called(tmp_path):
 
         assert [ask(ready), ask(ready)] == [1, 1]
         with pytest.raises(FaultError):
-            ask(die, signal.SIGSEGV)
+            ask(die)
         assert ask(ready) == 1
 
 

@@ -1,9 +1,11 @@
 """Folders of runs: one writer each, nothing lost that is damaged, and one line for what is no run."""
 
 import json
-import signal
+import math
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
@@ -12,26 +14,12 @@ from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import load_config, parse_config
 from impact_xval.experiments.tables.folder import running, writing
 from tests.experiments.conftest import SMALL, resumed, tables_of
-
-_HOLD = (
-    "import sys, time; from pathlib import Path\n"
-    "from impact_xval.experiments.config.experiment import parse_config\n"
-    "from impact_xval.experiments.tables.folder import writing\n"
-    "with writing(Path(sys.argv[1]), parse_config({})):\n    print('held', flush=True); time.sleep(600)"
-)
+from tests.waiting import wait_until
 
 
-@pytest.fixture
-def other(tmp_path):
-    """Another process that holds the folder."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", _HOLD, str(tmp_path / "a")], stdout=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "held\n"
-    yield process
-    process.kill()
-    process.communicate()
+def hold(root):
+    with writing(Path(root), parse_config({})):
+        time.sleep(60)
 
 
 def _entries(root):
@@ -43,13 +31,15 @@ def _entries(root):
 
 
 @pytest.mark.smoke
-def test_the_second_run_refuses_and_a_killed_one_blocks_nobody(tmp_path, other, capsys):
-    assert running(tmp_path / "a")
+def test_the_second_run_refuses_and_a_killed_one_blocks_nobody(tmp_path, capsys):
+    script = f"from {__name__} import hold; hold({str(tmp_path / 'a')!r})"
+    other = subprocess.Popen([sys.executable, "-c", script])
+    wait_until(lambda: running(tmp_path / "a"))
     assert main(["run", "--out", str(tmp_path / "a")]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert f"--out {tmp_path / 'a'}: another run writes there" in error
-    other.send_signal(signal.SIGKILL)
+    other.kill()
     other.wait()
     assert not running(tmp_path / "a")
     with writing(tmp_path / "a", parse_config({})) as (folder, continued):
@@ -77,21 +67,23 @@ def test_what_is_no_run_is_one_line_and_is_left_as_it_is(tmp_path, capsys):
     assert _entries(tmp_path) == before
 
 
-def test_the_experiment_in_the_folder_is_that_which_was_asked_for(run, tmp_path):
-    """Of any kind, infinities and values that are not given included."""
-    for place, data in enumerate(
-        (
-            {},
-            {"stiffness_ratio_cutoff": float("inf"), "grid": {"stiffness_ratio": [0, 1, float("inf")]}},
-            {"sample": {"n": 7, "seed": 3, "stiffness_ratio": float("inf")}, "workers": 2},
-            {"column": {"arrangement": "cradle", "balls": [3], "strike": [1, 2]}},
-        )
-    ):
-        config = parse_config(data)
-        with writing(tmp_path / str(place), config) as (folder, _):
-            folder.write_config(config)
-            assert folder.config().identity() == config.identity()
-            assert folder.config() == load_config(folder.root / "experiment.toml")
+@pytest.mark.parametrize(
+    "data",
+    [
+        {},
+        {"stiffness_ratio_cutoff": math.inf, "grid": {"stiffness_ratio": [0, math.inf]}, "name": "inf"},
+        {"grid": {"stiffness_ratio": [1.0, 2.0], "mass_ratio": [1.0], "e": [0.5, 0.9]}},
+        {"sample": {"n": 7, "seed": 3, "stiffness_ratio": math.inf}, "workers": 2},
+        {"column": {"arrangement": "cradle", "balls": [3], "strike": [1, 2], "e": {"linear": [0.5, 1.0, 3]}}},
+    ],
+    ids=["default", "grid", "tied", "sample", "columns"],
+)
+def test_the_experiment_in_the_folder_is_that_which_was_asked_for(data, tmp_path):
+    config = parse_config(data)
+    with writing(tmp_path / "a", config) as (folder, _):
+        folder.write_config(config)
+        assert folder.config() == load_config(folder.root / "experiment.toml") == config
+        assert folder.config().identity() == config.identity()
 
 
 def test_another_experiment_is_refused_with_what_differs(small, run):
