@@ -1,7 +1,8 @@
 """Scenes as a user writes them, one for each engine: nothing here is taken from the adapters.
 
-Free bodies, a box for a floor, the engine's defaults everywhere but for what `impact-xval contact` says to paste. Each
-function gives (restitution, duration): velocities read after every step, the duration counted in steps with force.
+Free bodies, a box for a floor, the engine's defaults everywhere but for the text that `impact-xval contact` says to
+paste. Each function takes a request, that text, a step h and a gap, and gives (restitution, duration): velocities read
+after every step, the duration counted in steps with force.
 """
 
 import logging
@@ -18,18 +19,16 @@ def measure(relative, step):
     return -relative[-1] / relative[0], (loaded[-1] - loaded[0] + 1) * step
 
 
-def _sizes(told):
-    """Masses, lone ball first; radius; how long to run, in s."""
-    masses = sorted(float(m) for m in told["request"]["masses"])
-    return masses, max(0.05, 5 * told["contact"]["penetration"]), 2.5 * told["contact"]["duration"]
+def _sizes(pair):
+    """Masses, lone ball first; speed; radius; how long to run, in s."""
+    return sorted(pair.masses), pair.speed, max(0.05, 5 * pair.penetration), 2.5 * pair.contact.duration
 
 
-def mujoco(told, gap):
+def mujoco(pair, text, h, gap):
     import mujoco
 
-    (m1, m2), r, time = _sizes(told)
-    v, h = told["request"]["speed"], told["largest_step"]
-    option, contact = told["paste"].split("<contact>")
+    (m1, m2), v, r, time = _sizes(pair)
+    option, contact = text.split("<contact>")
     option = option[option.index("<option") :]
     ball = '<body pos="0 0 {z!r}"><freejoint/><geom name="{name}" size="{r!r}" mass="{m!r}"/></body>'
     if math.isinf(m2):
@@ -51,13 +50,12 @@ def mujoco(told, gap):
     return measure(relative, h)
 
 
-def pybullet(told, gap):
+def pybullet(pair, text, h, gap):
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
     p = BulletClient(pybullet.DIRECT)
-    (m1, m2), r, time = _sizes(told)
-    v, h = told["request"]["speed"], told["largest_step"]
+    (m1, m2), v, r, time = _sizes(pair)
     sphere = p.createCollisionShape(p.GEOM_SPHERE, radius=r)
     if math.isinf(m2):
         box = p.createCollisionShape(p.GEOM_BOX, halfExtents=[9 * r, 9 * r, 2 * r])
@@ -65,7 +63,7 @@ def pybullet(told, gap):
     else:
         b, z = p.createMultiBody(m2, sphere, basePosition=[0, 0, 0]), 2 * r + gap
     a = p.createMultiBody(m1, sphere, basePosition=[0, 0, z])
-    exec(told["paste"], {"p": p, "a": a, "b": b})
+    exec(text, {"p": p, "a": a, "b": b})
     p.resetBaseVelocity(a, [0, 0, -v])
     relative = [-v]
     for _ in range(math.ceil(time / h)):
@@ -75,15 +73,14 @@ def pybullet(told, gap):
     return measure(relative, h)
 
 
-def drake(told, gap):
+def drake(pair, text, h, gap):
     import pydrake.all as names
 
-    (m1, m2), r, time = _sizes(told)
-    v, h = told["request"]["speed"], told["largest_step"]
+    (m1, m2), v, r, time = _sizes(pair)
     builder = names.DiagramBuilder()
     scope = dict(vars(names), builder=builder)
     logging.getLogger("drake").setLevel(logging.ERROR)
-    exec(told["paste"], scope)
+    exec(text, scope)
     plant, sphere, here = scope["plant"], names.Sphere(r), names.RigidTransform()
     plant.mutable_gravity_field().set_gravity_vector([0, 0, 0])
 

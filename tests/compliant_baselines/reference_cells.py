@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from impact_xval.compliant_baselines import references
-from impact_xval.model import Collisions
+from impact_xval.model import Collision, Collisions
 
 
 def solve_batch(law, stiffness_ratio, mass_ratio, e1, e2, gravity_number=0.0, **how):
@@ -47,11 +47,17 @@ def end_of(batch):
     return np.where(rested, np.where(batch.v1 == 0, "stuck", "rest"), "free")
 
 
-def random_cells(n, seed, lowest_e=0.3):
-    """k2/k1 log-uniform in [1e-2, 1e2], m2/m1 in [0.1, 10], e uniform in [lowest_e, 1]; arrays of shape (n,)."""
+def random_cells(n, seed, lowest_e=0.3, decades=(2, 1)):
+    """k2/k1 and m2/m1 log-uniform within decades of 1, e uniform in [lowest_e, 1]; arrays of shape (n,)."""
     rng = np.random.default_rng(seed)
-    kappa, mu = 10 ** rng.uniform(-2, 2, n), 10 ** rng.uniform(-1, 1, n)
+    kappa, mu = (10 ** rng.uniform(-each, each, n) for each in decades)
     return kappa, mu, rng.uniform(lowest_e, 1, n), rng.uniform(lowest_e, 1, n)
+
+
+def random_collisions(*how, k1=1e8, v0=-1.0, **cells):
+    """Random cells as two balls on a table, m1 = 1 kg."""
+    found = np.transpose(random_cells(*how, **cells)).tolist()
+    return [Collision.two_balls(1.0, mu, k1, k1 * kappa, e1, e2, v0) for kappa, mu, e1, e2 in found]
 
 
 def random_gravity(n, seed):

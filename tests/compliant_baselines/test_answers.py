@@ -7,7 +7,7 @@ import pytest
 
 from impact_xval.compliant_baselines import Settings, SolverError, get_solver
 from impact_xval.compliant_baselines.answers import answer
-from impact_xval.compliant_baselines.solver import OneByOne, Solver
+from impact_xval.compliant_baselines.solver import Convergence, OneByOne, Solver
 from impact_xval.model.collision import Collision, Outcome
 
 CELL = Collision.two_balls(m1=1.0, m2=1.5, k1=1e6, k2=2e6, e1=0.9, e2=0.7)
@@ -15,18 +15,20 @@ CHAIN = Collision((1.0, 1.0, 1.0), (1e6, 1e6), (0.9, 0.9), (-1.0, 0.0, 0.0))
 
 
 def test_illegal_settings_are_named_with_the_legal_range():
-    for field, values, legal in (
-        ("scenario", ["bounce"], "'impact' or 'drop'"),
-        ("gravity", [0.0, math.inf, math.nan], "a finite number > 0"),
-        ("step_fraction", [0.0, 0.2, math.nan], "greater than 0, at most 0.1"),
-        ("max_steps", [0], "a whole number >= 1"),
-        ("mapping", ["default"], "one of calibrated, naive, documented, shipped"),
-        ("shortest_state", [-0.001, 0.2, math.nan], "from 0 to 0.1"),
-        ("stiffness_ratio_cutoff", [1.0], "greater than 1, up to inf"),
+    for kind, field, values, legal in (
+        (Settings, "scenario", ["bounce"], "'impact' or 'drop'"),
+        (Settings, "gravity", [0.0, math.inf, math.nan], "a finite number > 0"),
+        (Settings, "step_fraction", [0.0, 0.2, math.nan], "greater than 0, at most 0.1"),
+        (Settings, "max_steps", [0], "a whole number >= 1"),
+        (Settings, "mapping", ["default"], "one of calibrated, naive, documented, shipped"),
+        (Settings, "shortest_state", [-0.001, 0.2, math.nan], "from 0 to 0.1"),
+        (Settings, "stiffness_ratio_cutoff", [1.0], "greater than 1, up to inf"),
+        (Convergence, "tolerance", [0.0, math.nan], "greater than 0"),
+        (Convergence, "halvings", [-1], "a whole number from 0 to 10"),
     ):
         for value in values:
             with pytest.raises(ValueError, match=rf"{field} = {value!r}; legal: {legal}"):
-                Settings(**{field: value})
+                kind(**{field: value})
 
 
 class Mine(Solver):

@@ -13,12 +13,14 @@ from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.model import Collision
 from impact_xval.model.collision import Paths
+from tests.compliant_baselines.reference_cells import random_collisions
 
 SHARE = Settings().shortest_state
 
 #: S1 to S4 as sets of contacts.
 SETS = np.array([-1, 0b11, 0b10, 0b01, 0])
 EXACT = ("state-transition", "liu-zhao-brogliato", "bistiffness", "kelvin-voigt", "hunt-crossley")
+WIDE = {"lowest_e": 0.05, "decades": (3, 1), "v0": -2.0}
 
 
 def runs(pairs, unit=1):
@@ -83,7 +85,7 @@ def test_one_path_seen_at_any_step_gives_one_sequence():
 
 
 def test_the_time_is_a_share_of_the_period_the_step_is_a_share_of():
-    for c in collisions(20, seed=2):
+    for c in random_collisions(20, 2, **WIDE):
         scene = Scene.of(c, Settings(step_fraction=0.01))
         assert min(periods(c)) == pytest.approx(scene.step / 0.01, rel=1e-15)
     for k1, k2, period in (
@@ -96,13 +98,6 @@ def test_the_time_is_a_share_of_the_period_the_step_is_a_share_of():
         assert found == pytest.approx(period, rel=1e-15)
 
 
-def collisions(n, seed, k1=1e8):
-    rng = np.random.default_rng(seed)
-    ratio, mass, e = 10 ** rng.uniform(-3, 3, n), 10 ** rng.uniform(-1, 1, n), rng.uniform(0.05, 1, (2, n))
-    cells = np.transpose([mass, k1 * ratio, *e]).tolist()
-    return [Collision.two_balls(1.0, m2, k1, k2, e1, e2, v0=-2.0) for m2, k2, e1, e2 in cells]
-
-
 def compared(outcome, collision, share=SHARE):
     paths = Paths.of([outcome.path], 2, 2)
     return tuple(compared_states(paths, np.array([share * min(periods(collision))]))[0].split())
@@ -110,7 +105,7 @@ def compared(outcome, collision, share=SHARE):
 
 def test_exact_solvers_keep_their_states_and_are_compared_without_the_short_ones():
     plastic_and_elastic = [Collision.two_balls(1.0, 2.0, 1e8, 1e8, *e) for e in ((0, 0.5), (0.5, 0), (1, 1))]
-    cells = collisions(60, seed=3) + plastic_and_elastic
+    cells = random_collisions(60, 3, **WIDE) + plastic_and_elastic
     for name in EXACT:
         outcomes = get_solver(name).solve_many(cells, Settings(record_path=True))
         unrecorded = get_solver(name).solve_many(cells, Settings())
@@ -125,7 +120,7 @@ def test_exact_solvers_keep_their_states_and_are_compared_without_the_short_ones
 
 
 def test_the_states_of_an_engine_are_those_it_is_compared_by(engine):
-    cells = collisions(6, seed=6)
+    cells = random_collisions(6, 6, **WIDE)
     for scenario, fraction in (("impact", 1e-3), ("impact", 5e-4), ("drop", 1e-3), ("drop", 5e-4)):
         settings = Settings(scenario=scenario, step_fraction=fraction, record_path=True)
         for c, o in zip(cells, engine.solve_many(cells, settings), strict=True):

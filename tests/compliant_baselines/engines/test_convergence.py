@@ -41,11 +41,12 @@ def slope(fractions, error):
     return np.polyfit(np.log(fractions), np.log(error), 1)[0]
 
 
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet", "drake"], indirect=True)
 def test_first_order_convergence_to_kelvin_voigt(engine):
     for cell in CELLS:
         error = errors(engine, collision(*cell))
         assert error[-1] < 0.02, cell
-        assert slope(FRACTIONS, error) == pytest.approx(1, abs=0.15), cell
+        assert slope(FRACTIONS, error) == pytest.approx(1, abs=0.15 if engine.name == "mujoco" else 0.1), cell
 
 
 def test_elastic_cells_converge_at_first_order_in_pybullet_and_better_in_mujoco(engine):

@@ -2,7 +2,6 @@
 
 import importlib.util
 import math
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +11,9 @@ from impact_xval.compliant_baselines import Settings, SolverError, get_solver
 from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.solver import Convergence
 from impact_xval.model import Collision
+from tests.compliant_baselines.engines.test_lines import limits
 
-needs_drake = pytest.mark.skipif(importlib.util.find_spec("pydrake") is None, reason="Drake is not installed")
+pytestmark = pytest.mark.skipif(importlib.util.find_spec("pydrake") is None, reason="Drake is not installed")
 MU = 2 / 3**0.5
 ELASTIC = [1.0, 40.0, 1 / 40]
 CELLS = [(1.0, 0.9, 0.7), (40.0, 0.9, 0.7), (1 / 40, 0.9, 0.7)]
@@ -25,28 +25,14 @@ DROP = replace(
 LAWS = {"drake": "kelvin-voigt", "drake-hunt-crossley": "hunt-crossley"}
 
 
-def collision(ratio, e1=1.0, e2=1.0, k1=1e6, **other):
-    return Collision.two_balls(
-        **({"m1": 1.0, "m2": MU, "k1": k1, "k2": k1 * ratio, "e1": e1, "e2": e2} | other)
-    )
+def collision(ratio, e1=1.0, e2=1.0, k1=1e6, v0=-1.0):
+    return Collision.two_balls(1.0, MU, k1, k1 * ratio, e1, e2, v0)
 
 
 def gap(a, b, v0=-1.0):
     return math.hypot(a.v1 - b.v1, a.v2 - b.v2) / abs(v0)
 
 
-@pytest.mark.parametrize("cell", CELLS, ids=str)
-@needs_drake
-def test_discrete_drake_converges_to_kelvin_voigt_at_first_order(cell):
-    exact = get_solver("kelvin-voigt").solve(collision(*cell))
-    fractions = np.array([0.005, 0.0025, 0.00125])
-    outcomes = [get_solver("drake").solve(collision(*cell), Settings(step_fraction=f)) for f in fractions]
-    errors = [gap(o, exact) for o in outcomes]
-    assert errors[-1] < 0.03
-    assert np.polyfit(np.log(fractions), np.log(errors), 1)[0] == pytest.approx(1, abs=0.1)
-
-
-@needs_drake
 @pytest.mark.parametrize("scenario", ["impact", "drop"])
 def test_discrete_drake_and_pybullet_solve_the_same_equations(scenario):
     bullet = get_solver("pybullet")
@@ -63,7 +49,6 @@ def test_discrete_drake_and_pybullet_solve_the_same_equations(scenario):
     assert max(apart) < 5e-6
 
 
-@needs_drake
 def test_continuous_drake_reproduces_the_exact_reference_of_its_law():
     settings = Settings(step_fraction=0.01)
     dashpots, exact, drake = (get_solver(n) for n in ("kelvin-voigt", "hunt-crossley", "drake-hunt-crossley"))
@@ -79,7 +64,6 @@ def test_continuous_drake_reproduces_the_exact_reference_of_its_law():
         assert gap(drake.solve(c, settings), exact.solve(c), v0) < 5e-9, c
 
 
-@needs_drake
 def test_a_drop_differs_by_what_gravity_does_between_two_samples():
     c = collision(1.0)
     errors = []
@@ -92,7 +76,6 @@ def test_a_drop_differs_by_what_gravity_does_between_two_samples():
     assert errors[-1] < errors[0]
 
 
-@needs_drake
 def test_the_naive_mapping_is_that_of_two_balls_in_discrete_time():
     naive = Settings(mapping="naive")
     with pytest.raises(SolverError, match=r"unrepresentable: mapping = 'naive': .* legal: 'calibrated'"):
@@ -102,11 +85,6 @@ def test_the_naive_mapping_is_that_of_two_balls_in_discrete_time():
             get_solver(name).solve(CHAIN, naive)
 
 
-def limits(outcome):
-    return [outcome.diagnostics[f"v{i}_limit"] for i in range(1, len(outcome.velocities) + 1)]
-
-
-@needs_drake
 @pytest.mark.parametrize("column", [CHAIN, DROP], ids=["chain", "drop"])
 def test_four_balls_have_the_limit_of_kelvin_voigt(column):
     exact = get_solver("kelvin-voigt").solve(column)
@@ -120,7 +98,6 @@ def test_four_balls_have_the_limit_of_kelvin_voigt(column):
     assert lost == pytest.approx(outcome.impulses[3] if column.table else 0, abs=1e-12)
 
 
-@needs_drake
 @pytest.mark.parametrize("column", [CHAIN, replace(DROP, velocities=(-1, 0, -3, 0))], ids=["chain", "drop"])
 def test_four_balls_in_continuous_time_are_those_of_hunt_crossley(column):
     """The coefficient goes with the largest rate of compression at first touch, here 1 and 3 m/s."""
@@ -131,7 +108,6 @@ def test_four_balls_in_continuous_time_are_those_of_hunt_crossley(column):
     assert np.abs(np.subtract(outcome.velocities, dashpots.velocities)).max() > 1e-3
 
 
-@needs_drake
 def test_a_step_too_short_is_refused_and_not_run():
     settings = Settings(step_fraction=1e-6)
     with pytest.raises(SolverError, match=r"impulses below 1e-06 of the momentum, .* is needed"):
@@ -145,13 +121,3 @@ def test_a_step_too_short_is_refused_and_not_run():
     drifting = Scene.of(Collision((1, 1), (1e4,), (1,), (-1001, -1000)), Settings())
     assert "impulses below 1e-06" in get_solver("drake").refusal(drifting)
     assert get_solver("drake").refusal(replace(drifting, velocities=(-1.0, 0.0))) is None
-
-
-def test_without_drake_the_way_out_is_said(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pydrake", None)
-    for name in LAWS:
-        outcome = get_solver(name).solve_many([collision(1.0)], Settings())[0]
-        assert outcome.status == "unavailable"
-        assert "pip install 'impact-xval[drake]'" in outcome.reason
-        with pytest.raises(SolverError, match=rf"{name}: unavailable: Drake is not installed"):
-            get_solver(name).solve(collision(1.0))
