@@ -94,10 +94,7 @@ def test_an_installed_engine_is_found_used_and_conforms(site, capsys):
     ours, _ = json.loads(capsys.readouterr().out)  # and the model
     assert ours["v1"] == pytest.approx(0.62925, abs=1e-14)
     assert main(["solvers", "toy"]) == 0
-    assert (
-        registry.description_of("toy")
-        == "The adapter: what the engine is, what it refuses, and how it sets a scene up."
-    )
+    assert registry.description_of("toy").startswith("The adapter: what the engine is")
 
 
 def test_a_solver_of_one_collision_at_a_time_conforms(site):

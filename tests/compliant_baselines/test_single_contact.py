@@ -7,7 +7,7 @@ import pytest
 
 from impact_xval.compliant_baselines import SolverError, get_solver
 from impact_xval.compliant_baselines.mapping import Contact, contact_time, damping_ratio
-from impact_xval.compliant_baselines.paste import paste
+from impact_xval.compliant_baselines.paste import ENGINES, paste
 from impact_xval.compliant_baselines.single_contact import Pair, largest_step
 from tests.compliant_baselines import hand_scenes
 
@@ -130,8 +130,9 @@ def test_no_step_that_does_it_is_said():
             largest_step(solver_of("mujoco"), pair, tolerance)
 
 
-def test_what_cannot_be_pasted_is_refused():
+def test_engines_have_parameters_and_what_cannot_be_pasted_is_refused():
     contact = Contact.from_restitution(1e6, 0.7, 2.0)
+    assert all(paste(engine, contact, 1e-5)[0] for engine in ENGINES)
     with pytest.raises(ValueError, match="engine = 'dart'; legal: mujoco, pybullet, drake"):
         paste("dart", contact, 1e-5)
     with pytest.raises(SolverError, match="leaves double precision"):

@@ -8,11 +8,7 @@ import pytest
 
 from impact_xval.compliant_baselines import Settings, get_solver
 from impact_xval.compliant_baselines.engines.scene import Scene
-from impact_xval.compliant_baselines.mapping import (
-    damping_ratio,
-    restitution,
-    textbook_damping_ratio,
-)
+from impact_xval.compliant_baselines.mapping import damping_ratio, restitution, textbook_damping_ratio
 from impact_xval.model import Collision
 from tests.compliant_baselines.reference import kelvin_voigt
 

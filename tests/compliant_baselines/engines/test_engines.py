@@ -17,10 +17,8 @@ from tests.compliant_baselines.reference_cells import random_collisions
 COARSE = Settings(step_fraction=5e-3)
 
 
-def cell(**changes):
-    return Collision.two_balls(
-        **({"m1": 1.0, "m2": 1.0, "k1": 1e8, "k2": 1e8, "e1": 0.5, "e2": 0.5} | changes)
-    )
+def cell(m1=1.0, m2=1.0, k1=1e8, k2=1e8, e1=0.5, e2=0.5, v0=-1.0):
+    return Collision.two_balls(m1, m2, k1, k2, e1, e2, v0)
 
 
 def test_theorem_5_when_the_step_scales_along(engine):

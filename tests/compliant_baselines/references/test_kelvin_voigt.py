@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines import get_solver
-from impact_xval.compliant_baselines.restitution import (
-    hunt_crossley_coefficients,
-)
+from impact_xval.compliant_baselines.restitution import hunt_crossley_coefficients
 from impact_xval.model import Collision
 from tests.compliant_baselines.reference_cells import BATCHES
 
