@@ -136,12 +136,6 @@ def _alike(one, two):
     return words[0] == words[1] and numbers[0] == pytest.approx(numbers[1], rel=1e-2, abs=1e-5)
 
 
-def test_fifteen_questions_have_an_answer_each_and_a_thread():
-    page = (ROOT / "docs/questions.md").read_text(encoding="utf-8")
-    threads = r"^## (\d+)\. .* \(\[.*\]\(https://github.com/.*/(?:issues|pull)/\d+\)\)$"
-    assert [int(number) for number in re.findall(threads, page, re.M)] == list(range(1, 16))
-
-
 def test_the_site_builds_without_a_warning(tmp_path):
     built = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path],

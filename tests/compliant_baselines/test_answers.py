@@ -106,11 +106,3 @@ def test_the_words_of_a_solver_are_shown_in_a_line():
     (outcome,) = answer(hidden, [CELL], Settings())
     assert outcome.reason.startswith(r"red\x1b[31m \u202exxx")
     assert len(outcome.reason) == 1000
-
-
-def test_ctrl_c_goes_through():
-    def made(collisions):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        answer(Mine(made), [CELL], Settings())
