@@ -49,7 +49,7 @@ def pasted(engine, n=20):
         told = {
             "request": {"masses": pair.masses, "speed": pair.speed},
             "contact": {"penetration": pair.penetration, "duration": pair.contact.duration},
-            "paste": paste(engine.name, pair.contact, found.step)[1],
+            "paste": paste(engine.name, pair.contact, found.step),
             "largest_step": found.step,
         }
         gap = float(3 + rng.uniform()) * pair.speed * found.step

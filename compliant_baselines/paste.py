@@ -8,7 +8,6 @@ has loaded, PyBullet's are the adapter's own calls. The runners step as often as
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import astuple
 from typing import Any
 from xml.etree import ElementTree
@@ -107,19 +106,18 @@ for i, (v, there) in enumerate(zip({read}, TABLE), 1):
 '''
 
 
-def paste(engine: str, contact: Contact, step: float) -> tuple[Mapping[str, Any], str]:
-    """Give an engine's parameters of a contact and the text to paste.
+def paste(engine: str, contact: Contact, step: float) -> str:
+    """Give the text to paste for a contact: MJCF or Python in SI units, with the time step in s.
 
-    The parameters are under the engine's own names, in SI units; the text is MJCF or Python, with the time step in s. A
-    SolverError says that the engine cannot take the numbers, a ValueError that no such engine is known here.
+    A SolverError says that the engine cannot take the numbers, a ValueError that no such engine is known here.
     """
     if engine not in ENGINES:
         raise ValueError(f"engine = {engine!r}; legal: {', '.join(ENGINES)}")
-    parameters = _parameters(engine, contact)
-    text = TEXTS[engine].format(step=_digits(step), inverse=_digits(1 / contact.mass), **_digits(parameters))
+    parameters = _digits(_parameters(engine, contact))
+    text = TEXTS[engine].format(step=_digits(step), inverse=_digits(1 / contact.mass), **parameters)
     if "inf" in text or "nan" in text:
         raise SolverError(engine, "unrepresentable", f"a parameter of {contact} leaves double precision")
-    return parameters, text
+    return text
 
 
 def _parameters(engine: str, contact: Contact) -> dict[str, Any]:

@@ -23,6 +23,9 @@ from impact_xval.compliant_baselines.mapping import Contact, contact_time, dampi
 from impact_xval.compliant_baselines.solver import SolverError
 from impact_xval.model.chain.rest import FREE
 
+#: Allowed relative error of restitution and duration.
+TOLERANCE = 0.01
+
 #: Places within a step at which the touch is tried: evenly spaced from its start, and just before its end; few of them
 #: to look for a step.
 PLACES = (*np.linspace(0, 1, 31, endpoint=False).tolist(), 0.999)
@@ -207,42 +210,39 @@ def _measured(name: str, pair: Pair, run: Run) -> tuple[float, float]:
     return (lower if pair.fixed else upper - lower) / pair.speed, steps * run.scene.step
 
 
-def largest_step(engine: Engine, pair: Pair, tolerance: float = 0.01) -> Drops:
+def largest_step(engine: Engine, pair: Pair) -> Drops:
     """Find the largest of some steps at which the contact is the one asked for, and at shorter ones tried as well.
 
-    The tolerance, in (0, 0.5], is the allowed relative error of restitution and duration. A SolverError says that the
-    engine is missing or refuses the contact, or no step does it.
+    A SolverError says that the engine is missing or refuses the contact, or no step does it.
     """
-    if not 0 < tolerance <= 0.5:
-        raise ValueError(f"tolerance = {tolerance!r}; legal: greater than 0, at most 0.5")
     reason = engine.unavailable()
     if reason is not None:
         raise SolverError(engine.name, "unavailable", reason)
     # A count of whole steps is off by up to one: a step longer than the tolerance allows would be good by luck.
-    longest, shortest = pair.contact.duration * min(tolerance, 1 / FEWEST), pair.contact.duration / MOST
+    longest, shortest = pair.contact.duration * min(TOLERANCE, 1 / FEWEST), pair.contact.duration / MOST
     why = f"{MOST} steps tell no duration as exactly as that"
     good: list[float] = []  # one after the other, the largest first
     for step in _downwards(longest, shortest):
         try:
-            _good_drops(engine, pair, step, FEW_PLACES, tolerance)
+            _good_drops(engine, pair, step, FEW_PLACES)
             good.append(step)
             if len(good) > SHORTER:
-                return _good_drops(engine, pair, good.pop(0), PLACES, tolerance)
+                return _good_drops(engine, pair, good.pop(0), PLACES)
         except SolverError as failed:
             if failed.status == "unrepresentable":
                 raise
             why = failed.reason
             if step not in good:
                 good.clear()
-    reason = f"no step from {longest:.2g} s to {shortest:.2g} s gives restitution and duration within {tolerance:g}"
+    reason = f"no step from {longest:.2g} s to {shortest:.2g} s gives restitution and duration within {TOLERANCE:g}"
     raise SolverError(engine.name, "unconverged", f"{reason}: {why}")
 
 
-def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float], tolerance: float) -> Drops:
+def _good_drops(engine: Engine, pair: Pair, step: float, places: Sequence[float]) -> Drops:
     """Give drops that are within the tolerance; else raise a SolverError."""
     for some in (places[:1], places):  # a bad step mostly shows at the first place
         found = drops(engine, pair, step, some)
-        if (error := found.error(pair)) > tolerance:
+        if (error := found.error(pair)) > TOLERANCE:
             raise SolverError(
                 engine.name, "unconverged", f"at the last step tried one of them is off by {error:.2g}"
             )

@@ -1,4 +1,4 @@
-"""PyBullet: spheres on a plane; docs/mapping.md, section 2, gives the reason of each setting.
+"""PyBullet: spheres on a plane; docs/mapping.md, section 2, gives the reasons of its settings.
 
 The engine combines the stiffness and damping of two bodies. Two balls on a table get by with a lower ball that is rigid
 and undamped: the upper ball carries contact 1, the table contact 2. In a longer line a ball has two sides: its base,

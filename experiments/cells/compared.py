@@ -83,8 +83,8 @@ class Compared:
         return [
             {
                 "solver": name,
-                "velocities": (velocities := [_finite(v / speed) for v in each.velocities]),
-                **{f"v{i}": v for i, v in enumerate(velocities, 1)},
+                "velocities": [_finite(v / speed) for v in each.velocities],
+                **{f"v{i}": _finite(v / speed) for i, v in enumerate(each.velocities, 1)},
                 "impulses": [_finite(i / (self.problem.masses[0] * speed)) for i in each.impulses],
                 **{key: getattr(each, key) for key in ("states", "status", "reason", "marked")},
                 "grazing_margin": _finite(each.grazing_margin),

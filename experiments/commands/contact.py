@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from impact_xval.experiments.presentation.document import Block
     from impact_xval.model.materials import Touch
 
-#: Allowed relative error of restitution and duration.
-_TOLERANCE = 0.01
-
 
 def contact(
     engine: str = option("NAME", "'mujoco', 'pybullet' or 'drake'.", default=...),
@@ -68,8 +65,8 @@ def contact(
     error_line(f"trying steps in {engine} ...")
     try:
         with at_work(f"trying steps in {engine}"):
-            found = largest_step(solver, pair, _TOLERANCE)
-            _, text = paste(engine, pair.contact, found.step)
+            found = largest_step(solver, pair)
+            text = paste(engine, pair.contact, found.step)
             fine = drops(solver, pair, found.step / 10, [0.0])
     except SolverError as error:
         raise UserError(f"--engine {engine}: {error.status}: {error.reason}") from None
@@ -116,6 +113,7 @@ def _blocks(
     solver: Engine, pair: Pair, touch: Touch | None, text: str, found: Drops, fine: Drops
 ) -> list[Block]:
     """Lay out what was asked for, what to paste, and what verifying drops gave at a step and at a tenth of it."""
+    from impact_xval.compliant_baselines.single_contact import TOLERANCE
     from impact_xval.experiments.presentation.document import Table
 
     c, name = pair.contact, solver.name
@@ -132,7 +130,7 @@ def _blocks(
         f"\n{text.rstrip()}",
         Table(header, rows, f"Drops in {name}, by its time step"),
         f"{found.step:.6g} s is the largest step tried (ten a decade) at which {name} {solver.version()} keeps both "
-        f"within {_TOLERANCE:g} of the request, wherever within a step the bodies touch ({found.n} drops), and at the "
+        f"within {TOLERANCE:g} of the request, wherever within a step the bodies touch ({found.n} drops), and at the "
         f"four shorter steps too: {c.duration / found.step:.0f} steps in a contact",
     ]
 

@@ -28,7 +28,7 @@ from impact_xval.experiments.config.experiment import COSMETIC, Config, load_con
 from impact_xval.experiments.tables.parquet import blocks, column, replacing, table_writer
 from impact_xval.experiments.tables.schema import Layout
 
-FORMAT = "impact-xval run, format 2"
+FORMAT = "impact-xval run, format 3"
 #: States of a run whose tables are written; "complete" is one with its report.
 FINISHED = ("tables", "complete")
 MANIFEST, CONFIGURATION = "manifest.json", "experiment.toml"

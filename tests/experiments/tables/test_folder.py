@@ -57,7 +57,7 @@ def test_what_is_no_run_is_one_line_and_is_left_as_it_is(tmp_path, capsys):
     before = _entries(tmp_path)
     for name, says in (
         ("mine", "not empty (notes.txt) and not a run"),
-        ("old", "format = 'impact-xval run, format 1'; legal: 'impact-xval run, format 2'"),
+        ("old", "format = 'impact-xval run, format 1'; legal: 'impact-xval run, format 3'"),
         ("damaged", "manifest.json: damaged"),
     ):
         assert main(["run", "--quick", "--out", str(tmp_path / name)]) == 2
