@@ -10,7 +10,6 @@ import pytest
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import RunFolder
-from impact_xval.model import Collision
 from tests.test_project import ROOT
 
 EXAMPLES = ROOT / "examples"
@@ -61,12 +60,6 @@ def test_a_run_is_read_in_three_ways_that_agree(run, tmp_path):
 def test_a_map_of_few_collisions(run, tmp_path):
     run("trust_map.py", tmp_path / "map.png", 20)
     assert (tmp_path / "map.png").read_bytes()[1:4] == b"PNG"
-
-
-def test_the_toy_engine_keeps_newton_s_restitution():
-    toy = runpy.run_path(str(EXAMPLES / "toy_engine.py"))["ToyEngine"]()
-    v1, v2 = toy.solve(Collision((1.0, 1.0), (1.0,), (0.5,), (-1.0, 0.0), table=False)).velocities
-    assert (v1, v2) == pytest.approx((-0.25, -0.75))
 
 
 def test_the_notebook_runs_from_the_top_and_holds_no_outputs():

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from impact_xval.compliant_baselines.engines.scene import Scene
 from impact_xval.compliant_baselines.mapping import (
     Contact,
     contact_time,
@@ -12,8 +11,6 @@ from impact_xval.compliant_baselines.mapping import (
     restitution,
     textbook_damping_ratio,
 )
-from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.model.collision import Collision
 
 
 def integrated_contact(zeta):
@@ -73,18 +70,6 @@ def test_restitution_outside_its_range_is_refused(function):
     for e in (0.0, -0.1, 1.0000001, math.nan):
         with pytest.raises(ValueError, match=r"e = .*; legal: greater than 0, at most 1"):
             function(e)
-
-
-def test_contacts_of_a_collision():
-    one, two = Scene.of(
-        Collision.two_balls(m1=2.0, m2=3.0, k1=5.0, k2=7.0, e1=0.6, e2=1.0), Settings()
-    ).contacts
-    assert (one.mass, two.mass) == (pytest.approx(1.2), 3.0)
-    assert (one.k, two.k, two.c) == (5.0, 7.0, 0.0)
-    assert one.c == pytest.approx(2 * damping_ratio(0.6) * math.sqrt(5 * 1.2))
-    e, duration = integrated_contact(one.c / (2 * math.sqrt(5 * 1.2)))
-    assert e == pytest.approx(0.6, rel=1e-10)
-    assert one.duration == pytest.approx(duration * math.sqrt(1.2 / 5), rel=1e-10)
 
 
 def theory_restitution(zeta):

@@ -13,7 +13,6 @@ import hashlib
 import json
 import math
 import platform
-import re
 from importlib.metadata import version
 
 import llvmlite.binding
@@ -39,9 +38,6 @@ EXACT = {
     "chain": (*_OF_N, "hunt-crossley", *_FROZEN),
 }
 ENGINES = ("mujoco", "pybullet")
-
-#: Columns that golden tables have, and tables no more.
-DROPPED = ("offset_median", "limit_error_largest", "window_from", "window_to")
 
 _STATES = {"S1": "1+2", "S2": "2", "S3": "1", "S4": "-"}
 _LONGEST = 40  # states that are written out
@@ -143,43 +139,13 @@ def tables(spec, folder):
     else:
         config |= {"column": spec}
     run = run_sweep(parse_config(config | {"chunk_size": 10}), folder / "run", workers=1, isolate=False)
-    found = {name: _columns(pq.read_table(run.root / f"{name}.parquet")) for name in ("cells", "divergence")}
-    found["ladder"] = _columns(pq.read_table(run.root / "ladder.parquet"))
+    names = ("cells", "divergence", "ladder")
+    found = {name: _columns(pq.read_table(run.root / f"{name}.parquet").to_pydict()) for name in names}
     summary = summarise(run)
     # Statistics of a single row are in the table of divergence.
     statistics = summary.statistics[summary.statistics.n > 1]
-    if "cells" not in spec:
-        statistics = _in_golden_order(statistics, summary)
-    return found | {"summary": _columns(statistics), "statuses": _columns(summary.statuses.reset_index())}
-
-
-def _in_golden_order(statistics, summary):
-    """Order statistics of columns as golden values have them, by cells, axis, measure, solver and value."""
-    orders = {
-        "cells": ["regular", "marked"],
-        "axis": ["all", *summary.levels],
-        "measure": list(dict.fromkeys(statistics.measure)),
-        "solver": sorted(summary.solvers),
-    }
-    found = statistics[statistics.cells.isin(orders["cells"])]
-    places = {name: found[name].map(order.index) for name, order in orders.items()}
-    found = found.assign(**{f"place_{name}": x for name, x in places.items()})
-    found = found.sort_values([f"place_{name}" for name in orders], kind="stable")
-    return found.assign(value=found.value.where(found.axis != "all", ""))[list(statistics)]
-
-
-def _listed(columns):
-    """Put numbers of every ball, a column each, together as the lists that golden values of N balls hold."""
-    wide = {}
-    for name, values in columns.items():
-        if found := re.fullmatch(r"(\w*?v)[1-9]\d*(_limit)?", name):
-            base = {"v": "velocities"}.get(found[1], found[1]) + (found[2] or "")
-            wide.setdefault(base, []).append(values)
-    lists = {
-        base: [[x for x in row if x is not None] or None for row in zip(*values, strict=True)]
-        for base, values in wide.items()
-    }
-    return columns | lists
+    more = {"summary": statistics, "statuses": summary.statuses.reset_index()}
+    return found | {name: _columns(frame.to_dict("list")) for name, frame in more.items()}
 
 
 def hypothesis(spec, folder):
@@ -187,11 +153,10 @@ def hypothesis(spec, folder):
     config = {name: value for name, value in spec.items() if name != "tables"}
     results = run_hypothesis(parse_hypothesis(config, "golden"), folder, workers=1, isolate=False)
     frames = {"limits": results.verdicts, "points": results.points, "columns": results.columns}
-    return {name: _columns(frame) for name, frame in frames.items() if name in spec["tables"]}
+    return {name: _columns(frames[name].to_dict("list")) for name in spec["tables"]}
 
 
-def _columns(table):
-    data = _listed(table.to_pydict()) if hasattr(table, "to_pydict") else table.to_dict("list")
+def _columns(data):
     return {str(name): [_field(value) for value in values] for name, values in data.items()}
 
 
@@ -199,8 +164,6 @@ def _field(value):
     """Write a value as text, as a CSV file holds it; numbers to their last digit."""
     if value is None:
         return ""
-    if isinstance(value, (list, tuple)):
-        return json.dumps([plain(x) for x in value])
     value = value.item() if isinstance(value, np.generic) else value
     return repr(float(value)) if isinstance(value, (int, float)) else str(value)
 

@@ -7,10 +7,8 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from scipy.integrate import DOP853
 
 from impact_xval.model import Collision, Collisions, solve, solve_batch
-from impact_xval.model.chain import power_law
 from impact_xval.model.chain.following import Problem
 from impact_xval.model.solving import LAWS
 from tests.compliant_baselines.reference_cells import random_cells
@@ -293,10 +291,3 @@ def test_illegal_ways_to_solve_are_refused_by_name():
         replace(column, exponent=0.5)
     with pytest.raises(ValueError, match="a column on a table has no reverse"):
         two_balls(1, 1, 1, 1).reversed()
-
-
-def test_the_tables_of_steps_are_those_of_scipy():
-    stages = power_law.STAGES
-    np.testing.assert_array_equal(power_law.A[:stages, :stages], DOP853.A)
-    for name in ("B", "E3", "E5"):
-        np.testing.assert_array_equal(getattr(power_law, name), getattr(DOP853, name))

@@ -9,7 +9,7 @@ import pytest
 from impact_xval.compliant_baselines import registry, solver_names
 from impact_xval.experiments.commands.cli import main
 from impact_xval.experiments.sweep import one
-from tests.experiments import fakes, faulty
+from tests.experiments import faulty
 
 ROOT = Path(__file__).parents[3]
 CELL = ["--stiffness-ratio", "40", "--mass-ratio", str(2 / math.sqrt(3)), "--e1", "0.9", "--e2", "0.7"]
@@ -76,20 +76,6 @@ def test_solve_takes_an_infinite_ratio_and_shows_refusals(capsys):
         assert other["status"] in ("unrepresentable", "unavailable")
         assert other["reason"]
         assert other["v1"] is None
-
-
-def test_solve_shows_solvers_side_by_side(capsys, monkeypatch):
-    monkeypatch.setattr(registry, "get_solver", fakes.shifted)
-    asked = [word for name in ("pybullet", "state-transition", "mujoco") for word in ("--solver", name)]
-    assert main(["solve", *CELL, *asked]) == 0
-    shown = capsys.readouterr().out
-    for texts in (
-        ["kelvin-voigt", "pybullet", "unavailable"],
-        ["kelvin-voigt", "mujoco", "ok", "0.01", "S1 S3 S1 S2 S4"],
-        ["state-transition", "state-transition", "ok", "0.889811"],
-        ["pybullet: unavailable: no wheel for this Python; use Python 3.11"],
-    ):
-        assert any(all(text in line for text in texts) for line in shown.splitlines()), texts
 
 
 def test_help_and_version_are_quick_and_load_nothing_heavy():

@@ -103,7 +103,7 @@ def test_the_curves_are_of_the_column_of_the_figures(root):
         assert np.trapezoid(force, time) == pytest.approx(1 + row["velocities"][0], rel=2e-2)
 
 
-def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_law(tmp_path, capsys):
+def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_law(tmp_path):
     (tmp_path / "c.toml").write_text(
         "solvers = ['kelvin-voigt', 'mujoco', 'hunt-crossley']\n"
         "[column]\nballs = 3\ngap = [0.0, 1e-5]\ne = [0.8, 0.9]\nstiffness_taper = 1.0\narrangement = 'cradle'\n"
@@ -112,11 +112,6 @@ def test_what_the_model_refuses_is_unsolved_and_engines_are_still_beside_their_l
     ((engine, law, _, most),) = asked(summarise(folder))
     assert (engine, law) == ("mujoco", "kelvin-voigt")
     assert most.value < 1e-3
-    assert main(["show", str(tmp_path / "run")]) == 0
-    shown = capsys.readouterr().out
-    for name in ("kelvin-voigt", "mujoco", "hunt-crossley"):
-        (row,) = re.findall(rf"^\S+ +{name} +(\d+) .* (\d+)$", shown, flags=re.MULTILINE)
-        assert row == ("2", "2")
 
 
 def test_a_command_for_two_balls_refuses_it(root, capsys):
@@ -124,21 +119,12 @@ def test_a_command_for_two_balls_refuses_it(root, capsys):
     assert "columns of N balls; legal: " in capsys.readouterr().err
 
 
-def test_the_ladder_is_shown_of_the_run_of_a_column_and_by_way_of_a_law(root, capsys):
+def test_a_cell_is_shown_with_its_ladder_or_why_it_has_none(root, capsys):
     ladder = pq.read_table(root / "ladder.parquet").to_pandas()
-    ok = ladder[ladder.status == "ok"]
-    assert (len(ladder), len(ok)) == (24, 12)
-    assert main(["show", str(root)]) == 0
-    shown = capsys.readouterr().out
-    # Shares of a region are sums over it.
-    for name, of in (("all", ok), ("arrangement = drop", ok[ok.arrangement == "drop"])):
-        mean = of.velocity_divergence.mean()
-        share = (of.frozen_positions_share * of.velocity_divergence).sum() / of.velocity_divergence.sum()
-        row = re.search(rf"mujoco +{name} +{len(of)} +(\S+) +(\S+) %", shown)
-        assert float(row[1]) == pytest.approx(mean, rel=5e-3)
-        assert float(row[2]) == pytest.approx(100 * share, abs=0.051)
+    assert (len(ladder), (ladder.status == "ok").sum()) == (24, 12)
     assert main(["show", str(root), "--cell", "0"]) == 0
-    shown = capsys.readouterr().out
+    shown = " ".join(capsys.readouterr().out.split())
     assert "cell 0: balls = 2, arrangement = cradle" in shown
+    assert ladder.sentence[0] in shown
     assert main(["show", str(root), "--cell", "2"]) == 0
     assert "mujoco: unrepresentable: exponent = 1.5" in capsys.readouterr().out
