@@ -1,4 +1,4 @@
-"""Whether the tests see a change of the physics: seeded mutants of `model/` and `compliant_baselines/references`.
+"""Whether the tests see a change of the physics: seeded mutants of `model/`, the references and their marks.
 
 A mutant is one executable line, drawn uniformly from all, with one change: a comparison, an operator, a sign, a
 condition, a number, or a whole statement left out. Each is tried in a copy of what is committed, on the golden values
@@ -25,7 +25,7 @@ from pathlib import Path
 from queue import Queue
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("model", "compliant_baselines/references")
+SOURCES = ("model/**/*.py", "compliant_baselines/references.py", "compliant_baselines/marks.py")
 STAGES = {"golden": ["tests/golden"], "suite": ["tests", "--ignore", "tests/golden"]}
 #: Seconds for one stage: a mutant may never end.
 LONGEST = 900
@@ -101,8 +101,8 @@ def draw(count: int, seed: int) -> Iterator[tuple[Path, int, str, str, str]]:
     chance = random.Random(seed)
     trees = {
         path: ast.parse(path.read_text(encoding="utf-8"))
-        for folder in FOLDERS
-        for path in sorted((ROOT / folder).rglob("*.py"))
+        for pattern in SOURCES
+        for path in sorted(ROOT.glob(pattern))
     }
     lines = [(path, statement) for path, tree in trees.items() for statement in statements(tree)]
     found = 0
