@@ -22,6 +22,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,14 +35,13 @@ from impact_xval.compliant_baselines.restitution import (
 )
 from impact_xval.compliant_baselines.solver import Settings, Solver, by_kind
 from impact_xval.model import solving
-from impact_xval.model.chain.following import MAX_PIECES, Problem, impulses_of
+from impact_xval.model.chain.following import MAX_PIECES, Problem, Went
 from impact_xval.model.chain.kernel import COLLAPSE, RUNAWAY
 from impact_xval.model.chain.laws import COMPRESSION_DASHPOT, HUNT_CROSSLEY, KELVIN_VOIGT
 from impact_xval.model.chain.laws import STATE_TRANSITION as BISTIFFNESS
 from impact_xval.model.chain.power_law import TOLERANCE
 from impact_xval.model.chain.rest import REST, STUCK
-from impact_xval.model.collision import STATUSES, Collision, Collisions, Floats, Outcome, Outcomes
-from impact_xval.model.solving import reasons_of
+from impact_xval.model.collision import Collision, Collisions, Floats, Outcome, Outcomes, Status
 
 #: Laws by name, as codes of the kernel.
 LAWS = {
@@ -68,7 +68,6 @@ _LIMITS = (
     "a stiffness is 0 or infinite: a contact in time needs a finite one > 0; take a large or small k2/k1, or the "
     "state-transition model, which knows the limit"
 )
-_OK, _LIMIT, _TIMEOUT, _UNREPRESENTABLE = map(STATUSES.index, ("ok", "limit", "timeout", "unrepresentable"))
 
 
 def solve(
@@ -111,70 +110,44 @@ def solve(
         raise ValueError(f"law = {law!r}; legal: {', '.join(LAWS)}")
     if frozen and collisions.gaps.any():
         raise ValueError(f"gaps: {float(collisions.gaps.max())!r}; legal where positions are frozen: none")
-    n, g = len(collisions), np.broadcast_to(np.asarray(gravity, float), len(collisions))
-
-    def problem(some: Collisions, weight: Floats) -> Problem:
-        return Problem(some, LAWS[law], dampings(some, law), frozen, weight, max_pieces=max_steps)
-
-    whole = problem(collisions, g)
-    went = whole.follow(states=states)
-    plastic = (collisions.restitutions == 0).any(axis=1)
-    limits = ~(np.isfinite(collisions.stiffnesses) & (collisions.stiffnesses > 0)).all(axis=1)
-    lost = went.left_out
-    none = lost | went.given_up
-    reason, reasons = reasons_of(went.numbers["code"], _HAPPENED)
-    last = len(reasons)
-    status = np.select([lost, none, reason > 0], [_UNREPRESENTABLE, _TIMEOUT, _LIMIT], _OK)
-    reason = np.select([limits, plastic, lost, none], [last, last + 1, last + 2, last + 3], reason)
-    found = {name: np.where(none, np.nan, each) for name, each in went.numbers.items()}
-    velocities = np.where(none[:, None], np.nan, went.velocities)
-    diagnostics = {"duration": found["time"], "n_steps": found["pieces"]}
-    fallen = 0.0
-    if g.any():
-        velocities, fallen, more = _of_drops(collisions, g, found, velocities)
-        diagnostics |= more
+    g = np.broadcast_to(np.asarray(gravity, float), len(collisions))
+    problem = Problem(collisions, LAWS[law], dampings(collisions, law), frozen, g, max_pieces=max_steps)
+    went = problem.follow(states=states)
+    margin = went.numbers["margin"] if law == "bistiffness" else np.full(len(collisions), np.nan)
+    diagnostics = {"duration": went.numbers["time"], "n_steps": went.numbers["pieces"]}
     if collisions.exponent != 1:
-        looser = replace(whole, tolerance=LOOSER * TOLERANCE).follow(states=False)
+        looser = replace(problem, tolerance=LOOSER * TOLERANCE).follow(states=False)
         moved = np.abs(looser.velocities - went.velocities).max(axis=1)
-        diagnostics["velocity_error"] = np.where(none | looser.given_up, np.nan, moved)
-    drawn = None
-    if paths:
-        drawn = problem(collisions[~none], g[~none]).paths(found["pieces"][~none]).spread(~none)
-    return Outcomes(
-        solver=law,
-        velocities=velocities,
-        impulses=impulses_of(collisions, velocities, fallen),
-        table=collisions.table,
-        status=status.astype(np.uint8),
-        reason=reason,
-        reasons=(*reasons, _LIMITS, _PLASTIC, solving.TOO_FAR_APART, f"not over after {max_steps} segments"),
-        mark=np.zeros(n, np.int32),
-        marks=("",),
-        n_states=np.where(none, 0, went.numbers["n_states"]).astype(np.int64),
-        n_events=np.where(none, 0, went.numbers["events"]).astype(np.int64),
-        states=went.states,
-        grazing_margin=found["margin"] if law == "bistiffness" else np.full(n, np.nan),
-        diagnostics=diagnostics,
-        paths=drawn,
+        diagnostics["velocity_error"] = np.where(looser.given_up, np.nan, moved)
+    fallen: Floats | float = 0.0
+    if g.any():
+        velocities, fallen, more = _of_drops(collisions, g, went)
+        went, diagnostics = went._replace(velocities=velocities), diagnostics | more
+    k: Floats = collisions.stiffnesses
+    lost: list[tuple[Any, Status, str]] = [
+        ((~np.isfinite(k) | (k <= 0)).any(axis=1), "unrepresentable", _LIMITS),
+        ((collisions.restitutions == 0).any(axis=1), "unrepresentable", _PLASTIC),
+        (went.left_out, "unrepresentable", solving.TOO_FAR_APART),
+        (went.given_up, "timeout", f"not over after {max_steps} segments"),
+    ]
+    return problem.outcomes(
+        law, went, _HAPPENED, lost, margin=margin, diagnostics=diagnostics, fallen=fallen, paths=paths
     )
 
 
-def _of_drops(
-    collisions: Collisions, g: Floats, found: dict[str, Floats], velocities: Floats
-) -> tuple[Floats, Floats, dict[str, Floats]]:
+def _of_drops(collisions: Collisions, g: Floats, went: Went) -> tuple[Floats, Floats, dict[str, Floats]]:
     """Velocities with balls at rest at 0, what gravity has added to those of free balls (m/s), and diagnostics."""
-    end, fall, falls = found["end"], found["fall"], g > 0
+    end, fall, falls, velocities = went.numbers["end"], went.numbers["fall"], g > 0, went.velocities
     rests = np.column_stack([falls & (end == STUCK), falls & ((end == REST) | (end == STUCK))])
     speed, reduced = collisions.units[1], 1 / (1 / collisions.masses).sum(axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
         stated = {
             "gravity_number": g / (speed * np.sqrt(collisions.stiffnesses[:, 0] / reduced)),
-            "first_flight": np.where(fall < found["time"], fall, np.nan),
+            "first_flight": np.where(fall < went.numbers["time"], fall, np.nan),
             "rest_speed": np.where(rests[:, 1], velocities[:, 1], np.nan),
         }
         fallen = np.where(falls, g * fall, 0.0)
-    there = falls & ~np.isnan(end)
-    stated = {name: np.where(there, values, np.nan) for name, values in stated.items()}
+    stated = {name: np.where(falls, values, np.nan) for name, values in stated.items()}
     return np.where(rests, 0.0, velocities), fallen, stated
 
 

@@ -7,7 +7,7 @@ others by `model.chain` with frozen positions.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -62,10 +62,6 @@ SHARE, FEW_STATES = 8192, 16
 #: Columns of what `pair.kernel.collide_all` says of each collision; their number in a row of its log.
 NUMBERS = ("code", "n_states", "n_events", "rows", "margin", "residual")
 LOG_WIDTH = len(LOG_COLUMNS)
-
-_OK, _LIMIT, _UNCONVERGED, _UNREPRESENTABLE = map(
-    STATUSES.index, ("ok", "limit", "unconverged", "unrepresentable")
-)
 
 TOO_FAR_APART = (
     f"where one mass or stiffness exceeds {MASS_PRECISION:g} times another, squares of velocities are lost"
@@ -178,7 +174,7 @@ def solve_many(
     margin = found.grazing_margin if LAWS[law] == STATE_TRANSITION else np.where(there, np.inf, np.nan)
     effect = found.diagnostics.get("cutoff_effect", 0.0) if cutoff != kernel.EXACT else 0.0
     mark = np.where(there, mark_codes(margin, effect, grazing_threshold), 0)
-    return replace(found, grazing_margin=margin, mark=mark)
+    return replace(found, grazing_margin=margin, mark=mark, marks=MARKS)
 
 
 def no_positions(collisions: Collisions) -> str:
@@ -187,47 +183,19 @@ def no_positions(collisions: Collisions) -> str:
     return f"gaps of up to {largest!r} m: the model has no positions; legal: 0 (the references know gaps)"
 
 
-def reasons_of(
-    code: NDArray[np.float64], texts: Mapping[int, str]
-) -> tuple[NDArray[np.int32], tuple[str, ...]]:
-    """Say what happened, given bits of a code: the index of each collision's reason, and the reasons."""
-    every = sum(texts)
-    found = np.nan_to_num(code).astype(np.int32) & every
-    return found, tuple(
-        "; ".join(text for bit, text in texts.items() if some & bit) for some in range(every + 1)
-    )
-
-
 def _by_chain(collisions: Collisions, law: int, max_pieces: int, states: bool, paths: bool) -> Outcomes:
-    def problem(some: Collisions) -> Problem:
-        nothing, no_gravity = np.zeros_like(some.stiffnesses), np.zeros(len(some))
-        return Problem(some, law, nothing, True, no_gravity, max_pieces=max_pieces)
-
-    went = problem(collisions).follow(states=states)
-    lost, given_up = went.left_out, went.given_up
-    reason, reasons = reasons_of(went.numbers["code"], _HAPPENED)
-    status = np.select([lost, given_up, reason > 0], [_UNREPRESENTABLE, _UNCONVERGED, _LIMIT], _OK)
-    reason = np.select([lost, given_up], [len(reasons), len(reasons) + 1], reason)
-    none = lost | given_up
-    velocities = np.where(none[:, None], np.nan, went.velocities)
-    return Outcomes(
-        solver=NAME,
-        velocities=velocities,
-        impulses=impulses_of(collisions, velocities),
-        table=collisions.table,
-        status=status.astype(np.uint8),
-        reason=reason,
-        reasons=(*reasons, TOO_FAR_APART, f"not over within {max_pieces} pieces of segments"),
-        mark=np.zeros(len(none), np.int32),
-        marks=MARKS,
-        n_states=np.where(none, 0, went.numbers["n_states"]).astype(np.int64),
-        n_events=np.where(none, 0, went.numbers["events"]).astype(np.int64),
-        states=went.states,
-        grazing_margin=np.where(none, np.nan, went.numbers["margin"]),
-        diagnostics={"energy_residual": np.where(none, np.nan, 1 - went.numbers["loss"])},
-        paths=problem(collisions[~none]).paths(went.numbers["pieces"][~none]).spread(~none)
-        if paths
-        else None,
+    nothing, no_gravity = np.zeros_like(collisions.stiffnesses), np.zeros(len(collisions))
+    problem = Problem(collisions, law, nothing, True, no_gravity, max_pieces=max_pieces)
+    went = problem.follow(states=states)
+    too_long = f"not over within {max_pieces} pieces of segments"
+    return problem.outcomes(
+        NAME,
+        went,
+        _HAPPENED,
+        [(went.left_out, "unrepresentable", TOO_FAR_APART), (went.given_up, "unconverged", too_long)],
+        margin=went.numbers["margin"],
+        diagnostics={"energy_residual": 1 - went.numbers["loss"]},
+        paths=paths,
     )
 
 
@@ -267,7 +235,7 @@ def _by_diagram(
         reason=reason,
         reasons=reasons,
         mark=np.zeros(len(c), np.int32),
-        marks=MARKS,
+        marks=("",),
         n_states=n_states.astype(np.int64),
         n_events=n_events.astype(np.int64),
         states=logged,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from impact_xval.model.chain.kernel import ACTS, GOING, UNITED, Followed, collide_all
 from impact_xval.model.chain.power_law import TOLERANCE
-from impact_xval.model.collision import Collisions, Floats, Paths, States
+from impact_xval.model.collision import STATUSES, Collisions, Floats, Outcomes, Paths, States, Status
 from impact_xval.model.compiled import in_shares
 from impact_xval.model.inputs import MASS_PRECISION
 
@@ -108,6 +109,54 @@ class Problem:
             offsets = np.concatenate([[0], np.cumsum(np.nan_to_num(found["n_states"]))]).astype(np.int64)
             logged = States(offsets, sets, starts * np.repeat(time, np.diff(offsets)))
         return Went(velocities * speed[:, None], found, logged)
+
+    def outcomes(
+        self,
+        solver: str,
+        went: Went,
+        happened: Mapping[int, str],
+        lost: Sequence[tuple[NDArray[np.bool_], Status, str]],
+        *,
+        margin: Floats,
+        diagnostics: dict[str, Floats],
+        fallen: Floats | float = 0.0,
+        paths: bool = False,
+    ) -> Outcomes:
+        """Say what became of all of them, which `went` so; none is marked yet.
+
+        `lost` are the conditions of having no result, each with its status and reason; the first that holds counts.
+        `happened` says by the bits of the kernel's code why an outcome is a limit; `fallen` is as of `impulses_of`.
+        """
+        c, numbers, conditions = self.collisions, went.numbers, [condition for condition, _, _ in lost]
+        there = ~np.any(conditions, axis=0)
+        every = sum(happened)
+        reason = np.nan_to_num(numbers["code"]).astype(np.int32) & every
+        reasons = ["; ".join(why for bit, why in happened.items() if bit & some) for some in range(every + 1)]
+        status = np.where(reason > 0, STATUSES.index("limit"), STATUSES.index("ok"))
+        velocities = np.where(there[:, None], went.velocities, np.nan)
+        drawn = None
+        if paths:
+            arrays = {name: getattr(self, name)[there] for name in ("collisions", "dampings", "gravity")}
+            drawn = replace(self, **arrays).paths(numbers["pieces"][there]).spread(there)
+        return Outcomes(
+            solver=solver,
+            velocities=velocities,
+            impulses=impulses_of(c, velocities, fallen),
+            table=c.table,
+            status=np.select(conditions, [STATUSES.index(each) for _, each, _ in lost], status).astype(
+                np.uint8
+            ),
+            reason=np.select(conditions, [len(reasons) + i for i in range(len(lost))], reason),
+            reasons=(*reasons, *(why for _, _, why in lost)),
+            mark=np.zeros(len(c), np.int32),
+            marks=("",),
+            n_states=np.where(there, numbers["n_states"], 0).astype(np.int64),
+            n_events=np.where(there, numbers["events"], 0).astype(np.int64),
+            states=went.states,
+            grazing_margin=np.where(there, margin, np.nan),
+            diagnostics={name: np.where(there, values, np.nan) for name, values in diagnostics.items()},
+            paths=drawn,
+        )
 
     def paths(self, pieces: Floats) -> Paths:
         """Paths of all of them, given of how many pieces of segments each is (`follow`)."""
