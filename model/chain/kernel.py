@@ -318,8 +318,6 @@ def follow(c, n, h_next, tolerance, work):
             expand(c, n, h, work)
     else:
         h, h_next = advance(c, n, h_next, tolerance, work)
-        if h == 0:
-            return h, h_next, -1, RATE, -1.0  # slopes lie beyond double precision
     while True:
         which, what, sign, x = first_event(c, n, h, work)
         if series or which < 0 or x < 0:

@@ -181,6 +181,11 @@ def test_what_double_precision_cannot_tell_is_refused_and_not_answered_wrongly()
         assert np.isnan([batch.v1, batch.v2]).all()
 
 
+def test_where_no_event_can_be_certified_the_search_ends():
+    for mass_ratio in (1e-104, 1e-149):  # the sixth derivatives of a rate leave double precision
+        assert solve(Collision.from_ratios(1.0, mass_ratio, 0.9, 0.9)).status == "unconverged"
+
+
 def test_a_plastic_contact_unites_the_balls_or_keeps_the_lower_one_on_the_table():
     united = solve(Collision.from_ratios(1, MU, 0, 0.7))
     assert (united.v1, united.states) == (united.v2, ("S1", "S2", "S4"))
