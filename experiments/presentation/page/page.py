@@ -67,7 +67,7 @@ def blocks_of(folder: RunFolder, summary: Summary, captions: Captions) -> list[B
         evidence.sureness(summary),
         *([_hypothesis()] if pair else []),
         evidence.effective(folder),
-        _by_axis(summary, captions),
+        _by_axis(summary),
         evidence.unsolved(summary),
         evidence.method(folder, summary),
         evidence.glossary(summary),
@@ -266,9 +266,8 @@ def _hypothesis() -> Section:
     return Section("Hypothesis", [said])
 
 
-def _by_axis(summary: Summary, captions: Captions) -> Section:
-    """Tabulate D along every axis that has several values, and show the figures for print."""
-    energies = _figures(captions, "energy-by-stiffness", "energy-by-balls")
+def _by_axis(summary: Summary) -> Section:
+    """Tabulate D along every axis that has several values."""
     tables = [findings.along_axis(summary, axis) for axis in summary.axes]
     said = "All measures by all axes are in summary.csv."
-    return Section("By axis", [said, *tables, *energies], folded=True)
+    return Section("By axis", [said, *tables], folded=True)

@@ -34,10 +34,9 @@ _FLOOR = 1e-6
 #: The error, per |v0|, that steps are recommended for.
 ACCEPTED = 0.01
 
-_D, _ENERGY = "velocity_divergence", "dretained_energy"
+_D = "velocity_divergence"
 _LABELS = {
     _D: "velocity divergence D (-)",
-    _ENERGY: "retained energy, solver minus model (-)",
     FULL_PATHS: "share of cells with the model's path (-)",
 }
 _SIDE = "solvers stand side by side."
@@ -48,8 +47,6 @@ _CAPTIONS = {
     _D: "Velocity divergence D of each solver from the model over {over}. "
     f"{_MEDIANS} D = sqrt(sum m_i dv_i^2/sum m_i v_i0^2), dimensionless; values below {number(_FLOOR)} are drawn "
     f"there. {LEFT_OUT} {{votes}}",
-    _ENERGY: "Difference of the fraction of kinetic energy that is left after the collision, solver minus model, over "
-    f"{{over}}. {_MEDIANS} Above zero the solver dissipates less than the model. {LEFT_OUT}",
     FULL_PATHS: "Share of cells in which a solver passes through the same contact states (S1 both contacts active, S2 "
     "ball on table, S3 ball on ball, S4 none) as the model, over {over}, of the cells in which the model needed no "
     f"limiting case; {_SIDE} {LEFT_OUT}",
@@ -72,11 +69,7 @@ def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     levels = {axis: sorted(levels.values) for axis, levels in table.levels.items()}
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
     if solvers:
-        for measure, name in (
-            (_D, "divergence-by-stiffness"),
-            (_ENERGY, "energy-by-stiffness"),
-            (FULL_PATHS, "state-paths"),
-        ):
+        for measure, name in ((_D, "divergence-by-stiffness"), (FULL_PATHS, "state-paths")):
             figure = _over(rows, solvers, "stiffness_ratio", measure, levels["stiffness_ratio"])
             yield name, figure, _caption(measure, "the stiffness ratio k2/k1", solvers)
     yield from draw_trust(trust_of(folder, summary.config))
@@ -88,11 +81,12 @@ def draw_pair(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
 def draw_columns(folder: RunFolder, summary: Summary) -> Iterator[Drawn]:
     """Draw the figures of a run of columns; those with nothing to show are left out."""
     curves = folder.read_table(CURVES).to_pandas()
-    rows = load_divergence(folder, summary.config).frame((_D, _ENERGY))
+    rows = load_divergence(folder, summary.config).frame((_D,))
     solvers = [name for name in summary.solvers if name in set(rows.solver)]
-    for measure, name in ((_D, "divergence-by-balls"), (_ENERGY, "energy-by-balls")) if solvers else ():
-        figure = _over(rows, solvers, "balls", measure, sorted(set(rows.balls)), "arrangement")
-        yield name, figure, _caption(measure, "the number of balls N, a panel an arrangement", solvers)
+    if solvers:
+        figure = _over(rows, solvers, "balls", _D, sorted(set(rows.balls)), "arrangement")
+        caption = _caption(_D, "the number of balls N, a panel an arrangement", solvers)
+        yield "divergence-by-balls", figure, caption
     yield from draw_ladders(summary.ladder)
     yield from draw_velocities(curves, summary.config)
     yield from draw_wave(curves, summary.config)
@@ -127,8 +121,7 @@ def _over(
                     shown = grouped.mean().reindex(here)
                 else:
                     ends = (grouped.quantile(q).reindex(here) for q in (0.05, 0.5, 0.95))
-                    least = _FLOOR if measure == _D else None
-                    low, shown, high = (each.clip(lower=least) for each in ends)
+                    low, shown, high = (each.clip(lower=_FLOOR) for each in ends)
                     ax.vlines(at, low, high, color=style.color, linewidth=1.4, alpha=0.5)
                 line = {
                     "marker": style.marker,
@@ -141,8 +134,6 @@ def _over(
         axes[0].set_ylabel(_LABELS[measure])
         if measure == _D:
             axes[0].set_yscale("log")  # shared
-        elif measure == _ENERGY:
-            axes[0].axhline(0, color="black", linewidth=1)
         else:
             axes[0].set_ylim(-0.03, 1.03)
         axes[-1].legend(**BESIDE)

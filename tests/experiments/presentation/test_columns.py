@@ -60,7 +60,7 @@ def test_the_page_shows_it(root):
     page = (root / "report.html").read_text(encoding="utf-8")
     page = re.sub(r"<script.*?</script>|<style.*?</style>", "", page, flags=re.DOTALL)
     captions = json.loads((root / "figures/captions.json").read_text(encoding="utf-8"))
-    assert page.count("data:image/svg+xml;base64,") == len(captions) == 6
+    assert page.count("data:image/svg+xml;base64,") == len(captions) == 5
     for words in ("N = 2", "N = 3", "N = 4", "unrepresentable", "state-transition", "few columns"):
         assert words in page
     median = summarise(finished(root)).get("kelvin-voigt", "velocity_divergence")["median"]
