@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.hypothesis.cases import GRAZING, Frame, distance
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
+from impact_xval.experiments.sweep.pool import available_cores
 from impact_xval.model.collision import RESULT_STATUSES, Collision
 
 #: Solvers of columns that are exact for linear contacts, and fast enough where one rings a thousand times.
@@ -96,14 +98,22 @@ def of_each_ball(velocities: Sequence[float], contact: int, balls: int) -> tuple
 
 def column_outcomes(config: HypothesisConfig) -> Frame:
     """Solve the columns of a test by its exact solvers: a row a place, solver, column and contrast."""
-    design, rows = config.columns, []
-    for place in PLACES:
-        columns = draw(place, design.points, design.balls, config.seed)
-        for solver in filter(config.solvers.__contains__, SOLVERS):
-            for i, (column, contact) in enumerate(columns):
-                known = {"arrangement": place[0], "stiff_contact": place[1], "solver": solver, "column": i}
-                contrasts = spaced(design.contrast, design.per_decade)
-                rows += (known | row for row in _solved(solver, column, contact, contrasts))
+    design = config.columns
+    contrasts = spaced(design.contrast, design.per_decade)
+
+    def rows_of(asked: tuple[Place, str, int, tuple[Collision, int]]) -> list[dict[str, Any]]:
+        (arrangement, where), solver, i, (column, contact) = asked
+        known = {"arrangement": arrangement, "stiff_contact": where, "solver": solver, "column": i}
+        return [known | row for row in _solved(solver, column, contact, contrasts)]
+
+    every = [
+        (place, solver, i, column)
+        for place in PLACES
+        for solver in filter(config.solvers.__contains__, SOLVERS)
+        for i, column in enumerate(draw(place, design.points, design.balls, config.seed))
+    ]
+    with ThreadPoolExecutor(available_cores()) as threads:  # kernels hold no lock of Python
+        rows = [row for some in threads.map(rows_of, every) for row in some]
     return pd.DataFrame(rows).assign(error=ERROR, decades=design.fit_decades)
 
 
