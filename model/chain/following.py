@@ -132,7 +132,8 @@ class Problem:
         every = sum(happened)
         reason = np.nan_to_num(numbers["code"]).astype(np.int32) & every
         reasons = ["; ".join(why for bit, why in happened.items() if bit & some) for some in range(every + 1)]
-        status = np.where(reason > 0, STATUSES.index("limit"), STATUSES.index("ok"))
+        ended = np.where(reason > 0, STATUSES.index("limit"), STATUSES.index("ok"))
+        status = np.select(conditions, [STATUSES.index(each) for _, each, _ in lost], ended)
         velocities = np.where(there[:, None], went.velocities, np.nan)
         drawn = None
         if paths:
@@ -143,9 +144,7 @@ class Problem:
             velocities=velocities,
             impulses=impulses_of(c, velocities, fallen),
             table=c.table,
-            status=np.select(conditions, [STATUSES.index(each) for _, each, _ in lost], status).astype(
-                np.uint8
-            ),
+            status=status.astype(np.uint8),
             reason=np.select(conditions, [len(reasons) + i for i in range(len(lost))], reason),
             reasons=(*reasons, *(why for _, _, why in lost)),
             mark=np.zeros(len(c), np.int32),
