@@ -44,7 +44,7 @@ def run(
     shard: str = option(
         "I/N", "Compute every N-th part, from the I-th, in a folder of all N.", default="1/1"
     ),
-    quick: bool = flag("--quick", "A first taste: 40 cells of the built-in grid, in seconds."),
+    quick: bool = flag("--quick", "A first taste: 40 cells of the built-in grid, in a minute."),
 ) -> None:
     """Run an experiment: tables, figures, a page.
 
