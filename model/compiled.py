@@ -41,9 +41,12 @@ merged = compiled_with(inline="always", **_INNER)
 #: A kernel of these, which Python calls: it holds no lock, so that threads can be given parts of arrays.
 entry = compiled_with(nogil=True, _nrt=False)
 
+#: States of a collision for which a log has room at first.
+FEW_STATES = 32
+
 
 def in_shares(
-    follow: Callable[..., int], n: int, share: int, few: int, words: int
+    follow: Callable[..., int], n: int, share: int, states: bool, words: int
 ) -> tuple[NDArray[np.uint64], NDArray[np.float64]]:
     """Follow n collisions, `share` of them at once, in as many threads as numba would take, with a log of their states.
 
@@ -54,8 +57,8 @@ def in_shares(
     follow : callable
         Given a slice of the collisions, and arrays for sets and their starts; returns the number of states.
     n, share : int
-    few : int
-        States of a collision for which there is room at first, those with more are followed once more; 0 for no log.
+    states : bool
+        Whether there is a log. It has room for `FEW_STATES` a collision; a share with more is followed once more.
     words : int
         Of a set.
 
@@ -70,11 +73,11 @@ def in_shares(
         while True:
             log = np.empty((room, words), np.uint64), np.empty(room)
             used = follow(part, *log)
-            if used <= room or not few:
+            if used <= room or not states:
                 return log[0][:used], log[1][:used]
             room = used
 
-    starts = range(0, max(n, 1), share)
+    few, starts = FEW_STATES if states else 0, range(0, max(n, 1), share)
     count: int = vars(config)["NUMBA_NUM_THREADS"]  # numba sets it from the environment
     with ThreadPoolExecutor(count) as threads:
         parts = [logged(0)] if len(starts) == 1 else list(threads.map(logged, starts))

@@ -56,8 +56,8 @@ MAX_EVENTS = 2_000_000
 #: Points of a path per half period of the fastest oscillation; rows a collision of the first try at their log.
 POINTS, LOG_ROWS = 48, 512
 
-#: Collisions that a thread is given at once, and states of one for which there is room at first.
-SHARE, FEW_STATES = 8192, 16
+#: Collisions that a thread is given at once.
+SHARE = 8192
 
 #: Columns of what `pair.kernel.collide_all` says of each collision; their number in a row of its log.
 NUMBERS = ("code", "n_states", "n_events", "rows", "margin", "residual")
@@ -264,7 +264,7 @@ def _diagrams(
         kernel.collide_all(*arguments)
         return int(numbers[share, NUMBERS.index("n_states")].sum())
 
-    return velocities, numbers, *in_shares(follow, n, SHARE, FEW_STATES if states else 0, 1)
+    return velocities, numbers, *in_shares(follow, n, SHARE, states, 1)
 
 
 def _diagram_paths(collisions: Collisions, cutoff: float, max_events: int, stiffens: bool) -> Paths:

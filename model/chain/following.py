@@ -22,9 +22,6 @@ MAX_PIECES = 1_000_000
 #: Points of a path in each piece of a segment, as long as its log has no more numbers than this: 64 MB.
 POINTS, LOG_NUMBERS = 9, 2**23
 
-#: States of a collision for which there is room at first; those with more run once more.
-FEW_STATES = 32
-
 #: Collisions that a thread is given at once: some ten milliseconds of work.
 SHARE = 512
 
@@ -99,7 +96,7 @@ class Problem:
             self._collide([each[share] for each in cells], 1, no_log, out)
             return int(np.nansum(numbers[share, names.index("n_states")]))
 
-        sets, starts = in_shares(follow, n, SHARE, FEW_STATES if states else 0, words)
+        sets, starts = in_shares(follow, n, SHARE, states, words)
         time, speed = c.units
         found = dict(zip(names, numbers.T, strict=True))
         with np.errstate(over="ignore", invalid="ignore"):  # no fall has an end where nothing falls
