@@ -7,7 +7,7 @@ import time
 from tests.experiments.fakes import Shifted
 
 #: Values of e1 that make a cell fatal, by what happens.
-SEGFAULT, HANG, ABORT, LEAVE, RAISE, SHORT = 0.901, 0.902, 0.903, 0.904, 0.905, 0.906
+SEGFAULT, HANG, LEAVE, RAISE, SHORT = 0.901, 0.902, 0.903, 0.904, 0.905
 
 
 def _harm(e1):
@@ -16,8 +16,6 @@ def _harm(e1):
     elif e1 == HANG:
         while True:
             time.sleep(1)
-    elif e1 == ABORT:
-        os.abort()
     elif e1 == LEAVE:
         os._exit(3)
     elif e1 == RAISE:

@@ -131,7 +131,7 @@ def test_ctrl_c_in_any_command_is_one_line_and_exit_code_1(capsys, monkeypatch):
     ("e1", "status", "reason"),
     [
         (faulty.HANG, "timeout", "no answer within 5 s; its process was ended"),
-        (faulty.ABORT, "crashed", "its process died: SIGABRT"),
+        (faulty.LEAVE, "crashed", "its process died: exit code 3"),
     ],
 )
 def test_a_solver_that_hangs_or_dies_costs_its_own_row(e1, status, reason, capsys, monkeypatch):
