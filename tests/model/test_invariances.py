@@ -104,6 +104,7 @@ def test_equations_13_to_15_hold_along_the_path(kappa, mu, e1, e2):
         assert gained == pytest.approx(means[0] * steps, rel=4e-4, abs=1e-5 * (1 + mu))
         assert np.diff(energy)[inside] == pytest.approx(means[1] * gained, rel=4e-4, abs=1e-5)
     assert np.all(steps >= 0)
+    assert not forces[:, -1].any()
 
 
 def test_sums_along_a_path_converge_at_second_order_in_the_spacing_of_its_points():
