@@ -401,8 +401,8 @@ def collide(c, work, energy, drift, tolerance, max_pieces, points, log, at, out,
     work.cut[:] = False
     while True:
         if c.law <= LIU_ZHAO_BROGLIATO and 0 < energy_left(c, n) <= COLLAPSED * energy:
-            code |= COLLAPSE
-            loss += bring_to_rest(c, n)
+            dropped, lossy = bring_to_rest(c, n)
+            loss, code = loss + dropped, code | (COLLAPSE if lossy else 0)
         h, which = 0.0, n
         if c.g[0] > 0:
             end = how_ended(c, n, quiet > 0 and quiet % QUIET == 0)
