@@ -164,10 +164,10 @@ class _Request(BaseHTTPRequestHandler):
 
 
 @contextlib.contextmanager
-def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], None]]]:
+def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], object]]]:
     """Open the server, on this machine alone; it, and all that it started, is gone when the block ends.
 
-    Yields where the page is, and what serves it until it is interrupted; port 0 is any that is free.
+    Yields where the page is, and what waits until it is interrupted; port 0 is any that is free.
     """
     with contextlib.ExitStack() as ending:
         cells = Cells(read, ending)
@@ -175,7 +175,10 @@ def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], None]]
             server = ending.enter_context(_Server(port, cells))
         except OSError as error:
             raise UserError(f"--port = {port}: {error.strerror}; legal: a free one (0: any)") from None
+        # Beside the main thread: Ctrl-C, which that meets, could come while a request's thread is started.
+        threading.Thread(target=server.serve_forever).start()
         try:
-            yield f"http://127.0.0.1:{server.server_port}/", server.serve_forever
+            yield f"http://127.0.0.1:{server.server_port}/", threading.Event().wait
         finally:
             cells.close()
+            server.shutdown()

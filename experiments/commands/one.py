@@ -156,13 +156,13 @@ def explore(
     from impact_xval.experiments.cells.explorer import explorer
     from impact_xval.experiments.presentation.terminal import make_console, print_line
 
-    with explorer(port, asked_by_address) as (where, serve):
+    with explorer(port, asked_by_address) as (where, wait):
         print_line(make_console(), f"{where} (Ctrl-C ends it)")
         if browser:
             import webbrowser
 
             webbrowser.open(where)
-        serve()
+        wait()
 
 
 @of_one_collision("arrangement", *OF_COLUMN, "cell_timeout")
