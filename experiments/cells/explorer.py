@@ -176,7 +176,7 @@ def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], object
         except OSError as error:
             raise UserError(f"--port = {port}: {error.strerror}; legal: a free one (0: any)") from None
         # Beside the main thread: Ctrl-C, which that meets, could come while a request's thread is started.
-        threading.Thread(target=server.serve_forever).start()
+        threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             yield f"http://127.0.0.1:{server.server_port}/", threading.Event().wait
         finally:

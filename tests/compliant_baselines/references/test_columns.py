@@ -99,9 +99,8 @@ def test_gaps_make_another_collision():
     assert np.abs(touching - close).max() > 3e-3
     assert apart == pytest.approx([0, 0, 0, 0, -1], abs=1e-9)
     outcomes = [in_time(cradle(n, 1, gap), "bistiffness") for n in range(3, 9) for gap in (0.1, 10.0, 1e3)]
-    assert {o.status for o in outcomes} == {
-        "ok"
-    }  # what rounding leaves elastic bodies of motion is no collapse
+    # What rounding leaves elastic bodies of motion is no collapse.
+    assert {o.status for o in outcomes} == {"ok"}
 
 
 def test_a_touching_pair_beyond_a_gap_waits():
