@@ -112,7 +112,7 @@ def predicted(case, solver, mu, e1, e2):
 
 
 def test_verdicts_and_that_refuted_limits_are_those_predicted_without_a_simulation(tmp_path):
-    found = examined(tmp_path, points=12, columns=FEW)[1].points
+    found = examined(tmp_path, points=6, columns=FEW)[1].points
     tried = set()
     for row in found[found.verdict == "refuted"].itertuples():
         form = predicted(row.case, row.solver, row.mass_ratio, row.e1, row.e2)

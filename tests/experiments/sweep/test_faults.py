@@ -55,15 +55,15 @@ def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, 
     install(tmp_path / "site", "bad-dist", {"bad": "bad_solver:Bad"}, bad_solver=text)
     install(tmp_path / "site", "lost-dist", {"lost": "no_such_module:Solver"})
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    e1 = [faulty.SEGFAULT, faulty.HANG, faulty.SEGFAULT, faulty.RAISE, faulty.RAISE, faulty.SHORT]
-    config = _config(tmp_path, [*e1, *[0.9] * 14], solvers=["bad", "lost", "kelvin-voigt"], chunk_size=2)
+    e1 = [faulty.SEGFAULT, faulty.RAISE, faulty.SHORT, *[0.9] * 9, faulty.HANG]
+    config = _config(tmp_path, e1, solvers=["bad", "lost", "kelvin-voigt"], chunk_size=2)
     folder = run_sweep(config, tmp_path / "a", workers=2)
     failed = _failed(_rows(tmp_path / "a"))
-    lost = {failed.pop((cell, "lost")) for cell in range(20)}
-    assert failed == {(cell, "bad"): SAID[each] for cell, each in enumerate(e1)}
+    lost = {failed.pop((cell, "lost")) for cell in range(13)}
+    assert failed == {(cell, "bad"): SAID[each] for cell, each in enumerate(e1) if each != 0.9}
     assert {status for status, _ in lost} == {"unavailable"}
     assert "no_such_module" in lost.pop()[1]
-    assert folder.manifest()["sessions"][0]["processes_lost"] >= 7
+    assert folder.manifest()["sessions"][0]["processes_lost"] >= 4
 
 
 def test_a_reference_that_dies_leaves_the_others_a_result_without_a_comparison(tmp_path):
