@@ -87,14 +87,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a name that a terminal cannot show ends no run
     typed = list(sys.argv[1:] if arguments is None else arguments)
     if typed and typed[0] in FORMER:
-        return _fail(f"{typed[0]}: of an earlier version; now: {PROGRAM} {FORMER[typed[0]]}", 2)
+        return _fail(f"{typed[0]}: of an earlier version; now: {FORMER[typed[0]]}", 2)
     try:
         result = typer.main.get_command(app).main(typed, prog_name=PROGRAM, standalone_mode=False)
     except _UsageError as error:
         # There is no context where an option of a command has no value.
         where = error.ctx.command_path if error.ctx is not None else f"{PROGRAM} {typed[0]}"
         message = re.sub(r"^Invalid value for '\[?(.+?)\]?': ", r"\1 = ", error.format_message())
-        return _fail(f"{message.rstrip('.')}. Try '{where} --help'.", 2)
+        end = "" if message.endswith("?") else "."
+        return _fail(f"{message.rstrip('.')}{end} Try '{where} --help'.", 2)
     except UserError as error:
         return _fail(str(error), 2)
     except InterruptedRunError as error:

@@ -79,5 +79,5 @@ def test_both_words_for_help_are_legal_everywhere(capsys):
 def test_former_names_say_what_there_is_instead(capsys):
     for name, instead in FORMER.items():
         assert main([name, "x"]) == 2
-        said = f"impact-xval: {name}: of an earlier version; now: impact-xval {instead}\n"
+        said = f"impact-xval: {name}: of an earlier version; now: {instead}\n"
         assert capsys.readouterr().err == said
