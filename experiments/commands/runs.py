@@ -60,9 +60,8 @@ def run(
     from impact_xval.experiments.presentation.terminal import make_console
     from impact_xval.experiments.sweep.run import run_sweep
 
-    name = experiment.name if config is None or "name" in experiment.model_fields_set else config.stem
     # A name in which nothing can leave the folder or hide.
-    root = out or Path("runs") / (re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run")
+    root = out or Path("runs") / (re.sub(r"[^A-Za-z0-9._-]+", "-", experiment.name).strip("-.") or "run")
     words: list[Any] = ["run", *(["--quick"] if quick else []), *([config] if config else []), "--out", root]
     words += ["--scheduler", scheduler] if scheduler else []
     words += ["--shard", shard] if part != (1, 1) else []
@@ -91,7 +90,8 @@ def run(
 
         show_end(console, summaries[-1], time.perf_counter() - start, str(folder.root))
         if len(experiment.solvers) > 1 and not _compared(summaries[-1]):
-            error_line("no cell could be compared; impact-xval show DIR says why, solver by solver")
+            shown = shlex.join(["impact-xval", "show", str(folder.root)])
+            error_line(f"no cell could be compared; {shown} says why, solver by solver")
             raise typer.Exit(1)
 
 
@@ -246,7 +246,7 @@ def hypothesis(
 def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
     """Read an experiment from a file, or else from the folder of a run; without either it is the built-in one."""
     from impact_xval.experiments.config.experiment import load_config, parse_config
-    from impact_xval.experiments.tables.folder import CONFIGURATION, RunFolder
+    from impact_xval.experiments.tables.folder import CONFIGURATION
 
     if file is not None:
         if quick:
@@ -259,7 +259,7 @@ def _experiment(file: Path | None, root: Path | None, quick: bool) -> Config:
         built_in = parse_config({"name": "quick", "grid": axes}, "built-in experiment")
     if root is None or not (root / CONFIGURATION).exists():
         return built_in
-    kept = RunFolder(root).config()
+    kept = load_config(root / CONFIGURATION)
     if quick and kept.identity() != built_in.identity():
         raise UserError(f"--quick with --out {root}: holds another run; legal: --out {root}")
     return kept

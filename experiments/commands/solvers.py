@@ -75,13 +75,13 @@ def _check(name: str, law: str) -> None:
     console, failed = make_console(), 0
     with contextlib.closing(Worker((name, law))) as worker:
         for number, check in enumerate(conformance.checks(law)):
+            words = check.__name__.replace("_", " ")
             try:
-                with at_work(f"checking {name}"):
+                with at_work(f"checking {name}: {words}"):
                     problem = worker.call(_found, number, timeout=_TO_CHECK)
             except FaultError as fault:
                 problem = fault.reason
             failed += bool(problem)
-            words = check.__name__.replace("_", " ")
             print_line(console, f"FAILED  {words}: {problem}" if problem else f"passed  {words}")
     if failed:
         print_line(console, f"{failed} checks failed; what each demands is in docs/adding-a-solver.md")

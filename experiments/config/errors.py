@@ -53,15 +53,18 @@ def dotted(parts: Sequence[str | int]) -> str:
     return ".".join(map(str, parts))
 
 
-def validated(model: type[_Model], data: dict[str, Any], where: str, name: FieldName = dotted) -> _Model:
+def validated(
+    model: type[_Model], data: dict[str, Any], where: str, name: FieldName = dotted, context: Any = None
+) -> _Model:
     """Validate plain values; a `UserError` tells the first mistake and counts the others.
 
     The line begins with `where`, if it is not empty, and names fields by `name`; what is legal is their description.
+    The context is for validators of the model.
     """
     from pydantic import ValidationError  # the commands that read no table start without it
 
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context=context)
     except ValidationError as error:
         first, *others = error.errors(include_url=False)
         more = f" (and {len(others)} more)" if others else ""
@@ -78,7 +81,9 @@ def _one_line(problem: Any, model: type[BaseModel], name: FieldName) -> str:
             inside = _fields(inside[key].annotation)
     match problem["type"]:
         case "extra_forbidden":
-            return f"{field} = {value}: unknown key{hint(str(location[-1]), [*inside])}; legal: {', '.join(inside)}"
+            key = str(location[-1])
+            above = " (it belongs above every [table])" if key in model.model_fields else hint(key, [*inside])
+            return f"{field} = {value}: unknown key{above}; legal: {', '.join(inside)}"
         case "missing":
             return f"{field}: missing; legal: {legal}"
         case "value_error":
@@ -95,7 +100,7 @@ def _fields(annotation: Any) -> dict[str, Any]:
 
 def hint(word: str, known: Sequence[str]) -> str:
     """Ask in brackets whether a known word was meant; empty if none is like it."""
-    close = difflib.get_close_matches(word, known, n=1)
+    close = difflib.get_close_matches(word.lower(), known, n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from impact_xval.compliant_baselines.states import SHORTEST_STATE
 from impact_xval.experiments.config.arrangements import Arranged, ColumnTable
@@ -49,6 +49,9 @@ COSMETIC = ("name", "workers", "figure_cell", "figure_column", "cells")
 
 #: The solver every other one is compared with; part of every run.
 REFERENCE = "state-transition"
+
+#: Where an experiment is read of a run that is there: a solver of its tables may be installed no longer.
+KEPT = "kept"
 
 _NAME = "1 to 100 printable characters"
 
@@ -166,9 +169,9 @@ class Config(Strict):
 
     @field_validator("solvers")
     @classmethod
-    def _known_solvers(cls, value: list[str]) -> list[str]:
+    def _known_solvers(cls, value: list[str], info: ValidationInfo) -> list[str]:
         problem = solvers_problem(value)
-        if problem:
+        if problem and info.context != KEPT:
             raise ValueError(problem)
         # The reference leads, asked for or not: without it there is nothing to diverge from.
         return [REFERENCE, *(name for name in value if name != REFERENCE)]
@@ -289,13 +292,16 @@ def solvers_problem(names: list[str]) -> str | None:
     return None if names else f"[] is empty; legal: one or more of {', '.join(known)}"
 
 
-def load_config(path: Path | str) -> Config:
-    """Read an experiment from a TOML file; a `UserError` names file, field, value and legal range."""
+def load_config(path: Path | str, context: str = "") -> Config:
+    """Read an experiment from a TOML file, whose name it has by default; in the context `KEPT` of a run that is there.
+
+    A `UserError` names file, field, value and legal range.
+    """
     path = Path(path)
-    data = read_toml(path)
+    data = {"name": path.stem} | read_toml(path)
     if isinstance(data.get("cells"), str) and data["cells"]:
         data["cells"] = str(path.parent / data["cells"])  # beside the file that names it
-    return parse_config(data, where=str(path))
+    return validated(Config, data, str(path), context=context)
 
 
 def parse_config(data: dict[str, Any], where: str = "configuration", name: FieldName = dotted) -> Config:

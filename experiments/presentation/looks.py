@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Of the model.
-BLACK = "#000000"
+from impact_xval.compliant_baselines.registry import solver_names
 
-#: Okabe and Ito's palette, of the others.
-_PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-#: Of the solvers that come with the project.
-FIXED = {
-    "state-transition": (BLACK, "", "-"),
+#: Of the solvers of most runs, by Okabe and Ito's palette.
+_FIXED = {
+    "state-transition": ("#000000", "", "-"),
     "mujoco": ("#0072B2", "o", "-"),
     "pybullet": ("#D55E00", "s", "--"),
     "kelvin-voigt": ("#009E73", "^", "-."),
@@ -22,6 +19,9 @@ FIXED = {
     "liu-zhao-brogliato": ("#5D3A9B", "*", (0, (3, 1))),
     "drake": ("#E69F00", "v", (0, (5, 1, 1, 1, 1, 1))),
 }
+#: Of the others, in the order in which solvers are listed: other colours, by Tol's muted palette.
+_COLORS = ("#882255", "#44AA99", "#999933", "#332288", "#661100", "#AA4499", "#117733", "#DDCC77")
+_MARKERS = ("P", "X", "h", ">", "p")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +33,10 @@ class Look:
     dash: str | tuple[int, tuple[int, ...]]
 
 
-def look(solver: str, position: int = 0) -> Look:
-    """Return the look of a solver; an unknown one gets a colour by its position."""
-    if solver in FIXED:
-        return Look(*FIXED[solver])
-    return Look(_PALETTE[position % len(_PALETTE)], "P", "--")
+def look(solver: str) -> Look:
+    """Return the look of a solver, the same in every figure."""
+    if solver in _FIXED:
+        return Look(*_FIXED[solver])
+    others = [name for name in solver_names(on_request=True) if name not in _FIXED]
+    place = others.index(solver) if solver in others else 0
+    return Look(_COLORS[place % len(_COLORS)], _MARKERS[place % len(_MARKERS)], "--")

@@ -24,8 +24,10 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from impact_xval.compliant_baselines.answers import visible
+from impact_xval.compliant_baselines.registry import solver_names
+from impact_xval.experiments.config.experiment import REFERENCE
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
-from impact_xval.experiments.presentation.looks import BLACK, FIXED
+from impact_xval.experiments.presentation.looks import look
 
 #: What is said before kernels are compiled.
 COMPILING = "compiling the kernels, once for each installation: half a minute or more"
@@ -69,15 +71,14 @@ def _renderables(blocks: Iterable[Block]) -> Iterator[Any]:
 
 def _table(block: Table) -> RichTable:
     """Lay out a table; a solver has the colour that it has in figures, the model, black there, none."""
-    table = RichTable(box=None, pad_edge=False)
+    table, known = RichTable(box=None, pad_edge=False), {*solver_names(on_request=True)} - {REFERENCE}
     for place, title in enumerate(block.header):
         table.add_column(Text(visible(str(title))), justify="left" if place < block.text else "right")
     for row in block.rows:
         cells = [Text(visible(str(cell))) for cell in row]
         for title, cell in zip(block.header, cells, strict=True):
-            color, *_ = FIXED.get(cell.plain, (BLACK,))
-            if title == "solver" and color != BLACK:
-                cell.stylize(color)
+            if title == "solver" and cell.plain in known:
+                cell.stylize(look(cell.plain).color)
         table.add_row(*cells)
     return table
 

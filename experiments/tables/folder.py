@@ -24,7 +24,7 @@ from filelock import FileLock, Timeout
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.cells import Cells, experiment_cells, listed
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.experiment import COSMETIC, Config, load_config
+from impact_xval.experiments.config.experiment import COSMETIC, KEPT, Config, load_config
 from impact_xval.experiments.tables.parquet import blocks, column, replacing, table_writer
 from impact_xval.experiments.tables.schema import Layout
 
@@ -74,7 +74,7 @@ class RunFolder:
         path = self.root / CONFIGURATION
         if not path.exists():
             raise UserError(f"{self.root}: no {CONFIGURATION}; legal: the folder of a run ({FORMAT})")
-        return load_config(path)
+        return load_config(path, KEPT)
 
     def manifest(self) -> dict[str, Any]:
         """Read the manifest, of this format."""

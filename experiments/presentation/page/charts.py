@@ -252,8 +252,8 @@ def _chart(name: str, across: str, up: str) -> Any:
 
 def _with_solvers(plot: Any, solvers: Sequence[str], lines: str, points: str) -> Any:
     """Add a line and points for each solver; their sources have these names, with that of the solver."""
-    for position, name in enumerate(solvers):
-        style = look(name, position)
+    for name in solvers:
+        style = look(name)
         dash = _DASHES.get(style.dash, "solid") if isinstance(style.dash, str) else list(style.dash[1])
         named_alike = {
             each: ColumnDataSource({"x": [], "y": []}, name=f"{each} {name}") for each in (lines, points)

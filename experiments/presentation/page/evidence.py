@@ -13,7 +13,7 @@ from impact_xval.experiments.measures.summary import HONEST, Summary
 from impact_xval.experiments.presentation import findings
 from impact_xval.experiments.presentation.document import Block, Section, Table, together
 from impact_xval.experiments.presentation.findings import CUTS, D, unit_of
-from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, MEANINGS, named
+from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, MEANINGS, begun, named
 from impact_xval.experiments.tables.folder import RunFolder
 from impact_xval.experiments.tables.numbers import listed, number, percent
 from impact_xval.experiments.tables.parquet import column
@@ -22,6 +22,12 @@ _REASONS = 10
 
 #: What is said of limits dt -> 0: columns of `Summary.estimates`.
 _ERRORS = ("step", "error", "asked")
+
+#: What the laws are that stand beside the model in most runs.
+_LAWS = {
+    "kelvin-voigt": "exact Kelvin-Voigt is what engines are set to, springs with dashpots",
+    "bistiffness": "exact bistiffness is the model's own restitution in bodies that move",
+}
 
 GLOSSARY = (
     ("model", "the state-transition model of Jia, Mason and Erdmann, solved exactly"),
@@ -58,11 +64,8 @@ def question(summary: Summary) -> str:
             "solved exactly by the state-transition model of Jia, Mason and Erdmann (2013), in which bodies stay in "
             f"place while they collide, and by {solvers}."
         )
-    return (
-        f"{beginning} Exact Kelvin-Voigt is what engines are set to, springs with dashpots; exact bistiffness is the "
-        "model's own restitution in bodies that move. The model is the yardstick, not the truth. "
-        f"{LAWS_WITH_LAWS}"
-    )
+    laws = "; ".join(said for name, said in _LAWS.items() if name in summary.solvers)
+    return f"{beginning} {begun(laws + '. ') * bool(laws)}The model is the yardstick, not the truth. {LAWS_WITH_LAWS}"
 
 
 def _span(summary: Summary, axis: str, label: str) -> str:

@@ -9,6 +9,7 @@ import re
 import shlex
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ def opened_cells(folder: RunFolder, cells: Sequence[int]) -> dict[int, dict[str,
         end = [_per(row.get(name), row["m1"] * speed) for name in ("impulse1", "impulse2")]
         cell = shown[row["cell"]]
         cell["at"] = {label: _value(row[axis]) for axis, label in axes.items() if row[axis] is not None}
-        cell["commands"] = _commands(folder.root.name, config, row)
+        cell["commands"] = _commands(folder.root, config, row)
         cell["results"].append(
             {
                 "name": named(row["solver"]),
@@ -114,9 +115,9 @@ def _per(value: float | None, unit: float) -> float | None:
     return None if value is None else value / unit
 
 
-def _commands(root: str, config: Config, row: dict[str, Any]) -> list[list[str]]:
-    """Write what opens a cell on a terminal, as it is typed beside the run's folder."""
-    run, cell = shlex.quote(root), row["cell"]
+def _commands(root: Path, config: Config, row: dict[str, Any]) -> list[list[str]]:
+    """Write what opens a cell on a terminal, from where the run was begun."""
+    run, cell = shlex.quote(str(root)), row["cell"]
     show = ["every cause, in every order", f"impact-xval show {run} --cell {cell}"]
     if config.column is not None:
         given = {axis: row[axis] for axis in COLUMN_AXES if row[axis] is not None}

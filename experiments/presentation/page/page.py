@@ -96,13 +96,11 @@ def _numbers(summary: Summary) -> Iterator[tuple[Value, str]]:
         what = "D" if summary.config.column is None else "distance of the limit dt -> 0, per |v0|,"
         yield median, f"is the median {what} of {named(name)} from {named(law)}, the law it was set to"
     for name in summary.ladder.solvers[:1]:
-        regions = [(f"all {unit}", ("all", math.nan)), *summary.ladder.regions.items()]
-        there = [(label, place) for label, place in regions if len(summary.ladder.region(name, *place))]
-        label, place = there[min(1, len(there) - 1)]  # the first region that is told apart
-        causes = findings.shares(summary, name, *place)
-        if causes and cancelling(summary.ladder.region(name, *place).share) is None:
+        causes = findings.shares(summary, name)
+        if causes and cancelling(summary.ladder.region(name).share) is None:
             cause, share = next(iter(causes.items()))
-            yield share, f"of {named(name)}'s mean D ({label}) is due to {findings.LABELS[cause]}"
+            label = findings.LABELS[cause]
+            yield share, f"of {named(name)}'s mean D over all {unit} is due to {label}; by region it differs"
 
 
 def _advice(summary: Summary, captions: Captions) -> Section:
@@ -137,7 +135,7 @@ def _step(summary: Summary, name: str, step: float) -> Text:
     known = summary.estimates.set_index("solver").loc[name]
     return say(
         "At {run} steps a period {solver} is off by {median} |v0| (median; 95 % of the cells: less than {p95}); for an "
-        "error below {accepted} |v0| in 95 % of the cells take about {n} (extrapolated).",
+        "error below {accepted} |v0| in 95 % of the cells take about {n} steps a period (extrapolated).",
         run=number(1 / summary.config.step_fraction),
         solver=named(name),
         median=Value(known.step_median, f"{name} step median"),

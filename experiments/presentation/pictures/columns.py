@@ -55,7 +55,7 @@ def velocities_figure(drawn: Mapping[str, Sequence[float]]) -> Figure:
         width = 0.8 / len(drawn)
         for position, (name, velocities) in enumerate(drawn.items()):
             place = balls + width * (position + 0.5 - 0.5 * len(drawn))
-            ax.bar(place, velocities, width, color=look(name, position).color, label=named(name))
+            ax.bar(place, velocities, width, color=look(name).color, label=named(name))
         step = max(1, len(balls) // 20)
         ax.set_xticks(balls[::step])
         ax.set_xlabel("ball, 1 at the top")

@@ -41,8 +41,8 @@ def _whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figu
     with drawing(9.2, 4.2) as figure:
         whole, detail = figure.subplots(1, 2)
         for ax, title in ((whole, "whole curves"), (detail, "where the curves end")):
-            for position, (name, curve) in enumerate(points.items()):
-                _curve(ax, name, position, *curve.T)
+            for name, curve in points.items():
+                _curve(ax, name, *curve.T)
             compression_lines(ax, mass_ratio, 1.05 * max(curve.max() for curve in points.values()))
             impulse_labels(ax)
             ax.set_title(title)
@@ -56,9 +56,9 @@ def _whole_and_ends(points: Mapping[str, np.ndarray], mass_ratio: float) -> Figu
     return figure
 
 
-def _curve(ax: Any, name: str, position: int, impulse1: np.ndarray, impulse2: np.ndarray) -> None:
+def _curve(ax: Any, name: str, impulse1: np.ndarray, impulse2: np.ndarray) -> None:
     """Draw an impulse curve and where it ends; that of the model is wide, so that others are seen on it."""
-    style, model = look(name, position), name == REFERENCE
+    style, model = look(name), name == REFERENCE
     width = {"linewidth": 2.6, "alpha": 0.85} if model else {"linewidth": 1.5}
     ax.plot(impulse1, impulse2, color=style.color, linestyle=style.dash, label=named(name), **width)
     ax.plot(impulse1[-1], impulse2[-1], color=style.color, marker=style.marker or "*")
@@ -101,9 +101,9 @@ def draw_collision(collision: Collision, paths: Mapping[str, Path]) -> Figure:
         curve = figure.add_subplot(grid[:, 0])
         upper = figure.add_subplot(grid[0, 1])
         lower = figure.add_subplot(grid[1, 1], sharex=upper)
-        for position, (name, path) in enumerate(paths.items()):
-            style, impulses = look(name, position), path.impulses / unit.impulse
-            _curve(curve, name, position, *impulses.T)
+        for name, path in paths.items():
+            style, impulses = look(name), path.impulses / unit.impulse
+            _curve(curve, name, *impulses.T)
             line = {"color": style.color, "linestyle": style.dash, "label": named(name), "linewidth": 1.5}
             for ax, velocity in zip((upper, lower), path.velocities.T, strict=True):
                 ax.plot(impulses.sum(axis=1), velocity / unit.velocity, **line)

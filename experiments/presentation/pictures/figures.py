@@ -114,7 +114,7 @@ def _over(
             label_places(ax.xaxis, here, 8)
             ax.set_xlabel("number of balls N" if axis == "balls" else "stiffness ratio k2/k1 (-)")
             for position, solver in enumerate(solvers):
-                style = look(solver, position)
+                style = look(solver)
                 at = np.arange(len(here)) + 0.6 * ((position + 0.5) / len(solvers) - 0.5)
                 grouped = some[some.solver == solver].groupby(axis)[measure]
                 if measure == FULL_PATHS:
@@ -161,8 +161,8 @@ def draw_steps(summary: Summary) -> Iterator[Drawn]:
     known = summary.estimates.set_index("solver")
     with drawing(6.2, 3.2) as figure:
         ax = figure.subplots()
-        for position, (name, step) in enumerate(steps.items()):
-            style, h = look(name, position), np.geomspace(f, max(4 * f, min(0.1, 1.5 * step)), 20)
+        for name, step in steps.items():
+            style, h = look(name), np.geomspace(f, max(4 * f, min(0.1, 1.5 * step)), 20)
             for cut, width, label in (("median", 0.9, None), ("p95", 1.8, named(name))):
                 error = known[f"step_{cut}"][name]
                 ax.plot(f, error, color=style.color, marker=style.marker)
