@@ -50,9 +50,9 @@ class Bodies(NamedTuple):
         return 1 / (1 / self.masses[0] + 1 / self.masses[1])
 
     @property
-    def inverse_weight(self) -> float:
-        """Sum of the inverse weights by which the engine scales a direct solref, in 1/kg."""
-        return sum(weight[0] for weight in self.weights)
+    def scale(self) -> float:
+        """Mass in kg by which the engine scales a direct solref: one over the sum of the inverse weights."""
+        return 1 / sum(weight[0] for weight in self.weights)
 
 
 def contacts(model: Any) -> dict[Bodies, list[str]]:
@@ -79,16 +79,15 @@ def contacts(model: Any) -> dict[Bodies, list[str]]:
     named = {tuple(geoms): i for i, geoms in enumerate(pairs)}
     found: dict[Bodies, list[str]] = {}
     for geoms in sorted(met, key=lambda geoms: (named.get(geoms, model.npair), geoms)):
-        a, b = sorted(model.geom_bodyid[[*geoms]].tolist(), key=lambda body: masses[body])
+        a, b = sorted(model.geom_bodyid[[*geoms]].tolist(), key=masses.__getitem__)
         if masses[a] < math.inf:
-            own = tuple((name, _plain(getattr(met[geoms], its))) for name, its in _PARAMETERS.items())
+            values = ((name, getattr(met[geoms], its)) for name, its in _PARAMETERS.items())
+            pair = tuple((name, tuple(x.tolist()) if isinstance(x, np.ndarray) else x) for name, x in values)
             weights = _rounded(model.body_invweight0[a]), _rounded(model.body_invweight0[b])
+            mixed = None if geoms in named else _mixed(model, geoms, dict(pair)["solref"])
             where = " and ".join(model.geom(geom).name or f"#{geom}" for geom in geoms)
-            if geoms in named:
-                where, mixed = f"pair {model.pair(named[geoms]).name or where}", None
-            else:
-                where, mixed = f"geoms {where}", _mixed(model, geoms, dict(own)["solref"])
-            found.setdefault(Bodies((masses[a], masses[b]), weights, own, mixed), []).append(where)
+            where = f"pair {model.pair(named[geoms]).name or where}" if geoms in named else f"geoms {where}"
+            found.setdefault(Bodies((masses[a], masses[b]), weights, pair, mixed), []).append(where)
     return found
 
 
@@ -100,10 +99,6 @@ def _mixed(model: Any, geoms: tuple[int, ...], solref: tuple[float, ...]) -> tup
     return None if override or same or min(solref) > 0 else (one, two)
 
 
-def _plain(value: Any) -> Any:
-    return tuple(value.tolist()) if isinstance(value, np.ndarray) else value
-
-
 def called(where: list[str]) -> str:
     """Name places that have something in common: the first, and how many others."""
     return where[0] + (f" and {len(where) - 1} more" if len(where) > 1 else "")
@@ -111,8 +106,6 @@ def called(where: list[str]) -> str:
 
 def _mass(model: Any, data: Any, body: int) -> float:
     """Mass in the direction in which a body moves most easily, in kg: one over the largest eigenvalue of J M^-1 J^T."""
-    if model.body_weldid[body] == 0 or not model.nv:
-        return math.inf
     mujoco: Any = import_module("mujoco")
     jacobian, solved = np.zeros((3, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
@@ -144,10 +137,8 @@ def alone(bodies: Bodies, option: Any, step: float, speed: float) -> Any:
     spec.add_pair(geomname1="A", geomname2="B", **dict(bodies.pair))
     model = spec.compile()
     model.body_invweight0[1:] = bodies.weights[: model.nbody - 1]
+    model.opt = option  # a copy
     own = model.opt
-    for name in dir(option):
-        if not name.startswith("_"):
-            setattr(own, name, getattr(option, name))
     own.timestep, own.gravity, own.density, own.viscosity = step, np.zeros(3), 0.0, 0.0
     # A run that goes wrong does not start again, and a slow body does not sleep.
     own.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -165,8 +156,8 @@ def dropped(model: Any, mass: float, speed: float) -> dict[str, Any]:
         drops += [_drop(model, place, speed) for place in PLACES[2:]]
     e, steps = np.mean(drops, axis=0).tolist()
     duration = steps * model.opt.timestep
-    found = {"restitution": e, "restitution_range": (min(drops)[0], max(drops)[0])}
-    found |= {"duration": duration, "steps": steps}
+    spread = min(drops)[0], max(drops)[0]
+    found = {"restitution": e, "restitution_range": spread, "duration": duration, "steps": steps}
     if e > 0:
         zeta = damping_ratio(min(e, 1.0))
         k = mass * (contact_time(zeta) / duration) ** 2
