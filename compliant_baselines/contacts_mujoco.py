@@ -17,6 +17,8 @@ import numpy as np
 
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 
+mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
+
 #: Places of the touch within a step, the first two far apart; two are enough for a contact of `LONG` steps.
 PLACES = tuple((18 * i % 32 + 1) / 32 for i in range(16))
 LONG = 250
@@ -61,7 +63,6 @@ def contacts(model: Any) -> dict[Bodies, list[str]]:
     The engine says which geoms can touch, and combines their parameters: in a copy of the scene all are at one place,
     and of a shape whose overlap it always finds.
     """
-    mujoco: Any = import_module("mujoco")
     near = copy(model)
     near.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     near.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -94,7 +95,7 @@ def contacts(model: Any) -> dict[Bodies, list[str]]:
 def _mixed(model: Any, geoms: tuple[int, ...], solref: tuple[float, ...]) -> tuple[Any, Any] | None:
     """Give the solrefs of two geoms that the engine has mixed, if any of them is direct."""
     one, two = (tuple(model.geom_solref[geom].tolist()) for geom in geoms)
-    override = model.opt.enableflags & int(import_module("mujoco").mjtEnableBit.mjENBL_OVERRIDE)
+    override = model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
     same = one == two or np.ptp(model.geom_priority[[*geoms]]) > 0
     return None if override or same or min(solref) > 0 else (one, two)
 
@@ -106,7 +107,6 @@ def called(where: list[str]) -> str:
 
 def _mass(model: Any, data: Any, body: int) -> float:
     """Mass in the direction in which a body moves most easily, in kg: one over the largest eigenvalue of J M^-1 J^T."""
-    mujoco: Any = import_module("mujoco")
     jacobian, solved = np.zeros((3, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
     mujoco.mj_solveM(model, data, solved, jacobian)
@@ -124,7 +124,6 @@ def alone(bodies: Bodies, option: Any, step: float, speed: float) -> Any:
 
     The lighter one is above. The radius is the depth that a drop at this speed could reach before it is given up.
     """
-    mujoco: Any = import_module("mujoco")
     spec, kinds, radius = mujoco.MjSpec(), mujoco.mjtGeom, speed * step * MOST_STEPS
     for name, mass, height in zip("AB", bodies.masses, (radius, -radius), strict=True):
         body, shape = spec.worldbody, {"type": kinds.mjGEOM_PLANE, "size": (0, 0, 1)}
@@ -167,7 +166,6 @@ def dropped(model: Any, mass: float, speed: float) -> dict[str, Any]:
 
 def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
     """Restitution, and steps from the first to the last change of the rate; a place from 0 to 1 within a step."""
-    mujoco: Any = import_module("mujoco")
     data = mujoco.MjData(model)
     data.qpos[0], data.qvel[0] = model.pair_margin[0] + place * speed * model.opt.timestep, -speed
     before, first, last, rounding = -speed, 0, 0, ROUNDING * speed
@@ -184,7 +182,6 @@ def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
 
 def rest(model: Any, load: float) -> float | None:
     """Depth in m at which bodies that are `alone` carry a load in N; None if they carry none, or there is no load."""
-    mujoco: Any = import_module("mujoco")
     data, touch = mujoco.MjData(model), float(model.pair_margin[0])
 
     def carried(depth: float) -> bool:

@@ -11,7 +11,6 @@ lighter body, in the gravity of the scene.
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -146,7 +145,7 @@ def measure_model(model: Any, speed: float = 1.0) -> list[Measured]:
     """
     rows, gravity = [], float(np.linalg.norm(model.opt.gravity))
     with Mujoco().running():  # without its warnings
-        for bodies, where in itertools.islice(contacts(model).items(), MOST_ROWS):
+        for bodies, where in list(contacts(model).items())[:MOST_ROWS]:
             row = Measured(called(where), bodies.masses)
             try:
                 own = alone(bodies, model.opt, model.opt.timestep, speed)
