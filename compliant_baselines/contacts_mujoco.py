@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impact_xval.compliant_baselines.engines.mujoco import mjcf
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
 
 mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
@@ -124,18 +125,16 @@ def alone(bodies: Bodies, option: Any, step: float, speed: float) -> Any:
 
     The lighter one is above. The radius is the depth that a drop at this speed could reach before it is given up.
     """
-    spec, kinds, radius = mujoco.MjSpec(), mujoco.mjtGeom, speed * step * MOST_STEPS
-    for name, mass, height in zip("AB", bodies.masses, (radius, -radius), strict=True):
-        body, shape = spec.worldbody, {"type": kinds.mjGEOM_PLANE, "size": (0, 0, 1)}
-        if math.isfinite(mass):
-            inertial = {"mass": mass, "inertia": (mass, mass, mass), "explicitinertial": True}
-            body = spec.worldbody.add_body(name=name, pos=(0, 0, height), **inertial)
-            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
-            shape = {"type": kinds.mjGEOM_SPHERE, "size": (radius, 0, 0)}
-        body.add_geom(name=name, contype=0, conaffinity=0, **shape)
-    spec.add_pair(geomname1="A", geomname2="B", **dict(bodies.pair))
+    fixed, radius = math.isinf(bodies.masses[1]), speed * step * MOST_STEPS
+    spec = mujoco.MjSpec.from_string(mjcf(2 - fixed, table=fixed))
+    for name, value in bodies.pair:
+        setattr(spec.pairs[0], name, value)
     model = spec.compile()
-    model.body_invweight0[1:] = bodies.weights[: model.nbody - 1]
+    model.geom_size[1:, 0] = model.geom_rbound[1:] = radius
+    model.body_pos[1:, 2] = (radius, -radius)[: model.nv]
+    model.body_mass[1:] = bodies.masses[: model.nv]
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from the masses, weights apart
+    model.body_invweight0[1:] = bodies.weights[: model.nv]
     model.opt = option  # a copy
     own = model.opt
     own.timestep, own.gravity, own.density, own.viscosity = step, np.zeros(3), 0.0, 0.0
@@ -191,7 +190,7 @@ def rest(model: Any, load: float) -> float | None:
         mujoco.mj_forward(model, data)
         return data.qacc[0] > data.qacc[1:].sum()
 
-    low, high = 0.0, float(model.geom("A").size[0])
+    low, high = 0.0, float(model.geom_size[1, 0])
     if not load or not carried(high):
         return None
     while low < (middle := 0.5 * (low + high)) < high:

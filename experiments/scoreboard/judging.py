@@ -9,6 +9,7 @@ import pandas as pd
 
 from impact_xval.compliant_baselines.registry import engine_free_names, is_engine
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.divergence import masses_and_starts, norms
 from impact_xval.experiments.scoreboard.cases import STEPS, USUAL, column
 
@@ -27,8 +28,6 @@ _ENOUGH = 0.9
 _WORST = [f"D_{MODEL}", "energy_gained", "energy_lost", "momentum_error", "spread", "step_spread"]
 
 _CASE = ["solver", "case", "e"]
-
-Frame = Any  # pandas: what its operators return is known to no type checker
 
 
 def judge(answers: Frame) -> Frame:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from impact_xval.compliant_baselines.registry import is_engine, is_mapped, law_of
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
 from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, RESTITUTIONS
-from impact_xval.experiments.scoreboard.judging import FROM_LAWS, MODEL, Frame, judge, laws
+from impact_xval.experiments.scoreboard.judging import FROM_LAWS, MODEL, judge, laws
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.experiments.tables.parquet import replacing
@@ -114,10 +113,9 @@ def draw_cradle(judged: Frame, folder: Path) -> None:
     with drawing(9.5, 0.8 + 0.26 * len(v)) as figure:
         axes = figure.subplots(1, 5, sharey=True)
         for ball, ax in enumerate(axes, 1):
-            ax.barh(range(len(v)), v[f"v{ball}"], height=0.7, color=colors)
+            ax.barh(list(map(called, v.index)), v[f"v{ball}"], height=0.7, color=colors)
             ax.axvline(1.0 if ball == 1 else 0.0, color="0.6", linewidth=3, zorder=0)
             ax.set(xlim=(-0.7, 1.1), title=f"ball {ball}", xlabel="v/v0 (-)")
-        axes[0].set_yticks(range(len(v)), list(map(called, v.index)))
         axes[0].invert_yaxis()
     save(figure, folder, "cradle")
 
@@ -141,15 +139,14 @@ def how(row: Frame) -> str:
 
 def answers_in_words(followed: Frame) -> list[Block]:
     """Say which engines answer by which law, and whose answers hang on what no one means."""
-    by_law = (
-        followed.index.map(called)
-        .to_series()
-        .groupby(np.array(list(map(how, followed.itertuples()))), sort=False)
-    )
-    said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law]
-    if said:
-        least = number(followed[f"D_{MODEL}"].min(), 2)
-        said.append(f"From the state-transition model each ends D = {least} or more in some case.")
+    if followed.empty:
+        return []
+    by_law: dict[str, list[str]] = {}
+    for row in followed.itertuples():
+        by_law.setdefault(how(row), []).append(called(row.Index))
+    said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law.items()]
+    least = number(followed[f"D_{MODEL}"].min(), 2)
+    said.append(f"From the state-transition model each ends D = {least} or more in some case.")
     sensitive = followed[followed.spread > SENSITIVE].sort_values("spread").itertuples()
     moved = [f"{called(row.Index)} ({row.spread_of}: {number(row.spread, 2)})" for row in sensitive]
     chance = (
@@ -157,7 +154,7 @@ def answers_in_words(followed: Frame) -> list[Block]:
         f"its line and made in the other order. That moves by more than D = {SENSITIVE} the answers of "
         f"{listed(moved)}: in brackets what moves it most, and by which D."
     )
-    return [*([" ".join(said)] if said else []), *([chance] if moved else [])]
+    return [" ".join(said), *([chance] if moved else [])]
 
 
 def board_of(judged: Frame, followed: Frame) -> Table:

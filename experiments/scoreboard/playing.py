@@ -38,11 +38,8 @@ _LONGEST = 120.0
 
 def entrants(names: Sequence[str] = ()) -> list[str]:
     """Name the exact laws, and the engines that are given, or all that are installed."""
-    installed = (
-        name
-        for name in solver_names(on_request=True)
-        if is_engine(name) and get_solver(name).unavailable() is None
-    )
+    engines = filter(is_engine, solver_names(on_request=True))
+    installed = (name for name in engines if get_solver(name).unavailable() is None)
     return list(dict.fromkeys([*engine_free_names(), *(names or installed)]))
 
 

@@ -190,11 +190,8 @@ def test_the_published_board_is_what_its_page_and_docs_say():
     folder = Path(__file__).parents[3] / "docs" / "scoreboard"
     judged = judge(pd.read_parquet(folder / "answers.parquet"))
     found = laws(judged)
-    text, page, shown = (
-        (folder.parent / "scoreboard.md").read_text(),
-        page_in(folder),
-        rows_of(board_of(judged, found)),
-    )
+    text, page = (folder.parent / "scoreboard.md").read_text(), page_in(folder)
+    shown = rows_of(board_of(judged, found))
     assert len(shown) == 21
     for row, (name, its) in zip(shown, found.iterrows(), strict=True):
         assert row in page
