@@ -22,6 +22,7 @@ from impact_xval.compliant_baselines.contacts_mujoco import Bodies, alone, calle
 from impact_xval.compliant_baselines.engines.mujoco import Mujoco
 from impact_xval.compliant_baselines.mapping import (
     MUJOCO_DEFAULT_SOLIMP,
+    MUJOCO_DEFAULT_SOLREF,
     Contact,
     MujocoContact,
     mujoco_contact,
@@ -93,11 +94,14 @@ def _traps(option: Any, bodies: Bodies) -> dict[str, Any]:
     solref, (dmin, dmax, *_) = (dict(bodies.pair)[name] for name in ("solref", "solimp"))
     step, tolerance = option.timestep, option.tolerance
     mixed_signs = (solref[0] > 0) != (solref[1] > 0)
-    first, second = (0.02, 1.0) if mixed_signs else solref
+    first, second = MUJOCO_DEFAULT_SOLREF if mixed_signs else solref
     discrete = option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
     safe = not discrete and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
     acting = max(first, 2 * step) if safe and first > 0 else first
-    duration, stiffness = _shortest((acting, second)), -first * bodies.scale
+    k, c = (-number for number in MujocoContact((acting, second), MUJOCO_DEFAULT_SOLIMP).direct)
+    # Of the pair alone, at d = dmax. A heavy dashpot decays faster than its contact ends; the step has to resolve that.
+    duration = min(Contact(k, c, 1.0).duration, 2 * math.pi / c if c else math.inf) if k else math.inf
+    stiffness = -first * bodies.scale
     return {
         "mixed-geoms": bodies.mixed
         and f"solref {' and '.join(map(str, bodies.mixed))} are combined to {solref}, the smaller of each number; use "
@@ -126,16 +130,6 @@ def _traps(option: Any, bodies: Bodies) -> dict[str, Any]:
         and f"CG stops at {tolerance:g} of an absolute measure: a contact whose accelerations are small gets part of "
         "its force, or none; use Newton, or tolerance 0",
     }
-
-
-def _shortest(solref: tuple[float, float]) -> float:
-    """Shortest time in s that a contact of this solref has in it, for the pair alone, at d = dmax."""
-    k, c = (-number for number in MujocoContact(solref, MUJOCO_DEFAULT_SOLIMP).direct)
-    if k <= 0:
-        return math.inf
-    contact = Contact(k, c, 1.0)
-    # A heavy dashpot decays fast, and the step has to resolve that too.
-    return min(contact.duration, 2 * math.pi / c) if contact.zeta > 1 else contact.duration
 
 
 def measure_model(model: Any, speed: float = 1.0) -> list[Measured]:

@@ -49,10 +49,9 @@ def scoreboard(
     gone = sorted(set(before.solver) - set(answers.solver))
     show(console, [f"{name}: in {baseline}, and not here" for name in gone])
     found = moved(before, answers)
-    if found.empty:
-        show(console, [f"no answer moved from those in {baseline}"])
-        return
     columns = ["solver", "case", "e", "arrangement", "status_before", "status_after", "change"]
     caption = f"{len(found)} answers moved from those in {baseline}; the largest"
-    show(console, [table_of(found[columns].head(20), caption, 6)])
-    raise typer.Exit(3)
+    table = table_of(found[columns].head(20), caption, 6)
+    show(console, [f"no answer moved from those in {baseline}" if found.empty else table])
+    if len(found):
+        raise typer.Exit(3)

@@ -31,16 +31,12 @@ _CASE = ["solver", "case", "e"]
 
 
 def judge(answers: Frame) -> Frame:
-    """Judge answers as `playing.play` gives them.
+    """Judge answers as `playing.play` gives them: a row a solver and case, with its answer in the usual arrangement.
 
-    Returns
-    -------
-    DataFrame
-        A row a solver and case: its answer in the usual arrangement, ``D_<law>`` of all exact laws; ``energy_gained``
-        and, at e = 1, ``energy_lost`` (over that before), ``momentum_error`` (without a table, over all momenta),
-        ``spread`` (the largest D from the same case in another arrangement), ``spread_of`` (which), ``step_spread``
-        (at half and twice the step); ``D_nearest`` and ``nearest``, the nearest exact laws, all
-        that are as near to 1e-6.
+    ``D_<law>`` is of each exact law, ``D_nearest`` of the ``nearest``, all that are as near to 1e-6; ``energy_gained``
+    and, at e = 1, ``energy_lost`` are over that before, ``momentum_error``, without a table, over all momenta;
+    ``spread`` is the largest D from the same case in another arrangement, ``spread_of`` which, ``step_spread`` that at
+    half and twice the step.
     """
     columns = [column(*each) for each in zip(answers.case, answers.e, strict=True)]
     v, usual = answers.filter(regex=r"^v\d$").to_numpy(float), (answers.arrangement == USUAL).to_numpy()
@@ -75,11 +71,8 @@ def judge(answers: Frame) -> Frame:
 def laws(judged: Frame) -> Frame:
     """Find the exact law that explains each engine best: the one whose largest distance over all cases is the smallest.
 
-    Returns
-    -------
-    DataFrame
-        A row an engine that has an answer: ``law``, ``farthest``, the largest D from it, ``cases``, those answered;
-        ``next`` with ``next_farthest``, of the law after it; and what is worst of all cases.
+    A row an engine that has an answer: ``law``, ``farthest``, the largest D from it, ``cases``, those answered;
+    ``next`` with ``next_farthest``, of the law after it; and what is worst of all cases.
     """
     judged = judged[judged.solver.map(is_engine)]
     by_engine, D = (each.groupby(judged.solver, sort=False) for each in (judged, judged[FROM_LAWS]))

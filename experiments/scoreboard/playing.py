@@ -48,11 +48,8 @@ def play(
 ) -> pd.DataFrame:
     """Have solvers answer every case, and keep what each has answered in a folder.
 
-    Returns
-    -------
-    DataFrame
-        A row an answer: solver, its version and microseconds a step, case, e, arrangement, status, reason, and
-        v1 ... v5 in m/s.
+    A row an answer: solver, its version and microseconds a step, case, e, arrangement, status, reason, and v1 ... v5 in
+    m/s.
     """
     (root / "answers").mkdir(parents=True, exist_ok=True)
     try:
