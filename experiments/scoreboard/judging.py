@@ -79,10 +79,7 @@ def laws(judged: Frame) -> Frame:
     cases = by_engine.v1.count()
     worst = D.max().where(D.count().ge(np.maximum(1, _ENOUGH * cases), axis=0))
     order = np.argsort(worst.to_numpy(), axis=1, kind="stable")
-    names, farthest = (
-        worst.columns.str[2:].to_numpy()[order].T,
-        np.take_along_axis(worst.to_numpy(), order, axis=1).T,
-    )
+    names, farthest = worst.columns.str[2:].to_numpy()[order].T, np.sort(worst.to_numpy(), axis=1).T
     last = judged.sort_values("spread", na_position="first").groupby("solver").last()
     found = pd.DataFrame({"version": last.version, "cases": cases}, index=cases.index)
     found = found.assign(law=names[0], farthest=farthest[0], next=names[1], next_farthest=farthest[1])
