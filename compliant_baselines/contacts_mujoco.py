@@ -15,7 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from impact_xval.compliant_baselines.engines.mujoco import mjcf
 from impact_xval.compliant_baselines.restitution import contact_time, damping_ratio
+
+mujoco: Any = import_module("mujoco")  # the names of the compiled module are invisible to a type checker
 
 #: Places of the touch within a step, the first two far apart; two are enough for a contact of `LONG` steps.
 PLACES = tuple((18 * i % 32 + 1) / 32 for i in range(16))
@@ -50,9 +53,9 @@ class Bodies(NamedTuple):
         return 1 / (1 / self.masses[0] + 1 / self.masses[1])
 
     @property
-    def inverse_weight(self) -> float:
-        """Sum of the inverse weights by which the engine scales a direct solref, in 1/kg."""
-        return sum(weight[0] for weight in self.weights)
+    def scale(self) -> float:
+        """Mass in kg by which the engine scales a direct solref: one over the sum of the inverse weights."""
+        return 1 / sum(weight[0] for weight in self.weights)
 
 
 def contacts(model: Any) -> dict[Bodies, list[str]]:
@@ -61,7 +64,6 @@ def contacts(model: Any) -> dict[Bodies, list[str]]:
     The engine says which geoms can touch, and combines their parameters: in a copy of the scene all are at one place,
     and of a shape whose overlap it always finds.
     """
-    mujoco: Any = import_module("mujoco")
     near = copy(model)
     near.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     near.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
@@ -79,29 +81,24 @@ def contacts(model: Any) -> dict[Bodies, list[str]]:
     named = {tuple(geoms): i for i, geoms in enumerate(pairs)}
     found: dict[Bodies, list[str]] = {}
     for geoms in sorted(met, key=lambda geoms: (named.get(geoms, model.npair), geoms)):
-        a, b = sorted(model.geom_bodyid[[*geoms]].tolist(), key=lambda body: masses[body])
+        a, b = sorted(model.geom_bodyid[[*geoms]].tolist(), key=masses.__getitem__)
         if masses[a] < math.inf:
-            own = tuple((name, _plain(getattr(met[geoms], its))) for name, its in _PARAMETERS.items())
+            values = ((name, getattr(met[geoms], its)) for name, its in _PARAMETERS.items())
+            pair = tuple((name, tuple(x.tolist()) if isinstance(x, np.ndarray) else x) for name, x in values)
             weights = _rounded(model.body_invweight0[a]), _rounded(model.body_invweight0[b])
+            mixed = None if geoms in named else _mixed(model, geoms, dict(pair)["solref"])
             where = " and ".join(model.geom(geom).name or f"#{geom}" for geom in geoms)
-            if geoms in named:
-                where, mixed = f"pair {model.pair(named[geoms]).name or where}", None
-            else:
-                where, mixed = f"geoms {where}", _mixed(model, geoms, dict(own)["solref"])
-            found.setdefault(Bodies((masses[a], masses[b]), weights, own, mixed), []).append(where)
+            where = f"pair {model.pair(named[geoms]).name or where}" if geoms in named else f"geoms {where}"
+            found.setdefault(Bodies((masses[a], masses[b]), weights, pair, mixed), []).append(where)
     return found
 
 
 def _mixed(model: Any, geoms: tuple[int, ...], solref: tuple[float, ...]) -> tuple[Any, Any] | None:
     """Give the solrefs of two geoms that the engine has mixed, if any of them is direct."""
     one, two = (tuple(model.geom_solref[geom].tolist()) for geom in geoms)
-    override = model.opt.enableflags & int(import_module("mujoco").mjtEnableBit.mjENBL_OVERRIDE)
+    override = model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE)
     same = one == two or np.ptp(model.geom_priority[[*geoms]]) > 0
     return None if override or same or min(solref) > 0 else (one, two)
-
-
-def _plain(value: Any) -> Any:
-    return tuple(value.tolist()) if isinstance(value, np.ndarray) else value
 
 
 def called(where: list[str]) -> str:
@@ -111,9 +108,6 @@ def called(where: list[str]) -> str:
 
 def _mass(model: Any, data: Any, body: int) -> float:
     """Mass in the direction in which a body moves most easily, in kg: one over the largest eigenvalue of J M^-1 J^T."""
-    if model.body_weldid[body] == 0 or not model.nv:
-        return math.inf
-    mujoco: Any = import_module("mujoco")
     jacobian, solved = np.zeros((3, model.nv)), np.zeros((3, model.nv))
     mujoco.mj_jacBodyCom(model, data, jacobian, None, body)
     mujoco.mj_solveM(model, data, solved, jacobian)
@@ -131,23 +125,18 @@ def alone(bodies: Bodies, option: Any, step: float, speed: float) -> Any:
 
     The lighter one is above. The radius is the depth that a drop at this speed could reach before it is given up.
     """
-    mujoco: Any = import_module("mujoco")
-    spec, kinds, radius = mujoco.MjSpec(), mujoco.mjtGeom, speed * step * MOST_STEPS
-    for name, mass, height in zip("AB", bodies.masses, (radius, -radius), strict=True):
-        body, shape = spec.worldbody, {"type": kinds.mjGEOM_PLANE, "size": (0, 0, 1)}
-        if math.isfinite(mass):
-            inertial = {"mass": mass, "inertia": (mass, mass, mass), "explicitinertial": True}
-            body = spec.worldbody.add_body(name=name, pos=(0, 0, height), **inertial)
-            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, 0, 1))
-            shape = {"type": kinds.mjGEOM_SPHERE, "size": (radius, 0, 0)}
-        body.add_geom(name=name, contype=0, conaffinity=0, **shape)
-    spec.add_pair(geomname1="A", geomname2="B", **dict(bodies.pair))
+    fixed, radius = math.isinf(bodies.masses[1]), speed * step * MOST_STEPS
+    spec = mujoco.MjSpec.from_string(mjcf(2 - fixed, table=fixed))
+    for name, value in bodies.pair:
+        setattr(spec.pairs[0], name, value)
     model = spec.compile()
-    model.body_invweight0[1:] = bodies.weights[: model.nbody - 1]
+    model.geom_size[1:, 0] = model.geom_rbound[1:] = radius
+    model.body_pos[1:, 2] = (radius, -radius)[: model.nv]
+    model.body_mass[1:] = bodies.masses[: model.nv]
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # what follows from the masses, weights apart
+    model.body_invweight0[1:] = bodies.weights[: model.nv]
+    model.opt = option  # a copy
     own = model.opt
-    for name in dir(option):
-        if not name.startswith("_"):
-            setattr(own, name, getattr(option, name))
     own.timestep, own.gravity, own.density, own.viscosity = step, np.zeros(3), 0.0, 0.0
     # A run that goes wrong does not start again, and a slow body does not sleep.
     own.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -165,8 +154,8 @@ def dropped(model: Any, mass: float, speed: float) -> dict[str, Any]:
         drops += [_drop(model, place, speed) for place in PLACES[2:]]
     e, steps = np.mean(drops, axis=0).tolist()
     duration = steps * model.opt.timestep
-    found = {"restitution": e, "restitution_range": (min(drops)[0], max(drops)[0])}
-    found |= {"duration": duration, "steps": steps}
+    spread = min(drops)[0], max(drops)[0]
+    found = {"restitution": e, "restitution_range": spread, "duration": duration, "steps": steps}
     if e > 0:
         zeta = damping_ratio(min(e, 1.0))
         k = mass * (contact_time(zeta) / duration) ** 2
@@ -176,7 +165,6 @@ def dropped(model: Any, mass: float, speed: float) -> dict[str, Any]:
 
 def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
     """Restitution, and steps from the first to the last change of the rate; a place from 0 to 1 within a step."""
-    mujoco: Any = import_module("mujoco")
     data = mujoco.MjData(model)
     data.qpos[0], data.qvel[0] = model.pair_margin[0] + place * speed * model.opt.timestep, -speed
     before, first, last, rounding = -speed, 0, 0, ROUNDING * speed
@@ -193,7 +181,6 @@ def _drop(model: Any, place: float, speed: float) -> tuple[float, int]:
 
 def rest(model: Any, load: float) -> float | None:
     """Depth in m at which bodies that are `alone` carry a load in N; None if they carry none, or there is no load."""
-    mujoco: Any = import_module("mujoco")
     data, touch = mujoco.MjData(model), float(model.pair_margin[0])
 
     def carried(depth: float) -> bool:
@@ -203,7 +190,7 @@ def rest(model: Any, load: float) -> float | None:
         mujoco.mj_forward(model, data)
         return data.qacc[0] > data.qacc[1:].sum()
 
-    low, high = 0.0, float(model.geom("A").size[0])
+    low, high = 0.0, float(model.geom_size[1, 0])
     if not load or not carried(high):
         return None
     while low < (middle := 0.5 * (low + high)) < high:

@@ -11,7 +11,6 @@ lighter body, in the gravity of the scene.
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -23,6 +22,7 @@ from impact_xval.compliant_baselines.contacts_mujoco import Bodies, alone, calle
 from impact_xval.compliant_baselines.engines.mujoco import Mujoco
 from impact_xval.compliant_baselines.mapping import (
     MUJOCO_DEFAULT_SOLIMP,
+    MUJOCO_DEFAULT_SOLREF,
     Contact,
     MujocoContact,
     mujoco_contact,
@@ -81,65 +81,55 @@ def inspect_model(model: Any) -> list[Finding]:
     found = contacts(model)
     places: dict[tuple[str, str], list[str]] = {}
     # By trap, and then by contact.
-    for of_trap in zip(*(_traps(model.opt, bodies) for bodies in found), strict=True):
-        for where, (trap, seen, says) in zip(found.values(), of_trap, strict=True):
-            if seen:
-                places.setdefault((trap, says), []).append(where[0])
+    for of_trap in zip(*(_traps(model.opt, bodies).items() for bodies in found), strict=True):
+        for (where, *_), (trap, says) in zip(found.values(), of_trap, strict=True):
+            if says:
+                places.setdefault((trap, says), []).append(where)
     return [Finding(trap, called(where), says) for (trap, says), where in places.items()]
 
 
-def _traps(option: Any, bodies: Bodies) -> list[tuple[str, bool, str]]:
-    """All traps: the name, whether a contact has it, and what the engine does, with the way out."""
+def _traps(option: Any, bodies: Bodies) -> dict[str, Any]:
+    """All traps: of one that a contact has, what the engine does, with the way out; of another something false."""
     mujoco: Any = import_module("mujoco")
     solref, (dmin, dmax, *_) = (dict(bodies.pair)[name] for name in ("solref", "solimp"))
-    step, mixed, tolerance = option.timestep, bodies.mixed or (), option.tolerance
+    step, tolerance = option.timestep, option.tolerance
     mixed_signs = (solref[0] > 0) != (solref[1] > 0)
-    first, second = (0.02, 1.0) if mixed_signs else solref
+    first, second = MUJOCO_DEFAULT_SOLREF if mixed_signs else solref
     discrete = option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
     safe = not discrete and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_REFSAFE
     acting = max(first, 2 * step) if safe and first > 0 else first
-    lower = (acting / first) ** 2 if first else 1.0
-    duration, stiffness = _shortest((acting, second)), -first / bodies.inverse_weight
-    seen = {
-        "mixed-geoms": bool(mixed),
-        "override": bool(option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE),
-        "discrete": discrete,
-        "mixed-signs": mixed_signs,
-        "refsafe": acting != first,
-        "not-newton-per-metre": stiffness > 0 and dmin > FORCE_LEVEL,
-        "long-step": duration / step < FEWEST_STEPS,
-        "tolerance": option.solver == mujoco.mjtSolver.mjSOL_CG and tolerance > 0,
+    k, c = (-number for number in MujocoContact((acting, second), MUJOCO_DEFAULT_SOLIMP).direct)
+    # Of the pair alone, at d = dmax. A heavy dashpot decays faster than its contact ends; the step has to resolve that.
+    duration = min(Contact(k, c, 1.0).duration, 2 * math.pi / c if c else math.inf) if k else math.inf
+    stiffness = -first * bodies.scale
+    return {
+        "mixed-geoms": bodies.mixed
+        and f"solref {' and '.join(map(str, bodies.mixed))} are combined to {solref}, the smaller of each number; use "
+        "a <pair>",
+        "override": option.enableflags & mujoco.mjtEnableBit.mjENBL_OVERRIDE
+        and f"every contact has solref {solref} instead of its own",
+        "discrete": discrete
+        and "contacts are taken at the end of the step: an elastic one gives back less than it took, and refsafe "
+        "replaces what the step cannot resolve; use Euler or implicitfast",
+        "mixed-signs": mixed_signs
+        and f"solref ({solref[0]:g}, {solref[1]:g}) is neither (time constant, damping ratio), both positive, nor "
+        "(-stiffness, -damping), both <= 0: the default (0.02, 1) replaces it",
+        "refsafe": acting != first
+        and f"a time constant of {first:g} s is shorter than two steps of {step:g} s and becomes {acting:g} s, a "
+        f"stiffness {(acting / first) ** 2:.3g} times lower; shorten the step",
+        "not-newton-per-metre": stiffness > 0
+        and dmin > FORCE_LEVEL
+        and f"a direct stiffness of {-first:g} is in 1/s^2: alone, this pair has {stiffness:.4g} N/m at most, and "
+        f"under solimp {dmin:g} to {dmax:g} a third body that pushes changes it; for N/m take impact-xval contact",
+        "long-step": duration / step < FEWEST_STEPS
+        and f"a contact of {duration:.3g} s gets {duration / step:.2g} steps of {step:.3g} s; some {FEWEST_STEPS} are "
+        f"the least for its restitution to be within 10 %, {duration / 100:.2g} s the step for about 1 % (see "
+        "impact-xval contact)",
+        "tolerance": option.solver == mujoco.mjtSolver.mjSOL_CG
+        and tolerance > 0
+        and f"CG stops at {tolerance:g} of an absolute measure: a contact whose accelerations are small gets part of "
+        "its force, or none; use Newton, or tolerance 0",
     }
-    says = {
-        "mixed-geoms": f"solref {' and '.join(map(str, mixed))} are combined to {solref}, the smaller of each number; "
-        "use a <pair>",
-        "override": f"every contact has solref {solref} instead of its own",
-        "discrete": "contacts are taken at the end of the step: an elastic one gives back less than it took, and "
-        "refsafe replaces what the step cannot resolve; use Euler or implicitfast",
-        "mixed-signs": f"solref ({solref[0]:g}, {solref[1]:g}) is neither (time constant, damping ratio), both "
-        "positive, nor (-stiffness, -damping), both <= 0: the default (0.02, 1) replaces it",
-        "refsafe": f"a time constant of {first:g} s is shorter than two steps of {step:g} s and becomes {acting:g} s, "
-        f"a stiffness {lower:.3g} times lower; shorten the step",
-        "not-newton-per-metre": f"a direct stiffness of {-first:g} is in 1/s^2: alone, this pair has {stiffness:.4g} "
-        f"N/m at most, and under solimp {dmin:g} to {dmax:g} a third body that pushes changes it; for N/m take "
-        "impact-xval contact",
-        "long-step": f"a contact of {duration:.3g} s gets {duration / step:.2g} steps of {step:.3g} s; some "
-        f"{FEWEST_STEPS} are the least for its restitution to be within 10 %, {duration / 100:.2g} s the step for "
-        "about 1 % (see impact-xval contact)",
-        "tolerance": f"CG stops at {tolerance:g} of an absolute measure: a contact whose accelerations are small gets "
-        "part of its force, or none; use Newton, or tolerance 0",
-    }
-    return [(trap, there, says[trap]) for trap, there in seen.items()]
-
-
-def _shortest(solref: tuple[float, float]) -> float:
-    """Shortest time in s that a contact of this solref has in it, for the pair alone, at d = dmax."""
-    k, c = (-number for number in MujocoContact(solref, MUJOCO_DEFAULT_SOLIMP).direct)
-    if k <= 0:
-        return math.inf
-    contact = Contact(k, c, 1.0)
-    # A heavy dashpot decays fast, and the step has to resolve that too.
-    return min(contact.duration, 2 * math.pi / c) if contact.zeta > 1 else contact.duration
 
 
 def measure_model(model: Any, speed: float = 1.0) -> list[Measured]:
@@ -149,7 +139,7 @@ def measure_model(model: Any, speed: float = 1.0) -> list[Measured]:
     """
     rows, gravity = [], float(np.linalg.norm(model.opt.gravity))
     with Mujoco().running():  # without its warnings
-        for bodies, where in itertools.islice(contacts(model).items(), MOST_ROWS):
+        for bodies, where in list(contacts(model).items())[:MOST_ROWS]:
             row = Measured(called(where), bodies.masses)
             try:
                 own = alone(bodies, model.opt, model.opt.timestep, speed)
@@ -168,20 +158,18 @@ def _change(bodies: Bodies, option: Any, speed: float, row: Measured) -> str:
     whose contact may pull, and has no rebound from a ratio of 1 on.
     """
     solref, solimp = (dict(bodies.pair)[name] for name in ("solref", "solimp"))
-    first, second = map(abs, solref)
-    direct = solref[0] < 0
+    (first, second), direct, longest = map(abs, solref), solref[0] < 0, math.inf
     if direct:
-        forces = solimp[0] <= FORCE_LEVEL and solref[1] <= 0
-        unit = 1 / bodies.inverse_weight if forces else 1.0
+        unit = bodies.scale if solimp[0] <= FORCE_LEVEL and solref[1] <= 0 else 1.0
         meant = Contact(first * unit, second * unit, bodies.mass)
-        own = mujoco_contact(replace(meant, mass=1 / bodies.inverse_weight))
-        solref, solimp, safe = own.solref, own.solimp, math.inf
+        own = mujoco_contact(replace(meant, mass=bodies.scale))
+        solref, solimp = own.solref, own.solimp
         asked = f"{meant.k:.4g} N/m and {meant.c:.4g} N s/m"
     elif first and second:
         e = math.exp(-math.pi * second / math.sqrt(1 - second**2)) if second < 1 else 0.0
         meant = Contact.from_restitution(bodies.mass / (first * second) ** 2, max(e, NO_REBOUND), bodies.mass)
         solref = mujoco_contact(meant, "documented").solref
-        safe = solref[0] / 2.2  # short enough for refsafe to leave a time constant as it is
+        longest = solref[0] / 2.2  # short enough for refsafe to leave a time constant as it is
         asked = f"e = {e:.2g}" if e > NO_REBOUND else f"no rebound (e = {NO_REBOUND})"
     else:
         return ""
@@ -189,7 +177,7 @@ def _change(bodies: Bodies, option: Any, speed: float, row: Measured) -> str:
     soft = direct and (row.stiffness is None or abs(row.stiffness / meant.k - 1) > NEAR_K)
     if off <= NEAR_E and not soft:
         return ""
-    step = min(option.timestep, float(f"{min(meant.duration / 100, safe):.2g}"))
+    step = min(option.timestep, float(f"{min(meant.duration / 100, longest):.2g}"))
     pair = ("solref", solref), ("solimp", solimp), ("condim", 1)
     try:
         then = dropped(alone(bodies._replace(pair=pair), option, step, speed), bodies.mass, speed)

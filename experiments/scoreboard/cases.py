@@ -60,6 +60,7 @@ def arrangements(engine: Engine, collision: Collision, settings: Settings) -> di
     Every gap is changed at once, by the share of a radius that the name says. Without a table a column is also moved
     along its line, and made in the other order: mirrored, so that ball N comes first.
     """
+    settings = replace(settings, **engine.as_set)
     usual = engine.scene_or_refusal(collision, settings)
     if isinstance(usual, str):
         return usual

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from impact_xval.compliant_baselines.registry import engine_free_names
+from impact_xval.compliant_baselines.registry import engine_free_names, is_engine
 from impact_xval.experiments.config.errors import UserError
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.divergence import masses_and_starts, norms
 from impact_xval.experiments.scoreboard.cases import STEPS, USUAL, column
 
 MODEL = "state-transition"
 
-#: File of all answers in the folder of a scoreboard.
-ANSWERS = "answers.parquet"
+#: Columns of the distances from all exact laws.
+FROM_LAWS = [f"D_{law}" for law in engine_free_names()]
 
 #: Change of a velocity in m/s, of balls at 1 m/s, up to which an answer has not moved.
 UNMOVED = 1e-6
@@ -29,20 +29,14 @@ _WORST = [f"D_{MODEL}", "energy_gained", "energy_lost", "momentum_error", "sprea
 
 _CASE = ["solver", "case", "e"]
 
-Frame = Any  # pandas: what its operators return is known to no type checker
-
 
 def judge(answers: Frame) -> Frame:
-    """Judge answers as `playing.play` gives them.
+    """Judge answers as `playing.play` gives them: a row a solver and case, with its answer in the usual arrangement.
 
-    Returns
-    -------
-    DataFrame
-        A row a solver and case: its answer in the usual arrangement, ``D_<law>`` of all exact laws; ``energy_gained``
-        and, at e = 1, ``energy_lost`` (over that before), ``momentum_error`` (without a table, over all momenta),
-        ``spread`` (the largest D from the same case in another arrangement), ``spread_of`` (which), ``step_spread``
-        (at half and twice the step); ``D_nearest`` and ``nearest``, the nearest exact laws, all
-        that are as near to 1e-6.
+    ``D_<law>`` is of each exact law, ``D_nearest`` of the ``nearest``, all that are as near to 1e-6; ``energy_gained``
+    and, at e = 1, ``energy_lost`` are over that before, ``momentum_error``, without a table, over all momenta;
+    ``spread`` is the largest D from the same case in another arrangement, ``spread_of`` which, ``step_spread`` that at
+    half and twice the step.
     """
     columns = [column(*each) for each in zip(answers.case, answers.e, strict=True)]
     v, usual = answers.filter(regex=r"^v\d$").to_numpy(float), (answers.arrangement == USUAL).to_numpy()
@@ -57,7 +51,7 @@ def judge(answers: Frame) -> Frame:
     kept = norms(mass, v, before) ** 2
     off = np.where(np.isnan(mass), 0.0, (v - before) * mass).sum(axis=1)
     judged = answers.assign(
-        **{f"D_{law}": away_from(law) for law in engine_free_names()},
+        **{name: away_from(name.removeprefix("D_")) for name in FROM_LAWS},
         energy_gained=np.maximum(kept - 1, 0.0),
         energy_lost=np.where(answers.e == 1, np.maximum(1 - kept, 0.0), np.nan),
         momentum_error=np.abs(off) / np.nansum(mass * np.abs(before), axis=1),
@@ -69,43 +63,28 @@ def judge(answers: Frame) -> Frame:
     placed = away[~stepped].sort_values("spread").drop_duplicates(_CASE, keep="last")
     steps = away[stepped].groupby(_CASE).spread.max().rename("step_spread")
     judged = judged[usual].drop(columns="arrangement").merge(placed, "left", _CASE).join(steps, on=_CASE)
-    D = _from_laws(judged)
-    near = D.le(D.min(axis=1) + 1e-6, axis=0)
-    return judged.assign(D_nearest=D.min(axis=1), nearest=near.dot(near.columns + ", ").str[:-2])
-
-
-def _from_laws(judged: Frame) -> Frame:
-    names = engine_free_names()
-    return judged[[f"D_{law}" for law in names]].set_axis(names, axis=1)
+    nearest = judged[FROM_LAWS].min(axis=1)
+    near = judged[FROM_LAWS].le(nearest + 1e-6, axis=0)
+    return judged.assign(D_nearest=nearest, nearest=near.dot(near.columns.str[2:] + ", ").str[:-2])
 
 
 def laws(judged: Frame) -> Frame:
-    """Find the exact law that explains each solver best: the one whose largest distance over all cases is the smallest.
+    """Find the exact law that explains each engine best: the one whose largest distance over all cases is the smallest.
 
-    Returns
-    -------
-    DataFrame
-        A row a solver that has an answer: ``law``, ``farthest``, the largest D from it, ``cases``, those answered;
-        ``next`` with ``next_farthest``, of the law after it; and what is worst of all cases.
+    A row an engine that has an answer: ``law``, ``farthest``, the largest D from it, ``cases``, those answered;
+    ``next`` with ``next_farthest``, of the law after it; and what is worst of all cases.
     """
-    rows = {}
-    for solver, own in judged.groupby("solver", sort=False):
-        D, cases = _from_laws(own), own.v1.notna().sum()
-        worst = D.loc[:, D.notna().sum() >= max(1, _ENOUGH * cases)].max().sort_values(kind="stable")
-        if len(worst) > 1:
-            last = own.sort_values("spread", na_position="first").iloc[-1]
-            rows[solver] = {
-                "version": last.version,
-                "cases": cases,
-                "law": worst.index[0],
-                "farthest": worst.iloc[0],
-                "next": worst.index[1],
-                "next_farthest": worst.iloc[1],
-                **own[_WORST].max(),
-                "spread_of": last.spread_of,
-                "microseconds": last.microseconds,
-            }
-    return pd.DataFrame.from_dict(rows, orient="index")
+    judged = judged[judged.solver.map(is_engine)]
+    by_engine, D = (each.groupby(judged.solver, sort=False) for each in (judged, judged[FROM_LAWS]))
+    cases = by_engine.v1.count()
+    worst = D.max().where(D.count().ge(np.maximum(1, _ENOUGH * cases), axis=0))
+    order = np.argsort(worst.to_numpy(), axis=1, kind="stable")
+    names, farthest = worst.columns.str[2:].to_numpy()[order].T, np.sort(worst.to_numpy(), axis=1).T
+    last = judged.sort_values("spread", na_position="first").groupby("solver").last()
+    found = pd.DataFrame({"version": last.version, "cases": cases}, index=cases.index)
+    found = found.assign(law=names[0], farthest=farthest[0], next=names[1], next_farthest=farthest[1])
+    found = found.join([by_engine[_WORST].max(), last[["spread_of", "microseconds"]]])
+    return found.dropna(subset="next_farthest")
 
 
 def moved(before: Frame, after: Frame, tolerance: float = UNMOVED) -> Frame:
@@ -119,11 +98,3 @@ def moved(before: Frame, after: Frame, tolerance: float = UNMOVED) -> Frame:
     both["change"] = np.nan_to_num(np.abs(new - old)).max(axis=1)
     other = (both.status_before != both.status_after) | (np.isnan(old) != np.isnan(new)).any(axis=1)
     return both[other | (both.change > tolerance)].sort_values("change", ascending=False)
-
-
-def read_answers(folder: Path) -> Frame:
-    """Read the answers of a board that was made before."""
-    try:
-        return pd.read_parquet(folder / ANSWERS)
-    except (OSError, ValueError) as error:
-        raise UserError(f"--baseline = {folder}: holds no {ANSWERS} of a scoreboard: {error}") from None

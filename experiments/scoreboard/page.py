@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from impact_xval.compliant_baselines.registry import engine_free_names, is_engine, is_mapped, law_of
+from impact_xval.compliant_baselines.registry import is_engine, is_mapped, law_of
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import page_of
 from impact_xval.experiments.presentation.style import drawing, save
 from impact_xval.experiments.presentation.words import LAWS_WITH_LAWS, named
 from impact_xval.experiments.scoreboard.cases import CASES, COLUMNS, RESTITUTIONS
-from impact_xval.experiments.scoreboard.judging import ANSWERS, MODEL, Frame
+from impact_xval.experiments.scoreboard.judging import FROM_LAWS, MODEL, judge, laws
 from impact_xval.experiments.tables.folder import write_text
 from impact_xval.experiments.tables.numbers import listed, number
 from impact_xval.experiments.tables.parquet import replacing
+
+#: File of all answers in the folder of a scoreboard.
+ANSWERS = "answers.parquet"
 
 TITLE = "What physics engines do when several bodies meet at once"
 
@@ -77,23 +81,28 @@ CRADLE = (
 )
 
 
-def write_all(answers: Frame, judged: Frame, laws: Frame, root: Path) -> None:
-    """Write everything into the folder of a scoreboard."""
+def write_all(answers: Frame, root: Path) -> list[Block]:
+    """Judge answers and write everything into the folder of a scoreboard; give what is to be said of it in brief."""
+    judged = judge(answers)
+    followed = laws(judged)
+    words = answers_in_words(followed)
     with replacing(root / ANSWERS) as temporary:
         answers.to_parquet(temporary, index=False, compression="zstd")
     write_text(root / "board.csv", judged.to_csv(index=False, lineterminator="\n"))
     draw_cradle(judged, root)
-    shown = judged.drop(columns=[f"D_{law}" for law in engine_free_names() if law != MODEL])
+    shown = judged.drop(columns={*FROM_LAWS} - {f"D_{MODEL}"})
     every = table_of(shown, f"In the usual arrangement; {ANSWERS} holds the others.", 5)
     blocks: list[Block] = [
         *LEAD,
-        *answers_in_words(judged, laws),
-        Section("The board", [board_of(judged, laws)]),
+        *words,
+        Section("The board", [board_of(judged, followed)]),
         Section("One ball strikes four", [Figure("cradle", CRADLE)]),
-        Section("At worst", [worst_of(laws)]),
+        Section("At worst", [worst_of(followed)]),
         Section("All answers", [every], folded=True),
     ]
     write_text(root / "report.html", page_of(TITLE, blocks, root))
+    brief = followed[["law", "farthest", "next", "next_farthest", "spread", "microseconds"]]
+    return [worst_of(brief), *words]
 
 
 def draw_cradle(judged: Frame, folder: Path) -> None:
@@ -104,10 +113,9 @@ def draw_cradle(judged: Frame, folder: Path) -> None:
     with drawing(9.5, 0.8 + 0.26 * len(v)) as figure:
         axes = figure.subplots(1, 5, sharey=True)
         for ball, ax in enumerate(axes, 1):
-            ax.barh(range(len(v)), v[f"v{ball}"], height=0.7, color=colors)
+            ax.barh(list(map(called, v.index)), v[f"v{ball}"], height=0.7, color=colors)
             ax.axvline(1.0 if ball == 1 else 0.0, color="0.6", linewidth=3, zorder=0)
             ax.set(xlim=(-0.7, 1.1), title=f"ball {ball}", xlabel="v/v0 (-)")
-        axes[0].set_yticks(range(len(v)), list(map(called, v.index)))
         axes[0].invert_yaxis()
     save(figure, folder, "cradle")
 
@@ -119,60 +127,52 @@ def called(solver: str) -> str:
 
 
 def law_words(row: Frame) -> str:
-    """Say how a solver answers, by its row of `judging.laws`."""
+    """Say how an engine answers, by its row of `judging.laws`."""
     return LAW_WORDS[row.law] if row.farthest <= EXPLAINED else "as no exact law"
 
 
 def how(row: Frame) -> str:
-    """Say so, with the law that is nearest where none explains the answers, or another one that explains them too."""
-    if row.farthest > EXPLAINED:
-        return f"{law_words(row)} (nearest: {row.law})"
-    tied = bool(row.next_farthest - row.farthest < TIED)
-    return law_words(row) + f"; {row.next} says the same here" * tied
+    """Say so, and which other law explains its answers as well."""
+    tied = row.farthest <= EXPLAINED and row.next_farthest - row.farthest < TIED
+    return law_words(row) + (f"; {row.next} says the same here" if tied else "")
 
 
-def _engines(laws: Frame) -> Frame:
-    return laws[list(map(is_engine, laws.index))]
-
-
-def answers_in_words(judged: Frame, laws: Frame) -> list[Block]:
+def answers_in_words(followed: Frame) -> list[Block]:
     """Say which engines answer by which law, and whose answers hang on what no one means."""
-    own = _engines(laws)
-    words = [how(row) if row.farthest <= EXPLAINED else law_words(row) for row in own.itertuples()]
-    by_law = own.index.map(called).to_series().groupby(words, sort=False)
-    said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law]
-    if len(own):
-        least = number(own[f"D_{MODEL}"].min(), 2)
-        said.append(f"From the state-transition model each ends D = {least} or more in some case.")
-    found = judged[judged.solver.isin(own.index) & (judged.spread > SENSITIVE)].sort_values("spread")
-    worst = found.drop_duplicates("solver", keep="last")
-    moved = [f"{called(row.solver)} ({row.spread_of}: {number(row.spread, 2)})" for row in worst.itertuples()]
+    if followed.empty:
+        return []
+    by_law: dict[str, list[str]] = {}
+    for row in followed.itertuples():
+        by_law.setdefault(how(row), []).append(called(row.Index))
+    said = [f"{listed(names)} answer{'s' * (len(names) == 1)} {law}." for law, names in by_law.items()]
+    least = number(followed[f"D_{MODEL}"].min(), 2)
+    said.append(f"From the state-transition model each ends D = {least} or more in some case.")
+    sensitive = followed[followed.spread > SENSITIVE].sort_values("spread").itertuples()
+    moved = [f"{called(row.Index)} ({row.spread_of}: {number(row.spread, 2)})" for row in sensitive]
     chance = (
         "Each case is answered again with gaps and overlaps of 1e-4 and 1e-6 radii, and, without a table, moved along "
         f"its line and made in the other order. That moves by more than D = {SENSITIVE} the answers of "
         f"{listed(moved)}: in brackets what moves it most, and by which D."
     )
-    return [*([" ".join(said)] if said else []), *([chance] if moved else [])]
+    return [" ".join(said), *([chance] if moved else [])]
 
 
-def board_of(judged: Frame, laws: Frame) -> Table:
+def board_of(judged: Frame, followed: Frame) -> Table:
     """Lay out the board: an engine a row, a case a column."""
-    rows = []
-    for name, law in _engines(laws).iterrows():
-        by_case = judged[judged.solver == name].groupby("case")
-        D, spread = by_case[f"D_{law.law}"].max(), by_case.spread.max()
+    rows, worst = [], judged.groupby(["solver", "case"]).max(numeric_only=True)
+    for law in followed.itertuples():
+        its = worst.loc[law.Index].reindex(list(COLUMNS))
         cells = [
-            ("< 1e-4" if D.get(each, 1.0) < 1e-4 else number(D.get(each), 2))
-            + (" *" if spread.get(each, 0) > SENSITIVE else "")
-            for each in COLUMNS
+            ("< 1e-4" if D < 1e-4 else number(D, 2)) + (" *" if spread > SENSITIVE else "")
+            for D, spread in zip(its[f"D_{law.law}"], its.spread, strict=True)
         ]
-        rows.append((called(str(name)), law_words(law), *cells))
+        rows.append((called(law.Index), law_words(law), *cells))
     return Table(("engine", "answers", *COLUMNS), rows, BOARD, text=2)
 
 
-def worst_of(laws: Frame) -> Table:
+def worst_of(followed: Frame) -> Table:
     """Lay out what is worst of each engine."""
-    own = _engines(laws).rename(called).reset_index(names="engine")
+    own = followed.rename(called).reset_index(names="engine")
     return table_of(own.rename(columns={"law": "nearest law", "next": "next law"}), WORST, 2)
 
 

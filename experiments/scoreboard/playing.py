@@ -10,7 +10,6 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
-from dataclasses import replace
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -39,11 +38,9 @@ _LONGEST = 120.0
 
 def entrants(names: Sequence[str] = ()) -> list[str]:
     """Name the exact laws, and the engines that are given, or all that are installed."""
-    exact = engine_free_names()
-    if names:
-        return [*exact, *(name for name in names if name not in exact)]
-    engines = (name for name in solver_names(on_request=True) if is_engine(name))
-    return [*exact, *(name for name in engines if get_solver(name).unavailable() is None)]
+    engines = filter(is_engine, solver_names(on_request=True))
+    installed = (name for name in engines if get_solver(name).unavailable() is None)
+    return list(dict.fromkeys([*engine_free_names(), *(names or installed)]))
 
 
 def play(
@@ -51,11 +48,8 @@ def play(
 ) -> pd.DataFrame:
     """Have solvers answer every case, and keep what each has answered in a folder.
 
-    Returns
-    -------
-    DataFrame
-        A row an answer: solver, its version and microseconds a step, case, e, arrangement, status, reason, and
-        v1 ... v5 in m/s.
+    A row an answer: solver, its version and microseconds a step, case, e, arrangement, status, reason, and v1 ... v5 in
+    m/s.
     """
     (root / "answers").mkdir(parents=True, exist_ok=True)
     try:
@@ -101,15 +95,15 @@ def _row(arrangement: str, status: str, reason: str = "", v: Sequence[float] = (
 
 def _prepared(_: object, name: str) -> float | None:
     """Compile and import what a solver needs; microseconds a step of an engine, while balls touch."""
-    solver, collision = get_solver(name), column("drop, k2/k1 = 1", 0.9)
+    solver, collision, n = get_solver(name), column("drop, k2/k1 = 1", 0.9), 500
     if not isinstance(solver, Engine) or solver.unavailable() is not None:
         answer(solver, [collision], _SETTINGS)
         return None
-    scene, n = solver.scene_or_refusal(collision, replace(_SETTINGS, **solver.as_set)), 500
-    if isinstance(scene, str):
+    scenes = arrangements(solver, collision, _SETTINGS)
+    if isinstance(scenes, str):
         return None
     with solver.running():
-        world = solver.world(scene)
+        world = solver.world(scenes[USUAL])
         start = time.perf_counter()
         world.advance(n)
         return 1e6 * (time.perf_counter() - start) / n
@@ -121,12 +115,11 @@ def _answers(_: object, name: str, case: str, e: float) -> list[dict[str, Any]]:
     if not isinstance(solver, Engine) or solver.unavailable() is not None:
         (o,) = answer(solver, [column(case, e)], _SETTINGS)
         return [_row(USUAL, o.status, o.reason, o.velocities if o.status in RESULT_STATUSES else ())]
-    settings = replace(_SETTINGS, **solver.as_set)
     try:
-        scenes = arrangements(solver, column(case, e), settings)
+        scenes = arrangements(solver, column(case, e), _SETTINGS)
         if isinstance(scenes, str):
             return [_row(USUAL, "unrepresentable", scenes)]
-        runs = solver.run(list(scenes.values()), settings.max_steps)
+        runs = solver.run(list(scenes.values()), _SETTINGS.max_steps)
     except Exception as error:  # of an engine that met what it does not expect
         return [_row(USUAL, "crashed", said(error))]
     return [_of(arrangement, run) for arrangement, run in zip(scenes, runs, strict=True)]
@@ -137,9 +130,7 @@ def _of(arrangement: str, run: Run) -> dict[str, Any]:
 
     One given up in a long flight, after which balls that hardly approach would meet, has the velocities of that flight.
     """
-    if not run.over and run.end != ALOFT:
-        return _row(arrangement, run.status, run.problem())
     reason = run.problem() or run.too_much_energy()
-    v = run.reported if run.over else tuple(run.velocities.tolist())
+    v = run.reported if run.over or run.end == ALOFT else ()
     v = tuple(-each for each in v[::-1]) if arrangement == MIRRORED else v
     return _row(arrangement, "unconverged" if run.over and reason else run.status, reason, v)
