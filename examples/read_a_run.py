@@ -20,7 +20,9 @@ print(divergence.groupby("solver", observed=True)["velocity_divergence"].median(
 
 print("\nxarray: the same from an array with the axes of the grid, and its course over k2/k1")
 AXES = ["stiffness_ratio", "mass_ratio", "e1", "e2"]
-cells = pd.read_parquet(run / "divergence.parquet", columns=["solver", "marked", *AXES, "velocity_divergence"])
+cells = pd.read_parquet(
+    run / "divergence.parquet", columns=["solver", "marked", *AXES, "velocity_divergence"]
+)
 data = cells[cells.marked.isna()].set_index(["solver", *AXES]).velocity_divergence.to_xarray()
 for solver, D in data.groupby("solver"):
     over_ratio = D.median(["solver", "mass_ratio", "e1", "e2"])

@@ -119,7 +119,9 @@ def as_asked(summary: Summary) -> list[Text]:
     if summary.config.column is not None:
         near = "The limits dt -> 0 of {solver} are {median} |v0| (median; at most {most} |v0|) from {law}"
     engines = filter(is_engine, subjects(summary))
-    missing = {law for name in engines if (law := exact_for(name, summary.config.mapping))} - {*summary.solvers}
+    missing = {law for name in engines if (law := exact_for(name, summary.config.mapping))} - {
+        *summary.solvers
+    }
     if missing:
         return [say("To see it, add the exact {laws} to the solvers.", laws=", ".join(sorted(missing)))]
     return [
