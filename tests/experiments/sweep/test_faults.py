@@ -11,6 +11,7 @@ from impact_xval.compliant_baselines.engines.stepping import scan
 from impact_xval.experiments.config.cells import experiment_cells
 from impact_xval.experiments.config.experiment import parse_config
 from impact_xval.experiments.measures.hausdorff import measure_all
+from impact_xval.experiments.measures.summary import summarise
 from impact_xval.experiments.sweep.process import Worker
 from impact_xval.experiments.sweep.rows import Experiment, solve_by
 from impact_xval.experiments.sweep.run import run_sweep
@@ -64,6 +65,8 @@ def test_every_failure_of_a_plug_in_is_found_named_and_costs_its_cell(tmp_path, 
     assert {status for status, _ in lost} == {"unavailable"}
     assert "no_such_module" in lost.pop()[1]
     assert folder.manifest()["sessions"][0]["processes_lost"] >= 4
+    monkeypatch.undo()  # what is kept is read where neither is installed
+    assert summarise(folder).solvers == ["kelvin-voigt", "bad", "lost"]
 
 
 def test_a_reference_that_dies_leaves_the_others_a_result_without_a_comparison(tmp_path):
