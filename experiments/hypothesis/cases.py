@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 from scipy.stats import qmc
 
-from impact_xval.experiments.config.axes import AXES
 from impact_xval.model import solve_batch
 
 #: A `pandas.DataFrame`, of which a type checker cannot tell what a selection gives.
@@ -40,7 +39,7 @@ LOSSY = ("both lossy", "other lossy")
 
 
 class Point(NamedTuple):
-    """A collision by its ratios, in the order of `AXES`; the one that goes to its limit is NaN."""
+    """A collision by its ratios, in the order of `solve_batch`; the one that goes to its limit is NaN."""
 
     stiffness_ratio: float
     mass_ratio: float
@@ -114,14 +113,13 @@ def draw(case: Case, n: int, seed: int) -> list[Point]:
         elastic = n // 3 * [(case.axis == "e2", case.axis == "e1")]
     wanted = (n - len(elastic)) * [(False, False)] + elastic
     sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
-    points: list[Point] = []
-    for candidate in sampler.random(2**16):  # enough for every class of a regime
-        point = _point(case, candidate, wanted[len(points)])
-        if border(case, point) >= MARGIN:
-            points.append(point)
-        if len(points) == n:
-            return points
-    raise ValueError(f"{case.key}: no point with elastic contacts {wanted[len(points)]} found")
+    candidates = iter(sampler.random(2**16))  # enough for every class of a regime
+
+    def inside(elastic: tuple[bool, bool]) -> Point:
+        points = (_point(case, unit, elastic) for unit in candidates)
+        return next(point for point in points if border(case, point) >= MARGIN)
+
+    return [inside(elastic) for elastic in wanted]
 
 
 def _point(case: Case, unit: Sequence[float], elastic: tuple[bool, bool]) -> Point:
@@ -138,9 +136,8 @@ def design(n: int, seed: int) -> Frame:
     tables = []
     for case in CASES:
         points = draw(case, n, seed)
-        table = pd.DataFrame(points, columns=list(AXES)).assign(case=case.key, point=range(n))
-        table["class"] = [pair_class(case, point) for point in points]
-        limit = {name: table.assign(**case.at(math.inf))[name] for name in AXES}
-        closed = solve_batch(**limit, stiffness_ratio_cutoff=math.inf)
-        tables.append(table.assign(closed_form_v1=closed.v1, closed_form_v2=closed.v2))
+        table: Frame = pd.DataFrame(points)
+        closed = solve_batch(**table.assign(**case.at(math.inf)), stiffness_ratio_cutoff=math.inf)
+        known = {"case": case.key, "point": range(n), "class": [pair_class(case, each) for each in points]}
+        tables.append(table.assign(**known, closed_form_v1=closed.v1, closed_form_v2=closed.v2))
     return pd.concat(tables, ignore_index=True)

@@ -48,20 +48,14 @@ Floats = NDArray[np.float64]
 #: decade of a window to that of the last: a series that falls by less may as well level out just beyond.
 LEAST_RATE, LEAST_FALL = 0.1, 2.5
 
-#: Distances within so many errors of the solver tell nothing more of the rate.
+#: Thresholds of the rules above, which say what each is for.
 FLOOR_ERRORS = 3.0
-
-#: Factor above the fitted line from which an outcome is off it.
 JUMP = 30.0
-
-#: Exponents s tried for the approach to the limit.
 EXPONENTS = np.arange(0.1, 3.01, 0.05)
+REFUTING_SHARE = 0.1
 
 #: A margin in decades: contrasts are rounded.
 _SLACK = 1e-6
-
-#: Share of refuted points from which a class is.
-REFUTING_SHARE = 0.1
 
 #: D from which on a limit is close enough to be used, per impact.
 CLOSE = 0.05
@@ -78,24 +72,30 @@ _OPEN |= dict.fromkeys(("rate", "rate_low", "rate_high", "last", "limit_error", 
 
 
 class _Window(NamedTuple):
-    """Outcomes that are fitted: log10 of the contrast, velocities, their distance from the closed form, errors.
-
-    `sunk` is whether the distance has sunk under the solver's error before a rate could be seen.
-    """
+    """Outcomes that are fitted: log10 of the contrast, velocities, their distance from the closed form, errors."""
 
     x: Floats
     w: Floats
     D: Floats
     own: Floats
-    sunk: bool = False
 
     @property
-    def first(self) -> NDArray[np.bool_]:
-        return self.x <= self.x[0] + 1 + _SLACK
+    def clear(self) -> NDArray[np.bool_]:
+        """Where the distance is no error of the solver."""
+        return FLOOR_ERRORS * self.own < self.D
+
+    def part(self, low: float, high: float) -> _Window:
+        """Return what lies between two ends of x."""
+        inside = (self.x >= low - _SLACK) & (self.x <= high + _SLACK)
+        return _Window(*(each[inside] for each in self))
 
     @property
-    def final(self) -> NDArray[np.bool_]:
-        return self.x >= self.x[-1] - 1 - _SLACK
+    def first(self) -> _Window:
+        return self.part(self.x[0], self.x[0] + 1)
+
+    @property
+    def final(self) -> _Window:
+        return self.part(self.x[-1] - 1, self.x[-1])
 
 
 def judge(series: Frame) -> dict[str, Any]:
@@ -127,11 +127,8 @@ def _window(series: _Window, decades: float) -> _Window | str:
     span = np.ptp(x) if x.size else 0.0
     if span < decades - _SLACK:
         return f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range"
-    above = np.flatnonzero(FLOOR_ERRORS * series.own < series.D)
-    sunk = above.size == 0 or bool(x[above[-1]] - x[0] < decades - _SLACK)
-    end = x[0] + decades if sunk else x[above[-1]]
-    inside = (x >= end - decades - _SLACK) & (x <= end + _SLACK)
-    window = _Window(*(each[inside] for each in (x, series.w, series.D, series.own)), sunk=sunk)
+    end = x[series.clear].max(initial=x[0] + decades)
+    window = series.part(end - decades, end)
     n, reach = window.x.size, np.ptp(window.x)
     if reach < decades - _SLACK or n < 2 * decades + 1:
         return f"{n} outcomes over {reach:.2g} decades are too few: results are missing in between"
@@ -140,15 +137,14 @@ def _window(series: _Window, decades: float) -> _Window | str:
 
 def _limit(window: _Window, target: Floats, scale: Floats, decades: float) -> dict[str, Any]:
     """Find where a series goes and whether that refutes the closed form, or say that it settles nowhere."""
-    w, D, final = window.w, window.D[window.final], window.w[window.final]
-    own = window.own[window.final].max()
-    limit, limit_error = _extrapolate(window.x, w)
+    w, D, own = window.final.w, window.final.D, window.final.own.max()
+    limit, limit_error = _extrapolate(window)
     limit_error = max(limit_error, own)
-    early, late = _diameter(w[window.first]), _diameter(final)
+    early, late = _diameter(window.first.w), _diameter(w)
     restless = late > FLOOR_ERRORS * own and late > early * 10 ** (-LEAST_RATE * (decades - 1))
     settles = not restless
     if restless and late < 0.1 * D.min():  # it goes round a place far off
-        settles, limit, limit_error = True, final.mean(axis=0), late
+        settles, limit, limit_error = True, w.mean(axis=0), late
     offset, last = distance(1.0, limit - target), np.median(D)
     found = {"last": last, "limit_error": limit_error, "offset": offset, "settles": settles}
     found |= {"consistent": not restless and offset <= 3 * limit_error}
@@ -164,25 +160,22 @@ def _limit(window: _Window, target: Floats, scale: Floats, decades: float) -> di
 
 def _rate(window: _Window, last: float) -> dict[str, Any]:
     """Find the rate of the approach of a series that is not refuted, and decide on it."""
-    x, D = window.x, window.D
-    clear = FLOOR_ERRORS * window.own < D
-    x_clear, log_D = x[clear], np.log10(D[clear])
-    slope = at_zero = low = high = math.nan
-    if x_clear.size >= 3:
-        line: Any = theilslopes(log_D, x_clear, alpha=0.95)
-        slope, at_zero, low, high = line
+    x, clear = window.x, window.clear
+    x_clear, log_D = x[clear], np.log10(window.D[clear])
+    line: Any = theilslopes(log_D, x_clear, alpha=0.95) if x_clear.size >= 3 else 4 * (math.nan,)
+    slope, at_zero, low, high = line
     found: dict[str, Any] = {"rate": -slope, "rate_low": -high, "rate_high": -low}
     off = np.minimum(log_D - at_zero - slope * x_clear, np.diff(log_D, prepend=log_D[:1])) > math.log10(JUMP)
     jumps = np.count_nonzero(off & (x_clear >= 0.5 * (x[0] + x[-1])))
     if jumps:
         reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
         return found | {"verdict": "no limit", "reason": reason, "settles": False, "consistent": False}
-    if window.sunk:
-        own = window.own[window.final].max()
+    if not clear[-1]:
+        own = window.final.own.max()
         reason = f"it is within the solver's own error ({own:.1g}) of the closed form too soon"
     elif not -high > LEAST_RATE:
         reason = f"the rate {-slope:.2g} ({-high:.2g} to {-low:.2g}) cannot be told from none"
-    elif (fall := np.median(D[window.first]) / last) < LEAST_FALL:
+    elif (fall := np.median(window.first.D) / last) < LEAST_FALL:
         reason = f"the distance falls by {fall:.2g} from the fit's first decade to its last: extend the range"
     else:
         return found | {"verdict": "supported"}
@@ -203,19 +196,19 @@ def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
     return limits, np.sqrt(np.square(residual).sum(axis=(1, 2)) / x.size)
 
 
-def _extrapolate(x: Floats, w: Floats) -> tuple[Floats, float]:
+def _extrapolate(window: _Window) -> tuple[Floats, float]:
     """Limit of a series and its error, without the solver's own."""
+    x, w, final = window.x, window.w, window.final.w
     limits, residuals = _fits(x, w)
     best = int(np.argmin(residuals))
     limit, least = limits[best], float(residuals[best])
-    shorter = x <= x[-1] - min(1.0, 0.5 * (x[-1] - x[0])) + _SLACK
-    before, shorter_residuals = _fits(x[shorter], w[shorter])
+    shorter = window.part(x[0], x[-1] - min(1.0, 0.5 * (x[-1] - x[0])))
+    before, shorter_residuals = _fits(shorter.x, shorter.w)
     base = 10.0 ** (-EXPONENTS[best] * (x - x[0]))
     two_terms = np.linalg.lstsq(np.column_stack([np.ones_like(x), base, base**2]), w, rcond=None)[0][0]
     others = [before[int(np.argmin(shorter_residuals))], two_terms, *limits[residuals <= 2 * least + 1e-15]]
     error = max(least, float(distance(1.0, np.array(others) - limit).max()))
     if best in (0, len(EXPONENTS) - 1) and least > 1e-12:  # no exponent of those tried fits
-        final = w[x >= x[-1] - 1 - _SLACK]
         error = max(error, float(distance(1.0, final - final.mean(axis=0)).max()))
     return limit, error
 
@@ -228,9 +221,9 @@ def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
         why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in lost]
         # The last outcome that is not close; the one after it is the first of those that stay so.
         far = np.flatnonzero(np.r_[True, ~(series.distance <= CLOSE)])[-1]
-        more = {"close_from": [*series.contrast, np.inf][far], "grazing_left_out": series.grazing.sum()}
-        more |= {"without_result": "; ".join(why)}
-        rows.append(dict(zip(keys, key, strict=True)) | judge(series) | more)
+        row = dict(zip(keys, key, strict=True)) | judge(series)
+        row |= {"close_from": [*series.contrast, np.inf][far], "grazing_left_out": series.grazing.sum()}
+        rows.append(row | {"without_result": "; ".join(why)})
     return pd.DataFrame(rows)
 
 
