@@ -4,10 +4,9 @@ If it does, the column goes where N - 1 balls go of which one is the pair, *weld
 both, or, at the table, part of the table. The welded column is solved by the same solver, so that a verdict is on the
 hypothesis under the solver's own law, and on nothing else.
 
-A pair of equal velocities at first, whether it moves or rests, is told apart from one that *meets*, whose own impact
-comes first: welding it takes all the energy of its relative motion, of which a restitution keeps a part. Dashpots of
-the other contacts of a welded body were mapped with its own mass, and work against that of both: a lossy Kelvin-Voigt
-column goes elsewhere.
+A pair of equal velocities at first, whether it moves or rests, is told apart from one that *meets*
+(docs/hypothesis.md). Dashpots of the other contacts of a welded body were mapped with its own mass, and work against
+that of both: a lossy Kelvin-Voigt column goes elsewhere.
 """
 
 from __future__ import annotations
@@ -107,13 +106,13 @@ def column_outcomes(config: HypothesisConfig) -> Frame:
         for i, column in enumerate(draw(place, design.points, design.balls, config.seed))
     ]
     with ThreadPoolExecutor(available_cores()) as threads:  # kernels hold no lock of Python
-        found = threads.map(lambda each: list(_solved(*each, contrasts)), every)
+        found = threads.map(lambda each: list(_solved(contrasts, *each)), every)
         rows = [row for some in found for row in some]
     return pd.DataFrame(rows).assign(error=ERROR, decades=design.fit_decades)
 
 
 def _solved(
-    known: dict[str, Any], column: Collision, contact: int, contrasts: Sequence[float]
+    contrasts: Sequence[float], known: dict[str, Any], column: Collision, contact: int
 ) -> Iterator[dict[str, Any]]:
     """Solve a column at rising contrasts of a contact; the closed form is the welded column, ball by ball.
 

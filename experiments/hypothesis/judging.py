@@ -1,42 +1,18 @@
 """From the outcomes of a solver to its verdict on a limit.
 
 A series is the outcomes of one solver at one point, at rising contrasts x; velocities are vectors w whose length is the
-kinetic norm, of two balls (v1, sqrt(m2/m1) v2). It is judged by whether it gets to the closed form, at what rate, and
-where it goes if not:
-
-1. The *window* is the last `decades` of the usable outcomes; where the distance D from the closed form has sunk under
-   `FLOOR_ERRORS` errors of the solver for good, it ends there.
-2. **Rate**: slope of ln D over ln x by Theil and Sen: contacts that ring let D dip to nothing at single contrasts,
-   which a median of slopes does not notice.
-3. **Limit**: w = L + A x^-s by least squares, s from `EXPONENTS`. Its error is the largest of: what the same fit gives
-   without the last decade (or half of a short window), with a second term in x^-2s, or with any s that leaves no more
-   than twice the least residual; that residual; and the solver's own error.
-4. The series **settles** if the diameter of its last decade is below that of its first by at least `LEAST_RATE` a
-   decade, or below what the solver resolves, or below a tenth of its distance from the closed form (its limit is then
-   the mean of that decade, with that diameter for an error).
-5. It **jumps** where, in the later half of the window, D exceeds both the line of the rate and the D before by `JUMP`.
-
-Within a class of points (which contacts are elastic, `cases.pair_class`) the verdict is
-
-* `refuted` where a tenth of the points or more is: one law, one counterexample would do, a tenth is robust;
-* else `supported` where half of the points or more is, and every other one either agrees with the closed form within
-  the error of its limit, or is short of results; none is refuted or fails to settle;
-* else `no limit` where half of the points or more have none; else `undecided`.
-
-Over the classes of a limit the worst counts; one that is undecided only because it is within the solver's own error of
-the closed form does not count against one that is supported.
+kinetic norm, of two balls (v1, sqrt(m2/m1) v2). The rules are those of docs/hypothesis.md, "How a verdict is reached".
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 from scipy.stats import theilslopes
 
 from impact_xval.experiments.hypothesis.cases import Frame, distance
@@ -48,7 +24,7 @@ Floats = NDArray[np.float64]
 #: decade of a window to that of the last: a series that falls by less may as well level out just beyond.
 LEAST_RATE, LEAST_FALL = 0.1, 2.5
 
-#: Thresholds of the rules above, which say what each is for.
+#: Thresholds of the other rules, which say what each is for.
 FLOOR_ERRORS = 3.0
 JUMP = 30.0
 EXPONENTS = np.arange(0.1, 3.01, 0.05)
@@ -71,33 +47,6 @@ _OPEN: dict[str, Any] = {"verdict": "undecided", "reason": "", "consistent": Fal
 _OPEN |= dict.fromkeys(("rate", "rate_low", "rate_high", "last", "limit_error", "offset"), math.nan)
 
 
-class _Window(NamedTuple):
-    """Outcomes that are fitted: log10 of the contrast, velocities, their distance from the closed form, errors."""
-
-    x: Floats
-    w: Floats
-    D: Floats
-    own: Floats
-
-    @property
-    def clear(self) -> NDArray[np.bool_]:
-        """Where the distance is no error of the solver."""
-        return FLOOR_ERRORS * self.own < self.D
-
-    def part(self, low: float, high: float) -> _Window:
-        """Return what lies between two ends of x."""
-        inside = (self.x >= low - _SLACK) & (self.x <= high + _SLACK)
-        return _Window(*(each[inside] for each in self))
-
-    @property
-    def first(self) -> _Window:
-        return self.part(self.x[0], self.x[0] + 1)
-
-    @property
-    def final(self) -> _Window:
-        return self.part(self.x[-1] - 1, self.x[-1])
-
-
 def judge(series: Frame) -> dict[str, Any]:
     """Judge a series of outcomes by the kinetic norm of their differences, with `weights` for masses.
 
@@ -109,10 +58,10 @@ def judge(series: Frame) -> dict[str, Any]:
     target = np.array(first.closed_form) * scale
     w = np.array(used.velocities.to_list()).reshape(-1, len(scale)) * scale
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
-    own = maximum_filter1d(used.error, 3, mode="nearest")
+    own = used.error.rolling(3, center=True, min_periods=1).max().to_numpy()
     found = _OPEN | {f"limit_v{i}": math.nan for i in range(1, 1 + len(target))}
-    whole = _Window(np.log10(used.contrast.to_numpy()), w, distance(1.0, w - target), own)
-    window = _window(whole, first.decades)
+    columns = {"w": list(w), "D": distance(1.0, w - target), "own": own}
+    window = _window(pd.DataFrame(columns, index=np.log10(used.contrast.to_numpy())), first.decades)
     if isinstance(window, str):
         return found | {"reason": window}
     found |= _limit(window, target, scale, first.decades)
@@ -121,31 +70,43 @@ def judge(series: Frame) -> dict[str, Any]:
     return found | _rate(window, found["last"])
 
 
-def _window(series: _Window, decades: float) -> _Window | str:
-    """Choose the window, or say why there is none."""
-    x = series.x
+def _window(series: Frame, decades: float) -> Frame | str:
+    """Choose the window of w, D and own errors over log10 x, or say why there is none."""
+    x = series.index.to_numpy()
     span = np.ptp(x) if x.size else 0.0
     if span < decades - _SLACK:
         return f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range"
-    end = x[series.clear].max(initial=x[0] + decades)
-    window = series.part(end - decades, end)
-    n, reach = window.x.size, np.ptp(window.x)
+    end = x[_clear(series)].max(initial=x[0] + decades)
+    window = series.loc[end - decades - _SLACK : end + _SLACK]
+    n, reach = len(window), np.ptp(window.index)
     if reach < decades - _SLACK or n < 2 * decades + 1:
         return f"{n} outcomes over {reach:.2g} decades are too few: results are missing in between"
     return window
 
 
-def _limit(window: _Window, target: Floats, scale: Floats, decades: float) -> dict[str, Any]:
+def _clear(series: Frame) -> NDArray[np.bool_]:
+    """Where the distance is more than an error of the solver."""
+    return (FLOOR_ERRORS * series.own < series.D).to_numpy()
+
+
+def _ends(window: Frame) -> tuple[Frame, Frame]:
+    """Return the first decade of a window, and the last."""
+    x = window.index
+    return window.loc[: x[0] + 1 + _SLACK], window.loc[x[-1] - 1 - _SLACK :]
+
+
+def _limit(window: Frame, target: Floats, scale: Floats, decades: float) -> dict[str, Any]:
     """Find where a series goes and whether that refutes the closed form, or say that it settles nowhere."""
-    w, D, own = window.final.w, window.final.D, window.final.own.max()
+    first, final = _ends(window)
+    w, D, own = np.stack(final.w), final.D, final.own.max()
     limit, limit_error = _extrapolate(window)
     limit_error = max(limit_error, own)
-    early, late = _diameter(window.first.w), _diameter(w)
+    early, late = _diameter(np.stack(first.w)), _diameter(w)
     restless = late > FLOOR_ERRORS * own and late > early * 10 ** (-LEAST_RATE * (decades - 1))
     settles = not restless
     if restless and late < 0.1 * D.min():  # it goes round a place far off
         settles, limit, limit_error = True, w.mean(axis=0), late
-    offset, last = distance(1.0, limit - target), np.median(D)
+    offset, last = distance(1.0, limit - target), D.median()
     found = {"last": last, "limit_error": limit_error, "offset": offset, "settles": settles}
     found |= {"consistent": not restless and offset <= 3 * limit_error}
     if not settles:
@@ -158,10 +119,10 @@ def _limit(window: _Window, target: Floats, scale: Floats, decades: float) -> di
     return found
 
 
-def _rate(window: _Window, last: float) -> dict[str, Any]:
+def _rate(window: Frame, last: float) -> dict[str, Any]:
     """Find the rate of the approach of a series that is not refuted, and decide on it."""
-    x, clear = window.x, window.clear
-    x_clear, log_D = x[clear], np.log10(window.D[clear])
+    x, clear, (first, final) = window.index.to_numpy(), _clear(window), _ends(window)
+    x_clear, log_D = x[clear], np.log10(window.D.to_numpy()[clear])
     line: Any = theilslopes(log_D, x_clear, alpha=0.95) if x_clear.size >= 3 else 4 * (math.nan,)
     slope, at_zero, low, high = line
     found: dict[str, Any] = {"rate": -slope, "rate_low": -high, "rate_high": -low}
@@ -171,11 +132,10 @@ def _rate(window: _Window, last: float) -> dict[str, Any]:
         reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
         return found | {"verdict": "no limit", "reason": reason, "settles": False, "consistent": False}
     if not clear[-1]:
-        own = window.final.own.max()
-        reason = f"it is within the solver's own error ({own:.1g}) of the closed form too soon"
+        reason = f"it is within the solver's own error ({final.own.max():.1g}) of the closed form too soon"
     elif not -high > LEAST_RATE:
         reason = f"the rate {-slope:.2g} ({-high:.2g} to {-low:.2g}) cannot be told from none"
-    elif (fall := np.median(window.first.D) / last) < LEAST_FALL:
+    elif (fall := first.D.median() / last) < LEAST_FALL:
         reason = f"the distance falls by {fall:.2g} from the fit's first decade to its last: extend the range"
     else:
         return found | {"verdict": "supported"}
@@ -196,14 +156,14 @@ def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
     return limits, np.sqrt(np.square(residual).sum(axis=(1, 2)) / x.size)
 
 
-def _extrapolate(window: _Window) -> tuple[Floats, float]:
+def _extrapolate(window: Frame) -> tuple[Floats, float]:
     """Limit of a series and its error, without the solver's own."""
-    x, w, final = window.x, window.w, window.final.w
+    x, w, final = window.index.to_numpy(), np.stack(window.w), np.stack(_ends(window)[1].w)
     limits, residuals = _fits(x, w)
     best = int(np.argmin(residuals))
     limit, least = limits[best], float(residuals[best])
-    shorter = window.part(x[0], x[-1] - min(1.0, 0.5 * (x[-1] - x[0])))
-    before, shorter_residuals = _fits(shorter.x, shorter.w)
+    shorter = x <= x[-1] - min(1.0, 0.5 * (x[-1] - x[0])) + _SLACK
+    before, shorter_residuals = _fits(x[shorter], w[shorter])
     base = 10.0 ** (-EXPONENTS[best] * (x - x[0]))
     two_terms = np.linalg.lstsq(np.column_stack([np.ones_like(x), base, base**2]), w, rcond=None)[0][0]
     others = [before[int(np.argmin(shorter_residuals))], two_terms, *limits[residuals <= 2 * least + 1e-15]]

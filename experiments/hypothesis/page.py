@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +44,7 @@ _FLOOR = 1e-13
 def write_all(results: Results, root: Path) -> Path:
     """Write everything into the folder of a test; give the path of the page."""
     for name in ("verdicts", "points", "columns"):
-        with replacing(root / f"{name}.csv") as temporary:
-            getattr(results, name).to_csv(temporary, index=False, lineterminator="\n")
+        write_text(root / f"{name}.csv", getattr(results, name).to_csv(index=False, lineterminator="\n"))
     for name, frame in {"outcomes": results.outcomes, "columns": results.column_outcomes}.items():
         with replacing(root / f"{name}.parquet") as temporary:
             frame.to_parquet(temporary, index=False, compression="zstd")
@@ -56,9 +56,7 @@ def write_all(results: Results, root: Path) -> Path:
 
 def show_verdicts(console: Console, results: Results) -> None:
     """Print the verdicts, and the points at which they are reached."""
-    grid = _grid(_wholes(results.verdicts), "solver", "case", _short)
-    rows = [(named(name), *row) for name, *row in grid.itertuples()]
-    table = Table(("solver", *grid), rows, TITLE, text=len(rows[0]))
+    table = _grid(_wholes(results.verdicts), {"solver": "solver"}, "case", _short, TITLE)
     show(console, ["", table, *_columns_as_one(results), LAWS_WITH_LAWS])
 
 
@@ -83,10 +81,15 @@ def _blocks(results: Results) -> list[Block]:
     return [*shown, _more(results), _method(results)]
 
 
-def _grid(rows: Frame, index: Any, columns: str, cell: Callable[[Any], str]) -> Frame:
-    """Lay out rows of verdicts, a cell each."""
+def _grid(
+    rows: Frame, index: Mapping[str, str], columns: str, cell: Callable[[Any], str], caption: str = ""
+) -> Table:
+    """Lay out rows of verdicts, a cell each; `index` has the columns that name a line, and their headers."""
     cells = rows.assign(cell=[cell(row) for row in rows.itertuples()])
-    return cells.pivot_table("cell", index, columns, aggfunc="first", sort=False, observed=True)
+    grid = cells.pivot_table("cell", [*index], columns, aggfunc="first", sort=False, observed=True)
+    lines = [(named(name), *line) for name, *line in grid.reset_index().itertuples(index=False)]
+    header = (*index.values(), *map(named, grid))
+    return Table(header, lines, caption, text=len(header))
 
 
 def _short(row: Any) -> str:
@@ -107,20 +110,20 @@ def _columns_as_one(results: Results) -> Iterator[str]:
 
 def _verdicts(results: Results) -> Table:
     """Lay out the verdicts, limit by solver; below the model's law in time, what it shows beside the model."""
-    wholes, rows = _wholes(results.verdicts), []
-    for name, *cells in _grid(wholes, "solver", "case", _cell).itertuples():
-        rows.append((named(name), *map(Markup, cells)))
-        if name == LAW_IN_TIME and MODEL in results.solvers:
-            pairs = zip(*(wholes[wholes.solver == one].verdict for one in (MODEL, name)), strict=True)
-            rows.append(("the pair is one by", *(Markup(_MECHANISM.get(pair, "-")) for pair in pairs)))
+    wholes = _wholes(results.verdicts)
     caption = (
         f"Verdict, points at which it is reached, and the contrast from which D stays within {percent(CLOSE)}, median; "
         "D is the distance from the closed form. Below, of a supported limit the rate r, D falling as contrast^-r, "
         "median and its 95 % interval; of a refuted one the range of D. Exact bistiffness has the model's law, "
         f"and positions that move. {one_vote(results.solvers)}"
     )
-    header = ("solver", *(case.key for case in CASES))
-    return Table(header, rows, caption, text=len(header))
+    table = _grid(wholes, {"solver": "solver"}, "case", _cell, caption)
+    rows = [(name, *map(Markup, cells)) for name, *cells in table.rows]
+    if {MODEL, LAW_IN_TIME} <= {*results.solvers}:
+        pairs = zip(*(wholes[wholes.solver == one].verdict for one in (MODEL, LAW_IN_TIME)), strict=True)
+        made_one = ("the pair is one by", *(Markup(_MECHANISM.get(pair, "-")) for pair in pairs))
+        rows.insert(results.solvers.index(LAW_IN_TIME) + 1, made_one)
+    return replace(table, rows=rows)
 
 
 def _cell(row: Any) -> str:
@@ -160,9 +163,7 @@ def _draw(results: Results, folder: Path) -> None:
 def _more(results: Results) -> Section:
     """Show the verdicts on classes of points, and on columns of N balls beside those whose stiff pair is welded."""
     classes = results.verdicts[results.verdicts["class"] != "all"]
-    grid = _grid(classes, ["case", "class"], "solver", _short)
-    rows = [(*key, *row) for key, *row in grid.itertuples()]
-    of_points = Table(("limit", "elastic contacts", *map(named, grid)), rows, text=len(rows[0]))
+    of_points = _grid(classes, {"case": "limit", "class": "elastic contacts"}, "solver", _short)
     caption = (
         f"Columns of {span(results.config.columns.balls)} balls, one contact of which becomes infinitely stiff, beside "
         "those whose pair is welded: one body, or part of the table. D: of refuted columns, from the welded ones"
@@ -211,8 +212,7 @@ def _method(results: Results) -> Section:
 
 def reached(row: Any, of: str = " of ") -> str:
     """Say at how many points a verdict is reached."""
-    n = {"supported": row.n_supported, "refuted": row.n_refuted}.get(row.verdict, row.n_undecided)
-    return f"{n}{of}{row.points}"
+    return f"{getattr(row, f'n_{row.verdict}', row.n_undecided)}{of}{row.points}"
 
 
 def span(values: Iterable[float], digits: str = "") -> str:

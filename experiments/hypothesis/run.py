@@ -18,7 +18,7 @@ import tomli_w
 from impact_xval.compliant_baselines.registry import engine_free_names
 from impact_xval.experiments.config.axes import AXES
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
+from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.hypothesis.cases import CASES, GRAZING, Frame, design, distance
 from impact_xval.experiments.hypothesis.columns import column_outcomes
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
@@ -82,8 +82,22 @@ def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable
     for name, solvers in _runs(config).items():
         cells = root / f"{name}.parquet"
         with replacing(cells) as temporary:
-            listed(config, name).to_parquet(temporary, index=False)
-        experiment = _experiment(config, name, solvers, cells)
+            _cells(config, name).to_parquet(temporary, index=False)
+        laws = {exact_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
+        given: dict[str, Any] = {
+            "name": f"hypothesis, {name}",
+            "scenario": "impact",
+            "measures": "velocities",
+        }
+        given |= {
+            "solvers": [*solvers, *sorted(laws)],
+            "cells": str(cells),
+            "cell_timeout": config.cell_timeout,
+        }
+        given |= {"step_fraction": 5e-3, "max_steps": 50_000_000, "m1": 1.0, "k1": 1.0}
+        # A cut-off would insert the closed form that is tested.
+        given |= {"convergence": {"tolerance": 3e-4, "halvings": 3}, "stiffness_ratio_cutoff": math.inf}
+        experiment = parse_config(given)
         said = "exact solvers" if name == EXACT else "engines, and the exact solvers of their laws"
         yield f"{said}: {', '.join(experiment.solvers)}", partial(run_sweep, experiment, root / name)
 
@@ -95,34 +109,20 @@ def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
     return {name: some for name, some in ((EXACT, exact), (ENGINES, others)) if some}
 
 
-def _experiment(config: HypothesisConfig, name: str, solvers: list[str], cells: Path) -> Config:
-    """Return a run as an experiment; beside engines stand the exact solvers of their laws."""
-    laws = {exact_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
-    given = {"name": f"hypothesis, {name}", "scenario": "impact", "measures": "velocities"}
-    given |= {"solvers": [*solvers, *sorted(laws)], "cells": str(cells), "cell_timeout": config.cell_timeout}
-    given |= {"step_fraction": 5e-3, "max_steps": 50_000_000, "m1": 1.0, "k1": 1.0}
-    given |= {"convergence": {"tolerance": 3e-4, "halvings": 3}}
-    # A cut-off would insert the closed form that is tested.
-    return parse_config(given | {"stiffness_ratio_cutoff": math.inf})
-
-
-def listed(config: HypothesisConfig, run: str) -> Frame:
+def _cells(config: HypothesisConfig, run: str) -> Frame:
     """List the cells of a run: every point of a limit at every contrast.
 
     Contrasts vary more slowly than points: neighbours take about as many steps.
     """
+    contrasts = spaced(config.contrast, config.per_decade)
+    plastic_contrasts = spaced(config.plastic_contrast, max(4, config.per_decade // 2))
+    if run == ENGINES:  # steps grow as the root of the contrast: as far as one can wait
+        contrasts, plastic_contrasts = spaced((10**0.5, 10**3.5), 2), spaced((1e2, 1e5), 2)
     points = design(config.points, config.seed)
-    ranges = {
-        (EXACT, False): spaced(config.contrast, config.per_decade),
-        (EXACT, True): spaced(config.plastic_contrast, max(4, config.per_decade // 2)),
-        # Steps grow as the root of the contrast: as far as one can wait.
-        (ENGINES, False): spaced((10**0.5, 10**3.5), 2),
-        (ENGINES, True): spaced((1e2, 1e5), 2),
-    }
     cells = [
         points[points["case"] == case.key].assign(contrast=x, **case.at(x))
         for case in CASES
-        for x in ranges[run, case.plastic]
+        for x in (plastic_contrasts if case.plastic else contrasts)
     ]
     return pd.concat(cells, ignore_index=True)
 
@@ -134,7 +134,7 @@ def results(config: HypothesisConfig, root: Path) -> Results:
         folder = finished(root / name)
         rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=["cell", *_KEPT, *_READ])
         rows = rows[rows.solver.isin(solvers) & (rows.status != "unavailable")]
-        rows = rows.merge(listed(config, name), left_on="cell", right_index=True)
+        rows = rows.merge(pd.read_parquet(root / f"{name}.parquet"), left_on="cell", right_index=True)
         found.append(rows.assign(decades=2.0 if name == ENGINES else config.fit_decades))
         if name == ENGINES:
             versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}
