@@ -1,27 +1,23 @@
 """The limits of the supplement: their regimes, and the points at which each is approached.
 
-**Contrast.** Each limit is approached along one number x >= 1 that goes to infinity: k1/k2 for k2/k1 → 0, k2/k1
-for k2/k1 → infinity, and 1/e_i^2 for e_i → 0, because an end of compression multiplies the stiffness by it
-(supplement, 3.3). A rate r means that the distance from the closed form falls as x^-r: a rate in e_i is twice that.
-
-**Closed forms** are the model's own at a contrast of infinity (`model.pair.limits`); tests hold them against those of
+Each is approached along one number x >= 1, its contrast, that goes to infinity (docs/hypothesis.md). For e_i → 0 it is
+1/e_i^2, because an end of compression multiplies the stiffness by it (supplement, 3.3): a rate in e_i is twice that in
+x. Closed forms are the model's own at a contrast of infinity (`model.pair.limits`); tests hold them against those of
 the supplement. Velocities are per abs(v0), masses per m1.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from scipy.stats import qmc
 
+from impact_xval.experiments.config.axes import Sample
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.model import solve_batch
-
-#: A `pandas.DataFrame`, of which a type checker cannot tell what a selection gives.
-Frame = Any
 
 #: Least distance from the border of a regime, in velocity per abs(v0): there two closed forms meet, a series begins to
 #: fall at the inverse of the distance from it, and balls part so slowly that engines need most of their steps.
@@ -31,8 +27,9 @@ MARGIN = 0.1
 #: is what grazes, shrinks as the root of the contrast, and the margin with it: there it is multiplied by that root.
 GRAZING = 1e-3
 
-#: Ranges that are drawn from: m2/m1, an inelastic e, and k2/k1 of the plastic limits.
-MASS_RATIO, RESTITUTION, STIFFNESS_RATIO = (0.2, 10.0), (0.3, 0.95), (0.03, 30.0)
+#: What is drawn from: k2/k1 of the plastic limits, m2/m1, and an inelastic e.
+_RANGES = {"stiffness_ratio": {"log": [0.03, 30.0]}, "mass_ratio": {"log": [0.2, 10.0]}}
+BOX = Sample.model_validate(_RANGES | {e: {"linear": [0.3, 0.95]} for e in ("e1", "e2")})
 
 #: Classes of points none of whose contacts is elastic.
 LOSSY = ("both lossy", "other lossy")
@@ -103,32 +100,24 @@ def distance(weights: Any, differences: Any) -> Any:
 
 
 def draw(case: Case, n: int, seed: int) -> list[Point]:
-    """Draw the points of a case from a scrambled Sobol sequence in (ln m2/m1, e1, e2, ln k2/k1), `MARGIN` inside.
+    """Draw the points of a case from a scrambled Sobol sequence in `BOX`, in six digits, `MARGIN` inside.
 
     Of a limit of k2/k1 half of them have e1, e2 < 1, and the rest is shared by e1 = 1, e2 = 1 and both; of a plastic
     limit a third has the other contact elastic.
     """
-    elastic = n // 6 * [(True, False)] + n // 6 * [(False, True)] + n // 6 * [(True, True)]
+    elastic = n // 6 * [{"e1": 1.0}] + n // 6 * [{"e2": 1.0}] + n // 6 * [{"e1": 1.0, "e2": 1.0}]
     if case.plastic:
-        elastic = n // 3 * [(case.axis == "e2", case.axis == "e1")]
-    wanted = (n - len(elastic)) * [(False, False)] + elastic
+        elastic = n // 3 * [{"e2" if case.axis == "e1" else "e1": 1.0}]
     sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
-    candidates = iter(sampler.random(2**16))  # enough for every class of a regime
+    unit = sampler.random(2**16)  # enough for every class of a regime
+    drawn = iter(BOX.place(np.roll(unit, 1, axis=1)))
 
-    def inside(elastic: tuple[bool, bool]) -> Point:
-        points = (_point(case, unit, elastic) for unit in candidates)
+    def inside(fixed: dict[str, float]) -> Point:
+        points = (Point(*(float(f"{x:.6g}") for x in ratios))._replace(**fixed) for ratios in drawn)
         return next(point for point in points if border(case, point) >= MARGIN)
 
-    return [inside(elastic) for elastic in wanted]
-
-
-def _point(case: Case, unit: Sequence[float], elastic: tuple[bool, bool]) -> Point:
-    """Place a candidate of the unit cube in the ranges that are drawn from, in six digits."""
-    ranges = ((STIFFNESS_RATIO, unit[3]), (MASS_RATIO, unit[0]))
-    ratios = [low * (high / low) ** u for (low, high), u in ranges]
-    low, high = RESTITUTION
-    ratios += [1.0 if one else low + (high - low) * u for one, u in zip(elastic, unit[1:3], strict=True)]
-    return Point(*(float(f"{value:.6g}") for value in ratios))._replace(**{case.axis: math.nan})
+    wanted = (n - len(elastic)) * [{}] + elastic
+    return [inside(one | {case.axis: math.nan}) for one in wanted]
 
 
 def design(n: int, seed: int) -> Frame:

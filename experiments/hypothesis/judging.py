@@ -61,7 +61,8 @@ def judge(series: Frame) -> dict[str, Any]:
     own = used.error.rolling(3, center=True, min_periods=1).max().to_numpy()
     found = _OPEN | {f"limit_v{i}": math.nan for i in range(1, 1 + len(target))}
     columns = {"w": list(w), "D": distance(1.0, w - target), "own": own}
-    window = _window(pd.DataFrame(columns, index=np.log10(used.contrast.to_numpy())), first.decades)
+    path: Frame = pd.DataFrame(columns, index=np.log10(used.contrast.to_numpy()))
+    window = _window(path.assign(clear=FLOOR_ERRORS * path.own < path.D), first.decades)
     if isinstance(window, str):
         return found | {"reason": window}
     found |= _limit(window, target, scale, first.decades)
@@ -71,22 +72,17 @@ def judge(series: Frame) -> dict[str, Any]:
 
 
 def _window(series: Frame, decades: float) -> Frame | str:
-    """Choose the window of w, D and own errors over log10 x, or say why there is none."""
+    """Choose the window of w, D and own errors over log10 x, `clear` where D exceeds these, or say why not."""
     x = series.index.to_numpy()
     span = np.ptp(x) if x.size else 0.0
     if span < decades - _SLACK:
         return f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range"
-    end = x[_clear(series)].max(initial=x[0] + decades)
+    end = x[series.clear].max(initial=x[0] + decades)
     window = series.loc[end - decades - _SLACK : end + _SLACK]
     n, reach = len(window), np.ptp(window.index)
     if reach < decades - _SLACK or n < 2 * decades + 1:
         return f"{n} outcomes over {reach:.2g} decades are too few: results are missing in between"
     return window
-
-
-def _clear(series: Frame) -> NDArray[np.bool_]:
-    """Where the distance is more than an error of the solver."""
-    return (FLOOR_ERRORS * series.own < series.D).to_numpy()
 
 
 def _ends(window: Frame) -> tuple[Frame, Frame]:
@@ -114,15 +110,14 @@ def _limit(window: Frame, target: Floats, scale: Floats, decades: float) -> dict
         falls = np.all(np.diff(window.D) < 0)
         return found | {"reason": reason, "verdict": "undecided" if falls else "no limit"}
     found |= {f"limit_v{i}": v for i, v in enumerate(limit / scale, 1)}
-    if offset > max(3 * limit_error, 0.2 * last) and D.min() > 0.5 * offset:
-        return found | {"verdict": "refuted"}
-    return found
+    refuted = offset > max(3 * limit_error, 0.2 * last) and D.min() > 0.5 * offset
+    return found | {"verdict": "refuted" if refuted else "undecided"}
 
 
 def _rate(window: Frame, last: float) -> dict[str, Any]:
     """Find the rate of the approach of a series that is not refuted, and decide on it."""
-    x, clear, (first, final) = window.index.to_numpy(), _clear(window), _ends(window)
-    x_clear, log_D = x[clear], np.log10(window.D.to_numpy()[clear])
+    x, clear, (first, final) = window.index.to_numpy(), window[window.clear], _ends(window)
+    x_clear, log_D = clear.index.to_numpy(), np.log10(clear.D.to_numpy())
     line: Any = theilslopes(log_D, x_clear, alpha=0.95) if x_clear.size >= 3 else 4 * (math.nan,)
     slope, at_zero, low, high = line
     found: dict[str, Any] = {"rate": -slope, "rate_low": -high, "rate_high": -low}
@@ -131,7 +126,7 @@ def _rate(window: Frame, last: float) -> dict[str, Any]:
     if jumps:
         reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
         return found | {"verdict": "no limit", "reason": reason, "settles": False, "consistent": False}
-    if not clear[-1]:
+    if not window.clear.iloc[-1]:
         reason = f"it is within the solver's own error ({final.own.max():.1g}) of the closed form too soon"
     elif not -high > LEAST_RATE:
         reason = f"the rate {-slope:.2g} ({-high:.2g} to {-low:.2g}) cannot be told from none"

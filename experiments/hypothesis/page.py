@@ -93,7 +93,8 @@ def _grid(
 
 
 def _short(row: Any) -> str:
-    return f"{row.verdict} {reached(row, '/')}"
+    """Name a verdict, and at how many points it is reached."""
+    return f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
 
 
 def _wholes(table: Frame) -> Frame:
@@ -208,11 +209,6 @@ def _method(results: Results) -> Section:
             else f"{named(name)}: {version}"
         )
     return Section("Method, limits and provenance", [limits, *said], folded=True)
-
-
-def reached(row: Any, of: str = " of ") -> str:
-    """Say at how many points a verdict is reached."""
-    return f"{getattr(row, f'n_{row.verdict}', row.n_undecided)}{of}{row.points}"
 
 
 def span(values: Iterable[float], digits: str = "") -> str:
