@@ -23,8 +23,9 @@ import pandas as pd
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.arrangements import Arranged
-from impact_xval.experiments.hypothesis.cases import GRAZING, Frame, distance
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
+from impact_xval.experiments.hypothesis.judging import GRAZING, distance
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.sweep.pool import available_cores
 from impact_xval.model.collision import RESULT_STATUSES, Collision
 

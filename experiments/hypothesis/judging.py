@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.spatial.distance import pdist
 from scipy.stats import theilslopes
 
-from impact_xval.experiments.hypothesis.cases import Frame, distance
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
@@ -33,6 +34,10 @@ REFUTING_SHARE = 0.1
 #: A margin in decades: contrasts are rounded.
 _SLACK = 1e-6
 
+#: Grazing margin below which an outcome lies beside a jump. In the limits of k2/k1 the stiff contact's ringing, which
+#: is what grazes, shrinks as the root of the contrast, and the margin with it: there it is multiplied by that root.
+GRAZING = 1e-3
+
 #: D from which on a limit is close enough to be used, per impact.
 CLOSE = 0.05
 
@@ -45,6 +50,11 @@ _ORDER = ("refuted", "no limit", "undecided", "supported")
 #: What is known of a series that has no window.
 _OPEN: dict[str, Any] = {"verdict": "undecided", "reason": "", "consistent": False, "settles": True}
 _OPEN |= dict.fromkeys(("rate", "rate_low", "rate_high", "last", "limit_error", "offset"), math.nan)
+
+
+def distance(weights: Any, differences: Any) -> Any:
+    """D of differences of velocities, shape (..., N): their kinetic norm, by masses in the unit of that."""
+    return np.sqrt((weights * np.square(differences)).sum(axis=-1))
 
 
 def judge(series: Frame) -> dict[str, Any]:
@@ -97,7 +107,7 @@ def _limit(window: Frame, target: Floats, scale: Floats, decades: float) -> dict
     w, D, own = np.stack(final.w), final.D, final.own.max()
     limit, limit_error = _extrapolate(window)
     limit_error = max(limit_error, own)
-    early, late = _diameter(np.stack(first.w)), _diameter(w)
+    early, late = (pdist(np.stack(end.w)).max(initial=0.0) for end in (first, final))
     restless = late > FLOOR_ERRORS * own and late > early * 10 ** (-LEAST_RATE * (decades - 1))
     settles = not restless
     if restless and late < 0.1 * D.min():  # it goes round a place far off
@@ -135,10 +145,6 @@ def _rate(window: Frame, last: float) -> dict[str, Any]:
     else:
         return found | {"verdict": "supported"}
     return found | {"reason": reason}
-
-
-def _diameter(w: Floats) -> float:
-    return float(distance(1.0, w[:, None] - w[None]).max())
 
 
 def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,9 @@ from markupsafe import Markup
 from rich.console import Console
 
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.hypothesis.cases import CASES, LOSSY, Frame
 from impact_xval.experiments.hypothesis.judging import CLOSE
-from impact_xval.experiments.hypothesis.run import Results
+from impact_xval.experiments.hypothesis.run import CASES, LOSSY, Results
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import page_of
@@ -149,9 +149,8 @@ def _draw(results: Results, folder: Path) -> None:
                 found = here.groupby("contrast").distance.agg(["median", "size"])
                 known = (found["size"] > here.point.nunique() / 2) & (found["median"] >= _FLOOR)
                 median, style = found["median"].where(known), look(name, place)
-                how: dict[str, Any] = {"linestyle": style.dash}
-                if is_engine(name):
-                    how = {"linestyle": "none", "marker": style.marker, "markerfacecolor": "none"}
+                open_marker = {"linestyle": "none", "marker": style.marker, "markerfacecolor": "none"}
+                how: Any = open_marker if is_engine(name) else {"linestyle": style.dash}
                 ax.loglog(median.index, median, color=style.color, label=named(name), **how)
             ax.set_xlabel(f"contrast {case.variable} (-)")
             ax.set_title(case.key, fontsize=8.5)
@@ -211,8 +210,7 @@ def _method(results: Results) -> Section:
     return Section("Method, limits and provenance", [limits, *said], folded=True)
 
 
-def span(values: Iterable[float], digits: str = "") -> str:
+def span(values: Sequence[float], digits: str = "") -> str:
     """Write the least and the largest of some numbers, in few digits or as a format says."""
-    values = list(values)
     low, high = (format(end, digits) if digits else short(end, 2) for end in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from impact_xval.compliant_baselines.mapping import damping_ratio, restitution
-from impact_xval.experiments.hypothesis.cases import CASES, MARGIN, design, distance, draw
 from impact_xval.experiments.hypothesis.config import parse
+from impact_xval.experiments.hypothesis.judging import distance
 from impact_xval.experiments.hypothesis.page import over_places, span
-from impact_xval.experiments.hypothesis.run import run_hypothesis
+from impact_xval.experiments.hypothesis.run import CASES, MARGIN, design, draw, run_hypothesis
 from tests.model.test_limits import ball_ball_rigid
 
 DOCS = (Path(__file__).parents[3] / "docs" / "hypothesis.md").read_text(encoding="utf-8")
