@@ -129,8 +129,7 @@ def _solved(
     known |= {"class": "elastic" if min(column.restitutions) == 1 else "lossy"}
     for x, outcome in zip(contrasts, outcomes, strict=True):
         found = {name: getattr(outcome, name) for name in ("velocities", "status", "reason")}
-        margin = math.inf if outcome.grazing_margin is None else outcome.grazing_margin * math.sqrt(x)
-        grazing = margin < GRAZING
+        grazing = (margin := outcome.grazing_margin) is not None and margin * math.sqrt(x) < GRAZING
         found |= {"contrast": x, "distance": distance(weights, np.subtract(outcome.velocities, form))}
         found |= {"grazing": grazing, "used": outcome.status in RESULT_STATUSES and not grazing}
         yield known | found

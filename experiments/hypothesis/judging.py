@@ -106,7 +106,6 @@ def _limit(window: Frame, target: Floats, scale: Floats, decades: float) -> dict
     first, final = _ends(window)
     w, D, own = np.stack(final.w), final.D, final.own.max()
     limit, limit_error = _extrapolate(window)
-    limit_error = max(limit_error, own)
     early, late = (pdist(np.stack(end.w)).max(initial=0.0) for end in (first, final))
     restless = late > FLOOR_ERRORS * own and late > early * 10 ** (-LEAST_RATE * (decades - 1))
     settles = not restless
@@ -158,8 +157,8 @@ def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
 
 
 def _extrapolate(window: Frame) -> tuple[Floats, float]:
-    """Limit of a series and its error, without the solver's own."""
-    x, w, final = window.index.to_numpy(), np.stack(window.w), np.stack(_ends(window)[1].w)
+    """Limit of a series and its error."""
+    x, w, (_, final) = window.index.to_numpy(), np.stack(window.w), _ends(window)
     limits, residuals = _fits(x, w)
     best = int(np.argmin(residuals))
     limit, least = limits[best], float(residuals[best])
@@ -168,9 +167,10 @@ def _extrapolate(window: Frame) -> tuple[Floats, float]:
     base = 10.0 ** (-EXPONENTS[best] * (x - x[0]))
     two_terms = np.linalg.lstsq(np.column_stack([np.ones_like(x), base, base**2]), w, rcond=None)[0][0]
     others = [before[int(np.argmin(shorter_residuals))], two_terms, *limits[residuals <= 2 * least + 1e-15]]
-    error = max(least, float(distance(1.0, np.array(others) - limit).max()))
+    error = max(least, final.own.max(), float(distance(1.0, np.array(others) - limit).max()))
     if best in (0, len(EXPONENTS) - 1) and least > 1e-12:  # no exponent of those tried fits
-        error = max(error, float(distance(1.0, final - final.mean(axis=0)).max()))
+        last = np.stack(final.w)
+        error = max(error, float(distance(1.0, last - last.mean(axis=0)).max()))
     return limit, error
 
 

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from impact_xval.compliant_baselines.registry import is_engine
 from impact_xval.experiments.hypothesis.judging import CLOSE
-from impact_xval.experiments.hypothesis.run import CASES, LOSSY, Results
+from impact_xval.experiments.hypothesis.run import CASES, LOSSY, ROUNDING, Results
 from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
@@ -36,9 +36,6 @@ _MECHANISM = {
     ("supported", "refuted"): "frozen positions:<br>where they move,<br>it parts again",
     ("no limit", "refuted"): "frozen positions, but<br>for what rings<br>for ever",
 }
-
-#: Distances below this are not drawn: rounding.
-_FLOOR = 1e-13
 
 
 def write_all(results: Results, root: Path) -> Path:
@@ -77,8 +74,7 @@ def _blocks(results: Results) -> list[Block]:
         "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
         "in the limit dt -> 0. A line that levels out goes to another limit",
     )
-    shown = [question, said, _verdicts(results), figure, LAWS_WITH_LAWS]
-    return [*shown, _more(results), _method(results)]
+    return [question, said, _verdicts(results), figure, LAWS_WITH_LAWS, _more(results), _method(results)]
 
 
 def _grid(
@@ -147,7 +143,7 @@ def _draw(results: Results, folder: Path) -> None:
             for place, name in enumerate(results.solvers):
                 here = usable[(usable["case"] == case.key) & (usable.solver == name)]
                 found = here.groupby("contrast").distance.agg(["median", "size"])
-                known = (found["size"] > here.point.nunique() / 2) & (found["median"] >= _FLOOR)
+                known = (found["size"] > here.point.nunique() / 2) & (found["median"] >= ROUNDING)
                 median, style = found["median"].where(known), look(name, place)
                 open_marker = {"linestyle": "none", "marker": style.marker, "markerfacecolor": "none"}
                 how: Any = open_marker if is_engine(name) else {"linestyle": style.dash}

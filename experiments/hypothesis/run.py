@@ -40,6 +40,11 @@ from impact_xval.model.collision import RESULT_STATUSES
 #: The configuration of a test, in its folder, and its two runs there.
 CONFIGURATION, EXACT, ENGINES = "hypothesis.toml", "exact", "engines"
 
+#: Of both runs; a cut-off would insert the closed form that is tested.
+_SETTINGS: dict[str, Any] = {"scenario": "impact", "measures": "velocities", "m1": 1.0, "k1": 1.0}
+_SETTINGS |= {"convergence": {"tolerance": 3e-4, "halvings": 3}, "stiffness_ratio_cutoff": math.inf}
+_SETTINGS |= {"step_fraction": 5e-3, "max_steps": 50_000_000}
+
 #: Rounding of an exact solver's velocities, per abs(v0).
 ROUNDING = 1e-13
 
@@ -195,20 +200,8 @@ def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable
         with replacing(cells) as temporary:
             _cells(config, name).to_parquet(temporary, index=False)
         laws = {exact_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
-        given: dict[str, Any] = {
-            "name": f"hypothesis, {name}",
-            "scenario": "impact",
-            "measures": "velocities",
-        }
-        given |= {
-            "solvers": [*solvers, *sorted(laws)],
-            "cells": str(cells),
-            "cell_timeout": config.cell_timeout,
-        }
-        given |= {"step_fraction": 5e-3, "max_steps": 50_000_000, "m1": 1.0, "k1": 1.0}
-        # A cut-off would insert the closed form that is tested.
-        given |= {"convergence": {"tolerance": 3e-4, "halvings": 3}, "stiffness_ratio_cutoff": math.inf}
-        experiment = parse_config(given)
+        given = {"name": f"hypothesis, {name}", "cells": str(cells), "cell_timeout": config.cell_timeout}
+        experiment = parse_config(_SETTINGS | given | {"solvers": [*solvers, *sorted(laws)]})
         said = "exact solvers" if name == EXACT else "engines, and the exact solvers of their laws"
         yield f"{said}: {', '.join(experiment.solvers)}", partial(run_sweep, experiment, root / name)
 
