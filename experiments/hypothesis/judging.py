@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 #: decade of a window to that of the last: a series that falls by less may as well level out just beyond.
 LEAST_RATE, LEAST_FALL = 0.1, 2.5
 
-#: Thresholds of the other rules, which say what each is for.
+#: Errors of the solver that hide D, factor of a jump, exponents s of the limit, and share of points that refutes.
 FLOOR_ERRORS = 3.0
 JUMP = 30.0
 EXPONENTS = np.arange(0.1, 3.01, 0.05)
