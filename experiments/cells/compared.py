@@ -17,7 +17,7 @@ from impact_xval.experiments.config.arrangements import Arranged
 from impact_xval.experiments.config.errors import UserError
 from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.measures.divergence import measures_of, scaled_diagnostics, velocity_divergence
-from impact_xval.experiments.measures.laws import by_law, in_order_of_laws
+from impact_xval.experiments.measures.laws import in_order_of_laws
 from impact_xval.experiments.presentation.document import Block, Table
 from impact_xval.experiments.presentation.html import fragment
 from impact_xval.experiments.presentation.terminal import say_waiting, show
@@ -142,12 +142,12 @@ class Compared:
 
     def _collision_table(self) -> Table:
         away, scaled, unit, rows = self.divergences, self.scaled, self.problem.units.impulse, []
-        for law, name in ((law, name) for law, group in by_law(self.outcomes).items() for name in group):
+        for name in in_order_of_laws(self.outcomes):
             outcome, shown = self.outcomes[name], ["-"] * 6
             if name in scaled:
                 numbers = [*scaled[name], *(impulse / unit for impulse in outcome.impulses)]
                 shown = [f"{each:.6f}" for each in numbers] + [number(away[name]), " ".join(outcome.states)]
-            rows.append((law, name, outcome.status, *shown))
+            rows.append((law_of(name) or name, name, outcome.status, *shown))
         header = "law solver status v1/|v0| v2/|v0| I1/(m1|v0|) I2/(m1|v0|) D states"
         return Table(header.split(), rows, text=3)
 
@@ -197,9 +197,8 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
         config = parse_config({"scenario": "impact", "cell_timeout": timeout, "solvers": names}, where="")
     except UserError as error:
         raise ValueError(str(error)) from None
-    names = [REFERENCE, *(name for name in names if name != REFERENCE)]
-    with solvers_apart(names, columns=not problem.falls_on_resting) as apart:
-        return Compared(problem, apart.solve(problem, config, names, get_solver, say_waiting))
+    with solvers_apart(config.solvers, columns=not problem.falls_on_resting) as apart:
+        return Compared(problem, apart.solve(problem, config, config.solvers, get_solver, say_waiting))
 
 
 def _finite(value: float | None) -> float | None:

@@ -13,7 +13,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qsl
@@ -129,22 +129,19 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = False
 
     def __init__(self, port: int, cells: Cells) -> None:
-        self._cells = cells
-        super().__init__(("127.0.0.1", port), partial(_Request, cells))
+        self.cells = cells
+        super().__init__(("127.0.0.1", port), _Request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a page that was closed, nor of a cell that Ctrl-C ended."""
-        if not (self._cells.closed or isinstance(sys.exc_info()[1], OSError | ClosedError | CancelledError)):
+        if not (self.cells.closed or isinstance(sys.exc_info()[1], OSError | ClosedError | CancelledError)):
             super().handle_error(request, client_address)
 
 
 class _Request(BaseHTTPRequestHandler):
+    server: Any
     #: Seconds: browsers open connections in advance, and may ask nothing.
     timeout = 5
-
-    def __init__(self, cells: Cells, *request: Any) -> None:
-        self._cells = cells
-        super().__init__(*request)
 
     def do_GET(self) -> None:
         """Answer with the page, or with what it shows of a cell."""
@@ -153,7 +150,7 @@ class _Request(BaseHTTPRequestHandler):
         if path == "/":
             kind, text = "text/html", page()
         elif path == "/solved":
-            kind, text = "application/json", json.dumps(self._cells.answer(query))
+            kind, text = "application/json", json.dumps(self.server.cells.answer(query))
         self.send_response(200)
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
         self.end_headers()

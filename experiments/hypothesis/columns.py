@@ -4,10 +4,9 @@ If it does, the column goes where N - 1 balls go of which one is the pair, *weld
 both, or, at the table, part of the table. The welded column is solved by the same solver, so that a verdict is on the
 hypothesis under the solver's own law, and on nothing else.
 
-A pair of equal velocities at first, whether it moves or rests, is told apart from one that *meets*, whose own impact
-comes first: welding it takes all the energy of its relative motion, of which a restitution keeps a part. Dashpots of
-the other contacts of a welded body were mapped with its own mass, and work against that of both: a lossy Kelvin-Voigt
-column goes elsewhere.
+A pair of equal velocities at first, whether it moves or rests, is told apart from one that *meets*
+(docs/hypothesis.md). Dashpots of the other contacts of a welded body were mapped with its own mass, and work against
+that of both: a lossy Kelvin-Voigt column goes elsewhere.
 """
 
 from __future__ import annotations
@@ -24,8 +23,9 @@ import pandas as pd
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.solver import Settings
 from impact_xval.experiments.config.arrangements import Arranged
-from impact_xval.experiments.hypothesis.cases import GRAZING, Frame, distance
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
+from impact_xval.experiments.hypothesis.judging import GRAZING, distance
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.sweep.pool import available_cores
 from impact_xval.model.collision import RESULT_STATUSES, Collision
 
@@ -100,44 +100,36 @@ def column_outcomes(config: HypothesisConfig) -> Frame:
     """Solve the columns of a test by its exact solvers: a row a place, solver, column and contrast."""
     design = config.columns
     contrasts = spaced(design.contrast, design.per_decade)
-
-    def rows_of(asked: tuple[Place, str, int, tuple[Collision, int]]) -> list[dict[str, Any]]:
-        (arrangement, where), solver, i, (column, contact) = asked
-        known = {"arrangement": arrangement, "stiff_contact": where, "solver": solver, "column": i}
-        return [known | row for row in _solved(solver, column, contact, contrasts)]
-
     every = [
-        (place, solver, i, column)
+        ({"arrangement": place[0], "stiff_contact": place[1], "solver": solver, "column": i}, *column)
         for place in PLACES
         for solver in filter(config.solvers.__contains__, SOLVERS)
         for i, column in enumerate(draw(place, design.points, design.balls, config.seed))
     ]
     with ThreadPoolExecutor(available_cores()) as threads:  # kernels hold no lock of Python
-        rows = [row for some in threads.map(rows_of, every) for row in some]
+        found = threads.map(lambda each: list(_solved(contrasts, *each)), every)
+        rows = [row for some in found for row in some]
     return pd.DataFrame(rows).assign(error=ERROR, decades=design.fit_decades)
 
 
 def _solved(
-    solver: str, column: Collision, contact: int, contrasts: Sequence[float]
+    contrasts: Sequence[float], known: dict[str, Any], column: Collision, contact: int
 ) -> Iterator[dict[str, Any]]:
     """Solve a column at rising contrasts of a contact; the closed form is the welded column, ball by ball.
 
     Velocities are in m/s, the incoming ones being 1; `weights` are the masses per twice the kinetic energy at first.
     """
     asked = [*(stiffened(column, contact, x) for x in contrasts), welded(column, contact)]
-    *outcomes, as_one = get_solver(solver).solve_many(asked, Settings(mark=False))
+    *outcomes, as_one = get_solver(known["solver"]).solve_many(asked, Settings(mark=False))
     weights = np.array(column.masses) / np.dot(column.masses, np.square(column.velocities))
     form = of_each_ball(as_one.velocities, contact, len(column.masses))
-    known: dict[str, Any] = {
-        **{name: getattr(column, name) for name in ("masses", "stiffnesses", "restitutions")},
-        **{"incoming": column.velocities, "weights": weights, "closed_form": form},
-        "meets": column.compression_rates[contact] > 0,
-        "class": "elastic" if min(column.restitutions) == 1 else "lossy",
-    }
+    known = known | {name: getattr(column, name) for name in ("masses", "stiffnesses", "restitutions")}
+    known |= {"incoming": column.velocities, "weights": weights, "closed_form": form}
+    known |= {"meets": column.compression_rates[contact] > 0}
+    known |= {"class": "elastic" if min(column.restitutions) == 1 else "lossy"}
     for x, outcome in zip(contrasts, outcomes, strict=True):
         found = {name: getattr(outcome, name) for name in ("velocities", "status", "reason")}
-        margin = math.inf if outcome.grazing_margin is None else outcome.grazing_margin * math.sqrt(x)
-        grazing = margin < GRAZING
+        grazing = (margin := outcome.grazing_margin) is not None and margin * math.sqrt(x) < GRAZING
         found |= {"contrast": x, "distance": distance(weights, np.subtract(outcome.velocities, form))}
         found |= {"grazing": grazing, "used": outcome.status in RESULT_STATUSES and not grazing}
         yield known | found

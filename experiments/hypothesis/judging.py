@@ -1,45 +1,22 @@
 """From the outcomes of a solver to its verdict on a limit.
 
 A series is the outcomes of one solver at one point, at rising contrasts x; velocities are vectors w whose length is the
-kinetic norm, of two balls (v1, sqrt(m2/m1) v2). It is judged by whether it gets to the closed form, at what rate, and
-where it goes if not:
-
-1. The *window* is the last `decades` of the usable outcomes; where the distance D from the closed form has sunk under
-   `FLOOR_ERRORS` errors of the solver for good, it ends there.
-2. **Rate**: slope of ln D over ln x by Theil and Sen: contacts that ring let D dip to nothing at single contrasts,
-   which a median of slopes does not notice.
-3. **Limit**: w = L + A x^-s by least squares, s from `EXPONENTS`. Its error is the largest of: what the same fit gives
-   without the last decade (or half of a short window), with a second term in x^-2s, or with any s that leaves no more
-   than twice the least residual; that residual; and the solver's own error.
-4. The series **settles** if the diameter of its last decade is below that of its first by at least `LEAST_RATE` a
-   decade, or below what the solver resolves, or below a tenth of its distance from the closed form (its limit is then
-   the mean of that decade, with that diameter for an error).
-5. It **jumps** where, in the later half of the window, D exceeds both the line of the rate and the D before by `JUMP`.
-
-Within a class of points (which contacts are elastic, `cases.pair_class`) the verdict is
-
-* `refuted` where a tenth of the points or more is: one law, one counterexample would do, a tenth is robust;
-* else `supported` where half of the points or more is, and every other one either agrees with the closed form within
-  the error of its limit, or is short of results; none is refuted or fails to settle;
-* else `no limit` where half of the points or more have none; else `undecided`.
-
-Over the classes of a limit the worst counts; one that is undecided only because it is within the solver's own error of
-the closed form does not count against one that is supported.
+kinetic norm, of two balls (v1, sqrt(m2/m1) v2). The rules are those of docs/hypothesis.md, "How a verdict is reached".
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
+from scipy.spatial.distance import pdist
 from scipy.stats import theilslopes
 
-from impact_xval.experiments.hypothesis.cases import Frame, distance
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.model.collision import RESULT_STATUSES
 
 Floats = NDArray[np.float64]
@@ -48,20 +25,18 @@ Floats = NDArray[np.float64]
 #: decade of a window to that of the last: a series that falls by less may as well level out just beyond.
 LEAST_RATE, LEAST_FALL = 0.1, 2.5
 
-#: Distances within so many errors of the solver tell nothing more of the rate.
+#: Errors of the solver that hide D, factor of a jump, exponents s of the limit, and share of points that refutes.
 FLOOR_ERRORS = 3.0
-
-#: Factor above the fitted line from which an outcome is off it.
 JUMP = 30.0
-
-#: Exponents s tried for the approach to the limit.
 EXPONENTS = np.arange(0.1, 3.01, 0.05)
+REFUTING_SHARE = 0.1
 
 #: A margin in decades: contrasts are rounded.
 _SLACK = 1e-6
 
-#: Share of refuted points from which a class is.
-REFUTING_SHARE = 0.1
+#: Grazing margin below which an outcome lies beside a jump. In the limits of k2/k1 the stiff contact's ringing, which
+#: is what grazes, shrinks as the root of the contrast, and the margin with it: there it is multiplied by that root.
+GRAZING = 1e-3
 
 #: D from which on a limit is close enough to be used, per impact.
 CLOSE = 0.05
@@ -77,25 +52,9 @@ _OPEN: dict[str, Any] = {"verdict": "undecided", "reason": "", "consistent": Fal
 _OPEN |= dict.fromkeys(("rate", "rate_low", "rate_high", "last", "limit_error", "offset"), math.nan)
 
 
-class _Window(NamedTuple):
-    """Outcomes that are fitted: log10 of the contrast, velocities, their distance from the closed form, errors.
-
-    `sunk` is whether the distance has sunk under the solver's error before a rate could be seen.
-    """
-
-    x: Floats
-    w: Floats
-    D: Floats
-    own: Floats
-    sunk: bool = False
-
-    @property
-    def first(self) -> NDArray[np.bool_]:
-        return self.x <= self.x[0] + 1 + _SLACK
-
-    @property
-    def final(self) -> NDArray[np.bool_]:
-        return self.x >= self.x[-1] - 1 - _SLACK
+def distance(weights: Any, differences: Any) -> Any:
+    """D of differences of velocities, shape (..., N): their kinetic norm, by masses in the unit of that."""
+    return np.sqrt((weights * np.square(differences)).sum(axis=-1))
 
 
 def judge(series: Frame) -> dict[str, Any]:
@@ -109,10 +68,11 @@ def judge(series: Frame) -> dict[str, Any]:
     target = np.array(first.closed_form) * scale
     w = np.array(used.velocities.to_list()).reshape(-1, len(scale)) * scale
     # An estimate of an error can vanish by chance: the largest of three neighbours counts.
-    own = maximum_filter1d(used.error, 3, mode="nearest")
+    own = used.error.rolling(3, center=True, min_periods=1).max().to_numpy()
     found = _OPEN | {f"limit_v{i}": math.nan for i in range(1, 1 + len(target))}
-    whole = _Window(np.log10(used.contrast.to_numpy()), w, distance(1.0, w - target), own)
-    window = _window(whole, first.decades)
+    columns = {"w": list(w), "D": distance(1.0, w - target), "own": own}
+    path: Frame = pd.DataFrame(columns, index=np.log10(used.contrast.to_numpy()))
+    window = _window(path.assign(clear=FLOOR_ERRORS * path.own < path.D), first.decades)
     if isinstance(window, str):
         return found | {"reason": window}
     found |= _limit(window, target, scale, first.decades)
@@ -121,35 +81,37 @@ def judge(series: Frame) -> dict[str, Any]:
     return found | _rate(window, found["last"])
 
 
-def _window(series: _Window, decades: float) -> _Window | str:
-    """Choose the window, or say why there is none."""
-    x = series.x
+def _window(series: Frame, decades: float) -> Frame | str:
+    """Choose the window of w, D and own errors over log10 x, `clear` where D exceeds these, or say why not."""
+    x = series.index.to_numpy()
     span = np.ptp(x) if x.size else 0.0
     if span < decades - _SLACK:
         return f"outcomes span {span:.2g} decades of contrast, a rate needs {decades:g}: extend the range"
-    above = np.flatnonzero(FLOOR_ERRORS * series.own < series.D)
-    sunk = above.size == 0 or bool(x[above[-1]] - x[0] < decades - _SLACK)
-    end = x[0] + decades if sunk else x[above[-1]]
-    inside = (x >= end - decades - _SLACK) & (x <= end + _SLACK)
-    window = _Window(*(each[inside] for each in (x, series.w, series.D, series.own)), sunk=sunk)
-    n, reach = window.x.size, np.ptp(window.x)
+    end = x[series.clear].max(initial=x[0] + decades)
+    window = series.loc[end - decades - _SLACK : end + _SLACK]
+    n, reach = len(window), np.ptp(window.index)
     if reach < decades - _SLACK or n < 2 * decades + 1:
         return f"{n} outcomes over {reach:.2g} decades are too few: results are missing in between"
     return window
 
 
-def _limit(window: _Window, target: Floats, scale: Floats, decades: float) -> dict[str, Any]:
+def _ends(window: Frame) -> tuple[Frame, Frame]:
+    """Return the first decade of a window, and the last."""
+    x = window.index
+    return window.loc[: x[0] + 1 + _SLACK], window.loc[x[-1] - 1 - _SLACK :]
+
+
+def _limit(window: Frame, target: Floats, scale: Floats, decades: float) -> dict[str, Any]:
     """Find where a series goes and whether that refutes the closed form, or say that it settles nowhere."""
-    w, D, final = window.w, window.D[window.final], window.w[window.final]
-    own = window.own[window.final].max()
-    limit, limit_error = _extrapolate(window.x, w)
-    limit_error = max(limit_error, own)
-    early, late = _diameter(w[window.first]), _diameter(final)
+    first, final = _ends(window)
+    w, D, own = np.stack(final.w), final.D, final.own.max()
+    limit, limit_error = _extrapolate(window)
+    early, late = (pdist(np.stack(end.w)).max(initial=0.0) for end in (first, final))
     restless = late > FLOOR_ERRORS * own and late > early * 10 ** (-LEAST_RATE * (decades - 1))
     settles = not restless
     if restless and late < 0.1 * D.min():  # it goes round a place far off
-        settles, limit, limit_error = True, final.mean(axis=0), late
-    offset, last = distance(1.0, limit - target), np.median(D)
+        settles, limit, limit_error = True, w.mean(axis=0), late
+    offset, last = distance(1.0, limit - target), D.median()
     found = {"last": last, "limit_error": limit_error, "offset": offset, "settles": settles}
     found |= {"consistent": not restless and offset <= 3 * limit_error}
     if not settles:
@@ -157,40 +119,31 @@ def _limit(window: _Window, target: Floats, scale: Floats, decades: float) -> di
         falls = np.all(np.diff(window.D) < 0)
         return found | {"reason": reason, "verdict": "undecided" if falls else "no limit"}
     found |= {f"limit_v{i}": v for i, v in enumerate(limit / scale, 1)}
-    if offset > max(3 * limit_error, 0.2 * last) and D.min() > 0.5 * offset:
-        return found | {"verdict": "refuted"}
-    return found
+    refuted = offset > max(3 * limit_error, 0.2 * last) and D.min() > 0.5 * offset
+    return found | {"verdict": "refuted" if refuted else "undecided"}
 
 
-def _rate(window: _Window, last: float) -> dict[str, Any]:
+def _rate(window: Frame, last: float) -> dict[str, Any]:
     """Find the rate of the approach of a series that is not refuted, and decide on it."""
-    x, D = window.x, window.D
-    clear = FLOOR_ERRORS * window.own < D
-    x_clear, log_D = x[clear], np.log10(D[clear])
-    slope = at_zero = low = high = math.nan
-    if x_clear.size >= 3:
-        line: Any = theilslopes(log_D, x_clear, alpha=0.95)
-        slope, at_zero, low, high = line
+    x, clear, (first, final) = window.index.to_numpy(), window[window.clear], _ends(window)
+    x_clear, log_D = clear.index.to_numpy(), np.log10(clear.D.to_numpy())
+    line: Any = theilslopes(log_D, x_clear, alpha=0.95) if x_clear.size >= 3 else 4 * (math.nan,)
+    slope, at_zero, low, high = line
     found: dict[str, Any] = {"rate": -slope, "rate_low": -high, "rate_high": -low}
     off = np.minimum(log_D - at_zero - slope * x_clear, np.diff(log_D, prepend=log_D[:1])) > math.log10(JUMP)
     jumps = np.count_nonzero(off & (x_clear >= 0.5 * (x[0] + x[-1])))
     if jumps:
         reason = f"it jumps: {jumps} of {x.size} outcomes lie {JUMP:g} times further off than the others"
         return found | {"verdict": "no limit", "reason": reason, "settles": False, "consistent": False}
-    if window.sunk:
-        own = window.own[window.final].max()
-        reason = f"it is within the solver's own error ({own:.1g}) of the closed form too soon"
+    if not window.clear.iloc[-1]:
+        reason = f"it is within the solver's own error ({final.own.max():.1g}) of the closed form too soon"
     elif not -high > LEAST_RATE:
         reason = f"the rate {-slope:.2g} ({-high:.2g} to {-low:.2g}) cannot be told from none"
-    elif (fall := np.median(D[window.first]) / last) < LEAST_FALL:
+    elif (fall := first.D.median() / last) < LEAST_FALL:
         reason = f"the distance falls by {fall:.2g} from the fit's first decade to its last: extend the range"
     else:
         return found | {"verdict": "supported"}
     return found | {"reason": reason}
-
-
-def _diameter(w: Floats) -> float:
-    return float(distance(1.0, w[:, None] - w[None]).max())
 
 
 def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
@@ -203,8 +156,9 @@ def _fits(x: Floats, w: Floats) -> tuple[Floats, Floats]:
     return limits, np.sqrt(np.square(residual).sum(axis=(1, 2)) / x.size)
 
 
-def _extrapolate(x: Floats, w: Floats) -> tuple[Floats, float]:
-    """Limit of a series and its error, without the solver's own."""
+def _extrapolate(window: Frame) -> tuple[Floats, float]:
+    """Limit of a series and its error."""
+    x, w, (_, final) = window.index.to_numpy(), np.stack(window.w), _ends(window)
     limits, residuals = _fits(x, w)
     best = int(np.argmin(residuals))
     limit, least = limits[best], float(residuals[best])
@@ -213,10 +167,10 @@ def _extrapolate(x: Floats, w: Floats) -> tuple[Floats, float]:
     base = 10.0 ** (-EXPONENTS[best] * (x - x[0]))
     two_terms = np.linalg.lstsq(np.column_stack([np.ones_like(x), base, base**2]), w, rcond=None)[0][0]
     others = [before[int(np.argmin(shorter_residuals))], two_terms, *limits[residuals <= 2 * least + 1e-15]]
-    error = max(least, float(distance(1.0, np.array(others) - limit).max()))
+    error = max(least, final.own.max(), float(distance(1.0, np.array(others) - limit).max()))
     if best in (0, len(EXPONENTS) - 1) and least > 1e-12:  # no exponent of those tried fits
-        final = w[x >= x[-1] - 1 - _SLACK]
-        error = max(error, float(distance(1.0, final - final.mean(axis=0)).max()))
+        last = np.stack(final.w)
+        error = max(error, float(distance(1.0, last - last.mean(axis=0)).max()))
     return limit, error
 
 
@@ -228,9 +182,9 @@ def judged(outcomes: Frame, keys: Sequence[str]) -> Frame:
         why = [f"{len(some)} {status}: {some.reason.iloc[0]}" for status, some in lost]
         # The last outcome that is not close; the one after it is the first of those that stay so.
         far = np.flatnonzero(np.r_[True, ~(series.distance <= CLOSE)])[-1]
-        more = {"close_from": [*series.contrast, np.inf][far], "grazing_left_out": series.grazing.sum()}
-        more |= {"without_result": "; ".join(why)}
-        rows.append(dict(zip(keys, key, strict=True)) | judge(series) | more)
+        row = dict(zip(keys, key, strict=True)) | judge(series)
+        row |= {"close_from": [*series.contrast, np.inf][far], "grazing_left_out": series.grazing.sum()}
+        rows.append(row | {"without_result": "; ".join(why)})
     return pd.DataFrame(rows)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,9 @@ from markupsafe import Markup
 from rich.console import Console
 
 from impact_xval.compliant_baselines.registry import is_engine
-from impact_xval.experiments.hypothesis.cases import CASES, LOSSY, Frame
 from impact_xval.experiments.hypothesis.judging import CLOSE
-from impact_xval.experiments.hypothesis.run import Results
+from impact_xval.experiments.hypothesis.run import CASES, LOSSY, ROUNDING, Results
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import voters
 from impact_xval.experiments.presentation.document import Block, Figure, Section, Table
 from impact_xval.experiments.presentation.html import page_of
@@ -36,15 +37,11 @@ _MECHANISM = {
     ("no limit", "refuted"): "frozen positions, but<br>for what rings<br>for ever",
 }
 
-#: Distances below this are not drawn: rounding.
-_FLOOR = 1e-13
-
 
 def write_all(results: Results, root: Path) -> Path:
     """Write everything into the folder of a test; give the path of the page."""
     for name in ("verdicts", "points", "columns"):
-        with replacing(root / f"{name}.csv") as temporary:
-            getattr(results, name).to_csv(temporary, index=False, lineterminator="\n")
+        write_text(root / f"{name}.csv", getattr(results, name).to_csv(index=False, lineterminator="\n"))
     for name, frame in {"outcomes": results.outcomes, "columns": results.column_outcomes}.items():
         with replacing(root / f"{name}.parquet") as temporary:
             frame.to_parquet(temporary, index=False, compression="zstd")
@@ -56,9 +53,7 @@ def write_all(results: Results, root: Path) -> Path:
 
 def show_verdicts(console: Console, results: Results) -> None:
     """Print the verdicts, and the points at which they are reached."""
-    grid = _grid(_wholes(results.verdicts), "solver", "case", _short)
-    rows = [(named(name), *row) for name, *row in grid.itertuples()]
-    table = Table(("solver", *grid), rows, TITLE, text=len(rows[0]))
+    table = _grid(_wholes(results.verdicts), {"solver": "solver"}, "case", _short, TITLE)
     show(console, ["", table, *_columns_as_one(results), LAWS_WITH_LAWS])
 
 
@@ -79,18 +74,23 @@ def _blocks(results: Results) -> list[Block]:
         "D over the contrast: median over the points none of whose other contacts is elastic. Open markers: engines, "
         "in the limit dt -> 0. A line that levels out goes to another limit",
     )
-    shown = [question, said, _verdicts(results), figure, LAWS_WITH_LAWS]
-    return [*shown, _more(results), _method(results)]
+    return [question, said, _verdicts(results), figure, LAWS_WITH_LAWS, _more(results), _method(results)]
 
 
-def _grid(rows: Frame, index: Any, columns: str, cell: Callable[[Any], str]) -> Frame:
-    """Lay out rows of verdicts, a cell each."""
+def _grid(
+    rows: Frame, index: Mapping[str, str], columns: str, cell: Callable[[Any], str], caption: str = ""
+) -> Table:
+    """Lay out rows of verdicts, a cell each; `index` has the columns that name a line, and their headers."""
     cells = rows.assign(cell=[cell(row) for row in rows.itertuples()])
-    return cells.pivot_table("cell", index, columns, aggfunc="first", sort=False, observed=True)
+    grid = cells.pivot_table("cell", [*index], columns, aggfunc="first", sort=False, observed=True)
+    lines = [(named(name), *line) for name, *line in grid.reset_index().itertuples(index=False)]
+    header = (*index.values(), *map(named, grid))
+    return Table(header, lines, caption, text=len(header))
 
 
 def _short(row: Any) -> str:
-    return f"{row.verdict} {reached(row, '/')}"
+    """Name a verdict, and at how many points it is reached."""
+    return f"{row.verdict} {getattr(row, f'n_{row.verdict}', row.n_undecided)}/{row.points}"
 
 
 def _wholes(table: Frame) -> Frame:
@@ -107,20 +107,20 @@ def _columns_as_one(results: Results) -> Iterator[str]:
 
 def _verdicts(results: Results) -> Table:
     """Lay out the verdicts, limit by solver; below the model's law in time, what it shows beside the model."""
-    wholes, rows = _wholes(results.verdicts), []
-    for name, *cells in _grid(wholes, "solver", "case", _cell).itertuples():
-        rows.append((named(name), *map(Markup, cells)))
-        if name == LAW_IN_TIME and MODEL in results.solvers:
-            pairs = zip(*(wholes[wholes.solver == one].verdict for one in (MODEL, name)), strict=True)
-            rows.append(("the pair is one by", *(Markup(_MECHANISM.get(pair, "-")) for pair in pairs)))
+    wholes = _wholes(results.verdicts)
     caption = (
         f"Verdict, points at which it is reached, and the contrast from which D stays within {percent(CLOSE)}, median; "
         "D is the distance from the closed form. Below, of a supported limit the rate r, D falling as contrast^-r, "
         "median and its 95 % interval; of a refuted one the range of D. Exact bistiffness has the model's law, "
         f"and positions that move. {one_vote(results.solvers)}"
     )
-    header = ("solver", *(case.key for case in CASES))
-    return Table(header, rows, caption, text=len(header))
+    table = _grid(wholes, {"solver": "solver"}, "case", _cell, caption)
+    rows = [(name, *map(Markup, cells)) for name, *cells in table.rows]
+    if {MODEL, LAW_IN_TIME} <= {*results.solvers}:
+        pairs = zip(*(wholes[wholes.solver == one].verdict for one in (MODEL, LAW_IN_TIME)), strict=True)
+        made_one = ("the pair is one by", *(Markup(_MECHANISM.get(pair, "-")) for pair in pairs))
+        rows.insert(results.solvers.index(LAW_IN_TIME) + 1, made_one)
+    return replace(table, rows=rows)
 
 
 def _cell(row: Any) -> str:
@@ -143,11 +143,10 @@ def _draw(results: Results, folder: Path) -> None:
             for place, name in enumerate(results.solvers):
                 here = usable[(usable["case"] == case.key) & (usable.solver == name)]
                 found = here.groupby("contrast").distance.agg(["median", "size"])
-                known = (found["size"] > here.point.nunique() / 2) & (found["median"] >= _FLOOR)
+                known = (found["size"] > here.point.nunique() / 2) & (found["median"] >= ROUNDING)
                 median, style = found["median"].where(known), look(name, place)
-                how: dict[str, Any] = {"linestyle": style.dash}
-                if is_engine(name):
-                    how = {"linestyle": "none", "marker": style.marker, "markerfacecolor": "none"}
+                open_marker = {"linestyle": "none", "marker": style.marker, "markerfacecolor": "none"}
+                how: Any = open_marker if is_engine(name) else {"linestyle": style.dash}
                 ax.loglog(median.index, median, color=style.color, label=named(name), **how)
             ax.set_xlabel(f"contrast {case.variable} (-)")
             ax.set_title(case.key, fontsize=8.5)
@@ -160,9 +159,7 @@ def _draw(results: Results, folder: Path) -> None:
 def _more(results: Results) -> Section:
     """Show the verdicts on classes of points, and on columns of N balls beside those whose stiff pair is welded."""
     classes = results.verdicts[results.verdicts["class"] != "all"]
-    grid = _grid(classes, ["case", "class"], "solver", _short)
-    rows = [(*key, *row) for key, *row in grid.itertuples()]
-    of_points = Table(("limit", "elastic contacts", *map(named, grid)), rows, text=len(rows[0]))
+    of_points = _grid(classes, {"case": "limit", "class": "elastic contacts"}, "solver", _short)
     caption = (
         f"Columns of {span(results.config.columns.balls)} balls, one contact of which becomes infinitely stiff, beside "
         "those whose pair is welded: one body, or part of the table. D: of refuted columns, from the welded ones"
@@ -209,14 +206,7 @@ def _method(results: Results) -> Section:
     return Section("Method, limits and provenance", [limits, *said], folded=True)
 
 
-def reached(row: Any, of: str = " of ") -> str:
-    """Say at how many points a verdict is reached."""
-    n = {"supported": row.n_supported, "refuted": row.n_refuted}.get(row.verdict, row.n_undecided)
-    return f"{n}{of}{row.points}"
-
-
-def span(values: Iterable[float], digits: str = "") -> str:
+def span(values: Sequence[float], digits: str = "") -> str:
     """Write the least and the largest of some numbers, in few digits or as a format says."""
-    values = list(values)
     low, high = (format(end, digits) if digits else short(end, 2) for end in (min(values), max(values)))
     return low if low == high else f"{low} to {high}"

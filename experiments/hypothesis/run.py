@@ -1,6 +1,12 @@
-"""The run: the limits as two lists of cells, for exact solvers and engines, which the sweep solves.
+"""The limits of the supplement, the points at which each is approached, and the run of them.
 
-Each is a run of its own in the folder of the test (``exact``, ``engines``), and is continued, or read again, as any is.
+Each is approached along one number x >= 1, its contrast, that goes to infinity (docs/hypothesis.md). For e_i → 0 it is
+1/e_i^2, because an end of compression multiplies the stiffness by it (supplement, 3.3): a rate in e_i is twice that in
+x. Closed forms are the model's own at a contrast of infinity (`model.pair.limits`); tests hold them against those of
+the supplement. Velocities are per abs(v0), masses per m1.
+
+The points at all contrasts are two lists of cells, for exact solvers and engines, which the sweep solves: each is a run
+of its own in the folder of the test (``exact``, ``engines``), and is continued, or read again, as any is.
 """
 
 from __future__ import annotations
@@ -14,23 +20,30 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import tomli_w
+from scipy.stats import qmc
 
 from impact_xval.compliant_baselines.registry import engine_free_names
-from impact_xval.experiments.config.axes import AXES
+from impact_xval.experiments.config.axes import AXES, Sample
 from impact_xval.experiments.config.errors import UserError
-from impact_xval.experiments.config.experiment import REFERENCE, Config, parse_config
-from impact_xval.experiments.hypothesis.cases import CASES, GRAZING, Frame, design, distance
+from impact_xval.experiments.config.experiment import REFERENCE, parse_config
 from impact_xval.experiments.hypothesis.columns import column_outcomes
 from impact_xval.experiments.hypothesis.config import HypothesisConfig, spaced
-from impact_xval.experiments.hypothesis.judging import judged, verdicts
+from impact_xval.experiments.hypothesis.judging import GRAZING, distance, judged, verdicts
+from impact_xval.experiments.measures.aggregates import Frame
 from impact_xval.experiments.measures.laws import exact_for, in_order_of_laws
 from impact_xval.experiments.sweep.run import run_sweep
 from impact_xval.experiments.tables.folder import finished, new_folder, write_text
 from impact_xval.experiments.tables.parquet import replacing
+from impact_xval.model import solve_batch
 from impact_xval.model.collision import RESULT_STATUSES
 
 #: The configuration of a test, in its folder, and its two runs there.
 CONFIGURATION, EXACT, ENGINES = "hypothesis.toml", "exact", "engines"
+
+#: Of both runs; a cut-off would insert the closed form that is tested.
+_SETTINGS: dict[str, Any] = {"scenario": "impact", "measures": "velocities", "m1": 1.0, "k1": 1.0}
+_SETTINGS |= {"convergence": {"tolerance": 3e-4, "halvings": 3}, "stiffness_ratio_cutoff": math.inf}
+_SETTINGS |= {"step_fraction": 5e-3, "max_steps": 50_000_000}
 
 #: Rounding of an exact solver's velocities, per abs(v0).
 ROUNDING = 1e-13
@@ -39,6 +52,109 @@ ROUNDING = 1e-13
 _READ = ["v1", "v2", "v1_limit", "v2_limit", "limit_error", "velocity_error"]
 _KEPT = ["solver", "status", "reason", "limit_distance", "grazing_margin"]
 _CLOSED = ["closed_form_v1", "closed_form_v2"]
+
+#: Least distance from the border of a regime, in velocity per abs(v0): there two closed forms meet, a series begins to
+#: fall at the inverse of the distance from it, and balls part so slowly that engines need most of their steps.
+MARGIN = 0.1
+
+#: What is drawn from: k2/k1 of the plastic limits, m2/m1, and an inelastic e.
+_RANGES = {"stiffness_ratio": {"log": [0.03, 30.0]}, "mass_ratio": {"log": [0.2, 10.0]}}
+BOX = Sample.model_validate(_RANGES | {e: {"linear": [0.3, 0.95]} for e in ("e1", "e2")})
+
+#: Classes of points none of whose contacts is elastic.
+LOSSY = ("both lossy", "other lossy")
+
+
+class Point(NamedTuple):
+    """A collision by its ratios, in the order of `solve_batch`; the one that goes to its limit is NaN."""
+
+    stiffness_ratio: float
+    mass_ratio: float
+    e1: float
+    e2: float
+
+
+class Case(NamedTuple):
+    """One limit, or one regime of it: what its contrast is, where it applies, and the ratio that goes to its limit."""
+
+    key: str
+    variable: str
+    regime: str
+    axis: str = "stiffness_ratio"
+
+    @property
+    def plastic(self) -> bool:
+        """Whether the limit is that of a restitution."""
+        return self.axis != "stiffness_ratio"
+
+    def at(self, contrast: float) -> dict[str, float]:
+        """Return the ratio that goes to its limit, by name, at a contrast."""
+        ratios = {"k1/k2": 1 / contrast, "k2/k1": contrast}
+        return {self.axis: contrast**-0.5 if self.plastic else ratios[self.variable]}
+
+
+CASES = (
+    Case("zero-apart", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) ≤ e1 m2/m1 - 1"),  # the balls part at once
+    Case("zero-early", "k1/k2", "e1 m2/m1 below 1"),  # united while the table contact is compressed
+    Case("zero-late", "k1/k2", "e1 m2/m1 ≥ 1 and e2 (1 + e1) above e1 m2/m1 - 1"),  # ... while it restores
+    Case("infinity", "k2/k1", "everywhere"),
+    Case("plastic-ball-ball", "1/e1^2", "everywhere", "e1"),
+    Case("plastic-ball-table", "1/e2^2", "everywhere", "e2"),
+)
+
+
+def border(case: Case, point: Point) -> float:
+    """How far inside its regime a point lies, in velocity per abs(v0); negative outside, infinite without a border.
+
+    At k2/k1 → 0 the regimes part where v11 = 0, and where -e2 v21 = v11, v11 and v21 being the velocities after a
+    ball-ball impact that the table has no part in: supplement, (11), (12).
+    """
+    _, mu, e1, e2 = point
+    v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
+    catch_up = -e2 * v21 - v11
+    inside = {"zero-apart": min(v11, -catch_up), "zero-early": -v11, "zero-late": min(v11, catch_up)}
+    return inside.get(case.key, math.inf)
+
+
+def pair_class(case: Case, point: Point) -> str:
+    """Name the class of a point: which of its contacts are elastic (e = 1); of a plastic limit, the other one."""
+    if case.plastic:
+        return "other elastic" if 1 in (point.e1, point.e2) else "other lossy"
+    names = {(True, True): "e1 = e2 = 1", (True, False): "only e1 = 1", (False, True): "only e2 = 1"}
+    return names.get((point.e1 == 1, point.e2 == 1), "both lossy")
+
+
+def draw(case: Case, n: int, seed: int) -> list[Point]:
+    """Draw the points of a case from a scrambled Sobol sequence in `BOX`, in six digits, `MARGIN` inside.
+
+    Of a limit of k2/k1 half of them have e1, e2 < 1, and the rest is shared by e1 = 1, e2 = 1 and both; of a plastic
+    limit a third has the other contact elastic.
+    """
+    elastic = n // 6 * [{"e1": 1.0}] + n // 6 * [{"e2": 1.0}] + n // 6 * [{"e1": 1.0, "e2": 1.0}]
+    if case.plastic:
+        elastic = n // 3 * [{"e2" if case.axis == "e1" else "e1": 1.0}]
+    sampler = qmc.Sobol(4, rng=np.random.default_rng([seed, *case.key.encode()]))
+    unit = sampler.random(2**16)  # enough for every class of a regime
+    drawn = iter(BOX.place(np.roll(unit, 1, axis=1)))
+
+    def inside(fixed: dict[str, float]) -> Point:
+        points = (Point(*(float(f"{x:.6g}") for x in ratios))._replace(**fixed) for ratios in drawn)
+        return next(point for point in points if border(case, point) >= MARGIN)
+
+    wanted = (n - len(elastic)) * [{}] + elastic
+    return [inside(one | {case.axis: math.nan}) for one in wanted]
+
+
+def design(n: int, seed: int) -> Frame:
+    """Draw the points of all limits: a row each, with its class, and v1 and v2 of the closed form."""
+    tables = []
+    for case in CASES:
+        points = draw(case, n, seed)
+        table: Frame = pd.DataFrame(points)
+        closed = solve_batch(**table.assign(**case.at(math.inf)), stiffness_ratio_cutoff=math.inf)
+        known = {"case": case.key, "point": range(n), "class": [pair_class(case, each) for each in points]}
+        tables.append(table.assign(**known, closed_form_v1=closed.v1, closed_form_v2=closed.v2))
+    return pd.concat(tables, ignore_index=True)
 
 
 class Results(NamedTuple):
@@ -82,8 +198,10 @@ def stages(config: HypothesisConfig, root: Path) -> Iterator[tuple[str, Callable
     for name, solvers in _runs(config).items():
         cells = root / f"{name}.parquet"
         with replacing(cells) as temporary:
-            listed(config, name).to_parquet(temporary, index=False)
-        experiment = _experiment(config, name, solvers, cells)
+            _cells(config, name).to_parquet(temporary, index=False)
+        laws = {exact_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
+        given = {"name": f"hypothesis, {name}", "cells": str(cells), "cell_timeout": config.cell_timeout}
+        experiment = parse_config(_SETTINGS | given | {"solvers": [*solvers, *sorted(laws)]})
         said = "exact solvers" if name == EXACT else "engines, and the exact solvers of their laws"
         yield f"{said}: {', '.join(experiment.solvers)}", partial(run_sweep, experiment, root / name)
 
@@ -95,34 +213,20 @@ def _runs(config: HypothesisConfig) -> dict[str, list[str]]:
     return {name: some for name, some in ((EXACT, exact), (ENGINES, others)) if some}
 
 
-def _experiment(config: HypothesisConfig, name: str, solvers: list[str], cells: Path) -> Config:
-    """Return a run as an experiment; beside engines stand the exact solvers of their laws."""
-    laws = {exact_for(solver, "calibrated") for solver in solvers} - {"", REFERENCE, *solvers}
-    given = {"name": f"hypothesis, {name}", "scenario": "impact", "measures": "velocities"}
-    given |= {"solvers": [*solvers, *sorted(laws)], "cells": str(cells), "cell_timeout": config.cell_timeout}
-    given |= {"step_fraction": 5e-3, "max_steps": 50_000_000, "m1": 1.0, "k1": 1.0}
-    given |= {"convergence": {"tolerance": 3e-4, "halvings": 3}}
-    # A cut-off would insert the closed form that is tested.
-    return parse_config(given | {"stiffness_ratio_cutoff": math.inf})
-
-
-def listed(config: HypothesisConfig, run: str) -> Frame:
+def _cells(config: HypothesisConfig, run: str) -> Frame:
     """List the cells of a run: every point of a limit at every contrast.
 
     Contrasts vary more slowly than points: neighbours take about as many steps.
     """
+    contrasts = spaced(config.contrast, config.per_decade)
+    plastic_contrasts = spaced(config.plastic_contrast, max(4, config.per_decade // 2))
+    if run == ENGINES:  # steps grow as the root of the contrast: as far as one can wait
+        contrasts, plastic_contrasts = spaced((10**0.5, 10**3.5), 2), spaced((1e2, 1e5), 2)
     points = design(config.points, config.seed)
-    ranges = {
-        (EXACT, False): spaced(config.contrast, config.per_decade),
-        (EXACT, True): spaced(config.plastic_contrast, max(4, config.per_decade // 2)),
-        # Steps grow as the root of the contrast: as far as one can wait.
-        (ENGINES, False): spaced((10**0.5, 10**3.5), 2),
-        (ENGINES, True): spaced((1e2, 1e5), 2),
-    }
     cells = [
         points[points["case"] == case.key].assign(contrast=x, **case.at(x))
         for case in CASES
-        for x in ranges[run, case.plastic]
+        for x in (plastic_contrasts if case.plastic else contrasts)
     ]
     return pd.concat(cells, ignore_index=True)
 
@@ -134,7 +238,7 @@ def results(config: HypothesisConfig, root: Path) -> Results:
         folder = finished(root / name)
         rows: Frame = pd.read_parquet(folder.table_path("cells.parquet"), columns=["cell", *_KEPT, *_READ])
         rows = rows[rows.solver.isin(solvers) & (rows.status != "unavailable")]
-        rows = rows.merge(listed(config, name), left_on="cell", right_index=True)
+        rows = rows.merge(pd.read_parquet(root / f"{name}.parquet"), left_on="cell", right_index=True)
         found.append(rows.assign(decades=2.0 if name == ENGINES else config.fit_decades))
         if name == ENGINES:
             versions = {engine: folder.manifest()["versions"][engine] for engine in solvers}

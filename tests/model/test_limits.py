@@ -11,6 +11,7 @@ from impact_xval.model import Collision, solve, solve_batch
 from impact_xval.model.pair import kernel
 from impact_xval.model.pair.law import RESTITUTION, Contact
 from tests.model.kernels import from_python
+from tests.model.oracle import solve_oracle
 
 MU = 2 / math.sqrt(3)
 at_work = from_python(kernel.at_work)
@@ -70,6 +71,29 @@ def test_stiffness_ratio_towards_zero_at_first_order():
         v1, v2, _ = ball_ball_rigid(mu, e1, e2)
         distances = np.hypot(batch.v1 - v1, batch.v2 - v2)
         assert fitted_rate(ratios, distances) == pytest.approx(1, abs=0.1), (mu, e1, e2)
+
+
+@pytest.mark.parametrize("mu", [0.6, 0.25, 0.08, 0.03])
+def test_the_model_has_no_limit_where_the_ringing_decides(mu):
+    """Every number n of ends of compression occurs in the share 1 - |n - 1 - r| of the contrasts (docs/errata.md)."""
+    e2, count, q = 0.7, 1000, math.sqrt((3 - mu) / (mu * (1 + mu)))
+    r = (math.sqrt(q * q - 1) - math.acos(1 / q)) / math.pi
+    x = np.exp(np.random.default_rng(4).uniform(*np.log([1e4, 1e6]), count))
+    v1 = solve_batch(1 / x, mu, 1.0, e2, stiffness_ratio_cutoff=math.inf, max_events=300_000).v1
+    ends = 1 + np.log(v1 * math.sqrt(1 + mu) / e2) / math.log(e2)
+    assert np.abs(ends - np.round(ends)).max() < 0.01
+    shares = [max(0.0, 1 - abs(n - r)) for n in range(5)]
+    assert sum(shares) == pytest.approx(1, abs=1e-12)
+    for n, share in enumerate(shares, start=1):
+        assert np.mean(np.round(ends) == n) == pytest.approx(share, abs=0.045 if share else 0)
+
+
+def test_both_outcomes_of_a_ringing_pair_are_those_of_the_oracle():
+    once = 0.7 / math.sqrt(1.3)
+    for x, v in ((1000, once), (1500, 0.7 * once)):
+        c = Collision.from_ratios(1 / x, 0.3, 1.0, 0.7)
+        for solver in (solve_oracle, solve):
+            assert solver(c, stiffness_ratio_cutoff=math.inf).v1 == pytest.approx(v, abs=5e-3)
 
 
 def test_stiffness_ratio_towards_infinity_at_first_order_and_at_second_where_the_table_contact_loses_energy():

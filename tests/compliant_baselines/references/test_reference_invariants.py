@@ -126,3 +126,17 @@ def test_elastic_both_references_are_the_same_system(drop):
         atol = 1e-11 if drop else 1e-12  # the fall of a ball that hardly leaves the other amplifies rounding
         np.testing.assert_allclose(getattr(mine, name)[calm], getattr(other, name)[calm], rtol=0, atol=atol)
     np.testing.assert_array_equal(mine.n_states[calm], other.n_states[calm])
+
+
+def test_in_time_the_pair_is_apart_when_its_velocities_are_equal():
+    """B1 flies with v11, B2 swings on the table: v2 = v11 at cos(theta) = v11/v21 (k2/k1 -> 0), m2 = k2 = 1."""
+    mu, e1, x = 0.5, 0.9, 1e5
+    v11, v21 = (e1 * mu - 1) / (1 + mu), -(1 + e1) / (1 + mu)
+    theta = math.acos(v11 / v21)
+    asked = Collision.from_ratios(1 / x, mu, e1, 0.7)
+    path = get_solver("bistiffness").solve(asked, Settings(record_path=True)).path
+    middle = [0.5 * (a + b) for a, b in itertools.pairwise(path.v1 - path.v2)]
+    gap = np.concatenate([[0.0], np.cumsum(np.diff(path.time) * middle)]) / math.sqrt(mu * x)
+    parted = np.flatnonzero((path.v1 - path.v2)[1:] * (path.v1 - path.v2)[:-1] < 0)
+    at = parted[np.argmax(gap[parted])]
+    assert gap[at] == pytest.approx(v11 * theta - v21 * math.sin(theta), rel=0.02)

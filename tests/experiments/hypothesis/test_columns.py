@@ -10,8 +10,8 @@ import pytest
 from impact_xval.compliant_baselines import get_solver
 from impact_xval.compliant_baselines.mapping import damping_ratio, restitution
 from impact_xval.compliant_baselines.solver import Settings
-from impact_xval.experiments.hypothesis.cases import distance
 from impact_xval.experiments.hypothesis.columns import PLACES, draw, of_each_ball, stiffened, welded
+from impact_xval.experiments.hypothesis.judging import distance
 from impact_xval.model.collision import Collision
 from tests.model.columns import solved
 

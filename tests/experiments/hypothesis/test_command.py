@@ -26,16 +26,14 @@ balls = [4, 4]
 contrast = [10, 1e5]
 """
 
-#: A mistake, and what its one line says.
+#: A mistake, and what its one line says; those of any configuration are tested with it.
 BAD = {
     "contrast = [1e5, 10]": ["contrast = [100000.0, 10.0]", "lo < hi"],
     "plastic_contrast = [0, 10]": ["plastic_contrast", "1 < lo < hi <= 1e16"],
     "solvers = ['mujoko']": ["solvers", "'mujoko'", "did you mean 'mujoco'"],
-    "[columns]\npoint = 3": ["columns.point", "unknown key", "points"],
     "[columns]\nballs = [3, 7]": ["columns.balls = [3, 7]", "whole numbers from 4 to 12"],
     "seed = 1.5": ["seed = 1.5", "a whole number from 0 to 2^32"],
-    "points = 3\nper_decade = 99": ["points = 3", "and 1 more"],
-    "points =": ["not TOML"],
+    "points = 3": ["points = 3", "from 6 to 500 (points of each limit)"],
 }
 
 
@@ -76,8 +74,8 @@ def test_it_is_continued_to_the_same_tables_and_holds_no_other_test(made, tmp_pa
 
 def test_the_page_and_the_command_show_the_verdicts_of_the_tables(made):
     root, said = made
-    page, verdicts = html.unescape((root / "report.html").read_text()), pd.read_csv(root / "verdicts.csv")
-    wholes = verdicts[verdicts["class"] == "all"]
+    page = html.unescape((root / "report.html").read_text())
+    wholes = pd.read_csv(root / "verdicts.csv").query("`class` == 'all'")
     table = next(part for part in page.split("</table>") if ">zero-apart</th>" in part)
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL) for row in table.split("<tr>")]
     shown = {row[0]: row[1:] for row in cells if row}
@@ -98,8 +96,6 @@ def test_columns_that_move_as_one_are_counted_on_the_page_and_in_the_terminal(ma
     wholes = pd.read_csv(made[0] / "columns.csv").query("`class` == 'all'")
     assert len(wholes) == 12 * 3
     assert wholes.n_supported[wholes.meets].sum() == 0
-    assert wholes.least_rate.min() > 0.4
-    assert wholes.largest_rate.max() < 2.2
     found = wholes[~wholes.meets].groupby("solver")[["n_supported", "n_refuted", "points"]].sum()
     assert found.loc["kelvin-voigt"].to_list() == [8, 16, 24]
     assert found.drop("kelvin-voigt").n_refuted.to_list() == [0, 0]
