@@ -135,7 +135,7 @@ class Compared:
 
     def __str__(self) -> str:
         file = io.StringIO()
-        show(Console(file=file, width=_WIDTH, force_jupyter=False), self.blocks())
+        show(Console(file=file, width=_WIDTH, force_jupyter=False, force_terminal=False), self.blocks())
         return file.getvalue()
 
     __repr__ = __str__
@@ -181,7 +181,7 @@ def compare(problem: Collision, solvers: Sequence[str] | None = None, *, timeout
     ----------
     problem : Collision
     solvers : sequence of str, optional
-        Names of solvers, to which the model is added; by default those that a run has.
+        Names of solvers, to which the model is added; by default those that `solve` asks, plug-ins among them.
     timeout : float
         Seconds after which a solver is ended.
 

@@ -1,7 +1,30 @@
 """From the outcomes of a solver to its verdict on a limit.
 
 A series is the outcomes of one solver at one point, at rising contrasts x; velocities are vectors w whose length is the
-kinetic norm, of two balls (v1, sqrt(m2/m1) v2). The rules are those of docs/hypothesis.md, "How a verdict is reached".
+kinetic norm, of two balls (v1, sqrt(m2/m1) v2). It is judged by whether it gets to the closed form, at what rate, and
+where it goes if not:
+
+1. The *window* is the last `decades` of the usable outcomes; where the distance D from the closed form has sunk under
+   `FLOOR_ERRORS` errors of the solver for good, it ends there.
+2. **Rate**: slope of ln D over ln x by Theil and Sen: contacts that ring let D dip to nothing at single contrasts,
+   which a median of slopes does not notice.
+3. **Limit**: w = L + A x^-s by least squares, s from `EXPONENTS`. Its error is the largest of: what the same fit gives
+   without the last decade (or half of a short window), with a second term in x^-2s, or with any s that leaves no more
+   than twice the least residual; that residual; and the solver's own error.
+4. The series **settles** if the diameter of its last decade is below that of its first by at least `LEAST_RATE` a
+   decade, or below what the solver resolves, or below a tenth of its distance from the closed form (its limit is then
+   the mean of that decade, with that diameter for an error).
+5. It **jumps** where, in the later half of the window, D exceeds both the line of the rate and the D before by `JUMP`.
+
+Within a class of points (which contacts are elastic, `run.pair_class`) the verdict is
+
+* `refuted` where a tenth of the points or more is: one law, one counterexample would do, a tenth is robust;
+* else `supported` where half of the points or more is, and every other one either agrees with the closed form within
+  the error of its limit, or is short of results; none is refuted or fails to settle;
+* else `no limit` where half of the points or more have none; else `undecided`.
+
+Over the classes of a limit the worst counts; one that is undecided only because it is within the solver's own error of
+the closed form does not count against one that is supported.
 """
 
 from __future__ import annotations

@@ -144,7 +144,7 @@ def _draw(results: Results, folder: Path) -> None:
                 here = usable[(usable["case"] == case.key) & (usable.solver == name)]
                 found = here.groupby("contrast").distance.agg(["median", "size"])
                 known = (found["size"] > here.point.nunique() / 2) & (found["median"] >= ROUNDING)
-                median, style = found["median"].where(known), look(name, place)
+                median, style = found["median"].where(known), look(name)
                 open_marker = {"linestyle": "none", "marker": style.marker, "markerfacecolor": "none"}
                 how: Any = open_marker if is_engine(name) else {"linestyle": style.dash}
                 ax.loglog(median.index, median, color=style.color, label=named(name), **how)

@@ -96,6 +96,8 @@ def test_columns_that_move_as_one_are_counted_on_the_page_and_in_the_terminal(ma
     wholes = pd.read_csv(made[0] / "columns.csv").query("`class` == 'all'")
     assert len(wholes) == 12 * 3
     assert wholes.n_supported[wholes.meets].sum() == 0
+    assert wholes.least_rate.min() > 0.4
+    assert wholes.largest_rate.max() < 2.2
     found = wholes[~wholes.meets].groupby("solver")[["n_supported", "n_refuted", "points"]].sum()
     assert found.loc["kelvin-voigt"].to_list() == [8, 16, 24]
     assert found.drop("kelvin-voigt").n_refuted.to_list() == [0, 0]
