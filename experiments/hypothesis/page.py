@@ -140,7 +140,7 @@ def _draw(results: Results, folder: Path) -> None:
     with drawing(11.0, 4.8) as figure:
         axes = figure.subplots(2, 3)
         for ax, case in zip(axes.flat, CASES, strict=True):
-            for place, name in enumerate(results.solvers):
+            for name in results.solvers:
                 here = usable[(usable["case"] == case.key) & (usable.solver == name)]
                 found = here.groupby("contrast").distance.agg(["median", "size"])
                 known = (found["size"] > here.point.nunique() / 2) & (found["median"] >= ROUNDING)
