@@ -11,6 +11,7 @@ import contextlib
 import json
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from functools import cache, lru_cache
@@ -160,6 +161,12 @@ class _Request(BaseHTTPRequestHandler):
         """Write nothing: the terminal is for the address alone."""
 
 
+def _until_interrupted() -> None:
+    """Wait in short pieces: a signal that came as a request's thread began was seen not to wake this one."""
+    while True:
+        time.sleep(0.2)
+
+
 @contextlib.contextmanager
 def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], object]]]:
     """Open the server, on this machine alone; it, and all that it started, is gone when the block ends.
@@ -175,7 +182,7 @@ def explorer(port: int, read: Reader) -> Iterator[tuple[str, Callable[[], object
         # Beside the main thread: Ctrl-C, which that meets, could come while a request's thread is started.
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
-            yield f"http://127.0.0.1:{server.server_port}/", threading.Event().wait
+            yield f"http://127.0.0.1:{server.server_port}/", _until_interrupted
         finally:
             cells.close()
             server.shutdown()
