@@ -96,11 +96,11 @@ def test_random_columns_are_those_of_the_integration(law):
 
 @pytest.mark.nightly
 @pytest.mark.parametrize(
-    ("law", "exponent", "count"),
-    [(JME, 1.0, 15), (LZB, 1.0, 30), (LZB, 1.5, 10)],
+    ("law", "exponent", "count", "balls"),
+    [(JME, 1.0, 15, None), (LZB, 1.0, 30, None), (LZB, 1.5, 40, 3)],
 )
-def test_more_random_columns_are_those_of_the_integration(law, exponent, count):
-    assert compare(22, count, law, exponent, 1e-9) <= 2
+def test_more_random_columns_are_those_of_the_integration(law, exponent, count, balls):
+    assert compare(22, count, law, exponent, 1e-9, balls) <= 2
 
 
 @pytest.mark.parametrize("law", LAWS)
